@@ -25,12 +25,13 @@ from mocks.rooms.model import Use
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
+from processing.errors import ParameterError
 from processing.ground.arrays import Floats
 from processing.layout.arrange import arrange
 from processing.layout.items import set_items
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import from_room_model
-from processing.light.picture.composite import differential, ibl, inverse_tone_curve
+from processing.light.picture.composite import differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.albedo import albedo_of_room
 from processing.light.solver.irradiance import EFFORTS, Effort
@@ -73,6 +74,13 @@ def methods_row(number: int, use: Use, sheet: Path) -> dict[str, Any]:
         }
     np.savez_compressed(sheet, ldr=_ldr(photograph)[0], truth=true, **made)  # type: ignore[arg-type]
     return row | {"cpu_s": time.process_time() - start_s}
+
+
+def inverse_tone_curve(picture: np.ndarray, white_cd_m2: float, *, gamma: float = 2.2) -> Floats:
+    """Return an 8-bit panorama (H, W, 3) as radiance by a plain inverse power law, full white at ``white_cd_m2``."""
+    if picture.dtype != np.uint8 or not white_cd_m2 > 0:
+        raise ParameterError("an inverse tone curve takes 8-bit pictures and a white above 0 cd/m2")
+    return ((picture.astype(np.float32) / 255) ** gamma * white_cd_m2).astype(np.float32)
 
 
 def _pictures(photograph: Floats, scene: Any, parts: Any, eye: Any) -> dict[str, Floats]:

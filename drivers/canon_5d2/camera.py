@@ -225,7 +225,12 @@ class Canon5D2:
         if not self._to_card:
             self._remote.offer_space()
         else:
-            self._remember_card()
+            # Know what is on the card, so that a picture whose announcement is lost can be known from the others
+            try:
+                self._remote.patiently(self._store.remember)
+                self._store_known = True
+            except OperationRefusedError:
+                self._store_known = False  # then a lost announcement cannot be made good
         self._kept = kept
         self._formats = (FrameFormat.JPEG, FrameFormat.CR2) if settings.keep_raw else (FrameFormat.JPEG,)
         self._learn_shutter_times()
@@ -235,14 +240,6 @@ class Canon5D2:
         """Read the settings of the body that no rig file sets; set those with one right value."""
         self._remote.drain()
         return read_body(self._remote)
-
-    def _remember_card(self) -> None:
-        """Know what is on the card, so that a picture whose announcement is lost can be known from the others."""
-        try:
-            self._remote.patiently(self._store.remember)
-            self._store_known = True
-        except OperationRefusedError:
-            self._store_known = False  # then a lost announcement cannot be made good
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
         """Set the nearest exposure time and read it back, after checking that nobody touched the camera."""

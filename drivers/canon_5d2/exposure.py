@@ -128,7 +128,13 @@ class CanonExposure:
         now_s = self._clock.monotonic_s()
         self._ask_at_s = now_s + ASK_PERIOD_S
         if self._store is not None and not self._expected.complete:
-            self._look_on_the_card(self._store)
+            try:
+                for handle in self._store.new_handles():
+                    frame = self._store.look_at(handle)
+                    if frame is not None:
+                        self._add(frame)
+            except (DeviceBusyError, OperationRefusedError):
+                pass  # asked again in a second; the limit holds
         if not self._done and now_s >= self._fail_at_s:
             raise ExposureFailedError(
                 f"no picture {FAIL_AFTER_S:g} s after the exposure",
@@ -138,12 +144,3 @@ class CanonExposure:
                 frames=[f.name for f in self._expected.frames],
                 button_held=self._remote.pressed,
             )
-
-    def _look_on_the_card(self, store: FrameStore) -> None:
-        try:
-            for handle in store.new_handles():
-                frame = store.look_at(handle)
-                if frame is not None:
-                    self._add(frame)
-        except (DeviceBusyError, OperationRefusedError):
-            pass  # asked again in a second; the limit holds

@@ -164,7 +164,12 @@ class Transactions:
         """
         if data_in and data_out is not None:
             raise ValueError("PTP has one data phase an operation: data_in or data_out")
-        self._require_sound(operation)
+        if self.broken is not None:
+            raise ProtocolViolationError(
+                f"{operation_name(operation)} refused: the exchange is out of step ({self.broken})",
+                where=self.name,
+                advice="resynchronise first",
+            )
         packed = pack_params(params)
         limit_s = self.timeout_s if timeout_s is None else timeout_s
         ask = _Ask(operation, self._take_id(), data_in, max_data_bytes, Deadline.after(self._clock, limit_s))
@@ -181,14 +186,6 @@ class Transactions:
         if reply.code not in accept:
             raise refusal(operation, reply.code, reply.params, where=self.name)
         return reply
-
-    def _require_sound(self, operation: int) -> None:
-        if self.broken is not None:
-            raise ProtocolViolationError(
-                f"{operation_name(operation)} refused: the exchange is out of step ({self.broken})",
-                where=self.name,
-                advice="resynchronise first",
-            )
 
     def _damage(self, ask: _Ask, error: DeviceError) -> str | None:
         """Say what an error left broken; None where only whole containers, or nothing, had come so far."""

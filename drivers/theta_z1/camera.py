@@ -230,7 +230,10 @@ class ThetaZ1:
         """Make all fixed settings, each read back; see `drivers.theta_z1.settings` for which and why."""
         self._wake()
         self._wait_until_ready(READY_LIMIT_S)
-        self._keep_sleep_settings()
+        # Remember how the camera was to fall asleep, to leave it so
+        for prop in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY):
+            if prop not in self._sleep_before:
+                self._sleep_before[prop] = self._properties.number(prop)
         modes = mode_settings()
         readbacks = self._apply(modes)
         pictures = picture_settings(settings, find_f_number(self._link, settings.f_number))
@@ -251,12 +254,6 @@ class ThetaZ1:
             readbacks.append(self._properties.apply(setting))
             self._clock.sleep(PROPERTY_PAUSE_S)
         return tuple(readbacks)
-
-    def _keep_sleep_settings(self) -> None:
-        """Remember how the camera was to fall asleep, to leave it so."""
-        for prop in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY):
-            if prop not in self._sleep_before:
-                self._sleep_before[prop] = self._properties.number(prop)
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
         """Set the nearest exposure time and read it back, after checking that the camera kept its other settings."""

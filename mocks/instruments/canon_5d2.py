@@ -95,7 +95,13 @@ class SimulatedCanon5D2(CanonBody):
         if press & HALF or not self.half_pressed:
             self._press_half(with_af=not (request.param(1) and self.options.honours_no_af))
         if press & FULL:
-            self._press_full()
+            if self.full_pressed:
+                raise Refusal(Response.DEVICE_BUSY)
+            self._refuse_to_open()
+            if not self._focused:
+                raise Refusal(CanonResponse.OPERATION_REFUSED)
+            self.full_pressed = True
+            self._open()
         return Answer()
 
     def _release_off(self, request: Request) -> Answer:
@@ -118,15 +124,6 @@ class SimulatedCanon5D2(CanonBody):
         self._focusing_until_s += self.timing.focus_s
         points = FOCUS_POINTS_IN_USE if self._focused else 0
         self.agenda.at(self._focusing_until_s, lambda _due_s: self.queue_records(_focus_info(points)))
-
-    def _press_full(self) -> None:
-        if self.full_pressed:
-            raise Refusal(Response.DEVICE_BUSY)
-        self._refuse_to_open()
-        if not self._focused:
-            raise Refusal(CanonResponse.OPERATION_REFUSED)
-        self.full_pressed = True
-        self._open()
 
     def _remote_release(self, _request: Request) -> Answer:
         self.refuse_without_remote()

@@ -226,7 +226,10 @@ class SimulatedThetaZ1(SimulatedCamera):
             self._set_sleep_mode(asleep=value == 1)
             return
         elif code == Prop.DATE_TIME:
-            self._set_clock(str(value))
+            try:
+                self.set_local(datetime.strptime(str(value), "%Y%m%dT%H%M%S%z"))
+            except ValueError:
+                raise Refusal(Response.INVALID_PROP_VALUE) from None
             return
         super().changed(code, value)
         self._follow(code, value)
@@ -248,12 +251,6 @@ class SimulatedThetaZ1(SimulatedCamera):
         elif not asleep and (self.asleep or (self._waking_until_s == math.inf and self.options.cured_by_waking)):
             self.properties.values[RicohProp.SLEEP_MODE] = 0
             self._waking_until_s = self.clock.monotonic_s() + self.timing.wake_s
-
-    def _set_clock(self, text: str) -> None:
-        try:
-            self.set_local(datetime.strptime(text, "%Y%m%dT%H%M%S%z"))
-        except ValueError:
-            raise Refusal(Response.INVALID_PROP_VALUE) from None
 
     def _reset_prop_value(self, request: Request) -> Answer:
         prop = self.properties.properties.get(request.params[0])

@@ -163,16 +163,13 @@ class RenderedShots:
         open_s = self.optics.sensor.true_shutter.seconds(exposure.shutter_s)
         return _Shot(exposure, mean_weights(self.world, start_s, open_s))
 
-    def _image_key(self, size: Size) -> str:
-        seen = (self.optics.site, self.optics.lens, self.optics.filter, self.optics.samples_per_side(size))
-        return content_key(_RENDER_VERSION, self._world_key, *seen, size)
-
     def _key(self, shot: _Shot, size: Size) -> str:
         return content_key(_RENDER_VERSION, self._world_key, self.optics.key, size, shot, self.seed)
 
     def _render(self, shots: list[_Shot], size: Size, *, raw: bool) -> int:
         """Render the shots that the cache lacks."""
-        image_key = self._image_key(size)
+        seen = (self.optics.site, self.optics.lens, self.optics.filter, self.optics.samples_per_side(size))
+        image_key = content_key(_RENDER_VERSION, self._world_key, *seen, size)
         if not self._missing(shots, size, ".jpg") and not (raw and self._missing(shots, size, ".mosaic")):
             return 0
         with self.cache.rendering():

@@ -195,7 +195,8 @@ class RoomView:
         gloss *= self._glossy[surface.part, None]
         if share is not None and self._disc is not None:
             lit = np.flatnonzero(share > 0)
-            strength = self._sun_light(share[lit])
+            full = np.array(self.room.sky.sun_normal_illuminance_rgb) * np.array(self.room.glass_transmittance)
+            strength = np.asarray(share[lit][:, None] * full, dtype=np.float32)
             cosine = np.maximum(surface.normal[lit] @ np.array(self._disc.direction, np.float32), 0)
             light[lit] += strength * cosine[:, None]
             gloss[lit] += strength * self._highlight(surface, lit, self._disc)[:, None]
@@ -212,11 +213,6 @@ class RoomView:
                     gloss += baked.gloss
             self._sums[components] = [light, gloss]
         return self._sums[components]
-
-    def _sun_light(self, share: Floats) -> Floats:
-        """Return illuminance (lx, RGB) on planes facing the sun, behind the glass."""
-        full = np.array(self.room.sky.sun_normal_illuminance_rgb) * np.array(self.room.glass_transmittance)
-        return np.asarray(share[:, None] * full, dtype=np.float32)
 
     def _highlight(self, surface: Surface, lit: Indices, disc: BrightDisc) -> Floats:
         """Return the gloss of glossy surfaces times the cosine, per illuminance: GGX with Schlick's Fresnel term."""

@@ -38,7 +38,14 @@ def split_of(room: str, shares: Sequence[float], salt: str = "daylit") -> str:
 
 def index_rows(folder: Path, shares: Sequence[float], zone: str | None = None) -> list[Row]:
     """Return the rows of all sessions in a folder, numbered from 1. Raises `ParameterError` where there is none."""
-    ledger = _ledger(folder)
+    # What tables of simulated data sets know of sessions, by session folder
+    ledger: dict[str, Row] = {}
+    for name in _LEDGERS:
+        try:
+            reader = csv.DictReader(io.StringIO((folder / name).read_text("utf-8"), newline=""))
+            ledger |= {row["session"]: row for row in reader if row.get("session")}
+        except (OSError, UnicodeDecodeError, csv.Error):
+            continue
     rows = []
     for index, path in enumerate(find_sessions(folder), 1):
         row, known = session_row(path, zone), ledger.get(path.name, {})
@@ -79,18 +86,6 @@ def read_index(folder: Path) -> list[Row]:
     if tuple(reader.fieldnames or ()) != COLUMNS or any(None in row.values() for row in rows):
         raise ParameterError("the index has other columns, or a damaged row", where=str(path), advice="build it again")
     return rows
-
-
-def _ledger(folder: Path) -> dict[str, Row]:
-    """Return what tables of simulated data sets know of sessions, by session folder."""
-    found: dict[str, Row] = {}
-    for name in _LEDGERS:
-        try:
-            reader = csv.DictReader(io.StringIO((folder / name).read_text("utf-8"), newline=""))
-            found |= {row["session"]: row for row in reader if row.get("session")}
-        except (OSError, UnicodeDecodeError, csv.Error):
-            continue
-    return found
 
 
 METADATA_NAME = "croissant.json"

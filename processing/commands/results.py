@@ -118,7 +118,12 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
         files = [str(path) for path in done.files]
         click.echo(json.dumps({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}))
         return 0
-    for line in _export_lines(done, glare):
+    found = [str(path) for path in done.files]
+    found += [f"left out: {name}: {why}" for name, why in done.left_out.items()]
+    found += [
+        f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()) for name, one in glare.items()
+    ]
+    for line in found:
         click.echo(printable(line))
     return 0
 
@@ -143,15 +148,6 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
         done.left_out["evalglare"] = "it is not installed (part of Radiance); the figures stage has daylit's own values"
         return {}
     return {view.name: evalglare(Path(tool), view) for view in views}
-
-
-def _export_lines(done: Exported, glare: dict[str, Any]) -> list[str]:
-    found = [str(path) for path in done.files]
-    found += [f"left out: {name}: {why}" for name, why in done.left_out.items()]
-    found += [
-        f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()) for name, one in glare.items()
-    ]
-    return found
 
 
 # ``daylit view``: open a session's report.

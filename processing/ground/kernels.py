@@ -17,8 +17,7 @@ import importlib
 import json
 import os
 import re
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -113,30 +112,6 @@ def _named(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def kernels_in_use() -> Iterator[tuple[str, Any]]:
-    """Yield the kernels of the modules that are loaded, by name."""
-    for module in sorted(name for name in sys.modules if name.startswith("processing.")):
-        for attribute, value in sorted(vars(sys.modules[module]).items()):
-            if hasattr(value, "signatures") and hasattr(value, "py_func") and value.py_func.__module__ == module:
-                yield f"{module}:{attribute}", value
-
-
-def described(one: Any) -> Described:
-    """Return a Numba type as JSON."""
-    if isinstance(one, types.Array):
-        return {"array": [str(one.dtype), one.ndim, one.layout, bool(one.mutable)]}
-    if isinstance(one, types.Literal):
-        return {"value": one.literal_value}
-    if isinstance(one, types.NamedTuple | types.NamedUniTuple):
-        made = one.instance_class
-        return {"named": f"{made.__module__}:{made.__qualname__}", "tuple": [described(part) for part in one.types]}
-    if isinstance(one, types.BaseTuple):
-        return {"tuple": [described(part) for part in one.types]}
-    if isinstance(one, types.Omitted):
-        return {"omitted": one.value}
-    return str(one)
-
-
 def _type(text: Described) -> Any:
     if isinstance(text, str):
         return getattr(types, "boolean" if text == "bool" else text)
@@ -149,14 +124,3 @@ def _type(text: Described) -> Any:
         return types.Omitted(text["omitted"])
     parts = [_type(part) for part in text["tuple"]]
     return types.BaseTuple.from_types(parts, _named(text["named"]) if "named" in text else None)
-
-
-def write_list() -> None:
-    """Write the list anew: the kernels that this process has used, with the types they were called with."""
-    found: dict[str, list[list[Described]]] = {}
-    for name, kernel in kernels_in_use():
-        known = [[described(one) for one in signature] for signature in kernel.signatures]
-        if known:
-            found[name] = sorted(known, key=json.dumps)
-    lines = (f"{json.dumps(name)}: {json.dumps(signatures)}" for name, signatures in sorted(found.items()))
-    LIST.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")

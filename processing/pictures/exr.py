@@ -86,7 +86,12 @@ def read_header(path: Path) -> list[ExrPart]:
     except (struct.error, UnicodeDecodeError, ValueError, IndexError) as error:
         raise refused(path, "has a damaged header", likely="cut short or overwritten") from error
     for part in parts:
-        _check_part(part, size_bytes, path)
+        check_size(part.width, part.height, path)
+        plain_bytes = part.width * part.height * sum(part.channels.values())
+        too_short = part.compression == 0 and part.sampled_everywhere and size_bytes < plain_bytes
+        packed = part.compression in _BOUNDED_COMPRESSIONS and plain_bytes > max(_FREE_BYTES, _MAX_RATIO * size_bytes)
+        if too_short or packed:
+            raise refused(path, f"is too short for {part.width} x {part.height} pixels", likely="cut short, or a bomb")
     return parts
 
 
@@ -155,15 +160,6 @@ def _channels(value: bytes) -> tuple[dict[str, int], bool]:
         channels[name] = _SAMPLE_BYTES[kind]
         even = even and x_step == y_step == 1
     return channels, even
-
-
-def _check_part(part: ExrPart, size_bytes: int, path: Path) -> None:
-    check_size(part.width, part.height, path)
-    plain_bytes = part.width * part.height * sum(part.channels.values())
-    too_short = part.compression == 0 and part.sampled_everywhere and size_bytes < plain_bytes
-    packed = part.compression in _BOUNDED_COMPRESSIONS and plain_bytes > max(_FREE_BYTES, _MAX_RATIO * size_bytes)
-    if too_short or packed:
-        raise refused(path, f"is too short for {part.width} x {part.height} pixels", likely="cut short, or a bomb")
 
 
 CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)

@@ -210,9 +210,14 @@ def _photograph(path: Path) -> GivenPanorama:
     validity = np.zeros(brightest.shape, np.uint8)
     validity[brightest <= DARK_SHARE_OF_RANGE * top] = Validity.DARK
     validity[brightest >= CLIPPED_SHARE_OF_RANGE * top] = Validity.CLIPPED
+    # That of the unknown tone curve and of rounding to codes, in quadrature
+    light = np.maximum(luminance_cd_m2(rgb), np.float32(1e-6))
+    # Slope of the sRGB curve's inverse: 1 / 12.92 near black, 2.4 / 1.055 x^(1.4 / 2.4) above.
+    slope = np.maximum(1 / 12.92, 2.4 / 1.055 * light ** np.float32(1.4 / 2.4))
+    rounding = slope / (top * math.sqrt(12)) / light
     image = LuminanceImage(
         rgb=rgb,
-        uncertainty=_photograph_uncertainty(rgb, top),
+        uncertainty=np.asarray(np.hypot(rounding, TONE_CURVE_UNCERTAINTY), np.float32),
         validity=validity,
         geometry=Equirectangular(rgb.shape[1], rgb.shape[0]),
         scale_uncertainty=0.0,
@@ -260,15 +265,6 @@ def _plain(rgb: Floats, *, absolute: bool, source: str) -> GivenPanorama:
         absolute=absolute,
     )
     return GivenPanorama(image, f"{source}, {'cd/m2' if absolute else 'no scale'}", 1.0, 0.0)
-
-
-def _photograph_uncertainty(rgb: Floats, top: float) -> Floats:
-    """Return that of the unknown tone curve and of rounding to codes, in quadrature."""
-    light = np.maximum(luminance_cd_m2(rgb), np.float32(1e-6))
-    # Slope of the sRGB curve's inverse: 1 / 12.92 near black, 2.4 / 1.055 x^(1.4 / 2.4) above.
-    slope = np.maximum(1 / 12.92, 2.4 / 1.055 * light ** np.float32(1.4 / 2.4))
-    rounding = slope / (top * math.sqrt(12)) / light
-    return np.asarray(np.hypot(rounding, TONE_CURVE_UNCERTAINTY), np.float32)
 
 
 def _check_shape(width: int, height: int, name: str) -> None:

@@ -202,7 +202,12 @@ def decode_rows(data: bytes, width: int, height: int) -> Bytes:
     Raises `RunLengthError` for data that end early, go on, overrun a row, or use the run-length code of before 1991.
     """
     if width not in RLE_WIDTHS or data[:2] != b"\2\2" or data[2:3] >= b"\x80":
-        return _flat(data, width, height)
+        if len(data) != 4 * width * height:
+            raise RunLengthError(f"{len(data)} bytes are not {width} x {height} pixels")
+        out = np.frombuffer(data, dtype=np.uint8).reshape(height, width, 4)
+        if bool((out[..., :3] == 1).all(axis=2).any()):
+            raise RunLengthError("it uses the run-length code of before 1991, or is damaged")
+        return out
     out = np.empty((height, 4, width), dtype=np.uint8)
     mark, place = bytes((2, 2, width >> 8, width & 255)), 0
     for row in out:
@@ -215,15 +220,6 @@ def decode_rows(data: bytes, width: int, height: int) -> Bytes:
     if place != len(data):
         raise RunLengthError(f"{len(data) - place} bytes follow the last row")
     return np.ascontiguousarray(out.transpose(0, 2, 1))
-
-
-def _flat(data: bytes, width: int, height: int) -> Bytes:
-    if len(data) != 4 * width * height:
-        raise RunLengthError(f"{len(data)} bytes are not {width} x {height} pixels")
-    out = np.frombuffer(data, dtype=np.uint8).reshape(height, width, 4)
-    if bool((out[..., :3] == 1).all(axis=2).any()):
-        raise RunLengthError("it uses the run-length code of before 1991, or is damaged")
-    return out
 
 
 def _decode_line(data: bytes, place: int, width: int) -> tuple[bytearray, int]:

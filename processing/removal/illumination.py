@@ -228,9 +228,16 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles 
     if len(design) > unary:
         base[:unary], base[unary:] = 0.02, pair_base
     nodes = _robust(design, target, base, grid.bending(), bend)
-    slow = grid.image(nodes, shape)
+    slow: Floats = grid.image(nodes, shape)
     slow = slow - slow[known].mean(axis=0)
-    return _clamped(slow, known, hole)
+    # The light with the hole's values kept within the range of the known ones near the hole
+    if not hole.any():
+        return slow
+    near = cv2.dilate(hole.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool) & known
+    if not near.any():
+        near = known
+    low, high = slow[near].min(axis=0), slow[near].max(axis=0)
+    return np.asarray(np.where(hole[..., None], np.clip(slow, low, high), slow), np.float32)
 
 
 def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
@@ -310,14 +317,3 @@ def _robust(design: Doubles, target: Doubles, base: Doubles, bending: Doubles, b
         scale = max(1.5 * float(np.median(off)), 1e-4)
         weight = base / np.maximum(off / scale, 1.0)
     return nodes
-
-
-def _clamped(slow: Floats, known: Flags, hole: Flags) -> Floats:
-    """Return the light with the hole's values kept within the range of the known ones near the hole."""
-    if not hole.any():
-        return slow
-    near = cv2.dilate(hole.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool) & known
-    if not near.any():
-        near = known
-    low, high = slow[near].min(axis=0), slow[near].max(axis=0)
-    return np.asarray(np.where(hole[..., None], np.clip(slow, low, high), slow), np.float32)

@@ -101,7 +101,8 @@ def find_masks(
     maps = surface_maps(room, small)
     sun = sun_direction if sun_possible else None
     known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1)
-    found = _find(rgb, _evidence_at(evidence, shape), room, maps, known)
+    seen = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
+    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known)
     return _united(found, image, geometry, margin_rad)
 
 
@@ -257,11 +258,6 @@ def with_islands(target: Flags, openings: Flags) -> Flags:
         return target
     # One pixel more, as the edge of the smaller mask is that coarse.
     return target | (resized(grown(islands, math.pi / len(islands)).astype(np.float32), target.shape[:2]) > 0.5)
-
-
-def _evidence_at(evidence: SceneEvidence, shape: tuple[int, int]) -> Floats:
-    found = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
-    return np.ascontiguousarray(found.transpose(2, 0, 1))
 
 
 def _nothing(shape: tuple[int, int], why: str) -> Masks:

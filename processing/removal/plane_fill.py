@@ -193,7 +193,11 @@ def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, maske
         for opening in opening_regions(plane, room, known.shape, SKIRTING_PX_PER_M):
             # What is seen through a window, and its reveal, is no wall to compare with.
             known[opening] = False
-        profile = _profile(replace(texture, known=known), _mixed_rows(plane, room, geometry))
+        # How many of a wall's lowest rows hold some of the floor in the picture's pixels
+        eye = np.array([0.0, 0.0, room.camera_height_m])
+        away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
+        pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
+        profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
         if profile is not None:
             found.append(profile)
     if not found:
@@ -207,14 +211,6 @@ def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, maske
     if height < LEAST_TONE or spread > MOST_SPREAD * height:
         return None
     return Skirting(middle.astype(np.float32))
-
-
-def _mixed_rows(plane: Plane, room: RoomModel, geometry: Equirectangular) -> int:
-    """Return how many of a wall's lowest rows hold some of the floor in the picture's pixels."""
-    eye = np.array([0.0, 0.0, room.camera_height_m])
-    away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
-    pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
-    return math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M)
 
 
 def _profile(texture: Texture, mixed: int) -> tuple[Floats, int] | None:

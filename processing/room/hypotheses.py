@@ -75,7 +75,10 @@ def fitted(outline: Outline, columns: Columns, *, rounds: int = MOST_ROUNDS) -> 
     Steps that break the room (walls that cross, a camera outside) are shortened.
     """
     values = values_of(outline)
-    start, scale = values.copy(), _tie_sigmas(outline, values)
+    count = len(outline.walls)
+    distances = np.maximum(np.abs(values[2 : 2 + count]), 0.3) * CHANGE_SIGMA
+    free = np.full(len(values) - 2 - count, 0.3)
+    start, scale = values.copy(), np.concatenate([[AZIMUTH_SIGMA_RAD, RATIO_SIGMA], distances, free])
     polygon = polygon_of(outline)
     if polygon is None:
         return None
@@ -102,13 +105,6 @@ def fitted(outline: Outline, columns: Columns, *, rounds: int = MOST_ROUNDS) -> 
         return None
     cost, unexplained = cost_of(polygon, found.ratio, columns)
     return Fit(found, polygon, cost, unexplained)
-
-
-def _tie_sigmas(outline: Outline, values: Doubles) -> Doubles:
-    count = len(outline.walls)
-    distances = np.maximum(np.abs(values[2 : 2 + count]), 0.3) * CHANGE_SIGMA
-    free = np.full(len(values) - 2 - count, 0.3)
-    return np.concatenate([[AZIMUTH_SIGMA_RAD, RATIO_SIGMA], distances, free])
 
 
 def _plain(outline: Outline, values: Doubles, columns: Columns) -> Doubles | None:

@@ -61,7 +61,15 @@ def find_openings_in_sun(
     touched = any(_share(patches, maps.opening == i) > LEAST_SHARE_OF_OPENING for i in range(len(found)))
     if not touched:
         return found
-    return find_openings(image, _as_wall(evidence, patches), room, outdoor=outdoor)
+    # Evidence of a wall where it was of a window
+    shape = evidence.probabilities.shape[1:]
+    grown = cv2.dilate(patches.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.float32)
+    there = cv2.resize(grown, (shape[1], shape[0]), interpolation=cv2.INTER_AREA) > 0.5
+    changed = evidence.probabilities.copy()
+    window = changed[SceneClass.WINDOW]
+    changed[SceneClass.WALL] += np.where(there, window, 0)
+    changed[SceneClass.WINDOW] = np.where(there, 0, window)
+    return find_openings(image, replace(evidence, probabilities=changed), room, outdoor=outdoor)
 
 
 def sun_patches(
@@ -117,18 +125,6 @@ def _even(rgb: Floats) -> Flags:
     spread = np.sqrt(np.maximum(square - mean * mean, 0))[:, side:-side]
     # The edge of a patch is no detail of it: what is even beside a place counts for it.
     return np.asarray(cv2.erode(spread.astype(np.float32), np.ones((side, side))) < DETAIL_STOPS, bool)
-
-
-def _as_wall(evidence: SceneEvidence, patches: Flags) -> SceneEvidence:
-    """Return evidence of a wall where it was of a window."""
-    shape = evidence.probabilities.shape[1:]
-    grown = cv2.dilate(patches.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.float32)
-    there = cv2.resize(grown, (shape[1], shape[0]), interpolation=cv2.INTER_AREA) > 0.5
-    changed = evidence.probabilities.copy()
-    window = changed[SceneClass.WINDOW]
-    changed[SceneClass.WALL] += np.where(there, window, 0)
-    changed[SceneClass.WINDOW] = np.where(there, 0, window)
-    return replace(evidence, probabilities=changed)
 
 
 def _share(mask: Flags, among: Flags) -> float:

@@ -212,7 +212,13 @@ def make_result(stage: Stage, context: StageContext, work: Work) -> Made:
     if reason:
         return Made(_result(stage, work, skipped=reason))
     output: StageOutput = resolve(stage.function)(context)
-    _check_output(stage, output)
+    known = {artifact.name: artifact for artifact in stage.makes}
+    extra = set(output.artifacts) - set(known)
+    if extra:
+        raise ProcessingError(f"made {sorted(extra)}, which its row does not name", where=stage.name)
+    for name, artifact in known.items():
+        if output.artifacts.get(name) is None and not (artifact.optional and name in output.left_out):
+            raise ProcessingError(f"has neither made {name} nor said why not", where=stage.name)
     made = [artifact for artifact in stage.makes if output.artifacts.get(artifact.name) is not None]
     in_memory = _write(made, output.artifacts, work.building, context.folder)
     result = _result(
@@ -256,16 +262,6 @@ def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: lis
     if artifact.fits:
         warnings += resolve(artifact.fits)(value, context) or ()
     return value
-
-
-def _check_output(stage: Stage, output: StageOutput) -> None:
-    known = {artifact.name: artifact for artifact in stage.makes}
-    extra = set(output.artifacts) - set(known)
-    if extra:
-        raise ProcessingError(f"made {sorted(extra)}, which its row does not name", where=stage.name)
-    for name, artifact in known.items():
-        if output.artifacts.get(name) is None and not (artifact.optional and name in output.left_out):
-            raise ProcessingError(f"has neither made {name} nor said why not", where=stage.name)
 
 
 def _write(made: list[Artifact], values: Mapping[str, object], building: Building, folder: Path) -> dict[str, object]:

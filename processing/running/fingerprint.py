@@ -57,7 +57,10 @@ class DigestMemory:
             known = self._known.get(key)
             if known and known[0] == signature:
                 return known[1]
-            _let_the_clock_pass(fd)
+            # Wait until a later change of the file would show in its times (at most one tick; new files only)
+            age_ns = time.time_ns() - os.fstat(fd).st_ctime_ns
+            if 0 <= age_ns < TICK_NS:
+                time.sleep((TICK_NS - age_ns) / 1e9)
             digest = hashlib.sha256()
             while block := os.read(fd, READ_BYTES):
                 digest.update(block)
@@ -88,13 +91,6 @@ class DigestMemory:
 def _signature(fd: int) -> Signature:
     info = os.fstat(fd)
     return f"{info.st_size} {info.st_mtime_ns} {info.st_ctime_ns} {info.st_ino}"
-
-
-def _let_the_clock_pass(fd: int) -> None:
-    """Wait until a later change of the file would show in its times (at most one tick; new files only)."""
-    age_ns = time.time_ns() - os.fstat(fd).st_ctime_ns
-    if 0 <= age_ns < TICK_NS:
-        time.sleep((TICK_NS - age_ns) / 1e9)
 
 
 def _load(folder: Folder) -> dict[str, tuple[Signature, str]]:

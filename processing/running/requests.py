@@ -116,18 +116,14 @@ def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:
     files = {option.name: _there(option.flag, value) for option, value in _given(stage, request, "file")}
     for option in stage.options.values():
         if option.installed:
-            files |= _installed(option, request)
+            # The model's file that counts for a stage, asked for or not; none where only our own network counts
+            from processing.segmentation.installed import segmenter_file
+
+            asked = request.options.get(option.flag)
+            found = segmenter_file(None if asked is None else Path(str(asked)))
+            files |= {} if found is None else {option.name: _there(option.flag, found)}
     folders = {option.name: _there(option.flag, value, "folder") for option, value in _given(stage, request, "folder")}
     return files | folders
-
-
-def _installed(option: Option, request: RunRequest) -> dict[str, Path]:
-    """Return the model's file that counts for a stage, asked for or not; none where only our own network counts."""
-    from processing.segmentation.installed import segmenter_file
-
-    asked = request.options.get(option.flag)
-    found = segmenter_file(None if asked is None else Path(str(asked)))
-    return {} if found is None else {option.name: _there(option.flag, found)}
 
 
 def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
@@ -208,7 +204,13 @@ class StageInputs:
         if stage.data:
             found["data"] = _digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
         if FOLDER in stage.reads:
-            found[FOLDER] = self._folder_digests()
+            # The digest of each file of the session on disk; "" where it is missing
+            names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
+            for side in Side:
+                if self._root.lstat(side.value) is not None:
+                    with self._root.sub(side.value) as folder:
+                        names |= {f"{side.value}/{name}" for name in folder.names()}
+            found[FOLDER] = {name: self._digest(name) for name in sorted(names)}
         if RELIGHT in stage.reads and (relit := self._relight_digests()):
             found[RELIGHT] = relit
         return found
@@ -220,15 +222,6 @@ class StageInputs:
         with self._root.sub(RELIGHT) as folder:
             names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
         return {name: self._digest(f"{RELIGHT}/{name}") for name in sorted(names)}
-
-    def _folder_digests(self) -> dict[str, str]:
-        """Return the digest of each file of the session on disk; "" where it is missing."""
-        names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
-        for side in Side:
-            if self._root.lstat(side.value) is not None:
-                with self._root.sub(side.value) as folder:
-                    names |= {f"{side.value}/{name}" for name in folder.names()}
-        return {name: self._digest(name) for name in sorted(names)}
 
     def _digest(self, name: str) -> str:
         parent, _, leaf = name.rpartition("/")

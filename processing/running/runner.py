@@ -179,7 +179,9 @@ class PipelineRun:
         decision = self._decide(stage, stored)
         if decision.result is not None:
             return self._kept(stage, decision, decision.result)
-        self._on_event(self._started(stage, later, decision))
+        (expected,) = self._expected((stage,))
+        left = left_s(self._expected(later), expected, 0.0, 0.0)
+        self._on_event(RunEvent(RunEventKind.STARTED, stage.name, f"{stage.title} ({decision.reason})", 0.0, left))
         meter = Meter()
         forced = stage.name in self._request.force and stage.name not in self._unfinished
         result = self._make(stage, later, meter, None if forced else stored.result, first_only=first_only)
@@ -275,11 +277,6 @@ class PipelineRun:
     def _expected(self, later: tuple[Stage, ...]) -> list[float | None]:
         """Return what later stages may take; those that have never run are not known."""
         return [self._pace.of(self._past.expected_s(self._key(stage), self._megapixels)) for stage in later]
-
-    def _started(self, stage: Stage, later: tuple[Stage, ...], decision: Decision) -> RunEvent:
-        (expected,) = self._expected((stage,))
-        left = left_s(self._expected(later), expected, 0.0, 0.0)
-        return RunEvent(RunEventKind.STARTED, stage.name, f"{stage.title} ({decision.reason})", 0.0, left)
 
     def _progress(self, stage: Stage, later: tuple[Stage, ...], meter: Meter) -> Any:
         (expected,) = self._expected((stage,))

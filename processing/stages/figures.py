@@ -14,7 +14,6 @@ from processing.figures.figures import (
 )
 from processing.figures.views import reduced
 from processing.ground.room_model import RoomModel
-from processing.pictures.images import LuminanceImage
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.upright import upright_panorama
 
@@ -35,7 +34,7 @@ def run(context: StageContext) -> StageOutput:
     figures: dict[str, Any] = {
         "version": 1,
         "absolute": image.absolute,
-        "units": _units(image),
+        "units": {"luminance": image.unit, "illuminance": "lx" if image.absolute else image.unit},
         "camera": camera,
         "outdoor": outdoor,
         "level_ratio": level_ratio(camera, outdoor),
@@ -47,10 +46,6 @@ def run(context: StageContext) -> StageOutput:
     if outdoor is None:
         left_out["outdoor"] = "there is no outdoor picture in cd/m2"
     return StageOutput(artifacts={"light_figures": figures}, metrics=_metrics(figures), left_out=left_out)
-
-
-def _units(image: LuminanceImage) -> dict[str, str]:
-    return {"luminance": image.unit, "illuminance": "lx" if image.absolute else image.unit}
 
 
 def _metrics(figures: dict[str, Any]) -> dict[str, Any]:

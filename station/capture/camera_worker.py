@@ -259,7 +259,10 @@ class CameraWorker:
         except DeviceBusyError as error:
             if not pause:
                 return  # it exposes; that has its own limit
-            if self._busy_too_long(transfer):
+            now_s = self._clock.monotonic_s()
+            if transfer.busy_since_s is None:
+                transfer.busy_since_s = now_s
+            if now_s - transfer.busy_since_s > BUSY_LIMIT_S:
                 self._restart(transfer, error)
                 raise
             self._clock.sleep(BUSY_PAUSE_S)
@@ -283,12 +286,6 @@ class CameraWorker:
         if transfer.offset >= frame.size_bytes:
             self._backlog.popleft()
             self._intake.complete(transfer.shot)
-
-    def _busy_too_long(self, transfer: _Transfer) -> bool:
-        now_s = self._clock.monotonic_s()
-        if transfer.busy_since_s is None:
-            transfer.busy_since_s = now_s
-        return now_s - transfer.busy_since_s > BUSY_LIMIT_S
 
     def _restart(self, transfer: _Transfer, error: DeviceError) -> None:
         self._intake.abort(transfer.shot)

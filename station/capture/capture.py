@@ -182,13 +182,18 @@ class Capture:
 
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
-        first = self._first_reading()
+        # Which reading to begin with: "before" where it is missing, one more when the capture goes on later
+        lacks = self._readings.planned > 0 if self._store is None else self._lacks("before")
+        when: When = "before" if lacks else "extra"
+        first = when if (lacks or self._store is not None) and self._readings.can_take(when) else None
         if first is not None and self._rig.meter is None:
             self._readings.start(first)
+        tables = (t for s, t in self._rig.file.cameras().items() if s in self._plan.sides)
+        exposure_bytes = sum(typical_cost(t.kind, keep_raw=t.keep_raw).frame_bytes for t in tables)
         findings = check_rig(
             self._rig,
             self._request.into,
-            bytes_needed=self._bytes_needed(),
+            bytes_needed=exposure_bytes * len(self._plan.stops_s),
             on_meter_ready=lambda: self._readings.start(first) if first is not None else None,
         )
         findings = Findings((*findings.checks, *self._stop_checks()), findings.devices)
@@ -228,11 +233,6 @@ class Capture:
                 store.withdraw_frame(frame.side, frame.stop, frame.format, reason)
                 yield self._warn("damaged", f"{frame.file}: {reason}; taken anew")
 
-    def _bytes_needed(self) -> int:
-        tables = (t for s, t in self._rig.file.cameras().items() if s in self._plan.sides)
-        exposure_bytes = sum(typical_cost(t.kind, keep_raw=t.keep_raw).frame_bytes for t in tables)
-        return exposure_bytes * len(self._plan.stops_s)
-
     def _manifest(self, findings: Findings) -> SessionManifest:
         rig = self._rig.file
         return SessionManifest(
@@ -264,12 +264,6 @@ class Capture:
             yield self._warn("no_meter", "no meter reading: luminance stays relative until one is given")
         elif self.store.manifest.target is None:
             yield self._warn("no_target", "where the meter looks is not given: set target_deg in the rig, or --target")
-
-    def _first_reading(self) -> When | None:
-        """Return which reading to begin with: "before" where it is missing, one more when the capture goes on later."""
-        lacks = self._readings.planned > 0 if self._store is None else self._lacks("before")
-        when: When = "before" if lacks else "extra"
-        return when if (lacks or self._store is not None) and self._readings.can_take(when) else None
 
     def _lacks(self, when: When) -> bool:
         return when in self.store.manifest.missing_readings()

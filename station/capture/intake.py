@@ -238,7 +238,10 @@ class Intake:
             self.notices.put(Rejected(self.side, shot.stop, record))
         else:
             stored = part.commit()
-            self._replace_earlier(shot)
+            # Let the frames of an earlier exposure of this stop make room: JPEG and raw file are of one exposure
+            for frame in self._store.manifest.frames:
+                if (frame.side, frame.stop) == (shot.side, shot.stop) and frame.taken_utc != shot.released_utc:
+                    self._store.withdraw_frame(frame.side, frame.stop, frame.format, "taken anew")
             frame = _frame_record(shot, facts, stored)
             self._store.add_frame(frame)
             self.notices.put(Saved(self.side, shot.stop, frame))
@@ -263,12 +266,6 @@ class Intake:
         self.notices.put(Repeated(self.side, shot.stop, record))
         self.on_safe(Safe(shot.frame))
 
-    def _replace_earlier(self, shot: Shot) -> None:
-        """Let the frames of an earlier exposure of this stop make room: JPEG and raw file are of one exposure."""
-        for frame in self._store.manifest.frames:
-            if (frame.side, frame.stop) == (shot.side, shot.stop) and frame.taken_utc != shot.released_utc:
-                self._store.withdraw_frame(frame.side, frame.stop, frame.format, "taken anew")
-
     def _check(self, shot: Shot, part: FramePart) -> FrameFacts:
         """Return what the frame is known by; raises `FrameRejectedError` with the reason if it does not count."""
         name = f"{self.side} {shutter_label(shot.asked_s)}"
@@ -277,19 +274,16 @@ class Intake:
                 f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
             )
         if shot.frame.format is not FrameFormat.JPEG:
-            self._require_jpeg_of(shot, name)
+            # Refuse a raw file whose JPEG does not count: that comes first, and alone has the exposure
+            jpeg = self._store.manifest.frame(shot.side, shot.stop)
+            if jpeg is None or jpeg.taken_utc != shot.released_utc:
+                raise FrameRejectedError("the JPEG of its exposure does not count", where=name)
             raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
             return self._checker.check_raw(part.path, raw, name=name)
         earlier = [facts for stop, facts in self.facts.items() if stop != shot.stop]
         facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)
         self.facts[shot.stop] = facts
         return facts
-
-    def _require_jpeg_of(self, shot: Shot, name: str) -> None:
-        """Refuse a raw file whose JPEG does not count: that comes first, and alone has the exposure."""
-        jpeg = self._store.manifest.frame(shot.side, shot.stop)
-        if jpeg is None or jpeg.taken_utc != shot.released_utc:
-            raise FrameRejectedError("the JPEG of its exposure does not count", where=name)
 
     def _expected(self, shot: Shot) -> ExpectedFrame:
         width_px, height_px = self._table.size_px

@@ -125,7 +125,12 @@ def import_dataset(
     full or failing.
     """
     clock = clock or SystemClock()
-    done = _names_done(request.into)
+    done = set()
+    for path in request.into.glob("*/session.json"):
+        with suppress(SessionError):
+            manifest = load_manifest(path.parent)
+            if manifest.status is SessionStatus.COMPLETE:
+                done.add(manifest.name)
     for pair in plan.pairs:
         if pair.main.name in done:
             yield Outcome(pair)
@@ -134,16 +139,6 @@ def import_dataset(
             yield Outcome(pair, import_session(_request_of(pair, plan, request), checker=checker, clock=clock))
         except SessionError as error:
             yield Outcome(pair, error=error)
-
-
-def _names_done(into: Path) -> set[str]:
-    done = set()
-    for path in into.glob("*/session.json"):
-        with suppress(SessionError):
-            manifest = load_manifest(path.parent)
-            if manifest.status is SessionStatus.COMPLETE:
-                done.add(manifest.name)
-    return done
 
 
 def _request_of(pair: Pair, plan: DatasetPlan, request: DatasetRequest) -> ImportRequest:

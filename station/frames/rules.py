@@ -235,7 +235,14 @@ def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float
     Raises `FrameRejectedError`: names the frames that do not fit the others (``details["stops"]``).
     """
     stops = sorted(facts_by_stop, key=lambda stop: stops_s[stop])
-    odd = _outside_longest_rise([facts_by_stop[stop].mean_frac for stop in stops])
+    # The indices outside the longest sequence that never falls by more than the tolerance
+    means = [facts_by_stop[stop].mean_frac for stop in stops]
+    best: list[list[int]] = []
+    for i, mean in enumerate(means):
+        before = [chain for chain in best if means[chain[-1]] <= mean * 1.02 + ORDER_TOLERANCE]
+        best.append([*max(before, key=len, default=[]), i])
+    longest = max(best, key=len, default=[])
+    odd = [i for i in range(len(means)) if i not in longest]
     if odd:
         names = ", ".join(f"{facts_by_stop[stops[i]].name} ({seconds_text(stops_s[stops[i]])})" for i in odd)
         error = rejection(names, Reason.OUT_OF_ORDER, "brightness falls though the exposure is longer", "take it again")
@@ -243,16 +250,6 @@ def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float
         raise error
     for shorter, longer in itertools.pairwise(stops):
         _check_rise(facts_by_stop[shorter], facts_by_stop[longer], stops_s[shorter], stops_s[longer], longer)
-
-
-def _outside_longest_rise(means: Sequence[float]) -> list[int]:
-    """Return the indices outside the longest sequence that never falls by more than the tolerance."""
-    best: list[list[int]] = []
-    for i, mean in enumerate(means):
-        before = [chain for chain in best if means[chain[-1]] <= mean * 1.02 + ORDER_TOLERANCE]
-        best.append([*max(before, key=len, default=[]), i])
-    longest = max(best, key=len, default=[])
-    return [i for i in range(len(means)) if i not in longest]
 
 
 def _check_rise(shorter: FrameFacts, longer: FrameFacts, shorter_s: float, longer_s: float, stop: int) -> None:

@@ -79,7 +79,11 @@ def _serve(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, 
 def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, Any]:
     """Read and measure one file; ``complaints`` returns what the decoder said since it was last called."""
     path, format_ = request["path"], request["format"]
-    descriptor = os.open(path, _open_flags())
+    # Refuse links, and do not wait for the writer of a pipe
+    flags = os.O_RDONLY
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"):
+        flags |= getattr(os, name, 0)
+    descriptor = os.open(path, flags)
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         limit_bytes = MAX_JPEG_BYTES if format_ in ("jpeg", "png", "tiff") else MAX_RAW_BYTES
@@ -100,14 +104,6 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
             digest = hashlib.sha256(raw).hexdigest()
             found = {"size_bytes": len(raw), "sha256": digest, "exif": exif, "exif_problem": exif_problem}
             return found | (_inspect_wells(bytes(raw), request.get("circle")) if request.get("pixels") else {})
-
-
-def _open_flags() -> int:
-    """Refuse links, and do not wait for the writer of a pipe."""
-    flags = os.O_RDONLY
-    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"):
-        flags |= getattr(os, name, 0)
-    return flags
 
 
 def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: Callable[[], str]) -> dict[str, Any]:

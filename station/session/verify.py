@@ -115,7 +115,11 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
         behind = journalled is not None and all(p.code != "not-journalled" for p in report.problems)
         best = journalled if behind else manifest or journalled  # the journal is ahead of a manifest, not beside it
         if best:
-            report.frames_planned = _planned(best)
+            # How many frames the bracket is to have, raw files too; of a given panorama, the one
+            bracket = best.bracket
+            sides = [*bracket.sides, *bracket.raw_sides]
+            skipped = sum(sides.count(s.side) for s in best.skipped)
+            report.frames_planned = len(bracket.stops_s) * len(sides) - skipped + (best.panorama is not None)
             report.status, report.missing = best.status.value, best.missing
             listed = {file for m in (manifest, journalled) if m for file in _files(m)}
             report.notes += [w.message for w in best.warnings if w.code in WORTH_NOTING]
@@ -124,14 +128,6 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
             for record in (*best.frames, *((best.panorama,) if best.panorama else ())):
                 _check_file(root, record, report, frame_check)
     return report
-
-
-def _planned(manifest: SessionManifest) -> int:
-    """Return how many frames the bracket is to have, raw files too; of a given panorama, the one."""
-    bracket = manifest.bracket
-    sides = [*bracket.sides, *bracket.raw_sides]
-    skipped = sum(sides.count(s.side) for s in manifest.skipped)
-    return len(bracket.stops_s) * len(sides) - skipped + (manifest.panorama is not None)
 
 
 def repair_session(path: Path) -> VerifyReport:

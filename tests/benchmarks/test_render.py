@@ -7,8 +7,10 @@ import pytest
 
 from benchmarks.light.render import race_figures
 from benchmarks.light.render_daylight import HEAD_ON, _glass
+from benchmarks.light.render_methods import inverse_tone_curve
 from benchmarks.light.render_race import KINDS, race_rooms
 from benchmarks.light.render_time import seconds_to
+from processing.errors import ParameterError
 from processing.light.scene.scene import transmittance_at
 
 ROW = {
@@ -58,3 +60,10 @@ def test_rooms_of_the_race_have_one_window_each_by_kind() -> None:
     outside = np.cross(across, up) * np.sign(np.cross(across, up) @ middle)
     assert outside @ np.array(sun.scene.outdoors.sun.direction) > 0
     assert any(part.material.emission_cd_m2[0] > 0 for part in lamps.scene.parts)
+
+
+def test_inverse_tone_curve() -> None:
+    found = inverse_tone_curve(np.array([[[0, 128, 255]]], np.uint8), 500.0)
+    assert found.ravel() == pytest.approx([0, 500 * (128 / 255) ** 2.2, 500])
+    with pytest.raises(ParameterError):
+        inverse_tone_curve(np.zeros((1, 1, 3), np.float32), 500.0)

@@ -45,7 +45,11 @@ class SimulatedCamera(PtpResponder):
         if useless:
             raise ValueError(f"faults without effect on {identity.model}: {', '.join(sorted(useless))}")
         super().__init__(identity, clock, timing, faults, seed)
-        self.rules |= self._object_rules() | self._property_rules()
+        self.rules |= self._object_rules() | {
+            Operation.GET_DEVICE_PROP_DESC: Rule(self._get_prop_desc, 1, 1),
+            Operation.GET_DEVICE_PROP_VALUE: Rule(self._get_prop_value, 1, 1),
+            Operation.SET_DEVICE_PROP_VALUE: Rule(self._set_prop_value, 1, 1, data_out=True),
+        }
         self.store, self.properties = memory
         self.darkroom = Darkroom(shots)
         self.zone = UTC
@@ -242,13 +246,6 @@ class SimulatedCamera(PtpResponder):
         return Answer()
 
     # ---- properties
-
-    def _property_rules(self) -> dict[int, Rule]:
-        return {
-            Operation.GET_DEVICE_PROP_DESC: Rule(self._get_prop_desc, 1, 1),
-            Operation.GET_DEVICE_PROP_VALUE: Rule(self._get_prop_value, 1, 1),
-            Operation.SET_DEVICE_PROP_VALUE: Rule(self._set_prop_value, 1, 1, data_out=True),
-        }
 
     def _known(self, request: Request) -> int:
         code = request.params[0]

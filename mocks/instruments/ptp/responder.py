@@ -245,10 +245,6 @@ class PtpResponder:
     def before(self, request: Request) -> None:
         """Refuse what the camera's state forbids (asleep, busy); cameras override this."""
 
-    def begin_condition(self, fault: Fault) -> None:
-        """Let a lasting fault begin; cameras add those of their own."""
-        self.faults.begin(fault)
-
     def fall_asleep(self) -> None:
         """Go to sleep, in the camera's own way."""
         raise NotImplementedError
@@ -263,7 +259,7 @@ class PtpResponder:
                 self.faults.note(fault)
                 self.fall_asleep()
             elif fault.kind in CONDITIONS:
-                self.begin_condition(fault)
+                self.faults.begin(fault)
 
     def _check(self, request: Request) -> Rule:
         rule = self.rules.get(request.operation)

@@ -154,7 +154,11 @@ class UsbPtpDevice:
     def _step(self, pipe: InPipe, endpoint: int, room_bytes: int, deadline_s: float) -> float | tuple[bytes, bool]:
         """Return bytes and whether they end the transfer, or the time to wait (0: no time left)."""
         if pipe is self._event:
-            self._fetch_events()
+            while self.camera.events:
+                event = self.camera.events.popleft()
+                data = event.encode()
+                cut = min(event.fault.byte, len(data)) if event.fault else None
+                self._event.queue.append(InTransfer(Phase.EVENT, data, zlp=False, cut=cut, cut_fault=event.fault))
         now_s = self.clock.monotonic_s()
         left_s = deadline_s - now_s
         if not pipe.ready(now_s):
@@ -190,13 +194,6 @@ class UsbPtpDevice:
         now_s = self.clock.monotonic_s()
         self._free_s = max(now_s, self._free_s) + count_bytes / self._rate()
         self.clock.sleep(min(self._free_s, deadline_s) - now_s)
-
-    def _fetch_events(self) -> None:
-        while self.camera.events:
-            event = self.camera.events.popleft()
-            data = event.encode()
-            cut = min(event.fault.byte, len(data)) if event.fault else None
-            self._event.queue.append(InTransfer(Phase.EVENT, data, zlp=False, cut=cut, cut_fault=event.fault))
 
     # ---- OUT
 

@@ -56,7 +56,8 @@ def things_on(a: Arrangement, support: Item, most: int) -> None:
     """Put small things on top of a table or a cabinet, more of them where people are messy."""
     for _ in range(int(a.rng.binomial(most, 0.25 + 0.6 * a.messy))):
         kind = str(a.rng.choice(list(SMALL_M), p=SHARES))
-        a.put_on(support, kind, _small_size(a, kind), turn_rad=a.draw(-0.6, 0.6))
+        wide, deep, high = (side if isinstance(side, float) else a.draw(*side) for side in SMALL_M[kind])
+        a.put_on(support, kind, (wide, deep or wide, high), turn_rad=a.draw(-0.6, 0.6))
 
 
 SHARES = (0.3, 0.18, 0.14, 0.1, 0.12, 0.1, 0.06)
@@ -67,12 +68,6 @@ SMALL_M: dict[str, tuple[float | tuple[float, float], ...]] = {
     "box": ((0.18, 0.28), (0.14, 0.2), (0.09, 0.16)),
 }  # fmt: skip
 """Width, depth (0: as wide) and height of small things, fixed or between two; `SHARES` says how often each comes."""
-
-
-def _small_size(a: Arrangement, kind: str) -> tuple[float, float, float]:
-    """Return a usual size of a small thing."""
-    wide, deep, high = (side if isinstance(side, float) else a.draw(*side) for side in SMALL_M[kind])
-    return (wide, deep or wide, high)
 
 
 def cushions_on(a: Arrangement, seat: Item, count: int) -> None:

@@ -134,13 +134,10 @@ def denoised(picture: Floats, guide: Guide) -> Floats:
     for face in range(6):
         clues = np.repeat(near[face][..., None], 3, axis=2)
         out[face] = pyoidn.denoise(picture[face], albedo=clues, normal=guide.normal[face], hdr=True)
-    return _as_bright(_seamless(out, guide), picture, guide)
-
-
-def _as_bright(clean: Floats, noisy: Floats, guide: Guide) -> Floats:
-    """Return the denoised picture with the noisy one's mean: the denoiser swallows 1 to 5 % in rare bright paths."""
+    # The denoised picture with the noisy one's mean: the denoiser swallows 1 to 5 % in rare bright paths
+    clean = _seamless(out, guide)
     inside = guide.part >= 0
-    kept, whole = clean[inside].sum(axis=0, dtype=np.float64), noisy[inside].sum(axis=0, dtype=np.float64)
+    kept, whole = clean[inside].sum(axis=0, dtype=np.float64), picture[inside].sum(axis=0, dtype=np.float64)
     if not (kept > 0).all():
         return clean
     return np.asarray(clean * (whole / kept), dtype=np.float32)

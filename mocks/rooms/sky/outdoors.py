@@ -33,7 +33,12 @@ def shadow_map(seed: int, sun_direction: Vector) -> Bytes:
     shift = -np.array(sun_direction[:2]) / max(sun_direction[2], 0.12)
     for thing in draw_street(seed).things:
         if isinstance(thing, House):
-            _fill(shade, _house_points(thing, shift))
+            front = np.array((math.sin(thing.turn_rad), math.cos(thing.turn_rad)))
+            side = np.array((front[1], -front[0]))
+            w, d = side * thing.width_m / 2, front * thing.depth_m / 2
+            corners = np.array((thing.x, thing.y)) + np.array([w + d, w - d, -w - d, -w + d])
+            ridge = np.array((thing.x, thing.y)) + np.array([w, -w]) + shift * (thing.eaves_m + thing.rise_m)
+            _fill(shade, np.concatenate([corners, corners + shift * thing.eaves_m, ridge]))
         else:
             _tree(shade, leafy, thing, shift)
     row, column = np.mgrid[:SIZE, :SIZE].astype(np.float32) * np.float32(TEXEL_M / 0.9)
@@ -62,15 +67,6 @@ def _fill(image: Bytes, points_m: Doubles) -> None:
     hull = cv2.convexHull(points_m.astype(np.float32))
     corners = np.round(((hull + HALF_M) / TEXEL_M - 0.5) * 16).astype(np.int32)
     cv2.fillConvexPoly(image, corners, 255, cv2.LINE_AA, 4)
-
-
-def _house_points(house: House, shift: Doubles) -> Doubles:
-    front = np.array((math.sin(house.turn_rad), math.cos(house.turn_rad)))
-    side = np.array((front[1], -front[0]))
-    w, d = side * house.width_m / 2, front * house.depth_m / 2
-    corners = np.array((house.x, house.y)) + np.array([w + d, w - d, -w - d, -w + d])
-    ridge = np.array((house.x, house.y)) + np.array([w, -w]) + shift * (house.eaves_m + house.rise_m)
-    return np.concatenate([corners, corners + shift * house.eaves_m, ridge])
 
 
 def _tree(shade: Bytes, leafy: Bytes, tree: Tree, shift: Doubles) -> None:

@@ -82,7 +82,12 @@ def _ceramic(rng: np.random.Generator, texture: Texture, number: Int32s, second:
     count = int(number.max()) + 1
     cloud = np.float32(texture.option("clouding", 0.025)) * clouds(rng, _GRID, 4, 5)
     if veins := texture.option("veins", 0.0):
-        cloud -= np.float32(veins) * _veins(rng)
+        # Dark lines where noise changes sign, some strong and most faint, as in marble
+        total = np.zeros(_GRID, dtype=np.float32)
+        strength = np.clip(clouds(rng, _GRID, 4, 2) + 0.8, 0, None)
+        for coarsest, weight, sharpness in ((4, 0.6, 30.0), (8, 0.35, 14.0)):
+            total += np.float32(weight) * np.exp(-np.float32(sharpness) * np.abs(clouds(rng, _GRID, coarsest, 5)))
+        cloud -= np.float32(veins) * np.asarray(total * strength, dtype=np.float32)
     shifts = rng.integers(_PIXELS, size=(2, count), dtype=np.int32)
     grid = np.arange(_PIXELS, dtype=np.int32)
     down = (grid[:, None] + shifts[0][number]) & (_PIXELS - 1)
@@ -94,15 +99,6 @@ def _ceramic(rng: np.random.Generator, texture: Texture, number: Int32s, second:
         face = mixed(face, toned(tone, texture.colours[2]), second)
     grout = toned(1 + np.float32(0.06) * noise(rng, _GRID, (64, 64)), texture.colours[1])
     return mixed(face, grout, gaps)
-
-
-def _veins(rng: np.random.Generator) -> Floats:
-    """Return dark lines where noise changes sign, some strong and most faint, as in marble."""
-    total = np.zeros(_GRID, dtype=np.float32)
-    strength = np.clip(clouds(rng, _GRID, 4, 2) + 0.8, 0, None)
-    for coarsest, weight, sharpness in ((4, 0.6, 30.0), (8, 0.35, 14.0)):
-        total += np.float32(weight) * np.exp(-np.float32(sharpness) * np.abs(clouds(rng, _GRID, coarsest, 5)))
-    return np.asarray(total * strength, dtype=np.float32)
 
 
 def terrazzo(texture: Texture) -> Tile:

@@ -126,7 +126,8 @@ def merge_tables(
     own = np.where(codes < low, np.maximum(own, (0.5 * at_low / x) ** 2), own)
     v = x[None] / times_s[:, None, None]
     relative = own[None] + time_sigma[:, None, None] ** 2
-    weight = np.where(codes > high, 0.0, _taper(codes, high)) / (relative * v**2)
+    depth = np.clip((codes - (high - TAPER_CODES)) / TAPER_CODES, 0.0, 1.0)
+    weight = np.where(codes > high, 0.0, np.asarray(1.0 - 0.75 * depth**2)) / (relative * v**2)
     used = np.where(codes < low, 0.0, weight)
     used[0] = np.where(codes < low, weight[0], used[0])
     saturation = np.take_along_axis(v, np.broadcast_to(high, (len(times_s), 3, 1)), axis=2)
@@ -153,12 +154,6 @@ def coding_error(curve: ResponseCurve, noise: NoiseModel) -> float:
     slope = np.median(curve.log2_slope[:, 60:200]) * math.log(2)
     codes = float(np.dot(LUMINANCE_WEIGHTS, noise.code_variance))
     return float((COMMON_SHARE * slope) ** 2 * codes)
-
-
-def _taper(codes: npt.NDArray[np.int64], high: npt.NDArray[np.int64]) -> Doubles:
-    """Return 1, falling to 1/4 at the last code before clipping."""
-    depth = np.clip((codes - (high - TAPER_CODES)) / TAPER_CODES, 0.0, 1.0)
-    return np.asarray(1.0 - 0.75 * depth**2)
 
 
 def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error: float) -> npt.NDArray[np.int64]:

@@ -158,7 +158,10 @@ def _open_sun(window: Window, sky: float, at: tuple[int, int]) -> Sun:
     centre = window.ways[at[0] - window.rows.start, at[1] - window.columns.start]
     pixel_rad = math.sqrt(float(np.median(window.pixel_sr[window.inside])))
     reach = SUN_RADIUS_RAD + 1.5 * pixel_rad
-    surround = _surround(window, centre, reach)
+    # The sky's luminance beside the sun
+    angle = window.angle_from(centre)
+    ring = window.inside & (angle > 1.5 * reach) & (angle < 4 * reach)
+    surround = float(np.median(window.luminance[ring])) if ring.any() else 0.0
     light = np.where(window.inside, np.maximum(window.luminance - surround, 0), 0) * window.pixel_sr
     for _ in range(4):
         weight = np.where(window.angle_from(centre) < reach, light, 0)
@@ -225,13 +228,6 @@ def _fit_disc(window: Window, start: Doubles, shape: Doubles, *, free_radius: bo
 
     found = least_squares(residuals, [0.0, 0.0, 1.0, 1.0], bounds=([-3, -3, 0.3, 0.7], [3, 3, 3.0, 8.0]))
     return centre_of(found.x)
-
-
-def _surround(window: Window, centre: Doubles, reach: float) -> float:
-    """Return the sky's luminance beside the sun."""
-    angle = window.angle_from(centre)
-    ring = window.inside & (angle > 1.5 * reach) & (angle < 4 * reach)
-    return float(np.median(window.luminance[ring])) if ring.any() else 0.0
 
 
 def _centroid_sigma(pixel_rad: float) -> float:

@@ -303,7 +303,12 @@ def check_response(
         drifts.append(float(np.sqrt((change**2).mean())))
         sigmas.append(float(np.sqrt((sigma**2).mean())))
         codes.append(int(seen[np.argmax(np.abs(change))]))
-        ratios.append(_noise_ratio(own.noise.pixel.code, own.noise.pixel.photon, noise, curve, c))
+        # The ratio of relative standard deviations at code 128
+        x = float(curve.exposure[c, 128])
+        slope = float(curve.log2_slope[c, 128] * np.log(2.0))
+        now = own.noise.pixel.photon / x + own.noise.pixel.code * slope**2
+        then = noise.photon[c] / x + noise.code_variance[c] * slope**2
+        ratios.append(float(np.sqrt(now / max(then, 1e-12))))
     worst = int(np.argmax([d / s for d, s in zip(drifts, sigmas, strict=True)]))
     drift, sigma_ = drifts[worst], sigmas[worst]
     drifted = drift > max(LEAST_DRIFT_STOPS, _SIGNIFICANT * sigma_)
@@ -317,12 +322,3 @@ def check_response(
         float(np.median(ratios)),
         warnings,
     )
-
-
-def _noise_ratio(code: float, photon: float, noise: NoiseModel, curve: ResponseCurve, channel: int) -> float:
-    """Return the ratio of relative standard deviations at code 128."""
-    x = float(curve.exposure[channel, 128])
-    slope = float(curve.log2_slope[channel, 128] * np.log(2.0))
-    now = photon / x + code * slope**2
-    then = noise.photon[channel] / x + noise.code_variance[channel] * slope**2
-    return float(np.sqrt(now / max(then, 1e-12)))

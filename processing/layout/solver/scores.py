@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numba import njit
 
-from processing.ground.arrays import Doubles
 from processing.layout.plan import FloorPlan, Window
 from processing.layout.solver.field import Floor
 from processing.layout.solver.free_sets import inside_walls
@@ -111,6 +110,9 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         if not s.item.spec.is_rug and s.item.spec.base_m < HEAD_ROOM_M
     ]
     solid = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    # How large a free circle is left, against the largest that furniture of this area could leave
+    covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
+    best = 0.5 * math.sqrt(max(0.5, floor.plan.area_m2 - covered))
     found: dict[str, float | None] = {
         "conversation": _conversation(placed),
         "viewing": _viewing(placed),
@@ -120,7 +122,7 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         "wall_use": _wall_use(placed),
         "alignment": _alignment(placed),
         "balance": _balance(floor, placed),
-        "openness": _openness(floor, placed, solid),
+        "openness": float(largest_circle(floor.samples.points, floor.samples.clear_m, solid) / (0.8 * best)),
         "daylight": _daylight(floor, placed),
         # A slim walker: 0 where 90 % of what he can stand on is in one piece, 1 where all is.
         "in_sight": _in_sight(floor, placed),
@@ -205,7 +207,7 @@ def _bed_wall(floor: Floor, placed: Sequence[Stand]) -> float | None:
     values = []
     for bed in beds:
         sides = sum(1 for x0, x1, _, _ in bed.zones if x1 <= 0 or x0 >= 0)
-        behind = _behind(floor.plan, bed)
+        behind = min(1.0, sum(_cover_m(floor.plan, bed, w) for w in floor.plan.windows) / bed.item.spec.size_m[0])
         values.append((0.5 if _head_at_wall(floor, bed) else 0.0) * (1 - behind) + 0.25 * min(2, sides))
     return float(np.mean(values))
 
@@ -214,11 +216,6 @@ def _head_at_wall(floor: Floor, bed: Stand) -> bool:
     """Return whether there is no floor just behind a bed's head."""
     w, d = bed.item.spec.size_m[0] / 4, -bed.item.spec.size_m[1] / 2 - AT_WALL_M
     return not any(inside_walls(floor.walls, x, y) for x, y in bed.corners((-w, w, d, d)))
-
-
-def _behind(plan: FloorPlan, stand: Stand) -> float:
-    """Return the share of a piece's width that has a window behind it."""
-    return min(1.0, sum(_cover_m(plan, stand, w) for w in plan.windows) / stand.item.spec.size_m[0])
 
 
 def _in_sight(floor: Floor, placed: Sequence[Stand]) -> float | None:
@@ -286,13 +283,6 @@ def _balance(floor: Floor, placed: Sequence[Stand]) -> float | None:
         total, x, y = total + weight, x + weight * s.x_m, y + weight * s.y_m
     away_m = math.hypot(x / total - floor.middle[0], y / total - floor.middle[1])
     return 1 - away_m / (0.5 * math.sqrt(floor.plan.area_m2))
-
-
-def _openness(floor: Floor, placed: Sequence[Stand], solid: Doubles) -> float:
-    """Return how large a free circle is left, against the largest that furniture of this area could leave."""
-    covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
-    best = 0.5 * math.sqrt(max(0.5, floor.plan.area_m2 - covered))
-    return float(largest_circle(floor.samples.points, floor.samples.clear_m, solid) / (0.8 * best))
 
 
 def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:

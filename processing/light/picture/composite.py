@@ -4,7 +4,6 @@
 bounced light, shadows in the sun) is the ratio of two renders of the same places with the same random numbers, with and
 without it. Pixels whose light does not change are kept bit by bit.
 ``ibl``: furniture lit by the panorama alone, as if all of it lay infinitely far away; it changes nothing in the room.
-``inverse_tone_curve`` makes such a panorama from an ordinary 8-bit one, the baseline of calibrated pictures.
 """
 
 from __future__ import annotations
@@ -164,10 +163,3 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
         seen = np.where((hits.triangle < 0)[:, None], looked_up(panorama, flat), 0)
         out[part] = np.pi * seen.reshape(count, samples, 3).mean(axis=1)
     return out
-
-
-def inverse_tone_curve(picture: np.ndarray, white_cd_m2: float, *, gamma: float = 2.2) -> Floats:
-    """Return an 8-bit panorama (H, W, 3) as radiance by a plain inverse power law, full white at ``white_cd_m2``."""
-    if picture.dtype != np.uint8 or not white_cd_m2 > 0:
-        raise ParameterError("an inverse tone curve takes 8-bit pictures and a white above 0 cd/m2")
-    return ((picture.astype(np.float32) / 255) ** gamma * white_cd_m2).astype(np.float32)

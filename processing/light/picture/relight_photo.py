@@ -59,7 +59,7 @@ def relit_photograph(
     ``lights``: those of ``before`` and of ``after``.
     """
     label = view.full.label.reshape(photograph.shape[:2])
-    shade = before.rgb - _direct(view, before)
+    shade = before.rgb - (view.albedo.reshape(before.sun.shape) * before.sun * np.float32(1 / math.pi))
     shown = photograph @ _WEIGHTS
     lit_off, shade_off = _apart(shown, before.rgb @ _WEIGHTS), _apart(shown, shade @ _WEIGHTS)
     by_sun = np.abs(lit_off) <= np.abs(shade_off)
@@ -88,10 +88,6 @@ def photograph_under(
     scene = view.stage.scene
     after = view.relit(outdoors, veils=veil_gains(scene, scene.outdoors, outdoors))
     return relit_photograph(photograph, view, before, after, (scene.outdoors, outdoors)), after
-
-
-def _direct(view: RelightView, relit: Relit) -> Floats:
-    return view.albedo.reshape(relit.sun.shape) * relit.sun * np.float32(1 / math.pi)
 
 
 def _apart(shown: np.ndarray, model: np.ndarray) -> Floats:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from numba.core import types
 
+from benchmarks.whole.kernel_list import described
 from processing.ground import kernels
 from processing.layout.solver.walk_grid import Grid
 
@@ -33,7 +34,7 @@ def test_every_kernel_of_the_list_is_one_and_its_types_can_be_made() -> None:
         kernel = getattr(importlib.import_module(module), attribute)
         for signature in signatures:
             made = [kernels._type(one) for one in signature]
-            assert [kernels.described(one) for one in made] == signature, name
+            assert [described(one) for one in made] == signature, name
             assert len(made) == len(kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]), name
 
 
@@ -46,9 +47,9 @@ def test_types_are_the_same_after_a_file() -> None:
         types.literal(3),
         types.UniTuple(types.int64, 2),
     ):
-        assert kernels._type(json.loads(json.dumps(kernels.described(one)))) == one
+        assert kernels._type(json.loads(json.dumps(described(one)))) == one
     readonly = types.Array(types.uint8, 1, "A", readonly=True)
-    assert kernels._type(kernels.described(readonly)).mutable is False
+    assert kernels._type(described(readonly)).mutable is False
 
 
 def test_checkouts_of_the_same_source_share_their_kernels(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import differential, ibl, inverse_tone_curve
+from processing.light.picture.composite import differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
 from processing.light.solver.irradiance import Effort
@@ -75,13 +75,6 @@ def test_ibl_lights_furniture_by_the_panorama_and_changes_nothing_else(room) -> 
     assert np.array_equal(staged.rgb[staged.kept], even[staged.kept])
     # A convex thing in even light L shows albedo x L.
     assert staged.rgb[staged.furniture].mean(axis=0) == pytest.approx(np.array([0.5, 0.3, 0.2]) * 100, rel=0.02)
-
-
-def test_inverse_tone_curve() -> None:
-    found = inverse_tone_curve(np.array([[[0, 128, 255]]], np.uint8), 500.0)
-    assert found.ravel() == pytest.approx([0, 500 * (128 / 255) ** 2.2, 500])
-    with pytest.raises(ParameterError):
-        inverse_tone_curve(np.zeros((1, 1, 3), np.float32), 500.0)
 
 
 def test_other_places_and_views(room) -> None:
