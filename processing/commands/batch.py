@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from processing.commands.process import ProcessCommand, given_now, run_request
-from station.commands.views import FILE, FOLDER, SilentView, printable
+from station.commands.views import FILE, FOLDER, SilentView, answer, printable
 
 if TYPE_CHECKING:
     from processing.batch.run import BatchReport
@@ -107,12 +106,9 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, lambda *event: view.show(event))
     table, values = write_table(asked["into"] or Path("." if is_url(folder) else folder), report)
-    if as_json:
-        click.echo(json.dumps({**report.to_dict(), "files": [str(table), str(values)]}))
-    else:
-        for line in (*summary_lines(report), f"table: {table}"):
-            click.echo(line)
-    return 5 if report.failed else 0
+    facts = {**report.to_dict(), "files": [str(table), str(values)]}
+    lines = (*summary_lines(report), f"table: {table}")
+    return answer(facts, lines, as_json=as_json, exit_code=5 if report.failed else 0)
 
 
 def _arguments(asked: dict[str, Any]) -> tuple[str, ...]:
@@ -197,13 +193,8 @@ def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about:
     description = Description(version=about.pop("release"), **about)
     train, validation, test = (part / 100 for part in numbers("--split", split, 3, "per cent, such as 70,15,15"))
     made = make(folder, description, shares=(train, validation, test), zone=zone and str(zone_named(zone)))
-    if as_json:
-        click.echo(json.dumps({"ok": True, "files": [str(path) for path in made], **sum_up(folder)}))
-        return 0
-    for path in made:
-        click.echo(str(path))
-    _show(sum_up(folder))
-    return 0
+    files, found = [str(path) for path in made], sum_up(folder)
+    return answer({"ok": True, "files": files, **found}, [*files, *_summary_lines(found)], as_json=as_json)
 
 
 @dataset.command()
@@ -219,17 +210,13 @@ def check(folder: Path, *, as_json: bool) -> int:
     from processing.batch.dataset import check as compare
 
     report = compare(folder)
-    if as_json:
-        values = {name: getattr(report, name) for name in ("files", "missing", "changed", "new", "problems")}
-        click.echo(json.dumps({"ok": report.ok, **values}))
-        return 0 if report.ok else 1
-    for word in ("missing", "changed", "new"):
-        for name in getattr(report, word):
-            click.echo(printable(f"{word}: {name}"))
-    for problem in report.problems:
-        click.echo(printable(problem))
-    click.echo(f"{report.files} files compared: {'all as it was built' if report.ok else 'not as it was built'}")
-    return 0 if report.ok else 1
+    facts = {name: getattr(report, name) for name in ("files", "missing", "changed", "new", "problems")}
+    lines = [f"{word}: {name}" for word in ("missing", "changed", "new") for name in facts[word]]
+    lines += [
+        *report.problems,
+        f"{report.files} files compared: {'all as it was built' if report.ok else 'not as it was built'}",
+    ]
+    return answer({"ok": report.ok, **facts}, lines, as_json=as_json, exit_code=0 if report.ok else 1)
 
 
 @dataset.command()
@@ -244,14 +231,10 @@ def summary(folder: Path, *, as_json: bool) -> int:
     from processing.batch.dataset import summary as sum_up
 
     found = sum_up(folder)
-    if as_json:
-        click.echo(json.dumps({"ok": True, **found}))
-    else:
-        _show(found)
-    return 0
+    return answer({"ok": True, **found}, _summary_lines(found), as_json=as_json)
 
 
-def _show(found: dict[str, Any]) -> None:
+def _summary_lines(found: dict[str, Any]) -> Iterator[str]:
     for name, value in found.items():
         text = value
         if isinstance(value, dict):
@@ -259,4 +242,4 @@ def _show(found: dict[str, Any]) -> None:
             text = ", ".join(f"{key} {one}" for key, one in parts)
         elif isinstance(value, list):
             text = " to ".join(value)
-        click.echo(printable(f"{name.replace('_', ' '):<18} {'-' if text is None else text}"))
+        yield f"{name.replace('_', ' '):<18} {'-' if text is None else text}"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from station.commands.views import FILE, printable
+from station.commands.views import FILE, answer
 
 if TYPE_CHECKING:
     from processing.running.choices import Choices
@@ -44,12 +43,8 @@ def choices(session: Path, given: tuple[str, ...], *, forget: tuple[str, ...], p
     if pairs:
         remember(session, {name.removeprefix("--"): value for name, value in pairs.items()}, by="daylit choices")
     found = read_choices(session)
-    if as_json:
-        click.echo(json.dumps({"ok": True, "session": session.name, **found.model_dump(mode="json")}))
-        return 0
-    for line in _lines(found, past=past):
-        click.echo(printable(line))
-    return 0
+    facts = {"ok": True, "session": session.name, **found.model_dump(mode="json")}
+    return answer(facts, _lines(found, past=past), as_json=as_json)
 
 
 def _lines(found: Choices, *, past: bool) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, numbers
+from station.commands.views import FILE, FOLDER, NO_FOLDER, answer, numbers
 
 if TYPE_CHECKING:
     from processing.figures.glare import Task
@@ -28,10 +28,8 @@ READING_SIGMA = 0.02
 @click.option("--response", type=click.Path(path_type=Path, exists=True), help="hdrgen's .rsp, for a folder of frames.")
 @click.option("--task", metavar="RIGHT,UP,ACROSS", help="Task zone in degrees: glare is 5 times its luminance.")
 @click.option("--region", metavar="X0,Y0,X1,Y1", multiple=True, help="Statistics of a part, in pixels (repeatable).")
-@click.option("--csv", "table", type=click.Path(path_type=Path, dir_okay=False), help="Write the figures as a table.")
-@click.option(
-    "--falsecolour", type=click.Path(path_type=Path, dir_okay=False), help="Write luminance as colours (PNG)."
-)
+@click.option("--csv", "table", type=NO_FOLDER, help="Write the figures as a table.")
+@click.option("--falsecolour", type=NO_FOLDER, help="Write luminance as colours (PNG).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json: bool, **asked: Any) -> int:
     """Say how much light FILE shows: an EXR or Radiance HDR picture, or a folder with a fisheye's bracket.
@@ -52,12 +50,8 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         from processing.figures.foreign import write_falsecolour
 
         write_falsecolour(falsecolour, image)
-    if as_json:
-        click.echo(json.dumps({"ok": True, "file": file.name, "unit": image.unit, "figures": found}))
-        return 0
-    for name, one in found.items():
-        click.echo(f"{name:<24} {one['value']:.5g} ± {one['uncertainty']:.2g}")
-    return 0
+    lines = (f"{name:<24} {one['value']:.5g} ± {one['uncertainty']:.2g}" for name, one in found.items())
+    return answer({"ok": True, "file": file.name, "unit": image.unit, "figures": found}, lines, as_json=as_json)
 
 
 def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
@@ -143,10 +137,6 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     page = build_certificate(manifest.name, session_facts(manifest), found)
     write_bytes(folder / "index.html", page.encode("utf-8"))
     write_bytes(folder / "certificate.json", json.dumps(found, indent=1).encode("utf-8"))
-    if as_json:
-        click.echo(json.dumps({"ok": True, "page": str(folder / "index.html"), **found}))
-        return 0
-    for one in found["budgets"]:
-        click.echo(f"{one['figure']}: {one['value']:.5g} ± {one['expanded']:.2g} {one['unit']} (k = 2)")
-    click.echo(str(folder / "index.html"))
-    return 0
+    page_file = str(folder / "index.html")
+    budgets = (f"{b['figure']}: {b['value']:.5g} ± {b['expanded']:.2g} {b['unit']} (k = 2)" for b in found["budgets"])
+    return answer({"ok": True, "page": page_file, **found}, (*budgets, page_file), as_json=as_json)

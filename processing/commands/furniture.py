@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, printable
+from station.commands.views import FILE, FOLDER, NO_FOLDER, answer
 
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
@@ -52,27 +51,25 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     """
     found = _catalogue(catalogue, style)
     entries = [e for e in found.entries if category is None or e.category == category]
-    if as_json:
-        rows = [
-            {
-                **{key: getattr(e, key) for key in ("model_id", "category", "size_m", "smallest_m", "largest_m")},
-                "licence": e.licence,
-                "file": e.file,
-                "front": "+y",
-                "notes": e.notes,
-                "zones": [{"side": z.side, "rule": z.rule} for z in e.zones],
-            }
-            for e in entries
-        ]
-        refused = {name: error.to_dict() for name, error in found.refused.items()}
-        click.echo(json.dumps({"ok": not refused, "models": rows, "refused": refused}))
-        return 1 if refused else 0
+    rows = [
+        {
+            **{key: getattr(e, key) for key in ("model_id", "category", "size_m", "smallest_m", "largest_m")},
+            "licence": e.licence,
+            "file": e.file,
+            "front": "+y",
+            "notes": e.notes,
+            "zones": [{"side": z.side, "rule": z.rule} for z in e.zones],
+        }
+        for e in entries
+    ]
+    refused = {name: error.to_dict() for name, error in found.refused.items()}
+    lines = []
     for e in entries:
         size = " x ".join(f"{v:.2f}" for v in e.size_m)
-        _say(f"{e.model_id:26s} {e.category:13s} {size} m  {e.licence}" + "".join(f"\n    {note}" for note in e.notes))
-    for name, error in found.refused.items():
-        _say(f"refused: {name}: {error.code} {error}")
-    return 1 if found.refused else 0
+        lines += [f"{e.model_id:26s} {e.category:13s} {size} m  {e.licence}", *(f"    {note}" for note in e.notes)]
+    lines += [f"refused: {name}: {error.code} {error}" for name, error in found.refused.items()]
+    facts = {"ok": not refused, "models": rows, "refused": refused}
+    return answer(facts, lines, as_json=as_json, exit_code=1 if refused else 0)
 
 
 @furniture.command()
@@ -80,9 +77,7 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
 @_FOLDER
 @_STYLE
 @click.option("--size", metavar="W,D,H", help="Metres; the model's own size where it is not given.")
-@click.option(
-    "--into", "output", type=click.Path(path_type=Path, dir_okay=False), help="PNG; default: the model's name."
-)
+@click.option("--into", "output", type=NO_FOLDER, help="PNG; default: the model's name.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def show(model: str | None, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Draw MODEL from the front and from behind, or a contact sheet of the whole catalogue.
@@ -103,8 +98,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
         picture, name = two_sides(models[0]), models[0].model_id.replace("/", "-").replace(" ", "-")
     path = output or Path(f"{name}.png")
     picture.save(path)
-    _report_written(path, models, as_json=as_json)
-    return 0
+    return _report_written(path, models, as_json=as_json)
 
 
 @furniture.command()
@@ -113,9 +107,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
 @_STYLE
 @click.option("--rank", type=click.IntRange(min=1), default=1, show_default=True, help="Which arrangement of the file.")
 @click.option("--size", metavar="W,D,H", help="Of one model, in metres.")
-@click.option(
-    "--into", "output", type=click.Path(path_type=Path, dir_okay=False), help="GLB; default: the model's name."
-)
+@click.option("--into", "output", type=NO_FOLDER, help="GLB; default: the model's name.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def export(what: str, rank: int, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Write a model, or all furniture of an arrangement.json where it stands, as GLB (metres, y up).
@@ -140,8 +132,7 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
         models = [found.mesh(what, _size(size))]
         path = output or Path(f"{models[0].model_id.replace('/', '-').replace(' ', '-')}.glb")
         write_model(path, models[0])
-    _report_written(path, models, as_json=as_json)
-    return 0
+    return _report_written(path, models, as_json=as_json)
 
 
 def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
@@ -162,20 +153,13 @@ def _size(text: str | None) -> tuple[float, float, float] | None:
     return width, depth, height
 
 
-def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) -> None:
+def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) -> int:
     notes = {m.model_id: m.notes for m in models if m.notes}
     triangles = sum(m.triangles for m in models)
-    if as_json:
-        names = [m.model_id for m in models]
-        click.echo(json.dumps({"ok": True, "file": str(path), "models": names, "triangles": triangles, "notes": notes}))
-        return
-    for name, said in notes.items():
-        _say(f"{name}: {'; '.join(said)}")
-    _say(f"{path}: {len(models)} models, {triangles} triangles")
-
-
-def _say(text: str) -> None:
-    click.echo("".join(c if c.isprintable() or c == "\n" else "?" for c in text))
+    names = [m.model_id for m in models]
+    facts = {"ok": True, "file": str(path), "models": names, "triangles": triangles, "notes": notes}
+    lines = [f"{name}: {'; '.join(said)}" for name, said in notes.items()]
+    return answer(facts, [*lines, f"{path}: {len(models)} models, {triangles} triangles"], as_json=as_json)
 
 
 @click.command()
@@ -229,13 +213,8 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
 
         write_drawings(result, folder, _rule_set(options))
     complete = bool(result.arrangements) and result.arrangements[0].complete
-    if as_json:
-        click.echo(json.dumps({"ok": complete, "folder": str(folder), **result.model_dump(mode="json")}))
-        return 0 if complete else 1
-    for line in _lines(result):
-        click.echo(printable(line))
-    click.echo(f"written to {folder}")
-    return 0 if complete else 1
+    facts = {"ok": complete, "folder": str(folder), **result.model_dump(mode="json")}
+    return answer(facts, [*_lines(result), f"written to {folder}"], as_json=as_json, exit_code=0 if complete else 1)
 
 
 def _book(options: dict[str, Any]) -> Any:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from station.commands.views import FILE
+from station.commands.views import FILE, answer
 
 
 @click.group()
@@ -42,14 +41,12 @@ def list_(*, as_json: bool) -> int:
         }
         for model in KNOWN_MODELS
     ]
-    if as_json:
-        click.echo(json.dumps({"ok": True, "models": rows}))
-        return 0
+    lines = []
     for row in rows:
-        click.echo(f"{row['name']}  {'installed' if row['installed'] else 'not installed'}: {row['what']}")
-        click.echo(f"    {row['file']}, {row['size_bytes'] / 1e6:.1f} MB, SHA-256 {row['sha256']}")
-        click.echo(f"    {row['licence']}\n    {row['installed'] or row['url']}")
-    return 0
+        lines.append(f"{row['name']}  {'installed' if row['installed'] else 'not installed'}: {row['what']}")
+        lines.append(f"    {row['file']}, {row['size_bytes'] / 1e6:.1f} MB, SHA-256 {row['sha256']}")
+        lines += [f"    {row['licence']}", f"    {row['installed'] or row['url']}"]
+    return answer({"ok": True, "models": rows}, lines, as_json=as_json)
 
 
 @models.command()
@@ -86,6 +83,5 @@ def add(file: Path, *, as_json: bool) -> int:
 
 
 def _done(name: str, path: Path, *, as_json: bool) -> int:
-    done = json.dumps({"ok": True, "model": name, "file": str(path)})
-    click.echo(done if as_json else f"{name}: {path}\nfrom now on used by `daylit process` (--segmenter own: not)")
-    return 0
+    lines = (f"{name}: {path}", "from now on used by `daylit process` (--segmenter own: not)")
+    return answer({"ok": True, "model": name, "file": str(path)}, lines, as_json=as_json)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
+from collections.abc import Iterator
 from datetime import datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -57,7 +57,7 @@ def plan(*, as_json: bool, **asked: Any) -> int:
     """
     from processing.calibration.outdoor.sun_place import Place, zone_at
     from processing.relighting.relit_session import parse_time
-    from station.commands.views import numbers
+    from station.commands.views import answer, numbers
 
     latitude, longitude = numbers("--site", asked["site"], 2, "LAT,LON in degrees")
     place = Place(latitude, longitude)
@@ -74,11 +74,7 @@ def plan(*, as_json: bool, **asked: Any) -> int:
         ],
         **_sky(moments, local),
     }
-    if as_json:
-        click.echo(json.dumps(facts))
-    else:
-        _show(facts)
-    return 0
+    return answer(facts, _lines(facts), as_json=as_json)
 
 
 def day_moments(noon_utc: datetime, place: Place) -> list[Moment]:
@@ -139,17 +135,17 @@ def _clock(spans: list[tuple[datetime, datetime]], local: tzinfo) -> list[list[s
     return [[f"{t.astimezone(local):%H:%M}" for t in span] for span in spans]
 
 
-def _show(facts: dict[str, Any]) -> None:
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
     def words(spans: list[list[str]]) -> str:
         return ", ".join(f"{a} to {b}" for a, b in spans) or "never"
 
     for wall in facts["sun"]:
-        click.echo(f"{wall['wall']:<12} faces {wall['faces_deg']:>5.1f} degrees: sun {words(wall['hours'])}")
+        yield f"{wall['wall']:<12} faces {wall['faces_deg']:>5.1f} degrees: sun {words(wall['hours'])}"
     if facts["stillest"] is None:
-        click.echo("the sun does not rise")
+        yield "the sun does not rise"
     else:
-        click.echo(
+        yield (
             f"a clear sky changes least at {facts['stillest']} ({100 * facts['sky_frac_per_min']:.2f} % a minute); "
             f"by no more than {100 * STILL_FRAC_PER_MIN:g} %: {words(facts['still'])}"
         )
-    click.echo(f"local time is that of {facts['zone']}; the sun moves by a degree in 4 minutes; clouds are not known")
+    yield f"local time is that of {facts['zone']}; the sun moves by a degree in 4 minutes; clouds are not known"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER
+from station.commands.views import FILE, FOLDER, answer
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -80,15 +80,8 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
     folder.mkdir(parents=True, exist_ok=True)
     found = (_sweep if asked["sweep"] else _one)(ready, moments, folder, name)
-    if as_json:
-        click.echo(json.dumps({"ok": True, "folder": str(folder), **found}))
-        return 0
-    for line in found["notes"]:
-        click.echo(f"note: {line}")
-    for one in found["moments"]:
-        click.echo(_line(one))
-    click.echo(f"written to {folder}")
-    return 0
+    lines = (*(f"note: {note}" for note in found["notes"]), *map(_line, found["moments"]), f"written to {folder}")
+    return answer({"ok": True, "folder": str(folder), **found}, lines, as_json=as_json)
 
 
 def _check(asked: dict[str, Any]) -> None:
@@ -307,12 +300,11 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     kind = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
     stem = asked["name"] or f"{kind}-from-{'_'.join(f'{v:g}' for v in eye)}"
     facts = _write(folder, stem, session, room, found, (geometry, eye))
-    if as_json:
-        click.echo(json.dumps({"ok": True, "folder": str(folder), **facts}))
-        return 0
-    click.echo(f"{100 * facts['seen_share']:.0f} % of what is not window was seen by the camera; the rest is rendered")
-    click.echo(f"written to {folder}: {stem}.exr, {stem}.jpg, {stem}-rendered.png")
-    return 0
+    lines = (
+        f"{100 * facts['seen_share']:.0f} % of what is not window was seen by the camera; the rest is rendered",
+        f"written to {folder}: {stem}.exr, {stem}.jpg, {stem}-rendered.png",
+    )
+    return answer({"ok": True, "folder": str(folder), **facts}, lines, as_json=as_json)
 
 
 def _check_view(asked: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, printable
+from station.commands.views import FILE, FOLDER, answer
 
 if TYPE_CHECKING:
     from processing.exchange.export import Exported
@@ -40,12 +40,8 @@ def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) ->
     directions = [numbers("--at", one, 2, "longitude and latitude in degrees") for one in at]
     places = [place_facts(picture, lon, lat, radius) for lon, lat in directions]
     facts = picture_facts(picture)
-    if as_json:
-        click.echo(json.dumps({"ok": True, "file": file.name, **facts, "places": places}))
-        return 0
-    for line in (*_lines(facts), *(line for place in places for line in _place_lines(place))):
-        click.echo(printable(line))
-    return 0
+    lines = (*_lines(facts), *(line for place in places for line in _place_lines(place)))
+    return answer({"ok": True, "file": file.name, **facts, "places": places}, lines, as_json=as_json)
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:
@@ -114,18 +110,11 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
         done = write(session.resolve(), target, plain, heading_rad=manifest.heading_rad, label=not no_label)
     if "glare" in kinds:
         glare = _glare(session.resolve(), target, done)
-    if as_json:
-        files = [str(path) for path in done.files]
-        click.echo(json.dumps({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}))
-        return 0
-    found = [str(path) for path in done.files]
-    found += [f"left out: {name}: {why}" for name, why in done.left_out.items()]
-    found += [
-        f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()) for name, one in glare.items()
-    ]
-    for line in found:
-        click.echo(printable(line))
-    return 0
+    files = [str(path) for path in done.files]
+    lines = [*files, *(f"left out: {name}: {why}" for name, why in done.left_out.items())]
+    for name, one in glare.items():
+        lines.append(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()))
+    return answer({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}, lines, as_json=as_json)
 
 
 def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
@@ -219,13 +208,9 @@ def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
     from processing.running.runner import clean as remove
 
     freed = remove(session, (*RESULTS, *keep))
-    if as_json:
-        click.echo(json.dumps({"ok": True, "session": session.name, "freed_bytes": freed}))
-        return 0
-    for stage, size_bytes in freed.items():
-        click.echo(f"{stage:<10} {size_bytes / 1e6:8.1f} MB")
-    click.echo(f"{sum(freed.values()) / 1e6:.1f} MB freed")
-    return 0
+    lines = [f"{stage:<10} {size_bytes / 1e6:8.1f} MB" for stage, size_bytes in freed.items()]
+    lines.append(f"{sum(freed.values()) / 1e6:.1f} MB freed")
+    return answer({"ok": True, "session": session.name, "freed_bytes": freed}, lines, as_json=as_json)
 
 
 _STILLS = Path("stages", "stills")
@@ -271,15 +256,12 @@ def stills(session: Path, into: Path | None, *, as_json: bool) -> int:
         for name in names:
             shutil.copyfile(folder / name, into / name)
         folder = into
-    if as_json:
-        click.echo(json.dumps({"ok": True, "folder": str(folder), "stills": facts}))
-        return 0
+    lines = []
     for one in facts:
         shows = f": {', '.join(one['shows'])}" if one["shows"] else ""
-        click.echo(f"{folder / one['file']}  {one['state']}, {one['lens_mm']:g} mm{shows}")
-        if one["statement"]:
-            click.echo(f"  {one['statement']}")
-    return 0
+        lines.append(f"{folder / one['file']}  {one['state']}, {one['lens_mm']:g} mm{shows}")
+        lines += [f"  {one['statement']}"] if one["statement"] else []
+    return answer({"ok": True, "folder": str(folder), "stills": facts}, lines, as_json=as_json)
 
 
 @click.command()
@@ -305,12 +287,8 @@ def proof(session: Path, into: Path | None, *, checked: bool, digest: str | None
     folder = into or Path(f"{session.resolve().name}-proof")
     if not checked:
         path, own = write_proof(session.resolve(), folder)
-        click.echo(json.dumps({"ok": True, "file": str(path), "sha256": own}) if as_json else f"{path}\nsha256 {own}")
-        return 0
+        facts = {"ok": True, "file": str(path), "sha256": own}
+        return answer(facts, (str(path), f"sha256 {own}"), as_json=as_json)
     wrong = check_proof(folder, session=session.resolve(), digest=digest)
-    if as_json:
-        click.echo(json.dumps({"ok": not wrong, "problems": wrong}))
-    else:
-        for line in wrong or ["every byte is as it was"]:
-            click.echo(line)
-    return 1 if wrong else 0
+    lines = wrong or ["every byte is as it was"]
+    return answer({"ok": not wrong, "problems": wrong}, lines, as_json=as_json, exit_code=1 if wrong else 0)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FOLDER
+from station.commands.views import FOLDER, NO_FOLDER, answer
 
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
@@ -25,7 +24,7 @@ def rig() -> None:
 
 @rig.command()
 @click.argument("sessions", type=FOLDER, nargs=-1, required=True)
-@click.option("--into", "out", type=click.Path(path_type=Path, dir_okay=False), default=Path("calibration.json"))
+@click.option("--into", "out", type=NO_FOLDER, default=Path("calibration.json"))
 @click.option("--chart", type=FOLDER, help="The session with the colour chart (default: the first of SESSIONS).")
 @click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera before an evenly lit field.")
 @click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
@@ -57,13 +56,8 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     result = calibrate_rig(_request(options), SystemClock().utc_now(), progress)
     save_profile(out, result.profile)
     pictures = _save_pictures(out, result)
-    if as_json:
-        click.echo(json.dumps({"ok": True, "profile": str(out), "pictures": pictures, **_summary(result)}))
-        return 0
-    for line in _lines(result):
-        click.echo(line)
-    click.echo(f"wrote {out}; look at {', '.join(pictures)}")
-    return 0
+    facts = {"ok": True, "profile": str(out), "pictures": pictures, **_summary(result)}
+    return answer(facts, [*_lines(result), f"wrote {out}; look at {', '.join(pictures)}"], as_json=as_json)
 
 
 def _request(options: dict[str, Any]) -> RigRequest:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, printable
+from station.commands.views import FILE, answer
 
 if TYPE_CHECKING:
     from processing.ground.room_model import RoomModel
@@ -107,17 +106,14 @@ def _show(path: Path, *, as_json: bool) -> int:
     from processing.ground.room_model import read_json, room_problems
 
     found, problems = room_problems(read_json(path))
-    if as_json:
-        click.echo(json.dumps({"ok": not problems, "file": str(path), "problems": problems, **_facts(found)}))
-        return 1 if problems else 0
-    for problem in problems:
-        click.echo(printable(problem))
-    if problems:
-        click.echo(f"{len(problems)} to correct in {path}, then: daylit room SESSION --check {path}")
-        return 1
     facts = _facts(found)
-    click.echo(f"{path}: {facts['walls']} walls, {facts['area_m2']:.2f} m2, openings: {facts['openings']}; can be used")
-    return 0
+    if problems:
+        lines = [*problems, f"{len(problems)} to correct in {path}, then: daylit room SESSION --check {path}"]
+    else:
+        size = f"{facts['walls']} walls, {facts['area_m2']:.2f} m2, openings: {facts['openings']}"
+        lines = [f"{path}: {size}; can be used"]
+    facts = {"ok": not problems, "file": str(path), "problems": problems, **facts}
+    return answer(facts, lines, as_json=as_json, exit_code=1 if problems else 0)
 
 
 def _facts(room_: RoomModel | None) -> dict[str, Any]:

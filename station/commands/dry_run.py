@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-import click
+from station.commands.views import answer
 
 if TYPE_CHECKING:
     from station.capture.bracket import BracketPlan, Estimate
@@ -24,21 +24,19 @@ def dry_run(file: RigFile, options: dict[str, Any]) -> int:
         plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
     )
     drift = light_drift(estimate.total_s, file.site.latitude_deg)
-    if options["as_json"]:
-        rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]
-        totals = {k: v for k, v in vars(estimate).items() if k != "rows"}
-        click.echo(json.dumps({"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}))
-        return 0
-    _table(estimate)
-    click.echo(
+    rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]
+    totals = {k: v for k, v in vars(estimate).items() if k != "rows"}
+    lines = [
+        *_table(estimate),
         f"meanwhile the sun moves by up to {drift.sun_deg:.2f} degrees; a clear sky with the sun at "
         f"{drift.sun_altitude_deg:.0f} degrees changes by up to {100 * drift.sky_frac_per_min:.1f} % a minute, "
-        f"{100 * drift.sky_frac:.1f} % in all (daylit plan: for your place and day)"
-    )
-    click.echo("camera overheads and rates are typical figures, not measured on your instruments")
+        f"{100 * drift.sky_frac:.1f} % in all (daylit plan: for your place and day)",
+        "camera overheads and rates are typical figures, not measured on your instruments",
+    ]
     if plan.mode == "adaptive":
-        click.echo("adaptive: the most it can take; stops that the frames prove useless are left out")
-    return 0
+        lines.append("adaptive: the most it can take; stops that the frames prove useless are left out")
+    facts = {"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}
+    return answer(facts, lines, as_json=options["as_json"])
 
 
 def _require_stops(file: RigFile, plan: BracketPlan) -> None:
@@ -59,16 +57,16 @@ def _require_stops(file: RigFile, plan: BracketPlan) -> None:
         )
 
 
-def _table(estimate: Estimate) -> None:
+def _table(estimate: Estimate) -> Iterator[str]:
     from station.session.session import shutter_label
 
-    click.echo(f"{'order':>5} {'exposure':>9} {'cameras':<17} {'pair s':>7} {'MB':>6} {'transfer hidden s':>18}")
+    yield f"{'order':>5} {'exposure':>9} {'cameras':<17} {'pair s':>7} {'MB':>6} {'transfer hidden s':>18}"
     for order, row in enumerate(estimate.rows, 1):
-        click.echo(
+        yield (
             f"{order:>5} {shutter_label(row.asked_s):>9} {'+'.join(row.sides):<17} {row.pair_s:>7.2f} "
             f"{row.bytes_expected / 1e6:>6.1f} {row.hidden_transfer_s:>18.2f}"
         )
-    click.echo(
+    yield (
         f"exposures {estimate.exposures_s:.1f} s, readings {estimate.readings_s:.1f} s, transfers left at the end "
         f"{estimate.unhidden_transfer_s:.1f} s: about {estimate.total_s:.0f} s "
         f"and {estimate.bytes_expected / 1e6:.0f} MB"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.commands.views import FILE, FOLDER, answer, printable
+
 if TYPE_CHECKING:
     from drivers.clock import Clock
     from drivers.serial_link import ByteLine, PortSettings
@@ -17,19 +19,16 @@ if TYPE_CHECKING:
     from station.capture.preflight import Check
     from station.capture.rig import Rig
 
-_FILE = click.Path(path_type=Path)
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-
 # ``daylit doctor``: is everything ready for a day on site?
 
 _MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", "red")}
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=_FILE, help="Connect to, set and check every instrument of this rig file.")
+@click.option("--rig", "rig_path", type=FILE, help="Connect to, set and check every instrument of this rig file.")
 @click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead, e.g. room.")
-@click.option("--into", type=_FOLDER, default=Path("sessions"), help="Folder of sessions.")
-@click.option("--write-rig", type=_FILE, metavar="FILE", help="Write an example rig file and end.")
+@click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
+@click.option("--write-rig", type=FILE, metavar="FILE", help="Write an example rig file and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: Path | None, *, as_json: bool) -> int:
     """Check the computer, the links and, with --rig, the instruments themselves.
@@ -89,8 +88,6 @@ def _write_example(path: Path) -> int:
 
 
 def _print(check: Check) -> None:
-    from station.commands.views import printable
-
     mark, colour = _MARKS[str(check.level)]
     click.echo(f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}")
     if check.advice and check.level != "ok":
@@ -101,11 +98,11 @@ def _print(check: Check) -> None:
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=_FILE, help="Rig file (default: ./rig.toml).")
+@click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
 @click.option("--simulate", metavar="WORLD", help="Simulated instruments instead, or recorded:FILE.")
 @click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
 @click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
-@click.option("--record", type=_FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
+@click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object (to send in).")
 def conform(
     rig_path: Path | None,
@@ -203,18 +200,16 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
     finally:
         instrument.close()
     ok = record.luminance_cd_m2 is not None
-    if as_json:
-        click.echo(json.dumps({"ok": ok, "port": identity.port, **record.model_dump(mode="json")}))
-    elif ok:
+    line = f"{record.status}: {record.detail}"
+    if ok:
         assumed = "" if record.dialect_verified else f"  (dialect {record.dialect} is ASSUMED)"
-        click.echo(f"{record.luminance_cd_m2:g} cd/m2, spread {record.spread_frac:.2%} of {record.n_samples}{assumed}")
-    else:
-        click.echo(f"{record.status}: {record.detail}")
-    return 0 if ok else 3
+        line = f"{record.luminance_cd_m2:g} cd/m2, spread {record.spread_frac:.2%} of {record.n_samples}{assumed}"
+    facts = {"ok": ok, "port": identity.port, **record.model_dump(mode="json")}
+    return answer(facts, [line], as_json=as_json, exit_code=0 if ok else 3)
 
 
 @meter.command()
-@click.argument("transcript", type=_FILE)
+@click.argument("transcript", type=FILE)
 @click.option("--port", default="auto", show_default=True, help="Serial port, e.g. /dev/ttyACM0 or COM3.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of lines on the screen.")
 def probe(transcript: Path, port: str, *, as_json: bool) -> int:
@@ -248,15 +243,14 @@ def probe(transcript: Path, port: str, *, as_json: bool) -> int:
                 click.echo(str(exchange))
         trials = list(try_dialects(open_line, dialects, exchanges, clock))
     answers = sum(bool(e.received) for e in exchanges)
-    if as_json:
-        fits = [{"dialect": t.dialect.name, "luminance_cd_m2": t.luminance_cd_m2, "detail": t.detail} for t in trials]
-        click.echo(json.dumps({"ok": answers > 0, "answers": answers, "fits": fits, "transcript": str(transcript)}))
-    else:
-        for trial in trials:
-            number = f"{trial.luminance_cd_m2:g} cd/m2" if trial.luminance_cd_m2 is not None else trial.detail
-            click.echo(f'fits: [meter] dialect = "{trial.dialect.name}" gives {number}; does the display show that?')
-        click.echo(f"{answers} answers, {len(trials)} dialects fit; please send {transcript} in")
-    return 0 if answers else 3
+    fits = [{"dialect": t.dialect.name, "luminance_cd_m2": t.luminance_cd_m2, "detail": t.detail} for t in trials]
+    lines = []
+    for trial in trials:
+        number = f"{trial.luminance_cd_m2:g} cd/m2" if trial.luminance_cd_m2 is not None else trial.detail
+        lines.append(f'fits: [meter] dialect = "{trial.dialect.name}" gives {number}; does the display show that?')
+    lines.append(f"{answers} answers, {len(trials)} dialects fit; please send {transcript} in")
+    facts = {"ok": answers > 0, "answers": answers, "fits": fits, "transcript": str(transcript)}
+    return answer(facts, lines, as_json=as_json, exit_code=0 if answers else 3)
 
 
 def _recorded_port(port: str, record: Transcript, clock: Clock) -> Callable[[PortSettings], ByteLine]:

@@ -11,6 +11,8 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 
+from station.commands.views import FILE, FOLDER, NO_FOLDER, answer
+
 if TYPE_CHECKING:
     from station.frames.dataset import Pair
     from station.frames.dataset_import import DatasetPlan, DatasetRequest, Outcome
@@ -19,13 +21,12 @@ if TYPE_CHECKING:
     from station.session.verify import VerifyReport
 
 _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
-_MADE = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command()
 @click.argument("room", required=False)
 @click.option("--dataset", type=_FOLDER, help="A tree of bracket folders, in place of ROOM: many sessions at once.")
-@click.option("--table", type=click.Path(path_type=Path, dir_okay=False), help="CSV with its readings (--dataset).")
+@click.option("--table", type=NO_FOLDER, help="CSV with its readings (--dataset).")
 @click.option("--only", metavar="TEXT", default="", help="Only brackets with this in their name (--dataset).")
 @click.option("--dry-run", is_flag=True, help="Say what would become of a --dataset, and end.")
 @click.option("--raw/--no-raw", default=True, show_default=True, help="Copy the raw file beside each JPEG, too.")
@@ -44,7 +45,7 @@ _MADE = click.Path(path_type=Path, file_okay=False)
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
 @click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's); --dataset: or its name.")
-@click.option("--into", type=_MADE, default=Path("sessions"), show_default=True, help="Folder of sessions.")
+@click.option("--into", type=FOLDER, default=Path("sessions"), show_default=True, help="Folder of sessions.")
 @click.option("--strict", is_flag=True, help="Make no session if any file is refused.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def import_session(**options: Any) -> int:
@@ -156,7 +157,7 @@ def _show(report: ImportReport) -> None:
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option("--fast", is_flag=True, help="Names and sizes only; reads no frame.")
 @click.option("--look", is_flag=True, help="Decode each frame too, in a confined process.")
 @click.option("--repair", is_flag=True, help="Write session.json anew from the journal; never deletes anything.")
@@ -182,15 +183,10 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
         report = verify_session(session, fast=fast)
     whole = report.intact and report.status == "complete"
     advice = _advice(report)
-    if as_json:
-        click.echo(json.dumps({"ok": whole, **report.to_dict(), "advice": advice}))
-        return 0 if whole else 4
-    for problem in () if report.cut_short else report.problems:
-        click.echo(f"{problem.file}: {problem.message} ({problem.code})")
-    for note in report.notes:
-        click.echo(f"note: {note}")
-    for missing in () if report.cut_short else report.missing:
-        click.echo(f"missing: {missing}")
+    lines = [f"note: {note}" for note in report.notes]
+    if not report.cut_short:
+        problems = [f"{problem.file}: {problem.message} ({problem.code})" for problem in report.problems]
+        lines = [*problems, *lines, *(f"missing: {missing}" for missing in report.missing)]
     count = len(report.problems)
     if report.cut_short:
         verdict = f"cut short, nothing saved is lost: {report.frames_safe} of {report.frames_planned} frames safe"
@@ -198,10 +194,9 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
         verdict = f"intact, {report.status}; {report.frames_checked} frames checked"
     else:
         verdict = f"NOT intact: {count} problem{'s' if count > 1 else ''}; {report.frames_checked} frames checked"
-    click.echo(f"{verdict} in {session}")
-    for line in advice:
-        click.echo(f"  do: {line}")
-    return 0 if whole else 4
+    lines += [f"{verdict} in {session}", *(f"  do: {line}" for line in advice)]
+    facts = {"ok": whole, **report.to_dict(), "advice": advice}
+    return answer(facts, lines, as_json=as_json, exit_code=0 if whole else 4)
 
 
 _LOST = {"missing", "size"}

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import SilentView, printable
+from station.commands.views import FILE, FOLDER, SilentView, answer, printable
 
 if TYPE_CHECKING:
-    from station.simulate.run import DatasetEvent, Summary
+    from station.simulate.run import DatasetEvent
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("folder", type=FOLDER)
 @click.option(
     "--conditions",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="CSV",
     help="Scenes, times, headings and lux, a row a session, local time in Pittsburgh (default: rooms by seed).",
 )
@@ -68,19 +67,10 @@ def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:
 
     with _view(as_json) as view:
         summary = make(DatasetRequest(folder, **options), view.show)
-    return _tell(summary, as_json=as_json)
-
-
-def _tell(summary: Summary, *, as_json: bool) -> int:
-    exit_code = 4 if summary.failed else 0
-    if as_json:
-        click.echo(json.dumps(summary.to_dict()))
-        return exit_code
-    for name, error in summary.failed.items():
-        click.echo(printable(f"failed: {name}: {error['message']}"))
-    parts = [f"{len(summary.made)} made", f"{len(summary.kept)} kept", f"{len(summary.failed)} failed"]
-    click.echo(f"{summary.planned} sessions in {summary.into}: {', '.join(parts)}, in {summary.seconds:.0f} s")
-    return exit_code
+    lines = [f"failed: {name}: {error['message']}" for name, error in summary.failed.items()]
+    parts = f"{len(summary.made)} made, {len(summary.kept)} kept, {len(summary.failed)} failed"
+    lines.append(f"{summary.planned} sessions in {summary.into}: {parts}, in {summary.seconds:.0f} s")
+    return answer(summary.to_dict(), lines, as_json=as_json, exit_code=4 if summary.failed else 0)
 
 
 def _view(as_json: bool) -> SilentView:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -15,6 +16,7 @@ from station.capture.events import CaptureEvent, EventKind
 FILE = click.Path(path_type=Path)
 """A file that is read or written, or a session."""
 FOLDER = click.Path(path_type=Path, file_okay=False)
+NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
 
 
 def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:
@@ -26,6 +28,13 @@ def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:
     if len(values) != count or not all(map(math.isfinite, values)):
         raise click.UsageError(f"{flag} {text[:40]!r}: {count} numbers with commas between, {what}")
     return values
+
+
+def answer(facts: Mapping[str, Any], lines: Iterable[str], *, as_json: bool, exit_code: int = 0) -> int:
+    """Write what a command found, as one JSON object or as lines for people, and return its exit code."""
+    for line in [json.dumps(facts)] if as_json else map(printable, lines):
+        click.echo(line)
+    return exit_code
 
 
 if TYPE_CHECKING:
