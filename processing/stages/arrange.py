@@ -20,7 +20,7 @@ from processing.layout.rules import built_in_rules
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
-from processing.stages.upright import known_room, why_doubtful
+from processing.stages.upright import known_room, why_unfit
 
 
 def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ...]:
@@ -43,9 +43,7 @@ def nothing_to_arrange(context: StageContext) -> str | None:
     asked = context.parameters_of(ArrangeParameters)
     if not asked.wanted:
         return "no furniture asked"
-    if context.optional_artifact("room", "room") is None:
-        return "the stage room found no room; give one (--room)"
-    return why_doubtful(context, asked=asked.doubtful_room)
+    return why_unfit(context, asked=asked.doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

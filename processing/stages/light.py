@@ -23,7 +23,7 @@ from processing.pictures.images import LuminanceImage
 from processing.removal.lift import Shade
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.parameters import LightParameters
-from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_doubtful
+from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_unfit
 
 LEAST_SHARE = 0.005
 """Of the sphere: furniture below it takes less than the light's own error from the room; chosen."""
@@ -64,7 +64,7 @@ def nothing_to_lift(context: StageContext) -> str | None:
         return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shade is small"
     if not any(opening.kind is OpeningKind.WINDOW for opening in room.openings):
         return "no window is known: the light of the room cannot be estimated"
-    return why_doubtful(context, asked=asked.doubtful_room)
+    return why_unfit(context, asked=asked.doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

@@ -19,7 +19,7 @@ from processing.removal.lift import light_without
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import light_outdoors, read_shade
 from processing.stages.parameters import MaterialsParameters
-from processing.stages.upright import known_room, mask_in_size, why_doubtful, working_panorama
+from processing.stages.upright import known_room, mask_in_size, why_unfit, working_panorama
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
@@ -35,9 +35,7 @@ def nothing_to_stage(context: StageContext) -> str | None:
     asked = context.parameters_of(MaterialsParameters)
     if not asked.wanted:
         return "staging not asked"
-    if context.optional_artifact("room", "room") is None:
-        return "the stage room found no room; give one (--room)"
-    return why_doubtful(context, asked=asked.doubtful_room)
+    return why_unfit(context, asked=asked.doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

@@ -23,7 +23,7 @@ from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
-from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_doubtful, working_panorama
+from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_unfit, working_panorama
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
@@ -40,9 +40,7 @@ def nothing_to_remove(context: StageContext) -> str | None:
         return "the stage detect found no target; give one (--mask)"
     if not np.asarray(target).any():
         return "nothing to remove"
-    if context.optional_artifact("room", "room") is None:
-        return "the stage room found no room; give one (--room)"
-    return why_doubtful(context, asked=context.parameters_of(RemoveParameters).doubtful_room)
+    return why_unfit(context, asked=context.parameters_of(RemoveParameters).doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

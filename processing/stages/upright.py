@@ -85,9 +85,11 @@ LEAST_OF_PART = 0.5
 """Of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)."""
 
 
-def why_doubtful(context: StageContext, *, asked: bool) -> str | None:
+def why_unfit(context: StageContext, *, asked: bool) -> str | None:
     """Return why nothing is built on the room, and which parts of it stand; None where it may be, or is asked."""
-    room = known_room(context)
+    room: RoomModel | None = context.optional_artifact("room", "room")
+    if room is None:
+        return "the stage room found no room; give one (--room)"
     if asked or room.source == "given" or room.confidence >= LEAST_CONFIDENCE:
         return None
     facts: dict[str, Any] = context.summary("room").get("metrics", {})
