@@ -166,7 +166,15 @@ class UsbLink:
         vendor_id, product_id = self._ids
         found = list(usb.core.find(find_all=True, backend=self._backend, idVendor=vendor_id, idProduct=product_id))
         if self._serial is not None:
-            found = self._with_serial(found)
+            serials = [_text(device, device.iSerialNumber) for device in found]
+            if found and not any(serials):
+                raise DevicePermissionError(
+                    "its serial number cannot be read",
+                    where=self.name,
+                    likely="no udev rule gives you the camera, or it has no serial number on USB",
+                    advice="install drivers/udev/70-daylit.rules, or leave the serial number out of the rig file",
+                )
+            found = [device for device, serial in zip(found, serials, strict=True) if serial == self._serial]
         if len(found) == 1:
             return found[0]
         if found:
@@ -181,17 +189,6 @@ class UsbLink:
             likely="it is switched off, asleep, or not plugged in",
             advice="switch it on and check the cable",
         )
-
-    def _with_serial(self, devices: list[Any]) -> list[Any]:
-        serials = [_text(device, device.iSerialNumber) for device in devices]
-        if devices and not any(serials):
-            raise DevicePermissionError(
-                "its serial number cannot be read",
-                where=self.name,
-                likely="no udev rule gives you the camera, or it has no serial number on USB",
-                advice="install drivers/udev/70-daylit.rules, or leave the serial number out of the rig file",
-            )
-        return [device for device, serial in zip(devices, serials, strict=True) if serial == self._serial]
 
     def _read_endpoints(self, device: Any) -> _Endpoints:
         try:

@@ -161,24 +161,20 @@ def _decode_available(_code: int, record: bytes) -> AvailableValues:
     if form != LIST_FORM:
         return AvailableValues(prop)
     if prop in IMAGE_FORMAT_PROPS:
-        return AvailableValues(prop, formats=_decode_format_list(record, count))
+        # The formats of a list; bytes of zero may follow the last (a 1000D sends such a word)
+        formats = []
+        at = 20
+        for _ in range(min(count, len(record))):
+            files, at = _take_image_format(record, at)
+            formats.append(files)
+        if len(formats) != count or any(record[at:]):
+            raise _violation(f"a list of {count} image formats does not fill its record", record, 0)
+        return AvailableValues(prop, formats=tuple(formats))
     if len(record) != 20 + 4 * count:
         if prop in OUR_PROPS:
             raise _violation(f"a list of {count} values in a record of {len(record)} bytes", record, 0)
         return AvailableValues(prop)  # of structures: a 5D Mark III lists its D17D so
     return AvailableValues(prop, numbers=_words(record, 20, count))
-
-
-def _decode_format_list(record: bytes, count: int) -> tuple[tuple[ImageFile, ...], ...]:
-    """Return the formats of a list; bytes of zero may follow the last (a 1000D sends such a word)."""
-    formats = []
-    at = 20
-    for _ in range(min(count, len(record))):
-        files, at = _take_image_format(record, at)
-        formats.append(files)
-    if len(formats) != count or any(record[at:]):
-        raise _violation(f"a list of {count} image formats does not fill its record", record, 0)
-    return tuple(formats)
 
 
 def _decode_added(code: int, record: bytes) -> ObjectRecord:

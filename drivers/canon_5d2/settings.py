@@ -173,7 +173,17 @@ def fixed_settings(
     if aperture is None:
         raise refused("aperture", f"f/{settings.f_number:g}", "not among the camera's apertures")
     kelvin = encode_number(settings.color_temperature_k)
-    image_format = encode_image_format(_image_format(settings, remote, sizes_px))
+    # The files a shot is to make, in the order in which the camera itself lists them
+    asked = (settings.width_px, settings.height_px)
+    size = next((code for code, size_px in sizes_px.items() if size_px == asked), None)
+    if size is None:
+        offered = ", ".join(f"{w}x{h}" for w, h in sizes_px.values())
+        raise refused("picture size", f"{asked[0]}x{asked[1]}", offered)
+    jpeg = ImageFile(JPEG_LARGE_FINE.file_type, size, JPEG_LARGE_FINE.compression)
+    wanted = (RAW_FULL, jpeg) if settings.keep_raw else (jpeg,)
+    listed = remote.lists.get(CanonProp.IMAGE_FORMAT)
+    formats = listed.formats if listed is not None else ()
+    image_format = encode_image_format(next((f for f in formats if sorted(f) == sorted(wanted)), wanted))
     white_balance, destination = encode_number(WB_COLOR_TEMPERATURE), _destination(remote, to_card=to_card)
     kelvin_words = number_words(lambda k: f"{k} K")
     return (
@@ -185,22 +195,6 @@ def fixed_settings(
         CanonSetting("aperture", CanonProp.APERTURE, encode_number(aperture), number_words(aperture_text)),
         CanonSetting("destination", CanonProp.CAPTURE_DESTINATION, destination, _table_words(DESTINATIONS)),
     )
-
-
-def _image_format(
-    settings: CameraSettings, remote: CanonRemote, sizes_px: Mapping[int, tuple[int, int]]
-) -> tuple[ImageFile, ...]:
-    """Return the files a shot is to make, in the order in which the camera itself lists them."""
-    asked = (settings.width_px, settings.height_px)
-    size = next((code for code, size_px in sizes_px.items() if size_px == asked), None)
-    if size is None:
-        offered = ", ".join(f"{w}x{h}" for w, h in sizes_px.values())
-        raise refused("picture size", f"{asked[0]}x{asked[1]}", offered)
-    jpeg = ImageFile(JPEG_LARGE_FINE.file_type, size, JPEG_LARGE_FINE.compression)
-    wanted = (RAW_FULL, jpeg) if settings.keep_raw else (jpeg,)
-    listed = remote.lists.get(CanonProp.IMAGE_FORMAT)
-    formats = listed.formats if listed is not None else ()
-    return next((f for f in formats if sorted(f) == sorted(wanted)), wanted)
 
 
 def _destination(remote: CanonRemote, *, to_card: bool) -> bytes:

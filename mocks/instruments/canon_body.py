@@ -248,7 +248,10 @@ class CanonBody(SimulatedCamera):
             raise Refusal(Response.INVALID_PROP_VALUE)
         if self.takes_setting(prop):
             self._take(prop, value)
-        self.queue_records(*self._consequences(prop))
+        props: tuple[int, ...] = (prop,)
+        if prop == CanonProp.CAPTURE_DESTINATION:
+            props = (CanonProp.AVAILABLE_SHOTS, prop, CanonProp.IMAGE_FORMAT, D11E, prop, D11F)
+        self.queue_records(*[self.settings.value_record(p) for p in props])
         return Answer()
 
     def _take(self, prop: int, value: canon_records.CanonValue) -> None:
@@ -257,12 +260,6 @@ class CanonBody(SimulatedCamera):
             self.set_local(datetime.fromtimestamp(self.settings.number(prop), UTC))
         elif prop == CanonProp.CAPTURE_DESTINATION:
             self.settings.values[CanonProp.AVAILABLE_SHOTS] = self.available_shots()
-
-    def _consequences(self, prop: int) -> list[Record]:
-        props: tuple[int, ...] = (prop,)
-        if prop == CanonProp.CAPTURE_DESTINATION:
-            props = (CanonProp.AVAILABLE_SHOTS, prop, CanonProp.IMAGE_FORMAT, D11E, prop, D11F)
-        return [self.settings.value_record(p) for p in props]
 
     def _request_value(self, request: Request) -> Answer:
         prop = request.params[0]

@@ -116,7 +116,15 @@ class ChartRoom(OneLight):
     @cached_property
     def _lamp_rgb(self) -> Floats:
         """The lamp's colour at luminance 1."""
-        rgb = _blackbody_rgb(self.lamp_kelvin)
+        # Linear Rec. 709 of a black body (Kim et al. 2002 fit of the Planckian locus, 2222 to 25000 K).
+        t = 1000 / self.lamp_kelvin
+        if self.lamp_kelvin <= 4000:
+            x = -0.2661239 * t**3 - 0.2343589 * t**2 + 0.8776956 * t + 0.179910
+            y = -0.9549476 * x**3 - 1.37418593 * x**2 + 2.09137015 * x - 0.16748867
+        else:
+            x = -3.0258469 * t**3 + 2.1070379 * t**2 + 0.2226347 * t + 0.240390
+            y = 3.0817580 * x**3 - 5.87338670 * x**2 + 3.75112997 * x - 0.37001483
+        rgb = np.asarray(np.array(RGB_OF_XYZ) @ np.array([x / y, 1.0, (1 - x - y) / y]), dtype=np.float32)
         return np.asarray(rgb / luminance_cd_m2(rgb), dtype=np.float32)
 
     def _illuminance_lx(self, face: npt.NDArray[np.intp], point: Floats) -> Floats:
@@ -182,15 +190,3 @@ def _bounced_lx(flux_lm: float) -> float:
     albedos = luminance_cd_m2(np.array([_ALBEDO[name] for name in _FACES], dtype=np.float32))
     mean = float(np.average(albedos, weights=areas))
     return flux_lm * mean / (1 - mean) / float(areas.sum())
-
-
-def _blackbody_rgb(kelvin: float) -> Floats:
-    """Return linear Rec. 709 of a black body (Kim et al. 2002 fit of the Planckian locus, 2222 to 25000 K)."""
-    t = 1000 / kelvin
-    if kelvin <= 4000:
-        x = -0.2661239 * t**3 - 0.2343589 * t**2 + 0.8776956 * t + 0.179910
-        y = -0.9549476 * x**3 - 1.37418593 * x**2 + 2.09137015 * x - 0.16748867
-    else:
-        x = -3.0258469 * t**3 + 2.1070379 * t**2 + 0.2226347 * t + 0.240390
-        y = 3.0817580 * x**3 - 5.87338670 * x**2 + 3.75112997 * x - 0.37001483
-    return np.asarray(np.array(RGB_OF_XYZ) @ np.array([x / y, 1.0, (1 - x - y) / y]), dtype=np.float32)

@@ -310,29 +310,24 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
 
 def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
     from processing.running.requests import change_line
+    from processing.stages.parameters import NO_SUCH
 
     seconds = f"{stage.cost.seconds:8.1f} s" if stage.cost else " " * 10
     yield f"{stage.stage:<10} {stage.action.value:<13}{seconds}  {stage.reason}"
     if explain:
         for change in stage.changes:
             yield f"{'':10}   {change_line(change)}"
-    for why, names in _by_reason(stage.summary.get("left_out", {})).items():
+    # What was left out, by reason; alternatives that nobody requested are no news
+    names_of: dict[str, list[str]] = {}
+    for name, why in stage.summary.get("left_out", {}).items():
+        if why != NO_SUCH:
+            names_of.setdefault(why, []).append(name)
+    for why, names in names_of.items():
         yield f"{'':10} left out: {', '.join(names)}: {why}"
     for name, what in stage.summary.get("honoured", {}).items():
         yield f"{'':10} {name.replace('_', ' ')}: {what}"
     for warning in stage.summary.get("warnings", ()):
         yield f"{'':10} warning: {warning['message']} ({warning['code']})"
-
-
-def _by_reason(left_out: Mapping[str, str]) -> dict[str, list[str]]:
-    """Return what was left out, by reason; alternatives that nobody requested are no news."""
-    from processing.stages.parameters import NO_SUCH
-
-    names_of: dict[str, list[str]] = {}
-    for name, why in left_out.items():
-        if why != NO_SUCH:
-            names_of.setdefault(why, []).append(name)
-    return names_of
 
 
 def _left(seconds: float | None) -> str:

@@ -278,7 +278,11 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 1.2,-0.5,1.2 --look -30,-5
       daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 0.5,1,1.6 --panorama --staged 1
     """
-    _check_view(asked)
+    _check_staged(asked)
+    if asked["name"] is not None and not re.fullmatch(r"[\w][\w .-]{0,99}", asked["name"]):
+        raise click.UsageError("--name is a file's name without its ending: letters, digits, blanks, dots, dashes")
+    if asked["panorama"] and (asked["look"] is not None or asked["fov"] is not None):
+        raise click.UsageError("--look and --fov do nothing beside --panorama")
     from processing.light.picture.viewpoint import check_place, seen_from
     from processing.light.solver.irradiance import EFFORTS
     from processing.relighting.session_room import read_session_room
@@ -305,14 +309,6 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
         f"written to {folder}: {stem}.exr, {stem}.jpg, {stem}-rendered.png",
     )
     return answer({"ok": True, "folder": str(folder), **facts}, lines, as_json=as_json)
-
-
-def _check_view(asked: dict[str, Any]) -> None:
-    _check_staged(asked)
-    if asked["name"] is not None and not re.fullmatch(r"[\w][\w .-]{0,99}", asked["name"]):
-        raise click.UsageError("--name is a file's name without its ending: letters, digits, blanks, dots, dashes")
-    if asked["panorama"] and (asked["look"] is not None or asked["fov"] is not None):
-        raise click.UsageError("--look and --fov do nothing beside --panorama")
 
 
 def _geometry(asked: dict[str, Any]) -> Any:

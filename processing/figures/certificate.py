@@ -65,22 +65,18 @@ def certificate(
     budgets, indices = [], []
     for side, image in pictures.items():
         facts = calibration[side]
-        budgets.append(_budget(f"{side}, illuminance on a level plane", image, _scale_parts(calibration, side)))
+        # The parts of the scale: of k1, and outdoors of k2
+        parts = dict(calibration.get("indoor", {}).get("k1_parts") or {})
+        parts = {"k1" if name == "given" else name: float(value) for name, value in parts.items()}
+        if side == "outdoor":
+            sky = calibration["outdoor"]
+            parts["lux meter" if sky["k2_source"] == "from --outdoor-lux" else "k2"] = sky.get(
+                "k2_relative_uncertainty", 0.0
+            )
+        budgets.append(_budget(f"{side}, illuminance on a level plane", image, parts))
         indices += _indices(side, image, merged.get(side, {}), facts)
     indices += [{"index": name, "value": None, "why": why} for name, why in NOT_DETERMINED.items()]
     return {"version": 1, "coverage_factor": COVERAGE_FACTOR, "budgets": budgets, "indices": indices}
-
-
-def _scale_parts(calibration: Mapping[str, Any], side: str) -> dict[str, float]:
-    """Return the parts of the scale: of k1, and outdoors of k2."""
-    parts = dict(calibration.get("indoor", {}).get("k1_parts") or {})
-    parts = {"k1" if name == "given" else name: float(value) for name, value in parts.items()}
-    if side == "outdoor":
-        sky = calibration["outdoor"]
-        parts["lux meter" if sky["k2_source"] == "from --outdoor-lux" else "k2"] = sky.get(
-            "k2_relative_uncertainty", 0.0
-        )
-    return parts
 
 
 def _budget(name: str, image: LuminanceImage, scale: Mapping[str, float]) -> dict[str, Any]:

@@ -114,7 +114,11 @@ def linked(rays: Doubles, reach_rad: float) -> Indices:
     row, column = _cells(rays)
     used = np.zeros((_CELLS, 2 * _CELLS), bool)
     used[row, column] = True
-    middles = _cell_middles()
+    latitude = (0.5 - (np.arange(_CELLS) + 0.5) / _CELLS) * math.pi
+    longitude = ((np.arange(2 * _CELLS) + 0.5) / (2 * _CELLS) - 0.5) * 2 * math.pi
+    flat = np.cos(latitude)[:, None]
+    parts = (flat * np.sin(longitude), flat * np.cos(longitude), np.sin(latitude)[:, None] + 0 * longitude)
+    middles = np.stack(parts, axis=-1)
     chord = 2 * math.sin(reach_rad / 4)
     far, _ = cKDTree(middles[used]).query(middles.reshape(-1, 3), distance_upper_bound=chord)
     labels, count = label(np.isfinite(far).reshape(used.shape), np.ones((3, 3)))
@@ -140,14 +144,6 @@ def _cells(rays: Doubles) -> tuple[Indices, Indices]:
     longitude = np.arctan2(rays[:, 0], rays[:, 1])
     row = np.floor((0.5 - latitude / math.pi) * _CELLS).astype(np.intp).clip(0, _CELLS - 1)
     return row, np.floor((0.5 + longitude / (2 * math.pi)) * 2 * _CELLS).astype(np.intp) % (2 * _CELLS)
-
-
-def _cell_middles() -> Doubles:
-    latitude = (0.5 - (np.arange(_CELLS) + 0.5) / _CELLS) * math.pi
-    longitude = ((np.arange(2 * _CELLS) + 0.5) / (2 * _CELLS) - 0.5) * 2 * math.pi
-    flat = np.cos(latitude)[:, None]
-    parts = (flat * np.sin(longitude), flat * np.cos(longitude), np.sin(latitude)[:, None] + 0 * longitude)
-    return np.stack(parts, axis=-1)
 
 
 def glare_of(spots: BrightSpots, vertical_lx: float, azimuth_rad: float) -> Glare:

@@ -102,7 +102,12 @@ def tube(points: Sequence[Vector], radius_m: float | Sequence[float], sides: int
     along = steps / lengths[:, None]
     tangent = np.concatenate([along[:1], along[:-1] + along[1:], along[-1:]])
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    rings, normals = _rings(path, tangent, radii, sides)
+    # Rings of points around a path and the directions outwards, carried along without twist
+    angles = np.linspace(0.0, 2 * math.pi, sides + 1)[:, None]
+    first = np.cross(tangent[0], (1.0, 0.0, 0.0) if abs(tangent[0, 0]) < 0.7 else (0.0, 1.0, 0.0))
+    frames = carried_frames(tangent, first)
+    out = np.cos(angles) * frames[:, :1] + np.sin(angles) * frames[:, 1:]
+    rings, normals = path[:, None, :] + radii[:, None, None] * out, out
     slope = np.gradient(radii, np.concatenate([[0.0], np.cumsum(lengths)]))
     normals = normals - slope[:, None, None] * tangent[:, None, :]
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -112,15 +117,6 @@ def tube(points: Sequence[Vector], radius_m: float | Sequence[float], sides: int
     faces = grid_faces(len(path), sides + 1)[:, ::-1].astype(np.int32)
     hull = Mesh(rings.reshape(-1, 3), normals.reshape(-1, 3), uv, faces)
     return merge([hull, disc(rings[0, ::-1][:-1], -tangent[0]), disc(rings[-1, :-1], tangent[-1])])
-
-
-def _rings(path: Doubles, tangent: Doubles, radii: Doubles, sides: int) -> tuple[Doubles, Doubles]:
-    """Return rings of points around a path and the directions outwards, carried along without twist."""
-    angles = np.linspace(0.0, 2 * math.pi, sides + 1)[:, None]
-    first = np.cross(tangent[0], (1.0, 0.0, 0.0) if abs(tangent[0, 0]) < 0.7 else (0.0, 1.0, 0.0))
-    frames = carried_frames(tangent, first)
-    out = np.cos(angles) * frames[:, :1] + np.sin(angles) * frames[:, 1:]
-    return path[:, None, :] + radii[:, None, None] * out, out
 
 
 def disc(rim: Doubles, normal: Doubles) -> Mesh:

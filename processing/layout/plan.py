@@ -217,7 +217,10 @@ def make_plan(
         column = repaired_ring(
             _as_array(hole, f"{name}, column {index}"), where=f"{name}, column {index}", clockwise=True
         )
-        _refuse_outside(floor.ring, column.ring, f"{name}, column {index}")
+        where = f"{name}, column {index}"
+        for corner in column.ring:
+            if not _inside(floor.ring, corner):
+                raise PlanError(f"its corner ({corner[0]:.3f}, {corner[1]:.3f}) is outside the floor", where=where)
         columns.append(column.ring)
         repairs += [f"column {index}: {note}" for note in column.notes]
     plan = FloorPlan(floor.ring, tuple(columns), float(ceiling_height_m), name=name)
@@ -271,12 +274,6 @@ def _placed(plan: FloorPlan, opening: OpeningT, moved: dict[int, int], turned: b
     if max(cut[0] - start_m, end_m - cut[1]) > 1e-3:
         notes.append(f"{kind} on edge {edge} cut at the edge's end")
     return replace(opening, edge=edge, start_m=cut[0], end_m=cut[1])
-
-
-def _refuse_outside(ring: Doubles, column: Doubles, where: str) -> None:
-    for corner in column:
-        if not _inside(ring, corner):
-            raise PlanError(f"its corner ({corner[0]:.3f}, {corner[1]:.3f}) is outside the floor", where=where)
 
 
 def _inside(ring: Doubles, point: Doubles) -> bool:

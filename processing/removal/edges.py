@@ -50,21 +50,17 @@ def snapped(probability: Floats, rgb8: Bytes) -> Floats:
     """
     found = np.zeros(probability.shape, np.float32)
     for width_rad in WINDOWS_RAD:
-        found += _one_width(probability, rgb8, width_rad)
+        height, width = probability.shape
+        window = min(width, max(8, round(width_rad / (2 * math.pi) * width)))
+        count = math.ceil(width / max(window // 2, 1))
+        tent = (1 - np.abs(2 * (np.arange(window) + 0.5) / window - 1) + 0.02).astype(np.float32)
+        votes, weights = np.zeros((height, width), np.float32), np.zeros(width, np.float32)
+        for step in range(count):
+            columns = (round(step * width / count) + np.arange(window)) % width
+            votes[:, columns] += cut_picture(probability[:, columns], rgb8[:, columns]) * tent
+            weights[columns] += tent
+        found += votes / weights
     return found / np.float32(len(WINDOWS_RAD))
-
-
-def _one_width(probability: Floats, rgb8: Bytes, width_rad: float) -> Floats:
-    height, width = probability.shape
-    window = min(width, max(8, round(width_rad / (2 * math.pi) * width)))
-    count = math.ceil(width / max(window // 2, 1))
-    tent = (1 - np.abs(2 * (np.arange(window) + 0.5) / window - 1) + 0.02).astype(np.float32)
-    votes, weights = np.zeros((height, width), np.float32), np.zeros(width, np.float32)
-    for step in range(count):
-        columns = (round(step * width / count) + np.arange(window)) % width
-        votes[:, columns] += cut_picture(probability[:, columns], rgb8[:, columns]) * tent
-        weights[columns] += tent
-    return votes / weights
 
 
 def cut_picture(probability: Floats, rgb8: Bytes) -> Floats:

@@ -219,7 +219,11 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles 
         return np.zeros(tone.shape, np.float32)
     shape, rng = tone.shape[:2], np.random.default_rng(5)
     grid = _Grid.over(shape)
-    design, target = _unary(grid, tone, known, rng, steps_px)
+    # Design and target of single pixels, averaged over a neighbourhood as wide as a lattice cell
+    cell = 0.0 if steps_px is None else float(np.sqrt(abs(np.linalg.det(steps_px))))
+    sigma = max(0.02 * max(tone.shape[:2]), 0.4 * cell, 1.0)
+    y, x = _sample(known, rng, SAMPLES // 2)
+    design, target = grid.rows_at(y, x), known_mean(tone, known, sigma)[0][y, x].astype(np.float64)
     unary = len(design)
     if steps_px is not None:
         pair_design, pair_target, pair_base = _pairs(grid, tone, known, steps_px, rng)
@@ -247,16 +251,6 @@ def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
     """
     mean, share = known_mean(rest, known, sigma_px)
     return spread(mean, known & (share > LEAST_SHARE))
-
-
-def _unary(
-    grid: _Grid, tone: Floats, known: Flags, rng: np.random.Generator, steps_px: Doubles | None
-) -> tuple[Doubles, Doubles]:
-    """Return design and target of single pixels, averaged over a neighbourhood as wide as a lattice cell."""
-    cell = 0.0 if steps_px is None else float(np.sqrt(abs(np.linalg.det(steps_px))))
-    sigma = max(0.02 * max(tone.shape[:2]), 0.4 * cell, 1.0)
-    y, x = _sample(known, rng, SAMPLES // 2)
-    return grid.rows_at(y, x), known_mean(tone, known, sigma)[0][y, x].astype(np.float64)
 
 
 def _pairs(

@@ -161,7 +161,17 @@ def find_axes(arcs: Arcs, *, most_tilt_rad: float = MOST_TILT_RAD) -> Axes | Non
     for spread in (0.8 * SEARCH_RAD, FINE_RAD):
         rows = _refined(arcs, worth, rows, spread, 8)
     rows = _canonical(rows)
-    return Axes(rows, _jackknife(arcs, worth, rows), *_excess(arcs, worth, rows, FINE_RAD))
+    # The covariance of turns about the axes: all arcs of a sector around the vertical are left out in turn
+    seen = arcs.middles @ rows.T
+    around = np.arctan2(seen[:, 0], seen[:, 1]) / (2 * math.pi) + 0.5
+    sector = np.minimum((around * SECTORS).astype(np.intp), SECTORS - 1)
+    turns = []
+    for left_out in range(SECTORS):
+        kept = np.where(sector == left_out, 0.0, worth)
+        turn = rotation_vector(_refined(arcs, kept, rows, FINE_RAD, 3).T @ rows)
+        turns.append(rows @ turn)
+    off = np.array(turns) - np.mean(turns, axis=0)
+    return Axes(rows, np.asarray((SECTORS - 1) / SECTORS * off.T @ off), *_excess(arcs, worth, rows, FINE_RAD))
 
 
 def _spread(arcs: Arcs, of_room_rad: float) -> Doubles:
@@ -235,20 +245,6 @@ def _refined(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float, step
         if np.linalg.norm(turn) < 1e-7:
             break
     return rows
-
-
-def _jackknife(arcs: Arcs, worth: Doubles, rows: Doubles) -> Doubles:
-    """Return the covariance of turns about the axes: all arcs of a sector around the vertical are left out in turn."""
-    seen = arcs.middles @ rows.T
-    around = np.arctan2(seen[:, 0], seen[:, 1]) / (2 * math.pi) + 0.5
-    sector = np.minimum((around * SECTORS).astype(np.intp), SECTORS - 1)
-    turns = []
-    for left_out in range(SECTORS):
-        kept = np.where(sector == left_out, 0.0, worth)
-        turn = rotation_vector(_refined(arcs, kept, rows, FINE_RAD, 3).T @ rows)
-        turns.append(rows @ turn)
-    off = np.array(turns) - np.mean(turns, axis=0)
-    return np.asarray((SECTORS - 1) / SECTORS * off.T @ off)
 
 
 def _excess(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float) -> tuple[Doubles, float]:

@@ -341,20 +341,15 @@ def _cell_reach(geometry: Geometry) -> float:
         return math.hypot(math.pi / geometry.width_px, math.pi / 2 / geometry.height_px) + 1e-12
     if isinstance(geometry, Perspective):
         return math.sqrt(0.5) / geometry.focal_px + 1e-12
-    steepest = _steepest(geometry)
-    return math.sqrt(0.5) * steepest + 1e-12
-
-
-def _steepest(lens: Fisheye) -> float:
-    """Return the largest angle between neighbours in a fisheye picture, in rad per pixel, along a radius or across."""
-    column, row = lens.axis_px
-    wide = replace(lens, width_px=1, height_px=1)
-    r = np.linspace(0, lens.radius_px, 4097)
+    # The largest angle between neighbours in a fisheye picture, in rad per pixel, along a radius or across
+    column, row = geometry.axis_px
+    wide = replace(geometry, width_px=1, height_px=1)
+    r = np.linspace(0, geometry.radius_px, 4097)
     d, _ = point_directions(wide, column + r, np.full_like(r, row))
     theta = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
-    radial = np.diff(theta).max() / (r[1] - r[0]) if lens.radius_px > 1 else lens.half_field_rad
-    # Beside the edge of an orthographic hemisphere a pixel's angle grows as a root: the last pixel's is the largest.
-    return float(min(max(radial, 1 / lens.radius_px * math.pi), lens.half_field_rad))
+    radial = np.diff(theta).max() / (r[1] - r[0]) if geometry.radius_px > 1 else geometry.half_field_rad
+    steepest = float(min(max(radial, 1 / geometry.radius_px * math.pi), geometry.half_field_rad))
+    return math.sqrt(0.5) * steepest + 1e-12
 
 
 def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]) -> Doubles:

@@ -258,7 +258,14 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     assert camera.response
     curve = camera.response.curve()
-    times_s, time_sigma = profile_times(camera, bracket.nominal_s)
+    # True times and their relative uncertainties: as measured where the profile has them, else by its rule
+    measured = {round(math.log2(time.nominal_s), 3): time for time in camera.shutter.times}
+    times, sigmas = [], []
+    for nominal in bracket.nominal_s:
+        known = measured.get(round(math.log2(nominal), 3))
+        times.append(known.true_s if known else true_time_s(nominal, ShutterRule(camera.shutter.rule)))
+        sigmas.append((known.sigma_stops if known else RULE_SIGMA_STOPS) * math.log(2))
+    times_s, time_sigma = tuple(times), tuple(sigmas)
     if camera.noise:
         noise = camera.noise.model()
     else:
@@ -298,15 +305,3 @@ def _warnings(code: str, bracket: SideBracket, texts: Iterable[str]) -> tuple[St
     side = bracket.side.value
     named = (text if text.startswith(f"{side}:") else f"{side}: {text}" for text in texts)
     return tuple(StageWarning(code=code, message=text[:500]) for text in named)
-
-
-def profile_times(camera: CameraProfile, nominal_s: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return true times and their relative uncertainties: as measured where the profile has them, else by its rule."""
-
-    measured = {round(math.log2(time.nominal_s), 3): time for time in camera.shutter.times}
-    times, sigmas = [], []
-    for nominal in nominal_s:
-        known = measured.get(round(math.log2(nominal), 3))
-        times.append(known.true_s if known else true_time_s(nominal, ShutterRule(camera.shutter.rule)))
-        sigmas.append((known.sigma_stops if known else RULE_SIGMA_STOPS) * math.log(2))
-    return tuple(times), tuple(sigmas)

@@ -132,7 +132,11 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
     offset_s = clock_offset_s(status, rig.clock)
     checks = [
         Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware})"),
-        *_setting_checks(side, settings),
+        *[
+            Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}")
+            for s in settings
+            if not s.honoured
+        ],
         *_body_checks(side, body, table.accept),
         *_status_checks(side, status, offset_s, rig.file.limits),
     ]
@@ -145,14 +149,6 @@ def clock_offset_s(status: CameraStatus, clock: Clock) -> float | None:
     if status.clock_utc is None:
         return None
     return (status.clock_utc - clock.utc_now()).total_seconds()
-
-
-def _setting_checks(side: Side, settings: Sequence[SettingReadback]) -> list[Check]:
-    return [
-        Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}")
-        for s in settings
-        if not s.honoured
-    ]
 
 
 def _body_checks(side: Side, body: Sequence[BodySetting], accepted: Sequence[str]) -> Iterator[Check]:

@@ -99,20 +99,17 @@ def open_simulated_rig(
     if file.meter is not None and file.meter.target_deg is None:
         meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
         file = file.model_copy(update={"meter": meter_table})
-    file = file.model_copy(update=_as_measured(file, bench))
+    file = file.model_copy(
+        update={
+            side.value: table.model_copy(update={"release_lag_s": bench.cameras[table.kind].timing.release_lag_s})
+            for side, table in file.cameras().items()
+            if table.release_lag_s is None
+        }
+    )
     backend, links = bench.usb_backend, links or Links(simulated=True)
     cameras = {side: _camera(side, table, backend, steady, links) for side, table in file.cameras().items()}
     meter = _meter(file.meter, bench.meter_port, steady, links) if file.meter and file.meter.is_read else None
     return Rig(file, cameras, meter, steady, simulated=True, bench=bench, on_close=[bench.close], world=world)
-
-
-def _as_measured(file: RigFile, bench: SimulatedBench) -> dict[str, object]:
-    """Return the camera tables with the bench's mean release lags, as a rig file has them that somebody measured."""
-    return {
-        side.value: table.model_copy(update={"release_lag_s": bench.cameras[table.kind].timing.release_lag_s})
-        for side, table in file.cameras().items()
-        if table.release_lag_s is None
-    }
 
 
 def _camera(side: Side, table: CameraTable, backend: object | None, clock: Clock, links: Links) -> Camera:

@@ -217,7 +217,15 @@ def _rig_file(options: dict[str, Any]) -> RigFile:
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
     file = file.model_copy(update=_changes(options))
     file = _typed(file, options)
-    _need_camera(file, options)
+    from station.errors import RigError
+
+    if not file.cameras():
+        table = f"[{options['only']}]" if options["only"] else "[indoor] or [outdoor]"
+        raise RigError(
+            f"has no table {table}: no camera to capture with",
+            where=str(options["rig_path"] or "rig.toml"),
+            advice="an example: daylit doctor --write-rig FILE",
+        )
     return file
 
 
@@ -228,18 +236,6 @@ def _typed(file: RigFile, options: dict[str, Any]) -> RigFile:
     if not (options["readings"] and file.meter):
         return file
     return file.model_copy(update={"meter": file.meter.model_copy(update={"dialect": TYPED})})
-
-
-def _need_camera(file: RigFile, options: dict[str, Any]) -> None:
-    from station.errors import RigError
-
-    if not file.cameras():
-        table = f"[{options['only']}]" if options["only"] else "[indoor] or [outdoor]"
-        raise RigError(
-            f"has no table {table}: no camera to capture with",
-            where=str(options["rig_path"] or "rig.toml"),
-            advice="an example: daylit doctor --write-rig FILE",
-        )
 
 
 def _is_replay(options: dict[str, Any]) -> bool:

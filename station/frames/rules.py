@@ -61,7 +61,12 @@ def judge(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[FrameFac
     """
     _judge_repeated(facts, earlier)
     _judge_size(facts, expected)
-    _judge_exif(facts, expected)
+    if expected.require_exif and facts.exif_problem:
+        reason = Reason.EXIF_MISSING if facts.exif_problem == "no EXIF" else Reason.EXIF_DAMAGED
+        raise rejection(facts.name, reason, f"EXIF: {facts.exif_problem}")
+    _judge_value(facts, expected, "exposure_s", Reason.WRONG_EXPOSURE, same_stop, seconds_text)
+    _judge_value(facts, expected, "iso", Reason.WRONG_ISO, lambda a, b: a == b, "ISO {:g}".format)
+    _judge_value(facts, expected, "f_number", Reason.WRONG_F_NUMBER, _same_f_number, "f/{:.3g}".format)
     _judge_date(facts, expected)
     _judge_black(facts, expected, earlier)
 
@@ -89,15 +94,6 @@ def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:
         raise rejection(
             facts.name, Reason.WRONG_SIZE, f"{size[0]}x{size[1]} pixels, while its EXIF says {said[0]}x{said[1]}"
         )
-
-
-def _judge_exif(facts: FrameFacts, expected: ExpectedFrame) -> None:
-    if expected.require_exif and facts.exif_problem:
-        reason = Reason.EXIF_MISSING if facts.exif_problem == "no EXIF" else Reason.EXIF_DAMAGED
-        raise rejection(facts.name, reason, f"EXIF: {facts.exif_problem}")
-    _judge_value(facts, expected, "exposure_s", Reason.WRONG_EXPOSURE, same_stop, seconds_text)
-    _judge_value(facts, expected, "iso", Reason.WRONG_ISO, lambda a, b: a == b, "ISO {:g}".format)
-    _judge_value(facts, expected, "f_number", Reason.WRONG_F_NUMBER, _same_f_number, "f/{:.3g}".format)
 
 
 def _same_f_number(a: float, b: float) -> bool:

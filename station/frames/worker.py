@@ -55,7 +55,13 @@ def main() -> None:
     _answer(answers, {"ok": True, "limits": limits})
     while line := requests.readline(100_000):
         request = json.loads(line)
-        _limit_cpu(request["cpu_s"])
+        # So many more seconds of processor time; the system ends the process behind them
+        with suppress(ImportError):
+            import resource
+
+            used = resource.getrusage(resource.RUSAGE_SELF)
+            limit_s = int(used.ru_utime + used.ru_stime) + 1 + request["cpu_s"]
+            resource.setrlimit(resource.RLIMIT_CPU, (limit_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
         _answer(answers, _serve(request, complaints))
 
 
@@ -314,16 +320,6 @@ def _limit_resources(memory_bytes: int) -> list[str]:
         else:
             said.append(f"{name}: {value}")
     return said
-
-
-def _limit_cpu(cpu_s: int) -> None:
-    """Allow ``cpu_s`` more seconds of processor time; the system ends the process behind them."""
-    with suppress(ImportError):
-        import resource
-
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        limit_s = int(used.ru_utime + used.ru_stime) + 1 + cpu_s
-        resource.setrlimit(resource.RLIMIT_CPU, (limit_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
 
 
 if __name__ == "__main__":

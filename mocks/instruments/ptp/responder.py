@@ -225,7 +225,16 @@ class PtpResponder:
             return answer
 
     def _carry_out(self, request: Request, faults: Sequence[Fault]) -> Answer:
-        self._begin_conditions(request, faults)
+        for fault in faults:
+            if fault.kind is FaultKind.SESSION_ALREADY_OPEN and request.operation == Operation.OPEN_SESSION:
+                self.faults.note(fault)
+                self._session_id = self._session_id or STALE_SESSION
+                self.excuse_transaction_id()
+            elif fault.kind is FaultKind.ASLEEP:
+                self.faults.note(fault)
+                self.fall_asleep()
+            elif fault.kind in CONDITIONS:
+                self.faults.begin(fault)
         rule = self._check(request)
         for fault in faults:
             if fault.kind is FaultKind.HELD_UP:
@@ -248,18 +257,6 @@ class PtpResponder:
     def fall_asleep(self) -> None:
         """Go to sleep, in the camera's own way."""
         raise NotImplementedError
-
-    def _begin_conditions(self, request: Request, faults: Sequence[Fault]) -> None:
-        for fault in faults:
-            if fault.kind is FaultKind.SESSION_ALREADY_OPEN and request.operation == Operation.OPEN_SESSION:
-                self.faults.note(fault)
-                self._session_id = self._session_id or STALE_SESSION
-                self.excuse_transaction_id()
-            elif fault.kind is FaultKind.ASLEEP:
-                self.faults.note(fault)
-                self.fall_asleep()
-            elif fault.kind in CONDITIONS:
-                self.faults.begin(fault)
 
     def _check(self, request: Request) -> Rule:
         rule = self.rules.get(request.operation)

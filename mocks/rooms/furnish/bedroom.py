@@ -40,7 +40,14 @@ def extras(a: Arrangement, finish: Finish) -> None:
         )
         if chest:
             _on_chest(a, chest)
-    _at_the_foot(a, bed)
+    # Lay a blanket over the foot of the bed, or cushions by the pillows
+    if a.chance(0.45):
+        x, y = beside(bed, a.draw(-0.2, 0.2), -bed.size_m[1] / 2 + 0.45)
+        size = (round(min(0.7, bed.size_m[0] * 0.5), 3), 0.42, 0.075)
+        a.add(a.item("blanket", size, (x, y, BED_TOP_M), bed.turn_rad + a.draw(-0.2, 0.2), (), Role.CLUTTER))
+    if a.chance(0.2 + 0.4 * a.messy):
+        x, y = beside(bed, a.draw(-0.3, 0.3), a.draw(-0.3, 0.1))
+        a.add(a.item("books", (0.16, 0.23, 0.025), (x, y, BED_TOP_M), a.draw(0, 6), (), Role.CLUTTER))
     if a.chance(0.35):
         a.against_wall("armchair", (0.78, 0.82, 0.8))
     if a.chance(0.3):
@@ -119,17 +126,6 @@ def _rug(a: Arrangement, bed: Item, finish: Finish) -> None:
         x, y = beside(bed, side * (bed.size_m[0] / 2 + 0.08 + size[0] / 2), a.draw(-0.3, 0.0))
         if rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
             return
-
-
-def _at_the_foot(a: Arrangement, bed: Item) -> None:
-    """Lay a blanket over the foot of the bed, or cushions by the pillows."""
-    if a.chance(0.45):
-        x, y = beside(bed, a.draw(-0.2, 0.2), -bed.size_m[1] / 2 + 0.45)
-        size = (round(min(0.7, bed.size_m[0] * 0.5), 3), 0.42, 0.075)
-        a.add(a.item("blanket", size, (x, y, BED_TOP_M), bed.turn_rad + a.draw(-0.2, 0.2), (), Role.CLUTTER))
-    if a.chance(0.2 + 0.4 * a.messy):
-        x, y = beside(bed, a.draw(-0.3, 0.3), a.draw(-0.3, 0.1))
-        a.add(a.item("books", (0.16, 0.23, 0.025), (x, y, BED_TOP_M), a.draw(0, 6), (), Role.CLUTTER))
 
 
 def _on_chest(a: Arrangement, chest: Item) -> None:

@@ -35,23 +35,19 @@ def fill(a: Arrangement, finish: Finish) -> None:
     """Place more in a large room; some people leave theirs as it is."""
     floor = Polygon(a.plan.polygon)
     spare_m2 = floor.area - PLAIN_M2
-    _second_place(a, finish, floor.area)
-    for _ in range(int(a.rng.poisson(max(spare_m2, 0.0) / PIECE_M2 * a.draw(0.4, 1.4)))):
-        kind = str(a.rng.choice(PIECES[a.plan.use]))
-        _piece(a, kind)
-    wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
-
-
-def _second_place(a: Arrangement, finish: Finish, area_m2: float) -> None:
-    """Place a table to eat at in a large living room, a desk in others."""
-    if a.plan.use is Use.LIVING and area_m2 > 19.0 and a.chance(0.65):
+    # Place a table to eat at in a large living room, a desk in others
+    if a.plan.use is Use.LIVING and floor.area > 19.0 and a.chance(0.65):
         # Not where people look from the sofa; a living room that could only be a study has none.
         for sofa in [item for item in a.items if item.kind == "sofa"]:
             a.keep_free(sofa, 1.7, 0.3)
         if day_rooms.dining_essentials(a, finish):
             things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
-    elif a.plan.use is Use.BEDROOM and area_m2 > 13.0 and a.chance(0.45):
+    elif a.plan.use is Use.BEDROOM and floor.area > 13.0 and a.chance(0.45):
         day_rooms.workplace(a, finish)
+    for _ in range(int(a.rng.poisson(max(spare_m2, 0.0) / PIECE_M2 * a.draw(0.4, 1.4)))):
+        kind = str(a.rng.choice(PIECES[a.plan.use]))
+        _piece(a, kind)
+    wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
 
 
 def _piece(a: Arrangement, kind: str) -> None:

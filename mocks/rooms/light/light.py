@@ -102,7 +102,12 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
         lighting = replace(lighting, sun=None, patches=sun_patches(geometry, room.panes, *lighting.sun))
     sampling = Sampling(cube, quality.samples, seed)
     matte, spoilt = _whole(render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling))
-    unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | _mixed(guide) | spoilt
+    # The pixels that see several surfaces, of parts that fill other pixels wholly; and the nearly black
+    out: Flags = guide.albedo.min(axis=-1) < _LEAST_ALBEDO
+    for face in range(6):
+        whole = np.unique(guide.part[face][guide.pure[face]])
+        out[face] |= ~guide.pure[face] & np.isin(guide.part[face], whole)
+    unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | out | spoilt
     # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
     noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
     irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
@@ -182,15 +187,6 @@ def _unusable(room: Room, geometry: Geometry, guide: Guide, *, beam: bool, lamps
         bad |= share.reshape(guide.part.shape) > 0
     kernel = np.ones((5, 5), np.uint8)
     return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad]) | (guide.part < 0)
-
-
-def _mixed(guide: Guide) -> Flags:
-    """Return the pixels that see several surfaces, of parts that fill other pixels wholly; and the nearly black."""
-    out: Flags = guide.albedo.min(axis=-1) < _LEAST_ALBEDO
-    for face in range(6):
-        whole = np.unique(guide.part[face][guide.pure[face]])
-        out[face] |= ~guide.pure[face] & np.isin(guide.part[face], whole)
-    return out
 
 
 def _filled(picture: Floats, guide: Guide, unusable: Flags) -> Floats:

@@ -118,7 +118,15 @@ def _with_window_cloth(rng: np.random.Generator, plan: Plan) -> Plan:
 def _with_curtains(rng: np.random.Generator, plan: Plan, window: Window, seed: int, long: bool) -> Plan:
     """Add a rod and two gathered curtains, or a single one; none if anything is in the way."""
     top = min(window.sill_m + window.height_m + ROD_OVER_M, plan.height_m - 0.05)
-    start, end = _reach(plan, window, float(rng.uniform(0.2, 0.35)))
+    # How far a rod may reach along the wall: to a corner or half way to the next opening at most
+    side_m = float(rng.uniform(0.2, 0.35))
+    left, right = 0.03, plan.wall_length_m(window.wall) - 0.03
+    for other in (o for o in openings_of(plan, window.wall) if o is not window):
+        if other.start_m > window.start_m:
+            right = min(right, (window.start_m + window.width_m + other.start_m) / 2 - 0.02)
+        else:
+            left = max(left, (other.start_m + other.width_m + window.start_m) / 2 + 0.02)
+    start, end = max(left, window.start_m - side_m), min(right, window.start_m + window.width_m + side_m)
     gather = min(max(0.2 * window.width_m, 0.2), 0.45)
     widths = [gather, gather]
     if rng.random() < 0.2:
@@ -134,17 +142,6 @@ def _with_curtains(rng: np.random.Generator, plan: Plan, window: Window, seed: i
         if changed is not plan:
             return changed
     return plan
-
-
-def _reach(plan: Plan, window: Window, side_m: float) -> tuple[float, float]:
-    """Return how far a rod may reach along the wall: to a corner or half way to the next opening at most."""
-    left, right = 0.03, plan.wall_length_m(window.wall) - 0.03
-    for other in (o for o in openings_of(plan, window.wall) if o is not window):
-        if other.start_m > window.start_m:
-            right = min(right, (window.start_m + window.width_m + other.start_m) / 2 - 0.02)
-        else:
-            left = max(left, (other.start_m + other.width_m + window.start_m) / 2 + 0.02)
-    return max(left, window.start_m - side_m), min(right, window.start_m + window.width_m + side_m)
 
 
 def _with_lamps(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:

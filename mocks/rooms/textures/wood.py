@@ -66,19 +66,16 @@ class Timber:
         height = rng.uniform(0.01, 0.09) + slope * along + 0.006 * _wander(rng, rows, self.pixel_m)
         x = across[None, :] + sway[:, None]
         radius = np.sqrt(x * x + (height * height).astype(np.float32)[:, None])
-        tone = self._some_fibres(rng, rows, columns)
+        side = len(self.fibres)
+        turned = np.roll(self.fibres, rng.integers(side, size=2), (0, 1))
+        repeats = (-(-rows // side), -(-columns // side))
+        fibres = turned if repeats == (1, 1) else np.tile(turned, repeats)
+        tone = np.asarray(1 + np.float32(0.5 * self.figure) * fibres[:rows, :columns], dtype=np.float32)
         if rng.random() < self.knots_per_m * rows * self.pixel_m:
             self._add_knot(rng, radius, tone)
         ring = (radius * np.float32(_PER_RING / self.ring_m)).astype(np.int32) + rng.integers(1 << 12, dtype=np.int32)
         tone -= np.float32(self.figure) * np.take(self.rings, ring, mode="wrap")
         return np.clip(tone, 0.35, 1.5, out=tone)
-
-    def _some_fibres(self, rng: np.random.Generator, rows: int, columns: int) -> Floats:
-        side = len(self.fibres)
-        turned = np.roll(self.fibres, rng.integers(side, size=2), (0, 1))
-        repeats = (-(-rows // side), -(-columns // side))
-        fibres = turned if repeats == (1, 1) else np.tile(turned, repeats)
-        return np.asarray(1 + np.float32(0.5 * self.figure) * fibres[:rows, :columns], dtype=np.float32)
 
     def _add_knot(self, rng: np.random.Generator, radius: Floats, tone: Floats) -> None:
         rows, columns = radius.shape

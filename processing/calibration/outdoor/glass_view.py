@@ -39,7 +39,13 @@ def only_the_view(image: RelativeImage) -> tuple[RelativeImage, float]:
     weights = np.where(seen, area, 0.0)
     if not seen.any() or np.ptp(stops[seen]) < LEAST_STOPS:
         raise _no_view(0.0)
-    bright = seen & (stops > _threshold(stops[seen], weights[seen]))
+    # The value (N,) of log2 luminance that parts the two classes best, weighted (N,) by solid angle
+    counts, edges = np.histogram(stops[seen], BINS, weights=weights[seen])
+    middles = (edges[:-1] + edges[1:]) / 2
+    below, moment = np.cumsum(counts), np.cumsum(counts * middles)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (moment[-1] * below / below[-1] - moment) ** 2 / (below * (below[-1] - below))
+    bright = seen & (stops > float(edges[1 + int(np.nanargmax(between[:-1]))]))
     apart = np.average(stops[bright], weights=weights[bright]) - np.average(
         stops[seen & ~bright], weights=weights[seen & ~bright]
     )
@@ -58,16 +64,6 @@ def _no_view(stops: float) -> LensError:
         likely="taken by night, with curtains drawn, or not towards a window",
         advice="take the sky with the fisheye, or leave it out",
     )
-
-
-def _threshold(stops: np.ndarray, weights: np.ndarray) -> float:
-    """Return the value (N,) of log2 luminance that parts the two classes best, weighted (N,) by solid angle."""
-    counts, edges = np.histogram(stops, BINS, weights=weights)
-    middles = (edges[:-1] + edges[1:]) / 2
-    below, moment = np.cumsum(counts), np.cumsum(counts * middles)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        between = (moment[-1] * below / below[-1] - moment) ** 2 / (below * (below[-1] - below))
-    return float(edges[1 + int(np.nanargmax(between[:-1]))])
 
 
 def _largest(bright: Flags, weights: np.ndarray) -> Flags:

@@ -102,6 +102,7 @@ def recover_response(
     low, high = zip(*((one.low, one.high) for one in channels), strict=True)
     gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
     sigma = np.stack([curve_sigma(one, MIDDLE_CODE) for one in channels])
+    sizes = np.concatenate([np.abs(fit.weighed.residual[fit.kept]) for fit in channels])
     curve = ResponseCurve(
         np.stack([one.log2 - one.log2[gauge] for one in channels]),
         sigma,
@@ -111,7 +112,7 @@ def recover_response(
         sigma_code=MIDDLE_CODE,
         balance_sigma=three(sigma[:, gauge].tolist()),
         n_samples=sum(data.n_samples for data in samples.channels),
-        residual_stops=_residual_stops(channels),
+        residual_stops=1.4826 * float(np.median(sizes)) if sizes.size else 0.0,
         modes=_curve_modes(channels, MIDDLE_CODE),
     )
     times = tuple(float(t) for t in np.exp2(fit.log2_times))
@@ -165,11 +166,6 @@ def _moved_share(samples: Samples, channels: Sequence[ChannelFit]) -> float:
         kept = np.add.reduceat(fit.kept.astype(np.float64), data.starts) > 0
         shares.append(1 - kept.sum() / max(seen.sum(), 1))
     return float(np.mean(shares))
-
-
-def _residual_stops(channels: Sequence[ChannelFit]) -> float:
-    sizes = np.concatenate([np.abs(fit.weighed.residual[fit.kept]) for fit in channels])
-    return 1.4826 * float(np.median(sizes)) if sizes.size else 0.0
 
 
 def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool) -> tuple[str, ...]:

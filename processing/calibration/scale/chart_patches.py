@@ -221,7 +221,13 @@ def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
     def unfit(moves: Doubles) -> float:
         mapping = homography(corners_px + moves.reshape(4, 2) * pitch_px)
         patches = _sampled(level, chart_points(mapping, _EVEN_WINDOW, _EVEN_GRID))
-        frame = _sampled(level, _frame_points(mapping))
+        # Picture points along all lines between and around the patches
+        along = np.linspace(0, 1, _LINE_POINTS)
+        down = [np.stack([np.full_like(along, u), along * ROWS], axis=1) for u in range(COLUMNS + 1)]
+        across = [np.stack([along * COLUMNS, np.full_like(along, v)], axis=1) for v in range(ROWS + 1)]
+        points = np.concatenate(down + across)
+        flat = np.column_stack([points, np.ones(len(points))]) @ mapping.T
+        frame = _sampled(level, np.asarray(flat[:, :2] / flat[:, 2:]))
         unevenness = float(np.minimum(patches.std(axis=1), 1.0).mean())
         return unevenness + _FRAME_WEIGHT * float(frame.mean() - patches.mean())
 
@@ -231,16 +237,6 @@ def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
         unfit, start[0], method="Nelder-Mead", options={"initial_simplex": start, "maxfev": 400, "xatol": 0.005}
     )
     return np.asarray(corners_px + np.asarray(found.x).reshape(4, 2) * pitch_px)
-
-
-def _frame_points(mapping: Doubles) -> Doubles:
-    """Return picture points along all lines between and around the patches."""
-    along = np.linspace(0, 1, _LINE_POINTS)
-    down = [np.stack([np.full_like(along, u), along * ROWS], axis=1) for u in range(COLUMNS + 1)]
-    across = [np.stack([along * COLUMNS, np.full_like(along, v)], axis=1) for v in range(ROWS + 1)]
-    points = np.concatenate(down + across)
-    flat = np.column_stack([points, np.ones(len(points))]) @ mapping.T
-    return np.asarray(flat[:, :2] / flat[:, 2:])
 
 
 def _sampled(plane: Doubles, points: Doubles) -> Doubles:

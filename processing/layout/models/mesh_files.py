@@ -35,7 +35,15 @@ _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 
 def check_gltf(data: bytes, where: str, max_triangles: int) -> None:
     """Raise `ModelFileError` where a file's JSON, counts, sizes or tree of nodes cannot be right."""
-    document = _document(data, where)
+    text = _glb_json(data, where) if data[:4] == b"glTF" else data
+    if len(text) > MAX_JSON_BYTES and data[:4] == b"glTF":
+        raise ModelFileError(f"more than {MAX_JSON_BYTES // 2**20} MiB of JSON", where=where)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        raise ModelFileError("its JSON cannot be read", where=where, likely="not a glTF file, or cut off") from None
+    if not isinstance(document, dict) or "asset" not in document:
+        raise ModelFileError("no glTF: it has no 'asset'", where=where)
     try:
         for name in document.get("extensionsRequired", ()):
             if name in COMPRESSED:
@@ -46,19 +54,6 @@ def check_gltf(data: bytes, where: str, max_triangles: int) -> None:
             raise ModelFileError(f"{total} triangles; at most {max_triangles} are read", where=where)
     except (TypeError, KeyError, ValueError, AttributeError, IndexError, OverflowError):
         raise ModelFileError("its JSON is not glTF's", where=where, likely="a damaged file") from None
-
-
-def _document(data: bytes, where: str) -> dict[str, Any]:
-    text = _glb_json(data, where) if data[:4] == b"glTF" else data
-    if len(text) > MAX_JSON_BYTES and data[:4] == b"glTF":
-        raise ModelFileError(f"more than {MAX_JSON_BYTES // 2**20} MiB of JSON", where=where)
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError):
-        raise ModelFileError("its JSON cannot be read", where=where, likely="not a glTF file, or cut off") from None
-    if not isinstance(document, dict) or "asset" not in document:
-        raise ModelFileError("no glTF: it has no 'asset'", where=where)
-    return document
 
 
 def _glb_json(data: bytes, where: str) -> bytes:

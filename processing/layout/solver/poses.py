@@ -91,7 +91,13 @@ def canonical_plan(plan: FloorPlan, pins: Sequence[Pose], *, mirror: bool = True
             if best is not None and listed > best[0][0]:  # type: ignore[operator]
                 continue
             frame = _frame(side, first, flipped)
-            key = (listed, _points_list(plan, pins, frame))
+            free = sorted(tuple(map(_step, frame.into((x, y, 0.0))[:2])) for x, y in plan.keep_free)
+            holes = sorted(
+                tuple(sorted(tuple(map(_step, frame.into((float(x), float(y), 0.0))[:2])) for x, y in hole))
+                for hole in plan.holes
+            )
+            stand = tuple(tuple(map(_step, frame.into(pin)[:2])) for pin in pins)
+            key = (listed, (tuple(free), tuple(holes), stand))
             if best is None or key < best[0]:
                 best = key, side, flipped, first
     assert best is not None
@@ -150,16 +156,6 @@ def _frame(side: FloorPlan, first: int, mirrored: bool) -> Frame:
     return Frame(
         (float(corner[0]), float(corner[1])), math.atan2(along[1], along[0]), mirrored, first, len(side.corners)
     )
-
-
-def _points_list(plan: FloorPlan, pins: Sequence[Pose], frame: Frame) -> tuple[object, ...]:
-    free = sorted(tuple(map(_step, frame.into((x, y, 0.0))[:2])) for x, y in plan.keep_free)
-    holes = sorted(
-        tuple(sorted(tuple(map(_step, frame.into((float(x), float(y), 0.0))[:2])) for x, y in hole))
-        for hole in plan.holes
-    )
-    stand = tuple(tuple(map(_step, frame.into(pin)[:2])) for pin in pins)
-    return (tuple(free), tuple(holes), stand)
 
 
 def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:

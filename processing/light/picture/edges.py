@@ -69,7 +69,14 @@ def smooth_edges(
     for start in range(0, len(row), at_once):
         part = slice(start, start + at_once)
         r, c = row[part].astype(np.int64), column[part].astype(np.int64)
-        seen = sight_along(stage, _rays(r + first_row, c, rows), eye_m, (len(r), RAYS))
+        # The directions (n x `RAYS`, 3) of places spread over pixels of a panorama
+        k = np.arange(RAYS) + 0.5
+        down, across = (k * FIRST) % 1.0, (k * SECOND) % 1.0
+        latitude = (0.5 - ((r + first_row)[:, None] + down) / rows) * np.pi
+        longitude = ((c[:, None] + across) / (2 * rows) - 0.5) * 2 * np.pi
+        level = np.cos(latitude)
+        found = np.stack([np.sin(longitude) * level, np.cos(longitude) * level, np.sin(latitude)], axis=-1)
+        seen = sight_along(stage, np.ascontiguousarray(found.reshape(-1, 3), dtype=np.float32), eye_m, (len(r), RAYS))
         _mix(np.stack([r, c]), _Seen.of(seen), _Seen.of(sight), photograph, shown, out)
     return out
 
@@ -86,17 +93,6 @@ class _Seen(NamedTuple):
     def of(cls, sight: Sight) -> _Seen:
         shape = sight.shape
         return cls(sight.label.reshape(shape), sight.normal.reshape(*shape, 3), sight.distance_m.reshape(shape))
-
-
-def _rays(row: np.ndarray, column: np.ndarray, rows: int) -> Floats:
-    """Return the directions (n x `RAYS`, 3) of places spread over pixels of a panorama."""
-    k = np.arange(RAYS) + 0.5
-    down, across = (k * FIRST) % 1.0, (k * SECOND) % 1.0
-    latitude = (0.5 - (row[:, None] + down) / rows) * np.pi
-    longitude = ((column[:, None] + across) / (2 * rows) - 0.5) * 2 * np.pi
-    level = np.cos(latitude)
-    found = np.stack([np.sin(longitude) * level, np.cos(longitude) * level, np.sin(latitude)], axis=-1)
-    return np.ascontiguousarray(found.reshape(-1, 3), dtype=np.float32)
 
 
 @compiled

@@ -117,20 +117,16 @@ def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, sample
         if mine is None or not is_glossy(part.material):
             continue
         width = max(part.material.roughness**2, LEAST_WIDTH)
-        tint = _head_on(part.material)
+        # The reflectance (3,) of a material seen head on
+        colour = np.asarray(part.material.colour, np.float64)
+        if part.material.texture is not None:
+            colour = colour * part.material.texture.mean(axis=(0, 1), dtype=np.float64)
+        tint = np.asarray(HEAD_ON * (1 - part.material.metallic) + colour * part.material.metallic)
         out[mine] = mirrored_light(around, sight, mine, width, tint, samples, (*key, number))[0]
         if outdoors is not None:
             lit = mine[sun[mine].any(axis=1)]
             out[lit] += _sun_glint(sight, lit, sun[lit], np.asarray(outdoors.direction), width, tint)
     return out
-
-
-def _head_on(material: Material) -> Doubles:
-    """Return the reflectance (3,) of a material seen head on."""
-    colour = np.asarray(material.colour, np.float64)
-    if material.texture is not None:
-        colour = colour * material.texture.mean(axis=(0, 1), dtype=np.float64)
-    return np.asarray(HEAD_ON * (1 - material.metallic) + colour * material.metallic)
 
 
 def mirrored_light(
