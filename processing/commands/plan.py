@@ -56,7 +56,7 @@ def plan(*, as_json: bool, **asked: Any) -> int:
       daylit plan --site 40.44,-79.99 --heading 200 --date 2023-06-21
     """
     from processing.calibration.outdoor.sun_place import Place, zone_at
-    from processing.relighting.relit_session import parse_time
+    from processing.relighting.weather import parse_time
     from station.commands.views import answer, numbers
 
     latitude, longitude = numbers("--site", asked["site"], 2, "LAT,LON in degrees")

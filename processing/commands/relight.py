@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from processing.calibration.outdoor.sun_place import Place
     from processing.light.picture.viewpoint import Elsewhere
-    from processing.relighting.relit_session import Relighting
-    from processing.relighting.session_room import SessionRoom
+    from processing.relighting.relit_session import Relighting, SessionRoom
     from processing.relighting.weather import Weather
 
 
@@ -62,8 +61,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     """
     from processing.exchange.showing import session_shown
     from processing.light.solver.basis import BASIS_EFFORTS
-    from processing.relighting.relit_session import FOLDER, Relighting
-    from processing.relighting.session_room import check_sky, read_session_room
+    from processing.relighting.relit_session import FOLDER, Relighting, check_sky, read_session_room
     from processing.running.choices import go_on_with, remember
 
     _check(asked)
@@ -112,9 +110,8 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
 
     from processing.calibration.outdoor.sun_place import zone_at
     from processing.light.picture.relight_photo import with_captured_land
-    from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts
-    from processing.relighting.session_room import heading_of, other_sky, place_of
-    from processing.relighting.weather import daylight_at
+    from processing.relighting.relit_session import heading_of, other_sky, place_of
+    from processing.relighting.weather import day_times, daylight_at, daylight_facts, parse_time, sky_facts
 
     if asked["sky"] is not None:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
@@ -285,7 +282,7 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
         raise click.UsageError("--look and --fov do nothing beside --panorama")
     from processing.light.picture.viewpoint import check_place, seen_from
     from processing.light.solver.irradiance import EFFORTS
-    from processing.relighting.session_room import read_session_room
+    from processing.relighting.relit_session import read_session_room
     from processing.running.choices import go_on_with, remember
     from station.commands.views import numbers
 
@@ -352,7 +349,7 @@ def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float
     import numpy as np
 
     from processing.pictures.images import Validity
-    from processing.relighting.session_room import MODELLED
+    from processing.relighting.relit_session import MODELLED
 
     return replace(
         room.picture,

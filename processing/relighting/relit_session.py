@@ -1,34 +1,227 @@
-"""A session's room under other light: the basis kept beside the session, and each moment's picture and figures.
-
-A day in pictures: a contact sheet with the times, and an animation.
+"""A session's room under other light: what relighting and other viewpoints begin with, the basis kept beside the
+session, each moment's picture and figures; and a day in pictures: a contact sheet with the times, an animation.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta, tzinfo
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from processing.calibration.outdoor.sun_place import Place, sun_place
-from processing.errors import DaylightError, ParameterError, RelightError
+from processing.errors import DaylightError, ParameterError, PictureFileError, RelightError
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.room_model import read_room
+from processing.layout.arrangement import Arrangements, PlacedItem
+from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.relight_photo import photograph_under
-from processing.light.scene.scene import Outdoors
+from processing.light.scene.outdoor import outdoors_of
+from processing.light.scene.scene import Outdoors, Scene, Vector
+from processing.light.scene.scene_file import read_scene
 from processing.light.solver.basis import LightBasis, basis_of, read_basis, scene_digest, write_basis
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView, Relit
 from processing.light.solver.stage import Stage
 from processing.pictures.display import Display
+from processing.pictures.exr import read_exr, read_exr_rgb
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.writing import write_bytes, write_whole
-from processing.relighting.session_room import MODELLED, SKY_MODEL, SessionRoom
-from processing.relighting.weather import Daylight, level_illuminance
+from processing.running.artifacts import read_json
+from processing.sphere import Equirectangular
+from processing.sphere.resampling import resample
+from processing.stages.furnishing import furniture_parts
+from station.session.session import MANIFEST_NAME, SessionManifest
+
+MEASURED = "outdoor picture"
+"""How the stage materials says that the light outdoors was measured, not guessed from inside."""
+MODELLED = 0.15
+"""Relative standard uncertainty of a picture in another light than it was taken in: albedo, windows, shape."""
+SKY_MODEL = 0.15
+"""The same of what a modelled sky sends through a window."""
+
+
+@dataclass(frozen=True)
+class SessionRoom:
+    """A session's room, empty or staged."""
+
+    manifest: SessionManifest
+    scene: Scene
+    """Under the captured light; with furniture where it is staged."""
+    picture: LuminanceImage
+    eye_m: Vector
+    staged: int | None
+    """The alternative's number; None: the emptied room."""
+    outdoors_measured: bool
+
+    @property
+    def time_utc(self) -> datetime:
+        """Return when the room was captured: the middle of its frames, else when the session was made."""
+        times = sorted(f.taken_utc for f in self.manifest.frames if f.taken_utc is not None)
+        return times[len(times) // 2] if times else self.manifest.created_utc
+
+
+def read_session_room(session: Path, staged: int | None, rows: int, furniture: Path | None = None) -> SessionRoom:
+    """Return a session's room with its picture at ``rows`` rows; ``furniture``: the folder that it was staged from.
+
+    Raises `RelightError` where the stages that are needed have not run, and what reading their files raises.
+    """
+    stages = session / "stages"
+    manifest = _manifest(session)
+    scene_path = stages / "materials" / "scene.npz"
+    if not scene_path.is_file():
+        raise RelightError(
+            "the session has no scene",
+            where=session.name,
+            likely="it was processed without furniture (--set none), or not as far",
+            advice="run: daylit process SESSION --set auto",
+        )
+    scene = read_scene(scene_path)
+    facts = _json(stages / "materials" / "materials.json")
+    height_m = read_room(stages / "room" / "room.json").camera_height_m
+    if staged is not None:
+        scene = _furnished(scene, stages, staged, furniture)
+    picture = _picture(_picture_path(stages, staged), rows)
+    return SessionRoom(
+        manifest, scene, picture, (0.0, 0.0, height_m), staged, facts.get("outdoors", MEASURED) == MEASURED
+    )
+
+
+def _manifest(session: Path) -> SessionManifest:
+    path = session / MANIFEST_NAME
+    if not path.is_file():
+        raise RelightError("no session here", where=session.name, advice=f"give a folder with {MANIFEST_NAME}")
+    return SessionManifest.model_validate_json(path.read_bytes())
+
+
+def _json(path: Path) -> dict[str, Any]:
+    found = read_json(path)
+    return found if isinstance(found, dict) else {}
+
+
+def _picture_path(stages: Path, staged: int | None) -> Path:
+    if staged is not None:
+        return stages / "render" / f"staged-{staged}.exr"
+    candidates = [stages / name for name in ("remove/empty.exr", "room/panorama.exr", "calibrate/indoor.exr")]
+    return next((path for path in candidates if path.is_file()), candidates[-1])
+
+
+def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) -> Scene:
+    listing = stages / "render" / "staged.json"
+    every = _json(listing).get("alternatives", []) if listing.is_file() else []
+    if not 1 <= staged <= len(every):
+        raise RelightError(
+            f"there is no staged alternative {staged}",
+            where=stages.parent.name,
+            likely=f"{len(every)} are rendered",
+            advice="give --staged 1 and up, or --empty",
+        )
+    files = _json(stages / "render" / "result.json").get("ingredients", {}).get("files", {})
+    if bool(files.get("furniture")) != (furniture is not None):
+        built_in = "leave --furniture out (chosen before: daylit choices SESSION --forget furniture)"
+        raise RelightError(
+            "the furniture is from a folder of your own" if furniture is None else "the furniture is the built-in one",
+            where=f"alternative {staged}",
+            advice="give --furniture FOLDER as for daylit process" if furniture is None else built_in,
+        )
+    arrangements = Arrangements.model_validate_json(json.dumps(_json(stages / "arrange" / "arrangement.json")))
+    one = arrangements.arrangements[staged - 1]
+    own = None if furniture is None else Catalogue.at(furniture)
+    shown = every[staged - 1]
+    items = (*one.items, *(PlacedItem.model_validate(item) for item in shown.get("added", ())))
+    return scene.furnished(
+        furniture_parts(items, Catalogue.builtin(shown["style"]), own, lit=shown.get("lamps") == "on")
+    )
+
+
+def _picture(path: Path, rows: int) -> LuminanceImage:
+    """Return a panorama at ``rows`` rows, never more than it has."""
+    image = read_exr(path)
+    if not isinstance(image, LuminanceImage) or not isinstance(image.geometry, Equirectangular):
+        raise RelightError("not a calibrated panorama", where=path.name, advice="process the session again")
+    source = image.geometry
+    rows = min(rows, source.height_px)
+    if rows == source.height_px:
+        return image
+    target = replace(source, width_px=2 * rows, height_px=rows)
+    rgb, _ = resample(image.rgb, source, target)
+    clean = np.zeros(rgb.shape[:2], np.uint8)
+    doubt = np.minimum(image.uncertainty, np.float32(1e3))
+    uncertainty = np.asarray(cv2.resize(doubt, (2 * rows, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=clean, geometry=target, ghost=None)
+
+
+def check_sky(room: SessionRoom) -> None:
+    """Raise `RelightError` where the light outdoors was not measured: the windows are then pictures that glow."""
+    if not room.outdoors_measured:
+        raise RelightError(
+            "no picture of the sky was captured, so that nobody knows what another sky would send through the windows",
+            where=room.manifest.name,
+            advice="capture the outdoor picture too; daylit view-from works without",
+        )
+
+
+def place_of(room: SessionRoom, site: tuple[float, float] | None) -> Place:
+    """Return where the room is; ``site``: latitude and longitude (degrees) instead of the session's."""
+    here = room.manifest.site
+    if site is not None:
+        return Place(*site)
+    if here.latitude_deg is None or here.longitude_deg is None:
+        raise DaylightError(
+            "the session does not say where it was taken",
+            where=room.manifest.name,
+            advice="give --site LATITUDE,LONGITUDE (degrees, north and east positive)",
+        )
+    return Place(here.latitude_deg, here.longitude_deg, here.altitude_m or 0.0)
+
+
+def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tuple[float, str]:
+    """Return the compass azimuth of the panorama's middle, and where it is known from."""
+    if heading_rad is not None:
+        return heading_rad, "given"
+    if room.manifest.heading_rad is not None:
+        return room.manifest.heading_rad, "session"
+    sun = room.scene.outdoors.sun
+    if sun is None:
+        raise DaylightError(
+            "nobody knows whither the panorama faces",
+            where=room.manifest.name,
+            likely="no heading in the session, and no sun in its outdoor picture",
+            advice="give --heading DEGREES (compass azimuth of the panorama's middle)",
+        )
+    compass = sun_place(room.time_utc, place).azimuth_rad
+    return math.remainder(compass - math.atan2(sun.direction[0], sun.direction[1]), 2 * math.pi), "captured sun"
+
+
+def other_sky(path: Path) -> Outdoors:
+    """Return the light of a picture of the sky: one of ours, or anyone's OpenEXR panorama (2 : 1) in cd/m2."""
+    try:
+        image = read_exr(path)
+    except PictureFileError:
+        rgb, white = read_exr_rgb(path)
+        if rgb.shape[1] != 2 * rgb.shape[0]:
+            raise RelightError(f"a sky of {rgb.shape[1]} x {rgb.shape[0]} pixels", advice="give 2 to 1") from None
+        shape = rgb.shape[:2]
+        image = LuminanceImage(
+            rgb=rgb * np.float32(white or 1.0),
+            uncertainty=np.full(shape, 0.1, np.float32),
+            validity=np.full(shape, int(Validity.VALID), np.uint8),
+            geometry=Equirectangular(shape[1], shape[0]),
+            scale_uncertainty=0.1,
+        )
+    if not isinstance(image, LuminanceImage):
+        raise RelightError(
+            "a sky without a scale", where=path.name, advice="give one in cd/m2: stages/calibrate has it"
+        )
+    return outdoors_of(image)
+
 
 FOLDER = "relight"
 """Of a session: what relighting makes, and its stored basis."""
@@ -103,55 +296,6 @@ def _basis(stage: Stage, room: SessionRoom, folder: Path, effort: Effort) -> tup
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(path, lambda part: write_basis(part, basis))
     return basis, False
-
-
-def daylight_facts(found: Daylight, time_utc: datetime) -> dict[str, Any]:
-    """Return a moment's light as plain values."""
-    return {
-        "time_utc": time_utc.isoformat(timespec="minutes"),
-        "sun_azimuth_deg": round(math.degrees(found.place.azimuth_rad) % 360, 3),
-        "sun_elevation_deg": round(math.degrees(found.place.elevation_rad), 3),
-        "sun_normal_lx": round(found.normal_lx, 1),
-        "sky_horizontal_lx": round(found.diffuse_lx, 1),
-        "global_horizontal_lx": round(found.global_lx, 1),
-        "clearness": round(found.clearness, 3),
-    }
-
-
-def sky_facts(outdoors: Outdoors) -> dict[str, Any]:
-    """Return the light of a given sky as plain values."""
-    sky, sun = (float(v @ _WEIGHTS) for v in level_illuminance(outdoors))
-    found: dict[str, Any] = {"sky_horizontal_lx": round(sky, 1), "global_horizontal_lx": round(sky + sun, 1)}
-    if outdoors.sun is not None:
-        x, y, z = outdoors.sun.direction
-        found["sun_from_middle_deg"] = round(math.degrees(math.atan2(x, y)), 3)
-        found["sun_elevation_deg"] = round(math.degrees(math.asin(z)), 3)
-    return found
-
-
-def parse_time(text: str, zone: tzinfo) -> datetime:
-    """Return a time of ISO 8601 in UTC; one without a zone is as clocks in ``zone`` show it."""
-    try:
-        found = datetime.fromisoformat(text.strip())
-    except ValueError as error:
-        raise DaylightError(
-            f"no time: {text!r}", advice='say "2023-06-21 16:00", or with a zone: …T16:00+02:00'
-        ) from error
-    return (found.replace(tzinfo=zone) if found.tzinfo is None else found).astimezone(UTC)
-
-
-def day_times(day: datetime, place: Place, zone: tzinfo, step: timedelta) -> list[datetime]:
-    """Return the times of a local day, whole steps from midnight, at which the sun is at least 1 degree high."""
-    if not timedelta(minutes=5) <= step <= timedelta(hours=6):
-        raise DaylightError(f"a step of {step}", advice="give 5 minutes to 6 hours, such as 30m or 1h")
-    midnight = day.astimezone(zone).replace(hour=0, minute=0, second=0, microsecond=0).astimezone(UTC)
-    times = [midnight + k * step for k in range(math.ceil(timedelta(days=1) / step))]
-    found = [t for t in times if sun_place(t, place).elevation_rad > math.radians(1.0)]
-    if not found:
-        raise DaylightError(
-            "the sun does not rise that day", where=day.date().isoformat(), advice="give another --date"
-        )
-    return found
 
 
 MARGIN_PX, TEXT_PX = 8, 22

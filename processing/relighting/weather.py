@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from datetime import datetime
-from typing import Literal
+from datetime import UTC, datetime, timedelta, tzinfo
+from typing import Any, Literal
 
 import numpy as np
 
@@ -248,3 +248,52 @@ def _unit(rgb: Doubles) -> Vector:
 def _grid(rows: int) -> tuple[Doubles, Doubles]:
     geometry = Equirectangular(2 * rows, rows)
     return directions(geometry)[0], solid_angles(geometry)
+
+
+def daylight_facts(found: Daylight, time_utc: datetime) -> dict[str, Any]:
+    """Return a moment's light as plain values."""
+    return {
+        "time_utc": time_utc.isoformat(timespec="minutes"),
+        "sun_azimuth_deg": round(math.degrees(found.place.azimuth_rad) % 360, 3),
+        "sun_elevation_deg": round(math.degrees(found.place.elevation_rad), 3),
+        "sun_normal_lx": round(found.normal_lx, 1),
+        "sky_horizontal_lx": round(found.diffuse_lx, 1),
+        "global_horizontal_lx": round(found.global_lx, 1),
+        "clearness": round(found.clearness, 3),
+    }
+
+
+def sky_facts(outdoors: Outdoors) -> dict[str, Any]:
+    """Return the light of a given sky as plain values."""
+    sky, sun = (float(v @ _WEIGHTS) for v in level_illuminance(outdoors))
+    found: dict[str, Any] = {"sky_horizontal_lx": round(sky, 1), "global_horizontal_lx": round(sky + sun, 1)}
+    if outdoors.sun is not None:
+        x, y, z = outdoors.sun.direction
+        found["sun_from_middle_deg"] = round(math.degrees(math.atan2(x, y)), 3)
+        found["sun_elevation_deg"] = round(math.degrees(math.asin(z)), 3)
+    return found
+
+
+def parse_time(text: str, zone: tzinfo) -> datetime:
+    """Return a time of ISO 8601 in UTC; one without a zone is as clocks in ``zone`` show it."""
+    try:
+        found = datetime.fromisoformat(text.strip())
+    except ValueError as error:
+        raise DaylightError(
+            f"no time: {text!r}", advice='say "2023-06-21 16:00", or with a zone: …T16:00+02:00'
+        ) from error
+    return (found.replace(tzinfo=zone) if found.tzinfo is None else found).astimezone(UTC)
+
+
+def day_times(day: datetime, place: Place, zone: tzinfo, step: timedelta) -> list[datetime]:
+    """Return the times of a local day, whole steps from midnight, at which the sun is at least 1 degree high."""
+    if not timedelta(minutes=5) <= step <= timedelta(hours=6):
+        raise DaylightError(f"a step of {step}", advice="give 5 minutes to 6 hours, such as 30m or 1h")
+    midnight = day.astimezone(zone).replace(hour=0, minute=0, second=0, microsecond=0).astimezone(UTC)
+    times = [midnight + k * step for k in range(math.ceil(timedelta(days=1) / step))]
+    found = [t for t in times if sun_place(t, place).elevation_rad > math.radians(1.0)]
+    if not found:
+        raise DaylightError(
+            "the sun does not rise that day", where=day.date().isoformat(), advice="give another --date"
+        )
+    return found

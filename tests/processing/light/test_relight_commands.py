@@ -28,8 +28,7 @@ from processing.light.solver.irradiance import Effort
 from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
-from processing.relighting.relit_session import contact_sheet, display_of_day
-from processing.relighting.session_room import read_session_room
+from processing.relighting.relit_session import contact_sheet, display_of_day, read_session_room
 from processing.relighting.weather import daylight_at, usual_weather
 from processing.running.choices import forget
 from processing.sphere import Equirectangular

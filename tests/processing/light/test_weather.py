@@ -14,11 +14,12 @@ from processing.calibration.outdoor.sun_place import Place, clear_beam, sun_plac
 from processing.errors import DaylightError, ParameterError
 from processing.light.scene.scene import Outdoors
 from processing.pictures.images import LUMINANCE_WEIGHTS
-from processing.relighting.relit_session import day_times, parse_time
 from processing.relighting.weather import (
     captured_weather,
+    day_times,
     daylight_at,
     level_illuminance,
+    parse_time,
     sun_direction,
     usual_weather,
 )
