@@ -80,7 +80,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     },
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
-        "choices": Entry("processing.commands.choices", "choices", "Show and change what was chosen for a session."),
+        "choices": Entry("processing.commands.process", "choices", "Show and change what was chosen for a session."),
         "inspect": Entry("processing.commands.results", "inspect", "Say what a picture holds: unit, values, metadata."),
         "figures": Entry(
             "processing.commands.figures", "figures", "Light figures of anybody's HDR or fisheye bracket."

@@ -119,7 +119,7 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
     """
     from processing.errors import CatalogueError
     from processing.layout.arrangement import read_arrangements
-    from processing.layout.models.scene_files import write_arrangement, write_model
+    from processing.layout.models.catalogue import write_arrangement, write_model
 
     found = _catalogue(where["catalogue"], where["style"])
     if what.endswith(".json"):

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import FILE, FOLDER, answer
+
 if TYPE_CHECKING:
+    from station.capture.bracket import BracketPlan, Estimate
     from station.capture.capture import Capture, CaptureRequest
     from station.capture.rig import Rig
     from station.capture.rig_file import RigFile
     from station.session.session import MeterTarget, SessionManifest
 
+
 _SIZE = click.Choice(["full", "half", "quarter", "small"])
 _RATE = click.FloatRange(0.1, 50)
-_FILE = click.Path(path_type=Path)
-_FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command()
 @click.argument("rooms", nargs=-1)
-@click.option("--rig", "rig_path", type=_FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--into", type=_FOLDER, default=Path("sessions"), show_default=True, help="Folder of sessions.")
+@click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
+@click.option("--into", type=FOLDER, default=Path("sessions"), show_default=True, help="Folder of sessions.")
 @click.option(
     "--simulate",
     metavar="WORLD",
@@ -49,16 +52,16 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
 @click.option("--every", metavar="60m", help="A bracket of ROOM again and again, so far apart; until --until.")
 @click.option("--until", metavar="HH:MM", help="With --every: the last bracket begins by then, local time.")
-@click.option("--rooms", "rooms_path", type=_FILE, help="File of rooms, one a line, in order.")
+@click.option("--rooms", "rooms_path", type=FILE, help="File of rooms, one a line, in order.")
 @click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
 @click.option(
     "--resume",
     "resume_path",
-    type=_FILE,
+    type=FILE,
     metavar="SESSION",
     help="Complete a partial session with its own rig, cameras and meter (--rig: with another).",
 )
-@click.option("--record", type=_FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
+@click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")
 def capture(**options: Any) -> int:
@@ -80,8 +83,6 @@ def capture(**options: Any) -> int:
     for reading in options["readings"]:
         check_typed(reading)
     if options["dry_run"]:
-        from station.commands.dry_run import dry_run
-
         return dry_run(_rig_file(options), options)
     if options["resume_path"]:
         return _resume(options)
@@ -314,3 +315,64 @@ def _recorded_rig(manifest: SessionManifest, where: str) -> RigFile:
         return RigFile.model_validate({k: v for k, v in manifest.rig.items() if k != "simulate"})
     except ValidationError as error:
         raise SessionError("holds no rig to go on with", where=where, advice="give the rig file with --rig") from error
+
+
+def dry_run(file: RigFile, options: dict[str, Any]) -> int:
+    """Print the table; `UsageError` for a stop that a camera of the rig does not have."""
+    from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, light_drift, plan_of, typical_cost
+
+    tables = file.cameras()
+    plan = plan_of(file, options["stops"], options["bracket"])
+    _require_stops(file, plan)
+    costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
+    estimate = estimate_bracket(
+        plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
+    )
+    drift = light_drift(estimate.total_s, file.site.latitude_deg)
+    rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]
+    totals = {k: v for k, v in vars(estimate).items() if k != "rows"}
+    lines = [
+        *_table(estimate),
+        f"meanwhile the sun moves by up to {drift.sun_deg:.2f} degrees; a clear sky with the sun at "
+        f"{drift.sun_altitude_deg:.0f} degrees changes by up to {100 * drift.sky_frac_per_min:.1f} % a minute, "
+        f"{100 * drift.sky_frac:.1f} % in all (daylit plan: for your place and day)",
+        "camera overheads and rates are typical figures, not measured on your instruments",
+    ]
+    if plan.mode == "adaptive":
+        lines.append("adaptive: the most it can take; stops that the frames prove useless are left out")
+    facts = {"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}
+    return answer(facts, lines, as_json=options["as_json"])
+
+
+def _require_stops(file: RigFile, plan: BracketPlan) -> None:
+    from station.capture.bracket import unavailable_stops
+    from station.capture.rig import known_times_s
+    from station.errors import UsageError
+
+    lacking = [
+        f"{side} ({table.kind}): {', '.join(names)}"
+        for side, table in file.cameras().items()
+        if (names := unavailable_stops(plan.stops_s, known_times_s(table.kind)))
+    ]
+    if lacking:
+        raise UsageError(
+            f"stops that a camera does not have: {'; '.join(lacking)}",
+            where="bracket",
+            advice="change --stops, or [bracket] stops of the rig",
+        )
+
+
+def _table(estimate: Estimate) -> Iterator[str]:
+    from station.session.session import shutter_label
+
+    yield f"{'order':>5} {'exposure':>9} {'cameras':<17} {'pair s':>7} {'MB':>6} {'transfer hidden s':>18}"
+    for order, row in enumerate(estimate.rows, 1):
+        yield (
+            f"{order:>5} {shutter_label(row.asked_s):>9} {'+'.join(row.sides):<17} {row.pair_s:>7.2f} "
+            f"{row.bytes_expected / 1e6:>6.1f} {row.hidden_transfer_s:>18.2f}"
+        )
+    yield (
+        f"exposures {estimate.exposures_s:.1f} s, readings {estimate.readings_s:.1f} s, transfers left at the end "
+        f"{estimate.unhidden_transfer_s:.1f} s: about {estimate.total_s:.0f} s "
+        f"and {estimate.bytes_expected / 1e6:.0f} MB"
+    )

@@ -14,8 +14,7 @@ from PIL import Image
 from processing.errors import CatalogueError, ModelFileError
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.solids import signed_volume_m3
-from processing.layout.models.catalogue import Catalogue, category_of
-from processing.layout.models.scene_files import in_place, write_arrangement, write_model
+from processing.layout.models.catalogue import Catalogue, category_of, in_place, write_arrangement, write_model
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "furniture"
 

@@ -18,8 +18,7 @@ from processing.commands.relight import relight, view_from
 from processing.errors import DaylightError, RelightError, ViewpointError
 from processing.layout.arrange import arrange
 from processing.layout.items import KINDS, parse_items
-from processing.layout.models.catalogue import Catalogue
-from processing.layout.models.scene_files import write_model
+from processing.layout.models.catalogue import Catalogue, write_model
 from processing.layout.plan import from_room_model
 from processing.light.picture.render import render
 from processing.light.scene.scene import Outdoors
