@@ -1,39 +1,12 @@
-"""Clocks for simulations: one that costs no time, one that runs faster than life."""
+"""The clock of simulations: it runs faster than life."""
 
 from __future__ import annotations
 
-import threading
 import time
 from datetime import UTC, datetime, timedelta
 
 NOMINAL_START = datetime(2023, 5, 19, 15, 54, 0, tzinfo=UTC)
 """When simulated time begins unless asked otherwise (the day of the paper's first session)."""
-
-
-class VirtualClock:
-    """Time that passes only in `sleep`: deterministic, for one thread.
-
-    Several threads may read it safely, but their sleeps add up; use `ScaledClock` for them.
-    """
-
-    def __init__(self, start_utc: datetime = NOMINAL_START) -> None:
-        self._start_utc = start_utc
-        self._elapsed_s = 0.0
-        self._lock = threading.Lock()
-
-    def monotonic_s(self) -> float:
-        """Return simulated seconds since the clock was made."""
-        return self._elapsed_s
-
-    def utc_now(self) -> datetime:
-        """Return the simulated wall clock."""
-        return self._start_utc + timedelta(seconds=self._elapsed_s)
-
-    def sleep(self, duration_s: float) -> None:
-        """Let ``duration_s`` seconds pass at once (nothing for zero or less)."""
-        if duration_s > 0:
-            with self._lock:
-                self._elapsed_s += duration_s
 
 
 class ScaledClock:

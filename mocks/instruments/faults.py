@@ -1,8 +1,4 @@
-"""Faults as data: what goes wrong, and at which moment. A schedule is JSON- and TOML-able.
-
-::
-
-    {"kind": "unplug", "operation": 0x101B, "nth": 2, "phase": "data", "byte": 700, "replug_after_s": 2.0}
+"""Faults as data: what goes wrong, and at which moment.
 
 A fault belongs to one of four moments, by its kind (an ``unplug`` or ``stall`` of phase ``event`` to the second):
 the nth **operation** (any, or of one code), the nth **event** (any, or of one code; records of Canon's GetEvent count
@@ -11,10 +7,10 @@ as events), the nth **shot**, or the nth **setting** written (any, or of one pro
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Self
+from typing import Self
 
 
 class Phase(StrEnum):
@@ -166,33 +162,6 @@ class Fault:
         """Whether it fires on the ``occurrence``-th thing of its kind, which has ``code``."""
         return self.code in (0, code) and self.nth <= occurrence < self.nth + self.times
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fault as a flat JSON-able mapping."""
-        return {
-            "kind": str(self.kind),
-            self.moment.value: self.code,
-            "nth": self.nth,
-            "times": self.times,
-            "phase": str(self.phase),
-            "byte": self.byte,
-            **self.parameters,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Return the fault of a flat mapping; `ValueError` names what is wrong with it."""
-        rest = dict(data)
-        kind = FaultKind(rest.pop("kind"))
-        phase = Phase(rest.pop("phase", Phase.RESPONSE))
-        code = [int(rest.pop(m.value)) for m in Moment if m.value in rest]
-        if len(code) > 1:
-            raise ValueError(f"fault {kind} names more than one trigger")
-        numbers = {name: int(rest.pop(name)) for name in ("nth", "times", "byte") if name in rest}
-        fault = cls(kind, code[0] if code else 0, phase=phase, parameters=rest, **numbers)
-        if code and fault.moment.value not in data:
-            raise ValueError(f"fault {kind} is triggered by {fault.moment}")
-        return fault
-
 
 @dataclass(frozen=True)
 class FaultSchedule:
@@ -204,15 +173,6 @@ class FaultSchedule:
     def of(cls, *faults: Fault) -> Self:
         """Return a schedule of these faults."""
         return cls(faults)
-
-    @classmethod
-    def from_dicts(cls, items: Iterable[Mapping[str, Any]]) -> Self:
-        """Return the schedule of a list of flat mappings, as JSON or TOML give them."""
-        return cls(tuple(Fault.from_dict(item) for item in items))
-
-    def to_dicts(self) -> list[dict[str, Any]]:
-        """Return the schedule as a JSON-able list."""
-        return [fault.to_dict() for fault in self.faults]
 
 
 class FaultRunner:

@@ -22,11 +22,11 @@ from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
 from mocks.instruments.canon_records import CanonOptions
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.exposures import ShotRequest
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule, Phase
 from mocks.instruments.theta_z1 import SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
+from tests.virtual_clock import VirtualClock
 
 NINE_STOPS = (4, 1, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
 CHUNK_BYTES = 64 * 1024

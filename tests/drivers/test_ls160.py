@@ -15,10 +15,10 @@ from drivers.meter.dialogue import interpret
 from drivers.meter.interface import Meter, MeterReading, ReadingStatus
 from drivers.meter.ls160 import FROZEN_EQUALS, KonicaMinoltaMeter
 from drivers.serial_link import SerialLink
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
 from mocks.instruments.serial_port import SerialPort
 from tests.drivers.memory_line import MemoryLine
+from tests.virtual_clock import VirtualClock
 
 LS100 = load_dialect("ls100")
 

@@ -13,11 +13,11 @@ from drivers.meter.ls160 import KonicaMinoltaMeter
 from drivers.meter.probe import LINE_ENDS, MAX_ANSWER_BYTES, SETTINGS, Exchange, greeted, probe, try_dialects
 from drivers.serial_link import PortSettings
 from drivers.transcript import RecordedLine, Transcript, read_transcript
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ls160 import SimulatedMeter
 from mocks.instruments.serial_port import Instrument, Piece
 from tests.drivers.memory_line import MemoryLine
 from tests.mocks.instruments.recorded_meter import RecordedMeter
+from tests.virtual_clock import VirtualClock
 
 DIALECTS = tuple(load_dialect(name) for name in SHIPPED)
 CHANGES = (b"CLE", b"CMS", b"CMW", b"LMW", b"CCW", b"MEM", b"ZRC", b"UCW", b"TDS", b"SPS", b"SCS")

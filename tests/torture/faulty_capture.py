@@ -37,6 +37,7 @@ from station.capture.rig_file import CameraTable, LimitsTable, MeterTable, RigFi
 from station.session.session import FrameRecord, SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
 from station.session.verify import verify_session
+from tests.mocks.instruments.fault_dicts import dict_of
 
 STOPS_S = (1 / 4, 1 / 15, 1 / 60, 1 / 250)
 RIG = RigFile(
@@ -125,7 +126,7 @@ class Trouble:
 
     def words(self) -> str:
         """Return it for a report."""
-        cameras = {kind: schedule.to_dicts() for kind, schedule in self.cameras.items()}
+        cameras = {kind: [dict_of(f) for f in schedule.faults] for kind, schedule in self.cameras.items()}
         return f"{cameras}, meter {[f.kind for f in self.meter]}, abandoned at {self.abandoned_at}"
 
 

@@ -20,11 +20,11 @@ from drivers.errors import DeviceError, DeviceTimeoutError, ProtocolViolationErr
 from drivers.meter.dialect import Dialect, load_dialect
 from drivers.meter.interface import MeterReading, ReadingStatus
 from drivers.meter.ls160 import MAX_SPREAD_FRAC, KonicaMinoltaMeter
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
 from mocks.instruments.serial_port import Piece
 from tests.drivers.memory_line import MemoryLine
 from tests.torture.ledger import record
+from tests.virtual_clock import VirtualClock
 
 LINES = 1_000_000 if os.environ.get("DAYLIT_TORTURE") else 20_000
 SEED = 20261121

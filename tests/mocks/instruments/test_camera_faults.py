@@ -11,6 +11,7 @@ from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, Canon
 from drivers.ptp.codes import Event, Operation, Prop, Response
 from mocks.instruments.faults import Fault, FaultKind
 from tests.mocks.instruments import test_canon_5d2, test_theta_z1
+from tests.mocks.instruments.fault_dicts import fault_of
 from tests.mocks.optics.shot_sources import exposure_time
 
 Canon, Theta = test_canon_5d2.Bench, test_theta_z1.Bench
@@ -172,7 +173,7 @@ def test_faults_of_canon_records(kind: FaultKind, times: int, moved: int) -> Non
 
 
 def test_the_cable_pulled_while_a_record_is_fetched() -> None:
-    fault = Fault.from_dict(
+    fault = fault_of(
         {"kind": "unplug", "event": int(CanonEvent.OBJECT_ADDED_EX), "phase": "event", "replug_after_s": 1}
     )
     bench = Canon(fault)

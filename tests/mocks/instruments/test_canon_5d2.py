@@ -12,13 +12,14 @@ from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, Canon
 from drivers.ptp.codes import Event, Operation, Response
 from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
 from mocks.instruments.canon_records import object_added, transfer_requested
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.faults import Fault, FaultSchedule
 from mocks.instruments.ptp.datasets import StoredObject
 from mocks.instruments.recorded import recording
 from mocks.instruments.usb.bus import SimulatedUsbBackend
+from tests.mocks.instruments.fault_dicts import fault_of
 from tests.mocks.instruments.raw_host import RawHost, Reply
 from tests.mocks.optics.shot_sources import TinyShots, exposure_time
+from tests.virtual_clock import VirtualClock
 
 OK, BUSY = Response.OK, Response.DEVICE_BUSY
 EMPTY = bytes.fromhex("08 00 00 00 00 00 00 00")
@@ -392,4 +393,4 @@ def test_the_lens_and_the_dial_are_reported() -> None:
 
 def test_records_of_the_stream_cannot_stall() -> None:
     with pytest.raises(ValueError, match="stall"):
-        Bench(Fault.from_dict({"kind": "stall", "event": 0xC181, "phase": "event"}))
+        Bench(fault_of({"kind": "stall", "event": 0xC181, "phase": "event"}))

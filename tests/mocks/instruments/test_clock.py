@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from mocks.instruments.clock import NOMINAL_START, ScaledClock, VirtualClock
+from mocks.instruments.clock import NOMINAL_START, ScaledClock
+from tests.virtual_clock import VirtualClock
 
 
 def test_virtual_time_passes_only_in_sleep() -> None:

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocks.instruments.faults import CONDITIONS, Fault, FaultKind, FaultRunner, FaultSchedule, Moment, Phase
+from tests.mocks.instruments.fault_dicts import dict_of, fault_of
 
 faults = st.builds(
     Fault,
@@ -22,12 +23,13 @@ faults = st.builds(
 @given(st.lists(faults, max_size=5))
 def test_a_schedule_survives_json(items: list[Fault]) -> None:
     schedule = FaultSchedule(tuple(items))
-    assert FaultSchedule.from_dicts(json.loads(json.dumps(schedule.to_dicts()))) == schedule
+    written = json.loads(json.dumps([dict_of(f) for f in schedule.faults]))
+    assert FaultSchedule(tuple(map(fault_of, written))) == schedule
 
 
 def test_a_fault_as_a_person_writes_it() -> None:
     written = {"kind": "unplug", "operation": 0x101B, "nth": 2, "phase": "data", "byte": 700, "replug_after_s": 2.0}
-    fault = Fault.from_dict(written)
+    fault = fault_of(written)
     assert fault == Fault(FaultKind.UNPLUG, 0x101B, 2, 1, Phase.DATA, 700, {"replug_after_s": 2.0})
     assert fault.number("replug_after_s") == 2.0
 
@@ -46,7 +48,7 @@ def test_a_fault_as_a_person_writes_it() -> None:
 )
 def test_nonsense_is_named(written: dict[str, object], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        Fault.from_dict(written)
+        fault_of(written)
 
 
 def test_each_fault_counts_its_own_occurrences() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
 from mocks.instruments.serial_port import Piece
 from tests.drivers.memory_line import MemoryLine
+from tests.virtual_clock import VirtualClock
 
 
 def said(pieces: list[Piece]) -> bytes:

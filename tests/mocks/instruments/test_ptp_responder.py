@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from drivers.ptp.codes import Event, Operation, Response
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ptp.wire import Answer, Request
 from tests.mocks.instruments.echo import GIVE, KEEP, SIGNAL, Echo
+from tests.virtual_clock import VirtualClock
 
 
 @pytest.fixture

@@ -27,12 +27,12 @@ from drivers.usb_link import UsbLink
 from mocks.instruments import canon_records
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
 from mocks.instruments.canon_records import END, CanonOptions
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ptp.wire import Request
 from mocks.instruments.recorded import recorded_bodies, recording
 from mocks.instruments.theta_z1 import SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.drivers.test_cameras_on_simulators import NamedShots
+from tests.virtual_clock import VirtualClock
 
 STOPS_S = (1 / 4, 1 / 60, 1 / 1000)
 CANONS = ["eos_60d", "eos_5d3", "eos_5d2"]

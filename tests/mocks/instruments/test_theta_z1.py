@@ -10,7 +10,6 @@ import pytest
 from drivers.ptp.codes import Event, Operation, Prop, Response
 from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.codes import RicohProp
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.faults import Fault, FaultSchedule
 from mocks.instruments.theta_z1 import (
     READABLE_WHILE_BUSY,
@@ -22,6 +21,7 @@ from mocks.instruments.theta_z1 import (
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.instruments.raw_host import RawHost
 from tests.mocks.optics.shot_sources import TinyShots, exposure_time
+from tests.virtual_clock import VirtualClock
 
 OK, BUSY = Response.OK, Response.DEVICE_BUSY
 MANUAL_SETTINGS = [

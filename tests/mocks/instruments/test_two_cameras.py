@@ -9,11 +9,12 @@ from drivers.canon_5d2 import codes as canon_codes
 from drivers.ptp.codes import Operation
 from drivers.theta_z1 import codes as ricoh_codes
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
-from mocks.instruments.clock import ScaledClock, VirtualClock
+from mocks.instruments.clock import ScaledClock
 from mocks.instruments.theta_z1 import SimulatedThetaZ1
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.instruments.raw_host import RawHost
 from tests.mocks.optics.shot_sources import TinyShots
+from tests.virtual_clock import VirtualClock
 
 LONG_S = 0.1
 

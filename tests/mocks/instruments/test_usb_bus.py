@@ -10,9 +10,9 @@ import pytest
 import usb.core
 import usb.util
 
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.instruments.echo import GIVE, KEEP, SIGNAL, SLOW, Echo
+from tests.virtual_clock import VirtualClock
 
 OPEN_SESSION = "10 00 00 00 01 00 02 10 00 00 00 00 01 00 00 00"
 DEVICE_INFO = "0c 00 00 00 01 00 01 10 00 00 00 00"

@@ -17,7 +17,6 @@ from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
 from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.exposures import CameraTiming
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
 from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
@@ -26,6 +25,7 @@ from station.capture.conform import CAMERA_CHECKS, METER_CHECKS, CameraBench, Ou
 from tests.drivers.memory_line import MemoryLine
 from tests.mocks.optics.shot_sources import TinyShots
 from tests.station.capture.fake_camera import FakeCamera
+from tests.virtual_clock import VirtualClock
 
 SIZE = (64, 32)
 

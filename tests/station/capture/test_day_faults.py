@@ -13,7 +13,6 @@ import pytest
 import daylit
 from drivers.clock import SteadyClock, SystemClock
 from drivers.errors import DeviceBusyError, DeviceTimeoutError
-from mocks.instruments.clock import VirtualClock
 from station.capture.bracket import PAPER_STOPS_S, estimate_bracket, light_drift, plan_bracket, typical_cost
 from station.capture.capture import Capture, CaptureRequest
 from station.capture.events import CaptureEvent, EventKind
@@ -26,6 +25,7 @@ from station.errors import RigError
 from station.session.session import Side
 from tests.station.capture.fake_camera import FakeCamera
 from tests.station.capture.test_capture import STOPS_S, make_rig, run
+from tests.virtual_clock import VirtualClock
 
 
 @dataclass

@@ -18,7 +18,6 @@ from drivers.transcript import Entry, RecordedTransport, Transcript, read_transc
 from drivers.usb_link import UsbLink
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
 from mocks.instruments.canon_records import CanonOptions
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.theta_z1 import SimulatedThetaZ1
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from station.capture.conform import CameraBench, Outcome, run_camera
@@ -27,6 +26,7 @@ from station.capture.rig_file import PAPER_RIG
 from station.errors import ResourceError
 from tests.mocks.instruments.test_recorded_bodies import PAPER, THETA
 from tests.mocks.optics.shot_sources import TinyShots
+from tests.virtual_clock import VirtualClock
 
 KINDS = ["canon, card", "canon, pc", "theta"]
 

@@ -11,11 +11,11 @@ from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
 from mocks.instruments.canon_5d2 import CanonOptions, SimulatedCanon5D2
-from mocks.instruments.clock import VirtualClock
 from mocks.instruments.exposures import ShotRequest
 from mocks.instruments.faults import FaultSchedule
 from mocks.instruments.theta_z1 import SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
+from tests.virtual_clock import VirtualClock
 
 MAX_CLOCK_READS = 400_000
 """A fault-free sitting reads the clock some thousands of times; a loop that never ends is stopped here."""

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 import pytest
 
 from mocks.instruments.faults import Fault, FaultKind
+from tests.mocks.instruments.fault_dicts import dict_of
 from tests.torture.ledger import record
 from tests.torture.ptp.faults import evenly, single_faults
 from tests.torture.ptp.flavours import FLAVOURS, Flavour
@@ -58,7 +59,7 @@ class Campaign:
         for name, seconds in verdict.waits_s.items():
             self.waits_s[name] = max(self.waits_s[name], seconds)  # type: ignore[assignment]
         if verdict.wrong:
-            self.wrong.append(f"{verdict.wrong} after {[f.to_dict() for f in faults]}")
+            self.wrong.append(f"{verdict.wrong} after {[dict_of(f) for f in faults]}")
 
     def end(self) -> None:
         """Write the figures down and fail if anything was wrong."""
