@@ -126,11 +126,11 @@ def _value_type(annotation: Any) -> tuple[type, tuple[str, ...]]:
 
 
 def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
-    """Return what makes a field a path: the content of the file counts for the result, not its name.
+    """Return a field that is a path, if given: the content of the file counts for the result, not its name.
 
     ``how``: ``artifact``, ``excludes`` and ``beside`` of `Option`.
     """
-    return Field(description=text, exclude=True, json_schema_extra={"kind": kind, **how})
+    return Field(None, description=text, exclude=True, json_schema_extra={"kind": kind, **how})
 
 
 Positive = Annotated[float, Field(gt=0, le=1e12)]
@@ -145,58 +145,44 @@ class MergeParameters(StageParameters):
     """Of the stage merge."""
 
     calibration: Profile = None
-    side: Annotated[Literal["both", "indoor", "outdoor"], Field(description="Which brackets are merged")] = "both"
-    frames: Annotated[Literal["auto", "raw", "jpeg"], Field(description="auto: raw, but JPEG with a profile")] = "auto"
+    side: Literal["both", "indoor", "outdoor"] = Field("both", description="Which brackets are merged")
+    frames: Literal["auto", "raw", "jpeg"] = Field("auto", description="auto: raw, but JPEG with a profile")
 
 
 class CalibrateParameters(StageParameters):
     """What a user may say about the scale, the lens and the sky."""
 
     calibration: Profile = None
-    k1: Annotated[
-        Positive | None, Field(description="Scale of the indoor picture (eq. 1), instead of meter and target.")
-    ] = None
-    k2: Annotated[
-        Positive | None, Field(description="Scale between the cameras (eq. 2), instead of the rig profile's.")
-    ] = None
-    target: Annotated[
-        str | None,
-        Field(
-            description="LON,LAT (degrees) in the panorama where the meter looked; without it as recorded, else the "
-            "board is searched for."
-        ),
-    ] = None
-    outdoor_lux: Annotated[
-        Positive | None,
-        Field(description="Horizontal illuminance measured outside (lx): a check; the scale where there is no k2."),
-    ] = None
-    repair_sun: Annotated[
-        Literal["no", "illuminance", "clear-sky"],
-        Field(description="What a clipped sun is repaired by: the measured illuminance, or a clear-sky model"),
-    ] = "no"
-    outdoor_view: Annotated[
-        Literal["hemispherical", "equidistant", "equirectangular"],
-        Field(description="Projection of the calibrated sky"),
-    ] = "equidistant"
-    outdoor_field_deg: Annotated[
-        float,
-        Field(gt=60, le=250, description="Degrees within the outdoor image circle, if no lens calibration has them"),
-    ] = 180.0
-    outdoor_top_deg: Annotated[
-        float | None,
-        Field(
-            description="Compass azimuth of the outdoor picture's top; without it from the sun, else the panorama's "
-            "heading."
-        ),
-    ] = None
-    falloff: Annotated[
-        Literal["auto", "off"],
-        Field(description="Vignetting correction; auto: the profile's, else the published one of the camera"),
-    ] = "auto"
-    glare: Annotated[
-        Literal["auto", "keep"],
-        Field(description="Veiling glare seen around the outdoor image circle; auto: subtracted"),
-    ] = "auto"
+    k1: Positive | None = Field(None, description="Scale of the indoor picture (eq. 1), instead of meter and target.")
+    k2: Positive | None = Field(None, description="Scale between the cameras (eq. 2), instead of the rig profile's.")
+    target: str | None = Field(
+        None,
+        description="LON,LAT (degrees) in the panorama where the meter looked; without it as recorded, else the "
+        "board is searched for.",
+    )
+    outdoor_lux: Positive | None = Field(
+        None, description="Horizontal illuminance measured outside (lx): a check; the scale where there is no k2."
+    )
+    repair_sun: Literal["no", "illuminance", "clear-sky"] = Field(
+        "no", description="What a clipped sun is repaired by: the measured illuminance, or a clear-sky model"
+    )
+    outdoor_view: Literal["hemispherical", "equidistant", "equirectangular"] = Field(
+        "equidistant", description="Projection of the calibrated sky"
+    )
+    outdoor_field_deg: float = Field(
+        180.0, gt=60, le=250, description="Degrees within the outdoor image circle, if no lens calibration has them"
+    )
+    outdoor_top_deg: float | None = Field(
+        None,
+        description="Compass azimuth of the outdoor picture's top; without it from the sun, else the panorama's "
+        "heading.",
+    )
+    falloff: Literal["auto", "off"] = Field(
+        "auto", description="Vignetting correction; auto: the profile's, else the published one of the camera"
+    )
+    glare: Literal["auto", "keep"] = Field(
+        "auto", description="Veiling glare seen around the outdoor image circle; auto: subtracted"
+    )
 
     @field_validator("target")
     @classmethod
@@ -221,35 +207,25 @@ class CalibrateParameters(StageParameters):
 class RoomParameters(StageParameters):
     """What a user may say about the room."""
 
-    room: Annotated[
-        Path | None,
-        path_field(
-            "file",
-            "Room of `daylit room`, instead of one estimated from the panorama.",
-            excludes=["--camera-height", "--layout-model"],
-        ),
-    ] = None
-    segmenter: Annotated[
-        Path | None,
-        path_field(
-            "file",
-            "What says which pixels are furniture and windows: own (the shipped network), fuse (with the model of "
-            "`daylit models`; the default where it is installed), or a network of yours (ONNX, tflite).",
-            installed=True,
-        ),
-    ] = None
-    segmenter_contract: Annotated[
-        Path | None,
-        path_field("file", "JSON that describes your network's inputs and outputs.", beside=["--segmenter"]),
-    ] = None
-    layout_model: Annotated[Path | None, path_field("file", "ONNX of HorizonNet, LED2-Net or LGT-Net.")] = None
-    camera_height_m: Annotated[
-        Annotated[float, Field(ge=0.1, lt=20)] | None,
-        Field(description="Height of the panorama camera's lens, metres: sets the scale; without it the session's."),
-    ] = None
-    level: Annotated[
-        Literal["auto", "off"], Field(description="A tilted panorama: auto makes it upright, off leaves it")
-    ] = "auto"
+    room: Path | None = path_field(
+        "file",
+        "Room of `daylit room`, instead of one estimated from the panorama.",
+        excludes=["--camera-height", "--layout-model"],
+    )
+    segmenter: Path | None = path_field(
+        "file",
+        "What says which pixels are furniture and windows: own (the shipped network), fuse (with the model of "
+        "`daylit models`; the default where it is installed), or a network of yours (ONNX, tflite).",
+        installed=True,
+    )
+    segmenter_contract: Path | None = path_field(
+        "file", "JSON that describes your network's inputs and outputs.", beside=["--segmenter"]
+    )
+    layout_model: Path | None = path_field("file", "ONNX of HorizonNet, LED2-Net or LGT-Net.")
+    camera_height_m: Annotated[float, Field(ge=0.1, lt=20)] | None = Field(
+        None, description="Height of the panorama camera's lens, metres: sets the scale; without it the session's."
+    )
+    level: Literal["auto", "off"] = Field("auto", description="A tilted panorama: auto makes it upright, off leaves it")
 
     @model_validator(mode="after")
     def _contract_of_a_file(self) -> RoomParameters:
@@ -261,54 +237,44 @@ class RoomParameters(StageParameters):
 class DetectParameters(StageParameters):
     """What a user may say about masks."""
 
-    mask: Annotated[
-        Path | None,
-        path_field(
-            "answer",
-            "Picture: white is to be removed; instead of detection.",
-            artifact="target",
-            excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep"],
-        ),
-    ] = None
-    mask_add: Annotated[
-        Path | None, path_field("file", "Picture: white is to be removed, beside what is detected.")
-    ] = None
-    mask_keep: Annotated[Path | None, path_field("file", "Picture: white stays, whatever is detected.")] = None
-    margin_deg: Annotated[
-        float, Field(ge=0, le=10, description="Degrees by which the target extends beyond what was detected")
-    ] = 0.6
-    sunlight: Annotated[
-        Literal["auto", "off"], Field(description="off: direct sunlight is neither detected nor removed")
-    ] = "auto"
+    mask: Path | None = path_field(
+        "answer",
+        "Picture: white is to be removed; instead of detection.",
+        artifact="target",
+        excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep"],
+    )
+    mask_add: Path | None = path_field("file", "Picture: white is to be removed, beside what is detected.")
+    mask_keep: Path | None = path_field("file", "Picture: white stays, whatever is detected.")
+    margin_deg: float = Field(
+        0.6, ge=0, le=10, description="Degrees by which the target extends beyond what was detected"
+    )
+    sunlight: Literal["auto", "off"] = Field("auto", description="off: direct sunlight is neither detected nor removed")
 
 
 class _InTheRoom(StageParameters):
     """Whether a stage that hangs on the room's shape goes on where that is doubtful."""
 
-    doubtful_room: Annotated[
-        bool,
-        Field(description="Empty and stage although the room's estimated shape is doubtful (confidence below 0.3)."),
-    ] = False
+    doubtful_room: bool = Field(
+        False, description="Empty and stage although the room's estimated shape is doubtful (confidence below 0.3)."
+    )
 
 
 class LightParameters(_InTheRoom):
     """What a user may say about the light that old furniture takes."""
 
-    shade: Annotated[
-        Literal["lift", "keep"],
-        Field(description="The old furniture's shade on what stays: lifted off it, or kept as captured"),
-    ] = "lift"
+    shade: Literal["lift", "keep"] = Field(
+        "lift", description="The old furniture's shade on what stays: lifted off it, or kept as captured"
+    )
 
 
 class RemoveParameters(_InTheRoom):
     """What a user may say about removal."""
 
-    keep_sunlight: Annotated[bool, Field(description="Leave direct sunlight where it is (not for relighting).")] = False
-    filler: Annotated[Path | None, path_field("file", "Inpainting network of your own: a LaMa export, ONNX.")] = None
-    filler_channels: Annotated[
-        Literal["rgb", "bgr"],
-        Field(description="Channel order of --filler", json_schema_extra={"beside": ["--filler"]}),
-    ] = "rgb"
+    keep_sunlight: bool = Field(False, description="Leave direct sunlight where it is (not for relighting).")
+    filler: Path | None = path_field("file", "Inpainting network of your own: a LaMa export, ONNX.")
+    filler_channels: Literal["rgb", "bgr"] = Field(
+        "rgb", description="Channel order of --filler", json_schema_extra={"beside": ["--filler"]}
+    )
 
 
 class _Furnished(_InTheRoom):
@@ -316,13 +282,10 @@ class _Furnished(_InTheRoom):
 
     derived = ("wanted",)
 
-    set: Annotated[str, Field(description="Furniture: bedroom, living, dining, office, auto, none")] = "auto"
-    items: Annotated[
-        str | None,
-        Field(
-            description='A list of furniture instead: "bed, 2 nightstand".', json_schema_extra={"excludes": ["--set"]}
-        ),
-    ] = None
+    set: str = Field("auto", description="Furniture: bedroom, living, dining, office, auto, none")
+    items: str | None = Field(
+        None, description='A list of furniture instead: "bed, 2 nightstand".', json_schema_extra={"excludes": ["--set"]}
+    )
 
     @property
     def wanted(self) -> bool:
@@ -333,52 +296,45 @@ class _Furnished(_InTheRoom):
 class MaterialsParameters(_Furnished):
     """What a user may say about what the room is made of, and whether it is to be staged at all."""
 
-    reveal_m: Annotated[
-        Annotated[float, Field(ge=0, le=2)] | None,
-        Field(description="Depth of the windows' niches, metres; without it a common one."),
-    ] = None
+    reveal_m: Annotated[float, Field(ge=0, le=2)] | None = Field(
+        None, description="Depth of the windows' niches, metres; without it a common one."
+    )
 
 
 class ArrangeParameters(_Furnished):
     """What is to stand in the room."""
 
-    arrangement: Annotated[
-        Path | None, path_field("answer", "arrangement.json of `daylit arrange`, instead.", artifact="arrangement")
-    ] = None
-    pin: Annotated[
-        str | None, Field(description='Pieces whose place is given, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".')
-    ] = None
+    arrangement: Path | None = path_field(
+        "answer", "arrangement.json of `daylit arrange`, instead.", artifact="arrangement"
+    )
+    pin: str | None = Field(
+        None, description='Pieces whose place is given, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".'
+    )
     furniture: FurnitureFolder = None
-    rules: Annotated[str, Field(description="Rule set: comfort, standard, tight, accessible")] = "standard"
-    alternatives: Annotated[
-        int, Field(ge=1, le=MOST_STAGED, description=f"How many arrangements, 1 to {MOST_STAGED}")
-    ] = 3
+    rules: str = Field("standard", description="Rule set: comfort, standard, tight, accessible")
+    alternatives: int = Field(3, ge=1, le=MOST_STAGED, description=f"How many arrangements, 1 to {MOST_STAGED}")
     seed: Seed = 0
 
 
 class RenderParameters(StageParameters):
     """How furniture is put into the picture."""
 
-    method: Annotated[
-        Literal["differential", "global", "ibl"],
-        Field(
-            description="differential: the photograph, changed where furniture changes its light; "
-            "global: all rendered; ibl: furniture without shadows"
-        ),
-    ] = "differential"
+    method: Literal["differential", "global", "ibl"] = Field(
+        "differential",
+        description="differential: the photograph, changed where furniture changes its light; "
+        "global: all rendered; ibl: furniture without shadows",
+    )
     furniture: FurnitureFolder = None
-    style: Annotated[
-        str | None, Field(description="Built-in: scandinavian, mid-century, classic, industrial; else each in turn.")
-    ] = None
-    styling: Annotated[
-        Literal["none", "light", "full"],
-        Field(
-            description="What dresses it: light adds curtains, rugs, art and lamps, full small things and plants too"
-        ),
-    ] = "full"
-    lamps: Annotated[
-        Literal["off", "on"], Field(description="Whether the lamps that are put in shine (their lumens: staged.json)")
-    ] = "off"
+    style: str | None = Field(
+        None, description="Built-in: scandinavian, mid-century, classic, industrial; else each in turn."
+    )
+    styling: Literal["none", "light", "full"] = Field(
+        "full",
+        description="What dresses it: light adds curtains, rugs, art and lamps, full small things and plants too",
+    )
+    lamps: Literal["off", "on"] = Field(
+        "off", description="Whether the lamps that are put in shine (their lumens: staged.json)"
+    )
     seed: Seed = 0
 
 
@@ -389,10 +345,10 @@ _ORIGINALS = "Where the unaltered originals will be on the web: a QR code in sta
 class ReportParameters(StageParameters):
     """What a user may say about the page."""
 
-    no_staged_label: Annotated[bool, Field(description=_LABEL)] = False
+    no_staged_label: bool = Field(False, description=_LABEL)
 
 
 class StillsParameters(ReportParameters):
     """What a user may say about stills."""
 
-    original_url: Annotated[str | None, Field(pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)] = None
+    original_url: str | None = Field(None, pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)
