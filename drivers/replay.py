@@ -163,18 +163,15 @@ class ReplayedTransport:
             return None
         due_s, data = self._events.pop(0)
         self._clock.sleep(max(0.0, due_s - self._clock.monotonic_s()))
-        return self._renumbered(data)
-
-    def _renumbered(self, event: bytes) -> bytes:
-        """Return an event with transaction ids as they are now: in its header, and as the parameter that one has."""
-        if len(event) < HEADER_BYTES:
-            return event
-        code, transaction_id = struct.unpack_from("<HI", event, 6)
-        rest = event[HEADER_BYTES:]
+        # An event with transaction ids as they are now: in its header, and as the parameter that one has
+        if len(data) < HEADER_BYTES:
+            return data
+        code, transaction_id = struct.unpack_from("<HI", data, 6)
+        rest = data[HEADER_BYTES:]
         if code == Event.CAPTURE_COMPLETE and len(rest) == 4:
             (number,) = struct.unpack("<I", rest)
             rest = struct.pack("<I", self._ids.get(number, number))
-        return event[:8] + struct.pack("<I", self._ids.get(transaction_id, transaction_id)) + rest
+        return data[:8] + struct.pack("<I", self._ids.get(transaction_id, transaction_id)) + rest
 
     def control_out(self, request: int, data: bytes, timeout_s: float) -> None:
         """Do nothing: a replay is never out of step."""

@@ -176,9 +176,6 @@ class CanonSettings:
         self._lists |= body.dial_at_m()
         # No recording with the dial at M has its shutter list: third stops stand in.
         self._lists[CanonProp.SHUTTER_SPEED] = self._lists.get(CanonProp.SHUTTER_SPEED) or tuple(SHUTTER_CODES)
-        self._turn(options)
-
-    def _turn(self, options: CanonOptions) -> None:
         turned = {
             CanonProp.AUTO_EXPOSURE_MODE: options.ae_mode,
             CanonProp.FOCUS_MODE: FOCUS_MANUAL if options.lens_manual else ONE_SHOT,

@@ -16,7 +16,6 @@ import numpy as np
 
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.outdoor.lens import find_image_circle
-from processing.calibration.response.curve import ResponseCurve
 from processing.calibration.response.response import estimate_noise, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
@@ -142,7 +141,8 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     fit = recover_response([bracket], estimate_times=rule is None)
     curve, noise = fit.curve, fit.noise
     if response is not None:
-        curve = _in_gauge(curve, response)
+        off = (response - curve.log2_exposure)[:, _TIED].mean(axis=1, keepdims=True)
+        curve = replace(curve, log2_exposure=curve.log2_exposure + off)
         noise = estimate_noise([bracket], curve)
     circle = find_image_circle(codes)
     half = math.radians(field_deg) / 2
@@ -167,12 +167,6 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     picture = LuminanceImage(light, image.uncertainty, validity, lens, HDRGEN_SIGMA, attributes=said)
     mean = float(np.mean(luminance_map(picture)))
     return widened(picture, camera_modes(mean, two_lenses=False))
-
-
-def _in_gauge(curve: ResponseCurve, response: Doubles) -> ResponseCurve:
-    """Return our curve with the mean log exposure of another over codes 30 to 220, by channel."""
-    off = (response - curve.log2_exposure)[:, _TIED].mean(axis=1, keepdims=True)
-    return replace(curve, log2_exposure=curve.log2_exposure + off)
 
 
 # Opening, scaling and summing up pictures for ``daylit figures``.

@@ -190,7 +190,9 @@ def empty_room(
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
 
-    seen = _Seen(_layers(rgb, unfit, kept), geometry, room, target | blind, shown)
+    layers = np.empty((*unfit.shape, 5), np.float32)
+    layers[..., :3], layers[..., 3], layers[..., 4] = rgb, unfit, kept
+    seen = _Seen(layers, geometry, room, target | blind, shown)
     filled = _filled(seen, hidden, foreign, quality, skirting, filler)
     del seen  # half a gigabyte
     out, notes = image.rgb.copy(), []
@@ -253,12 +255,6 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
     wide = wrapped(target, MIXED_PX).astype(np.uint8)
     beside = cv2.dilate(wide, np.ones((2 * MIXED_PX + 1,) * 2, np.uint8))[:, MIXED_PX:-MIXED_PX].astype(bool) & ~target
     return beside if sunlight is None else beside | (sunlight & ~target)
-
-
-def _layers(rgb: Floats, unfit: Flags, kept: Flags) -> Floats:
-    layers = np.empty((*unfit.shape, 5), np.float32)
-    layers[..., :3], layers[..., 3], layers[..., 4] = rgb, unfit, kept
-    return layers
 
 
 def _plane(seen: _Seen, plane: Plane, quality: str, skirting: Skirting | None) -> FilledPlane:

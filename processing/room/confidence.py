@@ -52,7 +52,18 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
     dim, lit = (np.quantile(bright, share) if bright.size else np.float32(1) for share in (0.1, 0.9))
     if float(np.log2(lit / max(float(dim), 1e-30))) < 0.05:
         raise NoRoomError("the picture is black or of one even brightness", advice="check exposure and lens cap")
-    blank = _blank(small, data)
+    # The share of the sphere without data, black, or in nearly black rows that reach a pole
+    rows = small.shape[0]
+    even = small.max(axis=1) <= 1e-3 * np.median(small[small > 0])
+    reach = np.zeros(rows, bool)
+    # A row or two at a pole are even in any panorama.
+    for order in (np.arange(rows), np.arange(rows)[::-1]):
+        run = int(np.argmin(even[order])) if not even.all() else rows
+        if run > rows // 32:
+            reach[order[:run]] = True
+    dark = (small <= 0) | ~data | reach[:, None]
+    weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * math.pi)
+    blank = float((dark.mean(axis=1) * weight).sum() / weight.sum())
     if blank > LARGEST_BLANK:
         raise NoRoomError(
             f"{100 * blank:.0f} % of the sphere show nothing",
@@ -60,21 +71,6 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
             advice="give a whole panorama",
         )
     return blank
-
-
-def _blank(luminance: np.ndarray, data: np.ndarray) -> float:
-    """Return the share of the sphere without data, black, or in nearly black rows that reach a pole."""
-    rows = luminance.shape[0]
-    even = luminance.max(axis=1) <= 1e-3 * np.median(luminance[luminance > 0])
-    reach = np.zeros(rows, bool)
-    # A row or two at a pole are even in any panorama.
-    for order in (np.arange(rows), np.arange(rows)[::-1]):
-        run = int(np.argmin(even[order])) if not even.all() else rows
-        if run > rows // 32:
-            reach[order[:run]] = True
-    dark = (luminance <= 0) | ~data | reach[:, None]
-    weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * math.pi)
-    return float((dark.mean(axis=1) * weight).sum() / weight.sum())
 
 
 RIVAL_WITHIN = 60.0

@@ -210,13 +210,20 @@ def refine(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: 
     seen = np.unique(sight.wall)
     without = [int(w) for w in seen if count[w] < LEAST_COLUMNS]
     skipped = (f"edges of {len(without)} of {len(seen)} walls in sight: none is clear of furniture",) if without else ()
+    # How strong the edges are that a room predicts, of strips laid along a room much like it
+    distance, _ = wall_ranges(again.polygon, sight.azimuth_rad)
+    floor = -np.arctan2(1.0, distance) - sight.floor_rad
+    ceiling = np.arctan2(again.outline.ratio, distance) - sight.ceiling_rad
+    around = np.linspace(-STRENGTH_WITHIN_RAD, STRENGTH_WITHIN_RAD, 9)[:, None]
+    floor_strength = sight.floor.at(floor + around).max(axis=0) * sight.floor_clear
+    ceiling_strength = sight.ceiling.at(ceiling + around).max(axis=0) * sight.ceiling_clear
     return Refined(
         again.polygon,
         again.outline,
         edges=len(seen) - len(without),
         floor_share=float(found[0].mean()),
         ceiling_share=float(found[1].mean()),
-        strength=_strength(sight, again.polygon, again.outline.ratio),
+        strength=float(floor_strength.mean() + ceiling_strength.mean()),
         skipped=skipped,
     )
 
@@ -280,17 +287,6 @@ def _moves(sight: _Sight, walls: int) -> _Moves:
     clear = by_wall @ (sight.floor_clear.astype(float) + sight.ceiling_clear)
     above = _below(floor_mean[:, ::-1])[:, ::-1][rows, chosen]
     return _Moves(SHIFTS[chosen], ratio_shift, strength / np.maximum(clear, 1.0), above >= SKIRTING_SEEN)
-
-
-def _strength(sight: _Sight, polygon: Doubles, ratio: float) -> float:
-    """Return how strong the edges are that a room predicts, of strips laid along a room much like it."""
-    distance, _ = wall_ranges(polygon, sight.azimuth_rad)
-    floor = -np.arctan2(1.0, distance) - sight.floor_rad
-    ceiling = np.arctan2(ratio, distance) - sight.ceiling_rad
-    around = np.linspace(-STRENGTH_WITHIN_RAD, STRENGTH_WITHIN_RAD, 9)[:, None]
-    floor_strength = sight.floor.at(floor + around).max(axis=0) * sight.floor_clear
-    ceiling_strength = sight.ceiling.at(ceiling + around).max(axis=0) * sight.ceiling_clear
-    return float(floor_strength.mean() + ceiling_strength.mean())
 
 
 def _distances(fit: Fit) -> Doubles:

@@ -247,7 +247,9 @@ GRABBERS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-mon
 def check_computer(folder: Path) -> Iterator[Check]:
     """Yield checks of Python, libraries, the USB library, permissions, grabbers, the disk, and the renderer."""
     yield Check(Level.OK, "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
-    yield from _check_libraries()
+    for module in ("pydantic", "serial", "usb", "libusb_package", "cv2", "numpy", "PIL", "rich"):
+        if importlib.util.find_spec(module) is None:
+            yield Check(Level.FAIL, "library", f"{module} is not installed", "install daylit anew (make demo)")
     yield _check_usb_library()
     if sys.platform.startswith("linux"):
         yield _check_udev()
@@ -281,12 +283,6 @@ def list_instruments() -> Iterator[Check]:
     for port in ports:
         description = "" if port.description == "n/a" else port.description
         yield Check(Level.OK, "serial port", f"{port.device} {description}".strip())
-
-
-def _check_libraries() -> Iterator[Check]:
-    for module in ("pydantic", "serial", "usb", "libusb_package", "cv2", "numpy", "PIL", "rich"):
-        if importlib.util.find_spec(module) is None:
-            yield Check(Level.FAIL, "library", f"{module} is not installed", "install daylit anew (make demo)")
 
 
 def _check_usb_library() -> Check:

@@ -254,7 +254,17 @@ def import_tree(options: dict[str, Any]) -> int:
             outcomes.append(outcome)
             if not options["as_json"]:
                 click.echo(_line(outcome))
-    return _show_end(plan, outcomes, as_json=options["as_json"])
+    whole = all(o.error is None and (o.report is None or not o.report.manifest.missing) for o in outcomes)
+    ok = whole and not plan.doubts
+    if options["as_json"]:
+        click.echo(json.dumps({"ok": ok, **_facts(plan), "brackets": [_dict(o) for o in outcomes]}))
+    else:
+        _show_doubts(plan)
+        made = sum(o.report is not None for o in outcomes)
+        there = sum(o.report is None and o.error is None for o in outcomes)
+        failed = sum(o.error is not None for o in outcomes)
+        click.echo(f"{made} sessions made, {there} were there, {failed} failed, {len(plan.doubts)} not decided")
+    return 0 if ok else 4
 
 
 def _request(options: dict[str, Any]) -> DatasetRequest:
@@ -276,20 +286,6 @@ def _request(options: dict[str, Any]) -> DatasetRequest:
         raw=options["raw"],
         strict=options["strict"],
     )
-
-
-def _show_end(plan: DatasetPlan, outcomes: list[Outcome], *, as_json: bool) -> int:
-    whole = all(o.error is None and (o.report is None or not o.report.manifest.missing) for o in outcomes)
-    ok = whole and not plan.doubts
-    if as_json:
-        click.echo(json.dumps({"ok": ok, **_facts(plan), "brackets": [_dict(o) for o in outcomes]}))
-    else:
-        _show_doubts(plan)
-        made = sum(o.report is not None for o in outcomes)
-        there = sum(o.report is None and o.error is None for o in outcomes)
-        failed = sum(o.error is not None for o in outcomes)
-        click.echo(f"{made} sessions made, {there} were there, {failed} failed, {len(plan.doubts)} not decided")
-    return 0 if ok else 4
 
 
 def _zone(text: str | None) -> ZoneInfo | int | None:

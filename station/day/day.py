@@ -206,7 +206,8 @@ class Day:
         self._watch.forget()
         for number, (room, due_s) in enumerate(self._slots()):
             if self._plan.every_s is None and number:
-                yield from self._move_to(room)
+                self.ask_pause(paused=True)
+                yield self._say(EventKind.WAITING, f"move the rig to {room}, then continue", room=room)
             yield from self._wait(due_s)
             if self._stop_asked:
                 break
@@ -241,11 +242,6 @@ class Day:
             return 1
         left_s = (self._plan.until_utc - self._rig.clock.utc_now()).total_seconds()
         return max(int(left_s // self._plan.every_s), 0)
-
-    def _move_to(self, room: str) -> Iterator[CaptureEvent]:
-        """Wait for a person: the rig has to stand in the next room."""
-        self.ask_pause(paused=True)
-        yield self._say(EventKind.WAITING, f"move the rig to {room}, then continue", room=room)
 
     def _wait(self, due_s: float) -> Iterator[CaptureEvent]:
         """Keep the cameras awake until a bracket is due and nobody wants a pause."""

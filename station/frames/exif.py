@@ -244,7 +244,17 @@ def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
     if format_ == "cr2" and bytes(data[8:11]) != b"CR\x02":
         raise FrameProblemError(Reason.NOT_RAW, "not a CR2 file: the mark CR 2 is missing at byte 8")
     reader = TiffReader(data, Reason.DAMAGED)
-    directories = _directories(reader)
+    # The chain of directories and, for DNG, the children of the first
+    directories: list[Directory] = []
+    pending = [reader.first_at]
+    while pending:
+        if len(directories) >= MAX_DIRECTORIES:
+            raise reader.problem(f"more than {MAX_DIRECTORIES} directories")
+        directory = reader.directory(pending.pop(0))
+        directories.append(directory)
+        children = directory.entries.get(_CHILDREN)
+        pending += reader.integers(children, MAX_DIRECTORIES) if children else ()
+        pending += [directory.next_at] if directory.next_at else []
     if format_ == "dng" and _DNG_VERSION not in directories[0].entries:
         raise FrameProblemError(Reason.NOT_RAW, "not a DNG file: no DNG version in its first directory")
     furthest = max(_furthest(reader, directory) for directory in directories)
@@ -270,21 +280,6 @@ def check_tiff(data: bytes) -> bytes:
     if bits is not None and max(reader.integers(bits, 8)) > 8:
         raise FrameProblemError(Reason.UNSUPPORTED, "more than 8 bits a channel: brackets are merged from 8 bits")
     return data
-
-
-def _directories(reader: TiffReader) -> list[Directory]:
-    """Return the chain of directories and, for DNG, the children of the first."""
-    found: list[Directory] = []
-    pending = [reader.first_at]
-    while pending:
-        if len(found) >= MAX_DIRECTORIES:
-            raise reader.problem(f"more than {MAX_DIRECTORIES} directories")
-        directory = reader.directory(pending.pop(0))
-        found.append(directory)
-        children = directory.entries.get(_CHILDREN)
-        pending += reader.integers(children, MAX_DIRECTORIES) if children else ()
-        pending += [directory.next_at] if directory.next_at else []
-    return found
 
 
 def _furthest(reader: TiffReader, directory: Directory) -> int:

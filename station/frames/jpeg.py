@@ -191,25 +191,15 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
         raise FrameProblemError(Reason.DAMAGED, "no picture between start and end of the file")
     if walk.scanned != set(walk.frame.component_ids):
         raise FrameProblemError(Reason.TRUNCATED, "a colour component has no picture data")
-    _check_enough_data(walk.frame, walk.scan_bytes)
-    _check_tail(data, end, walk)
-    frame = walk.frame
-    return JpegHeader(frame.width_px, frame.height_px, frame.progressive, walk.exif, tuple(walk.notes))
-
-
-def _check_enough_data(frame: _FrameSize, scan_bytes: int) -> None:
-    """Refuse data that cannot fill the picture: a block costs a bit for its mean, in sequential mode two."""
-    least_bytes = frame.blocks * (1 if frame.progressive else 2) // 8
-    if scan_bytes < least_bytes:
+    # Refuse data that cannot fill the picture: a block costs a bit for its mean, in sequential mode two
+    least_bytes = walk.frame.blocks * (1 if walk.frame.progressive else 2) // 8
+    if walk.scan_bytes < least_bytes:
         raise FrameProblemError(
             Reason.TRUNCATED,
-            f"{scan_bytes} bytes of picture data, where {frame.width_px}x{frame.height_px} pixels "
+            f"{walk.scan_bytes} bytes of picture data, where {walk.frame.width_px}x{walk.frame.height_px} pixels "
             f"need {least_bytes} or more",
         )
-
-
-def _check_tail(data: bytes, end: int, walk: _Walk) -> None:
-    """Allow zero padding, and previews that a multi-picture (MPF) segment announces; nothing else."""
+    # Allow zero padding, and previews that a multi-picture (MPF) segment announces; nothing else
     tail = data[end:].strip(b"\0")
     if tail and not (walk.has_previews and tail.startswith(b"\xff\xd8\xff")):
         raise FrameProblemError(
@@ -217,6 +207,8 @@ def _check_tail(data: bytes, end: int, walk: _Walk) -> None:
         )
     if len(data) > end:
         walk.notes.append(f"{len(data) - end} bytes of {'previews' if tail else 'padding'} behind the picture")
+    frame = walk.frame
+    return JpegHeader(frame.width_px, frame.height_px, frame.progressive, walk.exif, tuple(walk.notes))
 
 
 # The structure of a PNG, likewise walked before any decoder sees it: chunks, their checksums, the end (ISO 15948).

@@ -59,7 +59,11 @@ def judge(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[FrameFac
 
     Raises `FrameRejectedError`: with the file in ``where`` and the name of the reason in ``details["reason"]``.
     """
-    _judge_repeated(facts, earlier)
+    for other in earlier:
+        same_picture = facts.picture_sha256 is not None and facts.picture_sha256 == other.picture_sha256
+        if facts.sha256 == other.sha256 or same_picture:
+            what = "bytes" if facts.sha256 == other.sha256 else "pixels"
+            raise rejection(facts.name, Reason.REPEATED, f"the same {what} as {other.name}", "take the frame again")
     _judge_size(facts, expected)
     if expected.require_exif and facts.exif_problem:
         reason = Reason.EXIF_MISSING if facts.exif_problem == "no EXIF" else Reason.EXIF_DAMAGED
@@ -69,14 +73,6 @@ def judge(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[FrameFac
     _judge_value(facts, expected, "f_number", Reason.WRONG_F_NUMBER, _same_f_number, "f/{:.3g}".format)
     _judge_date(facts, expected)
     _judge_black(facts, expected, earlier)
-
-
-def _judge_repeated(facts: FrameFacts, earlier: Sequence[FrameFacts]) -> None:
-    for other in earlier:
-        same_picture = facts.picture_sha256 is not None and facts.picture_sha256 == other.picture_sha256
-        if facts.sha256 == other.sha256 or same_picture:
-            what = "bytes" if facts.sha256 == other.sha256 else "pixels"
-            raise rejection(facts.name, Reason.REPEATED, f"the same {what} as {other.name}", "take the frame again")
 
 
 def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:

@@ -18,17 +18,6 @@ class StrictJsonError(ValueError):
     """Text that is not JSON as we accept it; the message says why."""
 
 
-def _check_depth(raw: bytes) -> None:
-    """Refuse deep nesting before the recursive reader meets it (strings are taken out first)."""
-    depth = 0
-    for bracket in _BRACKET.finditer(_STRING.sub(b"", raw)):
-        depth += 1 if bracket[0] in b"[{" else -1
-        if depth > MAX_DEPTH:
-            raise StrictJsonError(f"nested deeper than {MAX_DEPTH} levels")
-        if depth < 0:
-            raise StrictJsonError("not JSON: a bracket closes that none opened")
-
-
 def _constant(text: str) -> Any:
     raise StrictJsonError(f"{text} is not a JSON number")
 
@@ -61,7 +50,14 @@ def loads(raw: bytes) -> Any:
     Raises `StrictJsonError` for anything but plain JSON of at most `MAX_DEPTH` levels: bad UTF-8, NaN and
     infinity, numbers beyond `MAX_DIGITS` digits or out of range, keys twice in one object, lone surrogates.
     """
-    _check_depth(raw)
+    # Refuse deep nesting before the recursive reader meets it (strings are taken out first)
+    depth = 0
+    for bracket in _BRACKET.finditer(_STRING.sub(b"", raw)):
+        depth += 1 if bracket[0] in b"[{" else -1
+        if depth > MAX_DEPTH:
+            raise StrictJsonError(f"nested deeper than {MAX_DEPTH} levels")
+        if depth < 0:
+            raise StrictJsonError("not JSON: a bracket closes that none opened")
     try:
         text = raw.decode("utf-8")
         value = json.loads(

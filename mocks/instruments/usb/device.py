@@ -102,7 +102,14 @@ class UsbPtpDevice:
         with self.camera.lock:
             self._check_present(None)
             if request == ClassRequest.CANCEL:
-                self._cancel(data)
+                if len(data) != 6 or int.from_bytes(data[:2], "little") != Event.CANCEL_TRANSACTION:
+                    self.camera.stats.violations.append(f"cancel request with {data.hex()}")
+                    raise LinkError(errno.EPIPE, "Pipe error")
+                self._in.queue.clear()
+                self._late.clear()
+                self._incoming = _Incoming(bytearray())
+                self._cancelled_until_s = self.clock.monotonic_s() + self.camera.timing.cancel_s
+                self.camera.excuse_transaction_id()
             elif request == ClassRequest.DEVICE_RESET and not data:
                 self._clear()
                 self.camera.link_reset()
@@ -282,13 +289,3 @@ class UsbPtpDevice:
         self._in.queue.extend(self._late)
         self._late.clear()
         self._in.queue.extend(transfers)
-
-    def _cancel(self, data: bytes) -> None:
-        if len(data) != 6 or int.from_bytes(data[:2], "little") != Event.CANCEL_TRANSACTION:
-            self.camera.stats.violations.append(f"cancel request with {data.hex()}")
-            raise LinkError(errno.EPIPE, "Pipe error")
-        self._in.queue.clear()
-        self._late.clear()
-        self._incoming = _Incoming(bytearray())
-        self._cancelled_until_s = self.clock.monotonic_s() + self.camera.timing.cancel_s
-        self.camera.excuse_transaction_id()

@@ -82,7 +82,18 @@ def draw_street(seed: int) -> Street:
     rng = np.random.default_rng([seed, 7303])
     bare = Street(float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(15.5, 21)), ())
     houses = _houses(rng, bare)
-    things: list[Thing] = [*houses, *_hedges(rng, bare), *_trees(rng, bare, houses)]
+    bushes: list[Tree] = []
+    for across_m in (bare.offset_m - PAVEMENT_M - 0.9, bare.offset_m + PAVEMENT_M + 0.9, -16.0, -19.5):
+        height_m, leaves = float(rng.uniform(0.9, 1.7)), LEAVES[int(rng.integers(len(LEAVES)))]
+        along_m = -45.0
+        while along_m < 45:
+            if rng.random() < 0.05:
+                along_m += float(rng.uniform(2.5, 8))
+            x, y = bare.place(along_m, across_m)
+            size = height_m * float(rng.uniform(0.92, 1.06))
+            bushes.append(Tree(x, y, size, 1.5 * size, 0.0, leaves, int(rng.integers(2**31))))
+            along_m += 0.8 * height_m
+    things: list[Thing] = [*houses, *bushes, *_trees(rng, bare, houses)]
     things.sort(key=lambda thing: -math.hypot(thing.x, thing.y))
     return Street(bare.across_rad, bare.offset_m, tuple(things))
 
@@ -121,21 +132,6 @@ def _house(rng: np.random.Generator, street: Street, along_m: float, across_m: f
         ROOFS[int(rng.integers(len(ROOFS)))],
         int(rng.integers(2**31)),
     )
-
-
-def _hedges(rng: np.random.Generator, street: Street) -> list[Tree]:
-    bushes: list[Tree] = []
-    for across_m in (street.offset_m - PAVEMENT_M - 0.9, street.offset_m + PAVEMENT_M + 0.9, -16.0, -19.5):
-        height_m, leaves = float(rng.uniform(0.9, 1.7)), LEAVES[int(rng.integers(len(LEAVES)))]
-        along_m = -45.0
-        while along_m < 45:
-            if rng.random() < 0.05:
-                along_m += float(rng.uniform(2.5, 8))
-            x, y = street.place(along_m, across_m)
-            size = height_m * float(rng.uniform(0.92, 1.06))
-            bushes.append(Tree(x, y, size, 1.5 * size, 0.0, leaves, int(rng.integers(2**31))))
-            along_m += 0.8 * height_m
-    return bushes
 
 
 def _trees(rng: np.random.Generator, street: Street, houses: list[House]) -> list[Tree]:

@@ -134,6 +134,10 @@ def merge_tables(
     value = np.where(codes > high, saturation, v)
     used[-1] = np.where(codes > high, TRACE_SNR2 / value[-1] ** 2, used[-1])
     lanes = np.stack([used, used * value, used * value**2, np.zeros_like(used)], axis=-1)
+    # By how many codes noise may at most make a pixel brighter in a shorter frame
+    log2_sigma = np.sqrt(noise.relative_variance(curve)) / np.log(2)
+    in_codes = log2_sigma / curve.log2_slope
+    worst = max(float(np.max(in_codes[c, curve.low[c] : curve.high[c] + 1])) for c in range(3))
     return MergeTables(
         np.ascontiguousarray(lanes, dtype=np.float32),
         np.ascontiguousarray(np.stack([value, weight], axis=-1), dtype=np.float32),
@@ -141,7 +145,7 @@ def merge_tables(
         int(min(curve.high)) + 1,
         int(max(curve.high)) + 1,
         _last_useful(curve, own, times_s, max_error),
-        _rise(curve, noise),
+        int(np.clip(np.ceil(RISE_SIGMAS * np.sqrt(2) * worst) + 1, 2, 120)),
     )
 
 
@@ -178,14 +182,6 @@ def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error
                 last[k] = f
                 break
     return last
-
-
-def _rise(curve: ResponseCurve, noise: NoiseModel) -> int:
-    """Return by how many codes noise may at most make a pixel brighter in a shorter frame."""
-    log2_sigma = np.sqrt(noise.relative_variance(curve)) / np.log(2)
-    in_codes = log2_sigma / curve.log2_slope
-    worst = max(float(np.max(in_codes[c, curve.low[c] : curve.high[c] + 1])) for c in range(3))
-    return int(np.clip(np.ceil(RISE_SIGMAS * np.sqrt(2) * worst) + 1, 2, 120))
 
 
 Seen = tuple[Floats, Floats]

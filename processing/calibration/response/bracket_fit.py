@@ -176,22 +176,17 @@ def _evidence(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], sample
     scales = [max(fit.solution.scale2, 1.0) for fit in fits]
     matrix = np.sum([fit.solution.time_matrix / s for fit, s in zip(fits, scales, strict=True)], axis=0)
     right = np.sum([fit.solution.time_right / s for fit, s in zip(fits, scales, strict=True)], axis=0)
-    silent = ~_informative_frames(fits, data, len(samples.log2_times))
-    matrix[silent], matrix[:, silent], right[silent] = 0.0, 0.0, 0.0
-    return TimeEvidence(matrix, right, samples.bracket_of_frame)
-
-
-def _informative_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], n_frames: int) -> Flags:
-    """Return which frames show enough patches clear of black to say anything of their times.
-
-    Near black the cut-off noise and a JPEG's coding shift codes by what many stops of time would: a frame that is
-    all but black, a few patches around the sun apart, would seem to have another time.
-    """
+    # Which frames show enough patches clear of black to say anything of their times. Near black the cut-off noise and
+    # a JPEG's coding shift codes by what many stops of time would: a frame that is all but black, a few patches
+    # around the sun apart, would seem to have another time.
+    n_frames = len(samples.log2_times)
     count = np.zeros(n_frames)
     for fit, seen in zip(fits, data, strict=True):
         clear = (fit.weighed.weight > 0) & (fit.weighed.predicted >= _CLEAR_OF_BLACK)
         count += np.bincount(seen.frame[clear], minlength=n_frames)
-    return np.asarray(count >= _LEAST_CLEAR_PATCHES)
+    silent = ~np.asarray(count >= _LEAST_CLEAR_PATCHES)
+    matrix[silent], matrix[:, silent], right[silent] = 0.0, 0.0, 0.0
+    return TimeEvidence(matrix, right, samples.bracket_of_frame)
 
 
 def fit_round(

@@ -108,10 +108,16 @@ def scale_from_reading(
     displayed = float(luminance_cd_m2(image.rgb[found.row, found.column]) @ found.share)
     if not displayed > 0 or not math.isfinite(displayed):
         raise ScaleError("the target is black in the picture", where="the meter's spot", advice=_OTHER_TARGET)
+    # The uncertainty of the spot's mean: noise, which averages out, and the curve's error, which does not
+    values = luminance_cd_m2(image.rgb[found.row, found.column]).astype(np.float64)
+    claimed = np.asarray(image.uncertainty[found.row, found.column], dtype=np.float64)
+    claimed2 = float(np.where(np.isfinite(claimed), claimed, 1.0) ** 2 @ found.share)
+    scatter2 = float(((values / displayed - 1) ** 2) @ found.share)
+    independent = max(found.n_effective / NEIGHBOURS, 1.0)
     parts = {
         "meter": measured.meter_frac,
         "spot": _pointing_part(image, spot, displayed, meter.pointing_rad),
-        "picture": _picture_part(image, found, displayed, curve_frac),
+        "picture": math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2),
         "drift": measured.drift_part,
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
@@ -244,16 +250,6 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
             continue  # at the picture's edge: the other directions decide
     # Over all ways the mean square of a gradient's change is half of its square.
     return math.sqrt(2 * float(np.mean(np.square(changes)))) if changes else 0.0
-
-
-def _picture_part(image: RelativeImage, found: SpotPixels, displayed: float, curve_frac: float) -> float:
-    """Return the uncertainty of the spot's mean: noise, which averages out, and the curve's error, which does not."""
-    values = luminance_cd_m2(image.rgb[found.row, found.column]).astype(np.float64)
-    claimed = np.asarray(image.uncertainty[found.row, found.column], dtype=np.float64)
-    claimed2 = float(np.where(np.isfinite(claimed), claimed, 1.0) ** 2 @ found.share)
-    scatter2 = float(((values / displayed - 1) ** 2) @ found.share)
-    independent = max(found.n_effective / NEIGHBOURS, 1.0)
-    return math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2)
 
 
 SPOT_DIAMETER_RAD = math.radians(1 / 3)

@@ -196,7 +196,11 @@ def _swivel_chair(b: Bench, role: str) -> None:
     b.block((-0.09, -0.11, seat - 0.095), (0.09, 0.11, seat - 0.055), black, bevel_m=0.012, steps=2)
     sx, front = 0.43 * w, 0.86 * y
     cushion = pad((-sx, -0.62 * y, seat - 0.06), (sx, front, seat + 0.015), 0.034, (0.012, 0.012, 0.014), inner=10)
-    b.add(wrinkled(_waterfall(cushion, front), 0.0012, 0.3, 5), cloth)
+    # A seat whose front edge falls off and whose sides rise a little
+    v = cushion.vertices.copy()
+    v[:, 2] -= 0.03 * np.clip((v[:, 1] - 0.4 * front) / (0.6 * front), 0, 1) ** 2
+    v[:, 2] += 0.012 * (v[:, 0] / np.abs(v[:, 0]).max()) ** 2
+    b.add(wrinkled(Solid(v, cushion.faces, cushion.rest), 0.0012, 0.3, 5), cloth)
     _swivel_back(b, seat, h)
     for side in (-1, 1):
         at = side * (x - 0.024)
@@ -211,14 +215,6 @@ def _swivel_chair(b: Bench, role: str) -> None:
             (at - 0.024, -0.36 * y - 0.03, seat + 0.18), (at + 0.024, 0.44 * y, seat + 0.212), 0.014, 0.003, inner=4
         )
         b.add(rest, black)
-
-
-def _waterfall(body: Solid, front: float) -> Solid:
-    """Return a seat whose front edge falls off and whose sides rise a little."""
-    v = body.vertices.copy()
-    v[:, 2] -= 0.03 * np.clip((v[:, 1] - 0.4 * front) / (0.6 * front), 0, 1) ** 2
-    v[:, 2] += 0.012 * (v[:, 0] / np.abs(v[:, 0]).max()) ** 2
-    return Solid(v, body.faces, body.rest)
 
 
 def _star(b: Bench, r: float) -> None:

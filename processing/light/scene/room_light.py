@@ -62,7 +62,14 @@ def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, 
     hits = stage.tracer.cast(np.broadcast_to(eye, way.shape), way)
     ahead = np.einsum("ij,ij->i", way, patches.normal[which]) < 0
     visible = np.flatnonzero(ahead & (hits.distance_m > far - SAME_PLACE_M) & (patches.area_m2[which] > 0))
-    value, weight = _own_pixels(panorama, sight, way[visible], _surface_of(stage)[which[visible]])
+    # Each patch's label in a `Sight` (P,): its surface, or its part of furniture
+    p = stage.patches
+    out = np.full(p.count, -1)
+    furniture = p.owner == FURNITURE
+    out[p.item[furniture]] = FIRST_PART + p.part[furniture]
+    for number, (columns, rows, first) in enumerate(stage.patches.grids):
+        out[first : first + columns * rows] = number
+    value, weight = _own_pixels(panorama, sight, way[visible], out[which[visible]])
     total, share = np.zeros((patches.count, 3)), np.zeros(patches.count)
     np.add.at(total, which[visible], value * weight[:, None])
     np.add.at(share, which[visible], weight)
@@ -70,17 +77,6 @@ def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, 
     radiance[share < LEAST_SHARE] = 0
     _fill_unseen(stage, radiance, share >= LEAST_SHARE)
     return MeasuredLight(radiance, share / LOOKS)
-
-
-def _surface_of(stage: Stage) -> np.ndarray:
-    """Return each patch's label in a `Sight` (P,): its surface, or its part of furniture."""
-    p = stage.patches
-    out = np.full(p.count, -1)
-    furniture = p.owner == FURNITURE
-    out[p.item[furniture]] = FIRST_PART + p.part[furniture]
-    for number, (columns, rows, first) in enumerate(stage.patches.grids):
-        out[first : first + columns * rows] = number
-    return out
 
 
 def _own_pixels(panorama: Floats, sight: Sight, rays: Floats, surface: np.ndarray) -> tuple[Doubles, Doubles]:

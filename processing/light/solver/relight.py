@@ -20,7 +20,7 @@ from processing.light.solver.sight import albedo_of, emission_of, seen_outdoors,
 from processing.light.solver.sky import add_sky, sky_values
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of, sunlight
-from processing.light.solver.transport import LightMap, bounced, patch_points, settled
+from processing.light.solver.transport import bounced, patch_points, settled
 from processing.light.solver.upsample import Neighbours, Places, Steps
 from processing.sphere import Equirectangular
 
@@ -151,7 +151,12 @@ class RelightView:
         """Return the small picture's irradiance (H, 2 H, 3) without the sun's own disc, and its relative error."""
         basis = self.basis
         values = sky_values(stage.scene.outdoors, stage.scene.panes)
-        light = self._light_map(stage, sunny, values, seed)
+        # The light of all patches but for lamps, which the basis holds
+        first = np.zeros((stage.patches.count, 3), np.float32)
+        add_sky(self.basis.patch_sky, self._colours, values, first, np.zeros(len(first), np.float32))
+        sun = sunlight(sunny, self._places, stage.patches.normal, SUN_PLACES, (seed, 87))
+        given = first.astype(np.float64), sun, np.zeros_like(sun)
+        light = settled(stage, self.basis.patch_links, given, self._places, PATCH_SHOTS, (seed, 88))
         out, apart = basis.fixed.copy(), np.zeros(len(basis.pixel), np.float32)
         add_sky(basis.pixel_sky, self._colours, values, out, apart)
         places, radiosity = (self._points, self._normals), stage.albedo * light.rest
@@ -168,11 +173,3 @@ class RelightView:
         elif basis.effort.clean:
             mean = cleaned(mean, self.small, wraps=True, quality=basis.effort.cleaning)
         return mean, error
-
-    def _light_map(self, stage: Stage, sunny: Stage, values: Floats, seed: int) -> LightMap:
-        """Return the light of all patches but for lamps, which the basis holds."""
-        first = np.zeros((stage.patches.count, 3), np.float32)
-        add_sky(self.basis.patch_sky, self._colours, values, first, np.zeros(len(first), np.float32))
-        sun = sunlight(sunny, self._places, stage.patches.normal, SUN_PLACES, (seed, 87))
-        given = first.astype(np.float64), sun, np.zeros_like(sun)
-        return settled(stage, self.basis.patch_links, given, self._places, PATCH_SHOTS, (seed, 88))
