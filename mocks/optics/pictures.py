@@ -18,25 +18,10 @@ import cv2
 import numpy as np
 
 from mocks.instruments.exposures import ShotRequest
+from mocks.optics import picture_jobs
 from mocks.optics.camera import CameraOptics
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye, Size
 from mocks.optics.picture_cache import PictureCache, content_key
-from mocks.optics.picture_jobs import (
-    ImageJob,
-    PictureJob,
-    RawFrame,
-    bands,
-    cr2_file,
-    dng_file,
-    exif_segment,
-    expose,
-    finish_image,
-    gpano_segment,
-    is_whole_jpeg,
-    mosaic,
-    render_band,
-    splice,
-)
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World, mean_weights
 
@@ -124,15 +109,15 @@ class RenderedShots:
         shot, size = self._shot_of(request), (request.width_px, request.height_px)
         key = self._key(shot, size)
         data = self.cache.read(key, ".jpg")
-        if data is None or not is_whole_jpeg(data):
+        if data is None or not picture_jobs.is_whole_jpeg(data):
             if data is not None:
                 self.cache.path(key, ".jpg").unlink(missing_ok=True)
             self._render([shot], size, raw=False)
             data = self.cache.path(key, ".jpg").read_bytes()
-        segments = [exif_segment(request, self._focal_length_mm)]
+        segments = [picture_jobs.exif_segment(request, self._focal_length_mm)]
         if isinstance(self.optics.lens, EquirectangularLens):
-            segments.append(gpano_segment(*size))
-        return splice(data, segments)
+            segments.append(picture_jobs.gpano_segment(*size))
+        return picture_jobs.splice(data, segments)
 
     def raw(self, request: ShotRequest) -> bytes:
         """Return a small but real raw file of an exposure: CR2 from a Canon, DNG otherwise."""
@@ -146,8 +131,12 @@ class RenderedShots:
         shape = (size[1] // step // 2 * 2, size[0] // step // 2 * 2)
         sensor = self.optics.sensor
         counts = np.frombuffer(data, dtype=np.uint16).reshape(shape)
-        frame = RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1)
-        return cr2_file(frame, request) if request.manufacturer.startswith("Canon") else dng_file(frame, request)
+        frame = picture_jobs.RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1)
+        return (
+            picture_jobs.cr2_file(frame, request)
+            if request.manufacturer.startswith("Canon")
+            else picture_jobs.dng_file(frame, request)
+        )
 
     @property
     def _focal_length_mm(self) -> float:
@@ -179,28 +168,28 @@ class RenderedShots:
                 return 0
             image = self.cache.path(image_key, ".image")
             with self._mapper(size) as run:
-                image_steps = 0 if self.cache.holds(image_key, ".image") else len(bands(size))
+                image_steps = 0 if self.cache.holds(image_key, ".image") else len(picture_jobs.bands(size))
                 steps = _Steps(image_steps + len(missing), self._on_progress)
                 if image_steps:
                     self._render_image(image_key, size, lambda *work: steps.counted(run(*work)))
                 tasks = [(self._job(shot, size, image), self._key(shot, size)) for shot in missing]
                 list(steps.counted(run(_Expose(self.cache), tasks)))
             for shot in raw_missing:
-                counts = mosaic(self._job(shot, size, image), _raw_step(size))
+                counts = picture_jobs.mosaic(self._job(shot, size, image), _raw_step(size))
                 self.cache.write(self._key(shot, size), ".mosaic", counts.tobytes())
         return len(missing)
 
     def _missing(self, shots: list[_Shot], size: Size, suffix: str) -> list[_Shot]:
         return [shot for shot in shots if not self.cache.holds(self._key(shot, size), suffix)]
 
-    def _job(self, shot: _Shot, size: Size, image: Path) -> PictureJob:
+    def _job(self, shot: _Shot, size: Size, image: Path) -> picture_jobs.PictureJob:
         seed = int(self._key(shot, size)[:15], 16)
-        return PictureJob(self.optics, size, image, shot.exposure, shot.weights, seed)
+        return picture_jobs.PictureJob(self.optics, size, image, shot.exposure, shot.weights, seed)
 
     def _render_image(self, key: str, size: Size, run: _Map) -> None:
         with self.cache.new_file(key, ".image") as path:
-            job = ImageJob(self.world, self.optics, size, path)
-            finish_image(job, list(run(_Band(job), bands(size))))
+            job = picture_jobs.ImageJob(self.world, self.optics, size, path)
+            picture_jobs.finish_image(job, list(run(_Band(job), picture_jobs.bands(size))))
 
     @contextmanager
     def _mapper(self, size: Size) -> Iterator[_Map]:
@@ -233,10 +222,10 @@ class _Steps:
 class _Band:
     """Callable that a worker process can be sent: renders one band of an image."""
 
-    job: ImageJob
+    job: picture_jobs.ImageJob
 
     def __call__(self, rows: range) -> tuple[object, float]:
-        return render_band(self.job, rows)
+        return picture_jobs.render_band(self.job, rows)
 
 
 class _Expose:
@@ -245,10 +234,10 @@ class _Expose:
     def __init__(self, cache: PictureCache) -> None:
         self._cache = cache
 
-    def __call__(self, task: tuple[PictureJob, str]) -> None:
+    def __call__(self, task: tuple[picture_jobs.PictureJob, str]) -> None:
         job, key = task
         self._cache.holds(job.image.stem, job.image.suffix)  # marks it as in use
-        self._cache.write(key, ".jpg", expose(job))
+        self._cache.write(key, ".jpg", picture_jobs.expose(job))
 
 
 def _rounded(shutter_s: float) -> float:

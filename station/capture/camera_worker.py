@@ -17,25 +17,7 @@ from dataclasses import dataclass
 from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
 from drivers.clock import Clock, Deadline
 from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError, ProtocolViolationError
-from station.capture.events import (
-    Breaking,
-    Broken,
-    Exposed,
-    Fatal,
-    Fire,
-    Leave,
-    Left,
-    Lost,
-    Notice,
-    Order,
-    Progress,
-    Ready,
-    Released,
-    Safe,
-    SetUp,
-    Shot,
-    StandDown,
-)
+from station.capture import events
 from station.capture.intake import Intake
 from station.session.folder import FRAME_CAP_BYTES
 from station.session.session import Side
@@ -60,7 +42,7 @@ PATIENCE_PAUSE_S = 1.0  # chosen
 
 @dataclass
 class _Transfer:
-    shot: Shot
+    shot: events.Shot
     offset: int = 0
     attempts: int = 0
     busy_since_s: float | None = None
@@ -86,10 +68,10 @@ class CameraWorker:
         self._clock = clock
         self.release_lag_s = release_lag_s
         self._delete_after = delete_after
-        self._inbox: queue.SimpleQueue[Order] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[events.Order] = queue.SimpleQueue()
         self._backlog: deque[_Transfer] = deque()
-        self._safe: deque[Safe] = deque()
-        self._armed: SetUp | None = None
+        self._safe: deque[events.Safe] = deque()
+        self._armed: events.SetUp | None = None
         self._leave_asked = False
         self._shutter: ShutterReadback
         self._alive_at_s = clock.monotonic_s()
@@ -99,9 +81,9 @@ class CameraWorker:
         """Start the thread."""
         self._thread.start()
 
-    def order(self, order: Order) -> None:
+    def order(self, order: events.Order) -> None:
         """Queue an order."""
-        self._leave_asked |= isinstance(order, Leave)
+        self._leave_asked |= isinstance(order, events.Leave)
         self._inbox.put(order)
 
     def join(self, timeout_s: float) -> bool:
@@ -109,22 +91,22 @@ class CameraWorker:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _put(self, notice: Notice) -> None:
+    def _put(self, notice: events.Notice) -> None:
         self._intake.notices.put(notice)
 
     def _run(self) -> None:
         try:
             self._serve()
         except Exception as error:  # noqa: BLE001 (the conductor must hear of it, whatever it is)
-            self._put(Fatal(self.side, error))
+            self._put(events.Fatal(self.side, error))
         finally:
-            self._put(Left(self.side))
+            self._put(events.Left(self.side))
 
     def _serve(self) -> None:
-        leaving: Leave | None = None
+        leaving: events.Leave | None = None
         while leaving is None or (self._backlog and not leaving.at_once):
             order = self._next_order()
-            if isinstance(order, Leave):
+            if isinstance(order, events.Leave):
                 leaving = order
                 with suppress(DeviceError):
                     self._stand_down()
@@ -138,13 +120,13 @@ class CameraWorker:
         """Let the camera forget what became safe meanwhile; one that fails now is not worth a recovery any more."""
         while not self._inbox.empty():
             order = self._inbox.get()
-            if isinstance(order, Safe):
+            if isinstance(order, events.Safe):
                 self._safe.append(order)
         with suppress(DeviceError):
             while self._safe:
                 self._finish(self._safe.popleft())
 
-    def _next_order(self) -> Order | None:
+    def _next_order(self) -> events.Order | None:
         """Return the next order, or None when it is time for a chunk or for keeping the camera awake."""
         useful = self._armed is None and (self._backlog or self._safe)
         try:
@@ -152,16 +134,16 @@ class CameraWorker:
         except queue.Empty:
             return None
 
-    def _guarded(self, order: Order | None) -> None:
+    def _guarded(self, order: events.Order | None) -> None:
         """Carry out an order (None: something useful meanwhile); on a device error recover and report it."""
-        stop = order.stop if isinstance(order, SetUp) else self._armed.stop if self._armed else None
+        stop = order.stop if isinstance(order, events.SetUp) else self._armed.stop if self._armed else None
         try:
             self._carry_out(order)
         except DeviceError as error:
             self._armed = None
-            self._put(Broken(self.side, stop, error, recovered=self._recover(error, stop)))
+            self._put(events.Broken(self.side, stop, error, recovered=self._recover(error, stop)))
 
-    def _carry_out(self, order: Order | None) -> None:
+    def _carry_out(self, order: events.Order | None) -> None:
         match order:
             case None if self._armed is not None:
                 self._stay_awake()  # its partner may take a minute: the 5D2 would switch itself off
@@ -171,18 +153,18 @@ class CameraWorker:
                 self._transfer_chunk(CHUNK_BYTES, pause=True)
             case None:
                 self._stay_awake()
-            case SetUp():
+            case events.SetUp():
                 self._set_up(order)
-            case Fire(open_at_s) if self._armed is not None:
+            case events.Fire(open_at_s) if self._armed is not None:
                 self._expose(self._armed, open_at_s)
-            case StandDown():
+            case events.StandDown():
                 self._stand_down()
-            case Safe() if self._armed is None:
+            case events.Safe() if self._armed is None:
                 self._finish(order)
-            case Safe():
+            case events.Safe():
                 self._safe.append(order)  # an armed camera is left alone until it has fired
 
-    def _set_up(self, order: SetUp) -> None:
+    def _set_up(self, order: events.SetUp) -> None:
         if self._camera.holds_pictures:
             self._fetch_what_is_held()
         while self._safe:
@@ -190,7 +172,7 @@ class CameraWorker:
         self._shutter = self._camera.set_shutter(order.shutter_s)
         self._camera.arm()
         self._armed, self._alive_at_s = order, self._clock.monotonic_s()
-        self._put(Ready(self.side, order.stop, order.number))
+        self._put(events.Ready(self.side, order.stop, order.number))
 
     def _stand_down(self) -> None:
         if self._armed is not None:
@@ -202,23 +184,23 @@ class CameraWorker:
         while self._backlog:
             self._transfer_chunk(CHUNK_BYTES, pause=True)
         self._intake.wait_idle()
-        others: list[Order] = []
+        others: list[events.Order] = []
         while not self._inbox.empty():
             order = self._inbox.get()
-            self._safe.append(order) if isinstance(order, Safe) else others.append(order)
+            self._safe.append(order) if isinstance(order, events.Safe) else others.append(order)
         for order in others:
             self._inbox.put(order)
 
-    def _expose(self, order: SetUp, open_at_s: float) -> None:
+    def _expose(self, order: events.SetUp, open_at_s: float) -> None:
         self._clock.sleep(open_at_s - self.release_lag_s - self._clock.monotonic_s())
         released_utc, released_s = self._clock.utc_now(), self._clock.monotonic_s()
         self._camera.release()
-        self._put(Released(self.side, order.stop, released_s))
+        self._put(events.Released(self.side, order.stop, released_s))
         frames = self._wait_exposure(self._shutter.nominal_s)
         self._armed = None
         announced_utc = self._clock.utc_now()
         for frame in frames:
-            shot = Shot(
+            shot = events.Shot(
                 side=self.side,
                 stop=order.stop,
                 frame=frame,
@@ -231,7 +213,7 @@ class CameraWorker:
                 repeats=order.repeats,
             )
             self._backlog.append(_Transfer(shot))
-        self._put(Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))
+        self._put(events.Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))
 
     def _wait_exposure(self, shutter_s: float) -> tuple[FrameRef, ...]:
         deadline = Deadline.after(self._clock, 2 * shutter_s + EXPOSURE_GRACE_S)
@@ -282,7 +264,7 @@ class CameraWorker:
         self._intake.write(transfer.shot, data)
         transfer.offset += len(data)
         transfer.busy_since_s = None
-        self._put(Progress(self.side, transfer.shot.stop, transfer.offset, frame.size_bytes))
+        self._put(events.Progress(self.side, transfer.shot.stop, transfer.offset, frame.size_bytes))
         if transfer.offset >= frame.size_bytes:
             self._backlog.popleft()
             self._intake.complete(transfer.shot)
@@ -293,15 +275,15 @@ class CameraWorker:
         transfer.attempts += 1
         if transfer.attempts >= MAX_TRANSFER_ATTEMPTS:
             self._backlog.remove(transfer)
-            self._put(Lost(self.side, transfer.shot.stop, error))
+            self._put(events.Lost(self.side, transfer.shot.stop, error))
 
     def _give_up_backlog(self) -> None:
         while self._backlog:
             shot = self._backlog.popleft().shot
             self._intake.abort(shot)
-            self._put(Lost(self.side, shot.stop, DeviceTimeoutError("left on the camera", where=str(self.side))))
+            self._put(events.Lost(self.side, shot.stop, DeviceTimeoutError("left on the camera", where=str(self.side))))
 
-    def _finish(self, safe: Safe) -> None:
+    def _finish(self, safe: events.Safe) -> None:
         self._camera.finish_frame(safe.frame)
         if self._delete_after and safe.acknowledged:
             self._camera.delete(safe.frame)
@@ -316,7 +298,7 @@ class CameraWorker:
         """Bring the camera back and set it anew (settings may be lost with power); False if it stays broken."""
         deadline = Deadline.after(self._clock, PATIENCE_S)
         while True:
-            self._put(Breaking(self.side, stop, cause))
+            self._put(events.Breaking(self.side, stop, cause))
             try:
                 self._camera.recover()
                 self._camera.prepare(self._settings)

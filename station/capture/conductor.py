@@ -9,26 +9,9 @@ from typing import NamedTuple
 
 from drivers.clock import Clock, Deadline
 from drivers.errors import BatteryLowError, DaylitError, DeviceClaimedError, DevicePermissionError, StoreFullError
+from station.capture import events
 from station.capture.bracket import BracketPlan, useless_because
 from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
-from station.capture.events import (
-    Breaking,
-    Broken,
-    CaptureEvent,
-    EventKind,
-    Exposed,
-    Fatal,
-    Leave,
-    Left,
-    Lost,
-    Notice,
-    Progress,
-    Ready,
-    Rejected,
-    Released,
-    Repeated,
-    Saved,
-)
 from station.capture.pairing import Pairing
 from station.capture.reference import best_stop, in_words
 from station.capture.rig_file import LimitsTable
@@ -44,7 +27,7 @@ MAX_RETAKES = 1  # chosen: what fails twice fails again
 MAX_DEVICE_FAILURES = 2
 """Of one stop: recovered that often, then the stop is named as missing."""
 PUMP_WAIT_S = 0.25  # chosen: how late an interrupt is seen
-JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED, EventKind.PAUSED, EventKind.CONTINUED)
+JOURNALLED = (events.EventKind.RECOVERING, events.EventKind.FAILED, events.EventKind.PAUSED, events.EventKind.CONTINUED)
 """What the store's own records do not hold. The rest would only put disk waits between two exposures."""
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
@@ -70,7 +53,7 @@ class Conductor:
         self,
         plan: BracketPlan,
         workers: Mapping[Side, CameraWorker],
-        notices: queue.SimpleQueue[Notice],
+        notices: queue.SimpleQueue[events.Notice],
         store: SessionStore,
         clock: Clock,
         *,
@@ -101,7 +84,7 @@ class Conductor:
         """Take no further stop; what is exposed is still fetched. Safe to call from a signal handler."""
         self._stop_asked = True
 
-    def run(self) -> Iterator[CaptureEvent]:
+    def run(self) -> Iterator[events.CaptureEvent]:
         """Take every missing stop; yields events; returns when all frames are saved or given up."""
         manifest = self._store.manifest
         for record in manifest.frames:
@@ -117,7 +100,7 @@ class Conductor:
             self._leave_unheard()
             raise
 
-    def _take_and_dismiss(self) -> Iterator[CaptureEvent]:
+    def _take_and_dismiss(self) -> Iterator[events.CaptureEvent]:
         try:
             yield from self._take_all()
         except Exception as error:  # noqa: BLE001 (raised again when every camera's thread is over)
@@ -128,11 +111,11 @@ class Conductor:
     def _leave_unheard(self) -> None:
         """Nobody listens any more: no event may be yielded, but no camera may be left in use either."""
         for worker in self._workers.values():
-            worker.order(Leave(at_once=True))
+            worker.order(events.Leave(at_once=True))
         for worker in self._workers.values():
             worker.join(LEAVE_LIMIT_S)
 
-    def _take_all(self) -> Iterator[CaptureEvent]:
+    def _take_all(self) -> Iterator[events.CaptureEvent]:
         announced = False
         while not (self._stop_asked or self.dead):
             if self.paused:
@@ -161,19 +144,19 @@ class Conductor:
             self._todo.append((stop, tuple(self._workers)))
         return True
 
-    def _pause(self) -> Iterator[CaptureEvent]:
+    def _pause(self) -> Iterator[events.CaptureEvent]:
         """Let both buttons go and take in what comes, until asked to go on; the cameras' threads keep them awake."""
         begun_s = self._clock.monotonic_s()
         self._pairing.stand_down(self._workers)
-        yield self._event(EventKind.PAUSED, "paused")
+        yield self._event(events.EventKind.PAUSED, "paused")
         while self.paused and not (self._stop_asked or self.dead):
             yield from self._pump()
-        yield self._event(EventKind.CONTINUED, "continued")
+        yield self._event(events.EventKind.CONTINUED, "continued")
         if self._todo:
             text = f"paused for {self._clock.monotonic_s() - begun_s:.0f} s: the light may have changed meanwhile"
             yield self._warn("paused", text)
 
-    def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
+    def _retake_doubtful(self) -> Generator[events.CaptureEvent, None, bool]:
         """Put back, once, what only the whole bracket shows to be wrong; frames stay until better ones are saved."""
         doubts = {} if self._pairing.repeats else self._doubts()
         found = {key: why for key, why in doubts.items() if self._retakes[key] < MAX_RETAKES}
@@ -181,10 +164,10 @@ class Conductor:
             self._retakes[side, stop] += 1
             self._todo.append((stop, (side,)))
             text = f"{side} {self._label(stop)}: {why}; taken again"
-            yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=why, retaken=True)
+            yield self._event(events.EventKind.REJECTED, text, side=side, stop=stop, reason=why, retaken=True)
         return bool(found)
 
-    def _dismiss(self, error: Exception | None) -> Iterator[CaptureEvent]:
+    def _dismiss(self, error: Exception | None) -> Iterator[events.CaptureEvent]:
         """Let the workers fetch what is exposed and end, bounded; then raise ``error``, or what goes wrong meanwhile.
 
         The first error is the one that is raised; a thread of a camera must be over whatever happens, for its camera
@@ -192,7 +175,7 @@ class Conductor:
         """
         self._stop_asked = True
         for side, worker in self._workers.items():
-            worker.order(Leave(at_once=side in self.dead))
+            worker.order(events.Leave(at_once=side in self.dead))
         deadline = Deadline.after(self._clock, LAST_TRANSFERS_LIMIT_S)
         while (self._left != set(self._workers) and not deadline.expired) or not self._notices.empty():
             try:
@@ -204,7 +187,9 @@ class Conductor:
         if error is not None:
             raise error
 
-    def _sides_in_need(self, stop: int, sides: Iterable[Side]) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
+    def _sides_in_need(
+        self, stop: int, sides: Iterable[Side]
+    ) -> Generator[events.CaptureEvent, None, tuple[Side, ...]]:
         """Return the sides that need the stop; in an adaptive bracket, after the frames that decide it are judged."""
         if self._plan.mode == "full":
             return tuple(sides)
@@ -219,12 +204,16 @@ class Conductor:
                 continue
             self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
             yield self._event(
-                EventKind.SKIPPED, f"{side} {self._label(stop)} left out: {reason}", side=side, stop=stop, reason=reason
+                events.EventKind.SKIPPED,
+                f"{side} {self._label(stop)} left out: {reason}",
+                side=side,
+                stop=stop,
+                reason=reason,
             )
         return tuple(needed)
 
-    def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
-        yield self._event(EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
+    def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[events.CaptureEvent]:
+        yield self._event(events.EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
         self._pairing.set_up(stop, sides)
         yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
         if not self._pairing.ready(stop, sides) or self.dead:
@@ -241,7 +230,7 @@ class Conductor:
         if broken := self._pairing.broken(stop, sides):
             yield from self._again(stop, broken)
 
-    def _set_up_ahead(self, notice: Exposed) -> None:
+    def _set_up_ahead(self, notice: events.Exposed) -> None:
         """A camera that is through sets the next stop while its partner still exposes or saves.
 
         Not in an adaptive bracket, where the frames must say first whether there is a next stop, and not where
@@ -256,7 +245,7 @@ class Conductor:
     def _answered(self, stop: int, sides: Iterable[Side]) -> bool:
         return bool(self.dead) or self._pairing.answered(stop, sides)
 
-    def _again(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+    def _again(self, stop: int, sides: tuple[Side, ...]) -> Iterator[events.CaptureEvent]:
         """Put a stop back, unless its camera failed it too often; then it stays missing and is named."""
         for side in self._pairing.broken(stop, sides):
             self._failures[side, stop] += 1
@@ -268,7 +257,7 @@ class Conductor:
         if kept:
             self._todo.appendleft((stop, kept))
 
-    def _pump_until(self, done: Callable[[], bool], limit_s: float, what: str) -> Iterator[CaptureEvent]:
+    def _pump_until(self, done: Callable[[], bool], limit_s: float, what: str) -> Iterator[events.CaptureEvent]:
         """Handle notices until ``done``; the limit begins anew when a camera is back from a recovery."""
         deadline = Deadline.after(self._clock, limit_s)
         while not done():
@@ -277,57 +266,57 @@ class Conductor:
             deadline.check(what, "capture")
             yield from self._pump()
 
-    def _pump(self) -> Iterator[CaptureEvent]:
+    def _pump(self) -> Iterator[events.CaptureEvent]:
         """Handle one notice, if one comes."""
         try:
             notice = self._notices.get(timeout=PUMP_WAIT_S)
         except queue.Empty:
             return
         match notice:
-            case Ready():
+            case events.Ready():
                 self._pairing.take(notice)
-            case Released() | Exposed():
+            case events.Released() | events.Exposed():
                 yield self._opened_or_closed(notice)
-            case Progress(side, stop, done_bytes, total_bytes):
+            case events.Progress(side, stop, done_bytes, total_bytes):
                 data = {"side": side, "stop": stop, "done_bytes": done_bytes, "total_bytes": total_bytes}
-                yield CaptureEvent(EventKind.PROGRESS, "", self._clock.monotonic_s(), data)
-            case Left(side):
+                yield events.CaptureEvent(events.EventKind.PROGRESS, "", self._clock.monotonic_s(), data)
+            case events.Left(side):
                 self._left.add(side)
             case _:
                 yield from self._outcome(notice)
 
-    def _opened_or_closed(self, notice: Released | Exposed) -> CaptureEvent:
+    def _opened_or_closed(self, notice: events.Released | events.Exposed) -> events.CaptureEvent:
         side, stop = notice.side, notice.stop
-        if isinstance(notice, Released):
+        if isinstance(notice, events.Released):
             self._pairing.released_s[side] = notice.at_s
             text = f"{side} {self._label(stop)} released"
-            return self._event(EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
+            return self._event(events.EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
         self._pairing.take(notice)
         self._in_flight[side, stop] += notice.n_frames
         self._set_up_ahead(notice)
-        return self._event(EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
+        return self._event(events.EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
 
-    def _outcome(self, notice: Notice) -> Iterator[CaptureEvent]:
+    def _outcome(self, notice: events.Notice) -> Iterator[events.CaptureEvent]:
         match notice:
-            case Saved():
+            case events.Saved():
                 yield from self._saved(notice)
-            case Rejected(side, stop, record):
+            case events.Rejected(side, stop, record):
                 yield from self._frame_failed(side, stop, record.reason)
-            case Repeated():
+            case events.Repeated():
                 yield from self._repeated(notice)
-            case Lost(side, stop, error):
+            case events.Lost(side, stop, error):
                 yield from self._frame_failed(side, stop, str(error))
-            case Breaking() | Broken():
+            case events.Breaking() | events.Broken():
                 yield self._breaking_or_broken(notice)
-            case Fatal(_, error):
+            case events.Fatal(_, error):
                 raise error
 
-    def _saved(self, notice: Saved) -> Iterator[CaptureEvent]:
+    def _saved(self, notice: events.Saved) -> Iterator[events.CaptureEvent]:
         side, stop, record = notice.side, notice.stop, notice.record
         if record.statistics is not None:
             self._statistics[side][stop] = record.statistics
         yield self._event(
-            EventKind.SAVED,
+            events.EventKind.SAVED,
             f"{side} {self._label(stop)} saved: {record.file}",
             side=side,
             stop=stop,
@@ -336,21 +325,21 @@ class Conductor:
         )
         yield from self._settle(side, stop)
 
-    def _repeated(self, notice: Repeated) -> Iterator[CaptureEvent]:
+    def _repeated(self, notice: events.Repeated) -> Iterator[events.CaptureEvent]:
         if (record := notice.record) is not None:
             text = f"{record.side} {self._label(record.stop)} repeated: " + (
                 f"light x {record.ratio:.3f}" if record.ratio else "nothing to compare"
             )
-            yield self._event(EventKind.REFERENCE, text, **record.model_dump(mode="json"))
+            yield self._event(events.EventKind.REFERENCE, text, **record.model_dump(mode="json"))
             if moved := in_words(record, self._max_drift_frac):
                 yield self._warn("moving_light", moved)
         yield from self._settle(notice.side, notice.stop)
 
-    def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
+    def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[events.CaptureEvent]:
         self._rejected.setdefault((side, stop), reason)
         yield from self._settle(side, stop)
 
-    def _settle(self, side: Side, stop: int) -> Iterator[CaptureEvent]:
+    def _settle(self, side: Side, stop: int) -> Iterator[events.CaptureEvent]:
         """Count a frame that has come to its end; with the last of its exposure, judge the exposure."""
         self._in_flight[side, stop] -= 1
         if self._in_flight[side, stop] > 0:
@@ -360,37 +349,39 @@ class Conductor:
         if reason is not None:
             yield from self._exposure_failed(side, stop, reason)
 
-    def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
+    def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[events.CaptureEvent]:
         again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked or self._pairing.repeats)
         kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
         text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
-        yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
+        yield self._event(events.EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
         if again:
             self._retakes[side, stop] += 1
             self._todo.append((stop, (side,)))
         else:
             yield self._warn("frame_missing", text, side=side, stop=stop)
 
-    def _breaking_or_broken(self, notice: Breaking | Broken) -> CaptureEvent:
+    def _breaking_or_broken(self, notice: events.Breaking | events.Broken) -> events.CaptureEvent:
         side, error = notice.side, notice.error
         self._pairing.take(notice)
         data = {"side": side, "stop": notice.stop, "error": error.to_dict()}
-        if isinstance(notice, Breaking):
-            return self._event(EventKind.RECOVERING, f"{side}: {error.message}; recovering", **data, recovered=False)
+        if isinstance(notice, events.Breaking):
+            return self._event(
+                events.EventKind.RECOVERING, f"{side}: {error.message}; recovering", **data, recovered=False
+            )
         data["recovered"] = notice.recovered
         if notice.recovered and not isinstance(error, NEEDS_A_PERSON):
-            return self._event(EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
+            return self._event(events.EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
         self.dead[side] = error
-        return self._event(EventKind.FAILED, f"{side}: {error}", **data)
+        return self._event(events.EventKind.FAILED, f"{side}: {error}", **data)
 
     def _label(self, stop: int) -> str:
         return shutter_label(self._plan.stops_s[stop])
 
-    def _warn(self, code: str, text: str, /, **data: object) -> CaptureEvent:
+    def _warn(self, code: str, text: str, /, **data: object) -> events.CaptureEvent:
         self._store.add_warning(WarningRecord(code=code, message=text[:500]))
-        return self._event(EventKind.WARNING, text, code=code, **data)
+        return self._event(events.EventKind.WARNING, text, code=code, **data)
 
-    def _event(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
+    def _event(self, kind: events.EventKind, text: str, /, **data: object) -> events.CaptureEvent:
         if kind in JOURNALLED:
             self._store.event(str(kind), **data)
-        return CaptureEvent(kind, text, self._clock.monotonic_s(), data)
+        return events.CaptureEvent(kind, text, self._clock.monotonic_s(), data)
