@@ -154,14 +154,11 @@ class FrameStore:
 
     def remember(self) -> None:
         """Take all that is on the store now for known."""
-        self.known = set(self._handles())
+        self.known = set(self._link.session.get_object_handles())
 
     def new_handles(self) -> list[int]:
         """Return the handles that are on the store and not known, oldest first."""
-        return sorted(set(self._handles()) - self.known)
-
-    def _handles(self) -> tuple[int, ...]:
-        return self._link.session.get_object_handles()
+        return sorted(set(self._link.session.get_object_handles()) - self.known)
 
     def look_at(self, handle: int) -> FrameRef | None:
         """Return the picture behind a handle, or None for a folder, a film, or what is gone again."""
@@ -178,7 +175,7 @@ class FrameStore:
 
     def list_frames(self) -> tuple[FrameRef, ...]:
         """Return all pictures on the store, oldest first."""
-        found = (self.look_at(handle) for handle in sorted(self._handles()))
+        found = (self.look_at(handle) for handle in sorted(self._link.session.get_object_handles()))
         return tuple(frame for frame in found if frame is not None)
 
     def delete(self, frame: FrameRef) -> None:

@@ -211,7 +211,7 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
     if not no_pictures:
         from processing.layout.drawn.drawing import write_drawings
 
-        write_drawings(result, folder, _rule_set(options))
+        write_drawings(result, folder, _book(options).named(options["rules"]))
     complete = bool(result.arrangements) and result.arrangements[0].complete
     facts = {"ok": complete, "folder": str(folder), **result.model_dump(mode="json")}
     return answer(facts, [*_lines(result), f"written to {folder}"], as_json=as_json, exit_code=0 if complete else 1)
@@ -221,10 +221,6 @@ def _book(options: dict[str, Any]) -> Any:
     from processing.layout.rules import built_in_rules, read_rules
 
     return read_rules(options["rules_file"]) if options["rules_file"] else built_in_rules()
-
-
-def _rule_set(options: dict[str, Any]) -> Any:
-    return _book(options).named(options["rules"])
 
 
 def _solve(room: Path, **options: Any) -> Arrangements:

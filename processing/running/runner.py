@@ -32,12 +32,8 @@ from station.session.folder import Folder
 from station.session.store import load_manifest
 
 
-def _silent(_event: RunEvent) -> None:
-    return None
-
-
 def process(
-    session: Path, request: RunRequest, *, stages: tuple[Stage, ...] = STAGES, on_event: OnEvent = _silent
+    session: Path, request: RunRequest, *, stages: tuple[Stage, ...] = STAGES, on_event: OnEvent = lambda _event: None
 ) -> RunReport:
     """Bring the results of a session up to date and say what was done and why.
 

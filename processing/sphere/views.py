@@ -202,14 +202,10 @@ def _view_part(
     if cubic:
         value = cubic_samples(picture[..., None] if picture.ndim == 2 else picture, found.x, found.y)
     else:
-        value = _linear(picture, found)
+        value = linear_samples(picture, found.x, found.y)
     mixed = value.reshape(*found.weight.shape, -1) * found.weight[..., None]
-    share = found.weight if valid is None else found.weight * _linear(valid, found)
+    share = found.weight if valid is None else found.weight * linear_samples(valid, found.x, found.y)
     return found, mixed, share
-
-
-def _linear(picture: Floats, found: StitchMap) -> Floats:
-    return linear_samples(picture, found.x, found.y)
 
 
 def _pieces(found: StitchMap, target: Equirectangular) -> Iterator[tuple[slice, slice, slice]]:

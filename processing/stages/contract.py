@@ -37,10 +37,6 @@ Fetch = Callable[[str, str], Any]
 Progress = Callable[[float, str], None]
 
 
-def _no_progress(_fraction: float, _text: str) -> None:
-    return None
-
-
 class KeepsParts(Protocol):
     """What keeps parts of a result from run to run."""
 
@@ -74,7 +70,7 @@ class StageContext:
     max_error: float | None = None
     """Relative error asked for, where the stage's row trades it; None: none asked."""
     time_budget_s: float | None = None
-    progress: Progress = _no_progress
+    progress: Progress = lambda _fraction, _text: None
     """``progress(fraction 0..1, text)``; may be called often."""
     parts: KeepsParts | None = None
     """Where the row says that the result has parts; use `part` and `enough`."""

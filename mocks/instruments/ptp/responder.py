@@ -201,7 +201,7 @@ class PtpResponder:
     def standard_rules(self) -> dict[int, Rule]:
         """Return the operations every responder has."""
         return {
-            Operation.GET_DEVICE_INFO: Rule(self._get_device_info, sessionless=True),
+            Operation.GET_DEVICE_INFO: Rule(lambda _: Answer(data=self.identity.device_info()), sessionless=True),
             Operation.OPEN_SESSION: Rule(self._open_session, 1, 1, sessionless=True),
             Operation.CLOSE_SESSION: Rule(self._close_session),
         }
@@ -294,9 +294,6 @@ class PtpResponder:
                 now_s, request.operation, request.transaction_id, request.params, answer.code, len(request.data), sent
             )
             self.stats.operations.append(entry)
-
-    def _get_device_info(self, _request: Request) -> Answer:
-        return Answer(data=self.identity.device_info())
 
     def _open_session(self, request: Request) -> Answer:
         if request.params[0] == 0:
