@@ -46,7 +46,6 @@ class Upright:
     """Standard uncertainty of the vertical's direction; inf where no edges show it."""
     support: float
     """0..1: how surely the edges are those of an upright room."""
-    manhattan_sigma_rad: float
     manhattan_support: float
     """0..1: how surely the walls run along two directions square to each other."""
     note: str
@@ -68,7 +67,7 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
     _check(image)
     axes = find_axes(find_arcs(image))
     if axes is None:
-        return Upright(np.eye(3), 0.0, 0.0, math.inf, 0.0, math.inf, 0.0, "left as it is: too few straight edges")
+        return Upright(np.eye(3), 0.0, 0.0, math.inf, 0.0, 0.0, "left as it is: too few straight edges")
     vertical = axes.rows[2]
     tilt = math.atan2(math.hypot(vertical[0], vertical[1]), vertical[2])
     sigma = math.hypot(math.sqrt(axes.covariance[0, 0] + axes.covariance[1, 1]), MODEL_SIGMA_RAD)
@@ -81,7 +80,6 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
         manhattan_rad=_quarter(math.atan2(ahead[0], ahead[1])),
         sigma_rad=sigma,
         support=support,
-        manhattan_sigma_rad=math.hypot(math.sqrt(axes.covariance[2, 2]), MODEL_SIGMA_RAD),
         manhattan_support=squareness,
         note=note,
     )

@@ -46,8 +46,6 @@ class SunRepair:
     """Standard, of the sun's luminance and illuminance."""
     rest_lx: float
     """Horizontal illuminance of the picture without the sun."""
-    was_horizontal_lx: float
-    """What the picture gave before: a lower bound."""
     n_pixels: int
     note: str
     """One sentence for the report."""
@@ -99,7 +97,7 @@ def repair_sun(
         f"beside {rest.value_lx:.4g} lx of the rest; the picture alone gave at least {before:.4g} lx in all"
     )
     count = int((cover > 0).sum())
-    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest.value_lx, before, count, note)
+    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest.value_lx, count, note)
     return replace(done, attributes={**image.attributes, "sun_repaired": note}), repair
 
 

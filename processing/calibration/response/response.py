@@ -73,8 +73,6 @@ class ResponseFit:
     warnings: tuple[str, ...] = ()
     wrong_times: dict[int, float] = field(default_factory=dict)
     """Frame: stops by which the time given for it is off."""
-    prior_strength: tuple[tuple[float, float], ...] = ()
-    """Of each channel: amplitude of the principal curves, log10 of the rest's stiffness, as the data chose them."""
     held_out: tuple[float, ...] = ()
     """Of each channel: chi-squared a degree of freedom of patches that the curve was not fitted to."""
     shutter_rule: ShutterRule | None = None
@@ -124,7 +122,6 @@ def recover_response(
         {"moved": _moved_share(samples, channels)},
         _warnings(samples, fit, gauge, free_times=estimate_times),
         fit.wrong_times,
-        tuple(one.solution.strength for one in channels),
         tuple(one.held_out for one in channels),
         fit.estimate.rule if fit.estimate.decided else None,
     )
@@ -265,8 +262,6 @@ class ResponseCheck:
     sigma_stops: float
     """Root mean square of the uncertainty that both curves state."""
     drifted: bool
-    channel_stops: tuple[float, float, float]
-    worst_code: int
     noise_ratio: float
     """Relative noise of the session's pixels at middle codes over the profile's: settings or light may differ."""
     warnings: tuple[str, ...] = ()
@@ -290,7 +285,7 @@ def check_response(
     samples = take_samples([bracket], seed)
     priors = [drift_prior(known) for known in curve.log2_exposure]
     fit = fit_daylit(samples, free_times=estimate_times, priors=priors)
-    drifts, sigmas, codes, ratios = [], [], [], []
+    drifts, sigmas, ratios = [], [], []
     for c, own in enumerate(fit.channels):
         seen = np.arange(max(FIRST, own.low, curve.low[c]), min(LAST, own.high, curve.high[c]) + 1)
         change = (own.log2 - curve.log2_exposure[c])[seen]
@@ -298,7 +293,6 @@ def check_response(
         sigma = np.hypot(curve_sigma(own, int(seen[len(seen) // 2])), curve.sigma_log2[c])[seen]
         drifts.append(float(np.sqrt((change**2).mean())))
         sigmas.append(float(np.sqrt((sigma**2).mean())))
-        codes.append(int(seen[np.argmax(np.abs(change))]))
         # The ratio of relative standard deviations at code 128
         x = float(curve.exposure[c, 128])
         slope = float(curve.log2_slope[c, 128] * np.log(2.0))
@@ -309,12 +303,4 @@ def check_response(
     drift, sigma_ = drifts[worst], sigmas[worst]
     drifted = drift > max(LEAST_DRIFT_STOPS, _SIGNIFICANT * sigma_)
     warnings = (f"the camera's response drifted by {drift:.3f} stops (uncertainty {sigma_:.3f})",) if drifted else ()
-    return ResponseCheck(
-        drift,
-        sigma_,
-        drifted,
-        (drifts[0], drifts[1], drifts[2]),
-        codes[worst],
-        float(np.median(ratios)),
-        warnings,
-    )
+    return ResponseCheck(drift, sigma_, drifted, float(np.median(ratios)), warnings)
