@@ -170,16 +170,14 @@ def check_sky(room: SessionRoom) -> None:
 
 def place_of(room: SessionRoom, site: tuple[float, float] | None) -> Place:
     """Return where the room is; ``site``: latitude and longitude (degrees) instead of the session's."""
-    here = room.manifest.site
-    if site is not None:
-        return Place(*site)
-    if here.latitude_deg is None or here.longitude_deg is None:
+    here = Place.of(room.manifest.site) if site is None else Place(*site)
+    if here is None:
         raise DaylightError(
             "the session does not say where it was taken",
             where=room.manifest.name,
             advice="give --site LATITUDE,LONGITUDE (degrees, north and east positive)",
         )
-    return Place(here.latitude_deg, here.longitude_deg, here.altitude_m or 0.0)
+    return here
 
 
 def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tuple[float, str]:

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from datetime import datetime
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.outdoor.sun_place import Place, sun_place
+from processing.calibration.outdoor.sun_place import Place, shortest_taken, sun_place
 from processing.errors import ParameterError
 from processing.ground.arrays import Flags
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
-from station.session.session import FrameRecord, SessionManifest, Side
+from station.session.session import SessionManifest, Side
 
 LEAST_DRAFT_PX = 1600
 """Width that a draft's panorama keeps (chosen: a screen's)."""
@@ -122,26 +121,11 @@ def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
 
     Both are of the upright world, so a panorama that was levelled shows the sun just there.
     """
-    moment = _moment(session)
-    site = session.site
-    known = site.latitude_deg is not None and site.longitude_deg is not None and session.heading_rad is not None
-    if moment is None or not known:
+    moment, place = shortest_taken(session, Side.INDOOR), Place.of(session.site)
+    if moment is None or place is None or session.heading_rad is None:
         return None
-    assert site.latitude_deg is not None
-    assert site.longitude_deg is not None
-    assert session.heading_rad is not None
-    there = sun_place(moment, Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0))
+    there = sun_place(moment, place)
     return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
-
-
-def _moment(session: SessionManifest) -> datetime | None:
-    """Return when the shortest indoor frame was taken, which shows sunlit places best."""
-
-    def seconds(frame: FrameRecord) -> float:
-        return frame.camera_s
-
-    frames = sorted((f for f in session.frames if f.side is Side.INDOOR and f.taken_utc), key=seconds)
-    return frames[0].taken_utc if frames else None
 
 
 def sky_without_sun(context: StageContext) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import Any, Literal, Protocol
 
 from processing.calibration.optics import OpticsChoice, find_optics, indoor_falloff, veil_taken_off
@@ -28,6 +27,7 @@ from processing.calibration.outdoor.sun_place import (
     north_from_heading,
     north_from_sun,
     oriented,
+    shortest_taken,
 )
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
@@ -39,7 +39,7 @@ from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import SharedMode, camera_modes, modes_of, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye
-from station.session.session import FrameRecord, SessionManifest, Side
+from station.session.session import SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
 
@@ -233,7 +233,7 @@ def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North
     """Return where the picture's top faces: as said, from the sun, or from the panorama's heading."""
     if asked.outdoor_top_deg is not None:
         return north_from_heading(math.radians(asked.outdoor_top_deg), math.radians(1.0)), []
-    place, moment, why = _place(session), _moment(session), ""
+    place, moment, why = Place.of(session.site), shortest_taken(session, Side.OUTDOOR), ""
     if sky.sun is not None and place is not None and moment is not None:
         try:
             north = north_from_sun(sky.image, moment, place, sun=sky.sun)
@@ -318,7 +318,7 @@ def _repaired(
             raise SunError("the sun's repair needs the measured illuminance", advice="give --outdoor-lux")
         done, repair = repair_sun(picture, horizontal_lx=asked.outdoor_lux)
         return done, repair.note
-    place, moment = _place(session), _moment(session)
+    place, moment = Place.of(session.site), shortest_taken(session, Side.OUTDOOR)
     if place is None or moment is None:
         raise SunError("a clear sky's sun needs site and time", advice="record the site in rig.toml, or give lux")
     done, repair = repair_sun(picture, beam=clear_beam(moment, place))
@@ -346,20 +346,3 @@ def _north_facts(north: North) -> dict[str, Any]:
         "source": north.source,
         "elevation_off_deg": None if north.elevation_off_rad is None else math.degrees(north.elevation_off_rad),
     }
-
-
-def _place(session: SessionManifest) -> Place | None:
-    site = session.site
-    if site.latitude_deg is None or site.longitude_deg is None:
-        return None
-    return Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0)
-
-
-def _moment(session: SessionManifest) -> datetime | None:
-    """Return the middle of the shortest outdoor exposure, which shows the sun."""
-
-    def seconds(frame: FrameRecord) -> float:
-        return frame.camera_s
-
-    sky = sorted((f for f in session.frames if f.side is Side.OUTDOOR and f.taken_utc), key=seconds)
-    return sky[0].taken_utc if sky else None

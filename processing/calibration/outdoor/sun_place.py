@@ -17,6 +17,7 @@ from processing.calibration.outdoor.sun_disc import Sun, find_sun
 from processing.errors import ParameterError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular, Fisheye
+from station.session.session import SessionManifest, Side, Site
 
 WATER_CM = 1.5
 """Precipitable water, the usual mid-latitude value, where none is given."""
@@ -61,6 +62,19 @@ class Place:
                 f"no place on Earth: latitude {self.latitude_deg}, longitude {self.longitude_deg}, {self.altitude_m} m",
                 advice="degrees, north and east positive",
             )
+
+    @classmethod
+    def of(cls, site: Site) -> Place | None:
+        """Return where a session was taken; None where that is not recorded."""
+        if site.latitude_deg is None or site.longitude_deg is None:
+            return None
+        return cls(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0)
+
+
+def shortest_taken(session: SessionManifest, side: Side) -> datetime | None:
+    """Return when the shortest frame of a side was taken, which shows the sun and sunlit places best."""
+    frames = sorted((f for f in session.frames if f.side is side and f.taken_utc), key=lambda f: f.camera_s)
+    return frames[0].taken_utc if frames else None
 
 
 @dataclass(frozen=True)
