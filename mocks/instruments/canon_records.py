@@ -33,16 +33,10 @@ IMAGE_FORMATS = (0xD120, 0xD121, 0xD122, 0xD123)
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(RecordedEvent):
     """A record on its way to the host; the first four bytes of ``payload`` say whom it is about."""
 
-    code: int
-    payload: bytes
     fault: Fault | None = None
-
-    def encode(self) -> bytes:
-        """Return the record as it stands in the stream."""
-        return struct.pack("<II", 8 + len(self.payload), self.code) + self.payload
 
     def elsewhere(self, offset: int) -> Self:
         """Return the record about another object or property."""
