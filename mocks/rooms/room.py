@@ -128,10 +128,7 @@ def make_room(
     ``use`` None draws one; ``sky`` is clear, intermediate or overcast, None draws one; ``lamps_on`` None lights the
     lamps in three rooms of ten.
 
-    Raises
-    ------
-    ValueError
-        A use or sky that does not exist, or a negative seed.
+    Raises `ValueError`: a use or sky that does not exist, or a negative seed.
     """
     rng = np.random.default_rng([seed, _DOMAIN])
     drawn = str(rng.choice([Use.BEDROOM, Use.LIVING, Use.DINING, Use.OFFICE, Use.EMPTY], p=[0.3, 0.3, 0.15, 0.15, 0.1]))

@@ -250,10 +250,7 @@ def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:
 def save_truth(folder: Path, room: Room, pictures: TruthPictures, lights: list[PointLight]) -> None:
     """Write the truth into a new folder.
 
-    Raises
-    ------
-    TruthFileError
-        The folder is there already or may not be written, or the disk is full.
+    Raises `TruthFileError`: the folder is there already or may not be written, or the disk is full.
     """
     try:
         folder.mkdir(parents=True)

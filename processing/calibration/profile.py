@@ -183,10 +183,7 @@ def unlike_profile(profile: RigProfile | None, session: SessionManifest) -> list
 def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str = "") -> K2Record:
     """Return k2 if it holds for these cameras as they are set.
 
-    Raises
-    ------
-    ProfileError
-        No k2 in the profile, or a setting differs from when it was measured.
+    Raises `ProfileError`: no k2 in the profile, or a setting differs from when it was measured.
     """
     k2 = profile.k2
     if k2 is None:
@@ -210,10 +207,8 @@ def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str 
 def load_profile(path: Path) -> RigProfile:
     """Read a calibration profile.
 
-    Raises
-    ------
-    ProfileError
-        Missing, too large, not JSON, of a newer schema, or a key that cannot be right; names the file and the keys.
+    Raises `ProfileError`: missing, too large, not JSON, of a newer schema, or a key that cannot be right; names the
+    file and the keys.
     """
     where = str(path)
     data = _read(path)

@@ -32,11 +32,8 @@ def write_mask(path: Path, mask: Flags) -> None:
 def read_mask(path: Path) -> Flags:
     """Return booleans (H, W): true where a picture file is at least half bright (in any channel), and not transparent.
 
-    Raises
-    ------
-    PictureFileError
-        No picture, one of a size that masks cannot have, or of values without a known white (32-bit integers, floats);
-        names the file.
+    Raises `PictureFileError`: no picture, one of a size that masks cannot have, or of values without a known white
+    (32-bit integers, floats); names the file.
     """
     from PIL import Image
 

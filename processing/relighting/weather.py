@@ -192,10 +192,7 @@ def daylight_at(
 ) -> Daylight:
     """Return the light outdoors at a time; ground, trees and houses are the captured ones under the new light.
 
-    Raises
-    ------
-    DaylightError
-        The sun is below the horizon: twilight is not modelled.
+    Raises `DaylightError`: the sun is below the horizon: twilight is not modelled.
     """
     sun = sun_place(time_utc, place)
     if sun.elevation_rad <= 0:

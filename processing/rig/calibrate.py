@@ -60,14 +60,8 @@ class RigResult:
 def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], None] = lambda _text: None) -> RigResult:
     """Return the rig's profile; ``report`` is called with what is being done.
 
-    Raises
-    ------
-    ChartError
-        The chart was not found in one camera's picture (name its corners).
-    ResponseError
-        A camera's frames give no curve.
-    ParameterError
-        Sessions without the frames that are needed.
+    Raises `ChartError`: the chart was not found in one camera's picture (name its corners); `ResponseError`: a camera's
+    frames give no curve; `ParameterError`: sessions without the frames that are needed.
     """
     charts = {side: taken for side in Side if (taken := read_side(request.chart, side)) is not None}
     if not charts:
@@ -159,10 +153,7 @@ def one_colour(inside: FoundChart, seen: ChartView) -> tuple[NdFilter, ChartView
 
     Luminance of white is left to k2, of which the filter's density is a part here.
 
-    Raises
-    ------
-    LensError
-        Fewer than six patches are usable in both, or they hold too few colours.
+    Raises `LensError`: fewer than six patches are usable in both, or they hold too few colours.
     """
     good = inside.usable & seen.chart.usable
     found = fit_nd_filter(seen.chart.rgb[good], inside.rgb[good], source="the chart in both cameras")

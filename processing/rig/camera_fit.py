@@ -78,12 +78,7 @@ class SessionSide:
 def read_side(path: Path, side: Side) -> SessionSide | None:
     """Return one camera's bracket of a session, None where it took none.
 
-    Raises
-    ------
-    SessionError
-        No session there, or one that cannot be read.
-    BracketError
-        Fewer than two frames.
+    Raises `SessionError`: no session there, or one that cannot be read; `BracketError`: fewer than two frames.
     """
     manifest = load_manifest(path)
     records = sorted(
@@ -112,10 +107,7 @@ def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], hal
 
     ``frames``: (H, W, 3) uint8 each.
 
-    Raises
-    ------
-    LensError
-        No circle is seen, and none is stated.
+    Raises `LensError`: no circle is seen, and none is stated.
     """
     try:
         circle = find_image_circle(list(frames))
@@ -192,10 +184,7 @@ def fit_camera(
 
     ``rule`` None: the camera model's, else the one under which the curve fits best.
 
-    Raises
-    ------
-    ResponseError
-        The frames of all sessions together give no curve.
+    Raises `ResponseError`: the frames of all sessions together give no curve.
     """
     warnings: list[str] = []
     rule = rule or camera_rule(takes[0].state.model)
@@ -221,10 +210,7 @@ def fit_camera(
 def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFit:
     """Return the camera with the fall-off that pictures of an evenly lit field show.
 
-    Raises
-    ------
-    ProfileError
-        The indoor camera: its fall-off can be given only (`--lens-data`).
+    Raises `ProfileError`: the indoor camera: its fall-off can be given only (`--lens-data`).
     """
     if camera.lens is None or not flats:
         raise ProfileError("a flat field is fitted for the outdoor camera only", advice="--lens-data theta_z1")

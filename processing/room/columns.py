@@ -51,10 +51,8 @@ class Columns:
 def columns_of(evidence: BoundaryEvidence, count: int = COLUMNS) -> Columns:
     """Return boundaries as inverse distances in ``count`` columns.
 
-    Raises
-    ------
-    ParameterError
-        Arrays of different lengths or fewer than 16, values that are not finite, boundaries on the wrong side.
+    Raises `ParameterError`: arrays of different lengths or fewer than 16, values that are not finite, boundaries on the
+    wrong side.
     """
     check_boundary(evidence)
     floor, floor_sigma = _resampled(-evidence.floor_rad, evidence.floor_sigma_rad, count)

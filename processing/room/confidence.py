@@ -32,10 +32,8 @@ STEP_ROWS = 256
 def check_picture(image: RelativeImage | LuminanceImage) -> float:
     """Return the share (0..1) of the sphere without data, or black: what is wrong with a panorama but may be borne.
 
-    Raises
-    ------
-    NoRoomError
-        Not equirectangular, not twice as wide as high (cropped), black, or blank over much of the sphere.
+    Raises `NoRoomError`: not equirectangular, not twice as wide as high (cropped), black, or blank over much of the
+    sphere.
     """
     geometry = image.geometry
     if not isinstance(geometry, Equirectangular):

@@ -61,10 +61,7 @@ class LayoutNetwork:
 def load_layout_network(path: Path) -> LayoutNetwork:
     """Load an ONNX file and recognise its kind by its inputs and outputs.
 
-    Raises
-    ------
-    LayoutNetworkError
-        Not an ONNX file, or inputs and outputs of no known kind; says what was found.
+    Raises `LayoutNetworkError`: not an ONNX file, or inputs and outputs of no known kind; says what was found.
     """
     session = open_session(path, lambda what: LayoutNetworkError(what, where=str(path)))
     inputs, outputs = session.get_inputs(), {o.name: tuple(o.shape) for o in session.get_outputs()}
@@ -83,12 +80,8 @@ def layout_boundary(
     ``turn_rad``: the walls' azimuth (`processing.room.level.find_upright`); the picture is turned by it, to the next
     column of the answer, and the answer is turned back by just that.
 
-    Raises
-    ------
-    ParameterError
-        The picture is not equirectangular.
-    LayoutNetworkError
-        The network fails on the picture, or gives values that no boundary has.
+    Raises `ParameterError`: the picture is not equirectangular; `LayoutNetworkError`: the network fails on the picture,
+    or gives values that no boundary has.
     """
     if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad:
         raise ParameterError("the picture is not equirectangular with longitude 0 in its middle")

@@ -217,10 +217,7 @@ def boundary_rows(room: RoomModel, geometry: Equirectangular) -> tuple[Doubles, 
 def surface_maps(room: RoomModel, geometry: Equirectangular) -> SurfaceMaps:
     """Return what an upright panorama with the camera at (0, 0, camera height) sees of a room; exact.
 
-    Raises
-    ------
-    RoomError
-        The room cannot stand: `processing.ground.room_model.geometry_problems` says why.
+    Raises `RoomError`: the room cannot stand: `processing.ground.room_model.geometry_problems` says why.
     """
     check_stands(room)
     columns, latitude = columns_of(room, geometry), latitudes(geometry)

@@ -300,12 +300,8 @@ def wrap(
     Values are in the order of ``picture[mask]``. Each pixel is the mean over the part of it that sees the plane, from
     texels inside the plane's outline; texels must be right there, and nowhere else. ``planes``: `plane_map`, if known.
 
-    Raises
-    ------
-    ParameterError
-        A texture that does not have the plane's size at this density; a mask of another size.
-    RoomError
-        The room cannot stand.
+    Raises `ParameterError`: a texture that does not have the plane's size at this density; a mask of another size;
+    `RoomError`: the room cannot stand.
     """
     shape = texture_shape(plane, px_per_m)
     if texture_values.ndim not in (2, 3) or texture_values.shape[:2] != shape:

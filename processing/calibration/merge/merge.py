@@ -120,14 +120,9 @@ def merge(
     them, where the frames have changed them, for messages. Values are exposure in the curve's gauge
     (of full scale for linear frames) a second.
 
-    Raises
-    ------
-    ParameterError
-        Times, options or a curve that cannot be right.
-    BracketError
-        Frames that do not fit together: sizes, kinds, or what they say about the light.
-    PictureFileError
-        A frame that cannot be decoded; names it.
+    Raises `ParameterError`: times, options or a curve that cannot be right; `BracketError`: frames that do not fit
+    together: sizes, kinds, or what they say about the light; `PictureFileError`: a frame that cannot be decoded; names
+    it.
     """
     options = options or MergeOptions()
     order = check_bracket(frames, times_s, time_sigma, curve, geometry)

@@ -94,10 +94,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrio
     A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind nominal
     times is chosen too.
 
-    Raises
-    ------
-    ResponseError
-        Too few patches that are seen well in two frames, or all of nearly the same code.
+    Raises `ResponseError`: too few patches that are seen well in two frames, or all of nearly the same code.
     """
     for data, name in zip(samples.channels, CHANNELS, strict=True):
         check_enough(data, name)

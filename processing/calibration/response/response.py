@@ -87,12 +87,7 @@ def recover_response(
     ``estimate_times``: times are nominal; the rule behind them is chosen by what the frames say. A frame whose time
     contradicts all others gets the time that they imply, with a warning.
 
-    Raises
-    ------
-    ResponseError
-        Frames from which no curve can be recovered.
-    BracketError
-        Frames that are no bracket.
+    Raises `ResponseError`: frames from which no curve can be recovered; `BracketError`: frames that are no bracket.
     """
     samples = take_samples(brackets, seed)
     fit = fit_daylit(samples, free_times=estimate_times, priors=None if prior is None else [prior] * 3)
@@ -130,12 +125,7 @@ def recover_response(
 def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:
     """Return photon, read and code noise (of coding too: JPEG) of single pixels under a known curve.
 
-    Raises
-    ------
-    ResponseError
-        Too few patches.
-    BracketError
-        Frames that are no bracket.
+    Raises `ResponseError`: too few patches; `BracketError`: frames that are no bracket.
     """
     samples = take_samples(brackets, seed)
     for data, name in zip(samples.channels, CHANNELS, strict=True):
@@ -275,12 +265,7 @@ def check_response(
     The session's curve is fitted as a smooth change of the profile's, so that codes which the session does not show
     add nothing.
 
-    Raises
-    ------
-    ResponseError
-        Frames with too few patches or codes.
-    BracketError
-        Frames that are no bracket.
+    Raises `ResponseError`: frames with too few patches or codes; `BracketError`: frames that are no bracket.
     """
     samples = take_samples([bracket], seed)
     priors = [drift_prior(known) for known in curve.log2_exposure]

@@ -45,10 +45,8 @@ class Bracket8:
     def check(self, where: str = "bracket") -> None:
         """Refuse what cannot be a bracket.
 
-        Raises
-        ------
-        BracketError
-            No frames, another number of times, sizes or types that differ, times that are not positive numbers.
+        Raises `BracketError`: no frames, another number of times, sizes or types that differ, times that are not
+        positive numbers.
         """
         if len(self.frames) == 0 or len(self.frames) != len(self.times_s):
             raise BracketError(
@@ -120,10 +118,7 @@ class Samples:
 def take_samples(brackets: Sequence[Bracket8], seed: int = 0) -> Samples:
     """Return smooth patches of all brackets.
 
-    Raises
-    ------
-    BracketError
-        See `Bracket8.check`.
+    Raises `BracketError`: see `Bracket8.check`.
     """
     if not brackets:
         raise BracketError("no bracket", advice="give at least one")

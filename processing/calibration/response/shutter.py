@@ -74,10 +74,7 @@ def camera_rule(model: str) -> ShutterRule | None:
 def true_time_s(nominal_s: float, rule: ShutterRule) -> float:
     """Return the time behind a nominal one.
 
-    Raises
-    ------
-    ParameterError
-        A time that is not a positive number.
+    Raises `ParameterError`: a time that is not a positive number.
     """
     if not (math.isfinite(nominal_s) and nominal_s > 0):
         raise ParameterError(f"{nominal_s} is not an exposure time", advice="give seconds above 0")

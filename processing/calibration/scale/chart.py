@@ -73,10 +73,7 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
 
     ``corners_px``: shape (4, 2), pixels.
 
-    Raises
-    ------
-    ChartError
-        No chart was found, or what lies at the corners is none; also patches under four pixels.
+    Raises `ChartError`: no chart was found, or what lies at the corners is none; also patches under four pixels.
     """
     if corners_px is not None:
         chart = read_chart(view, refined(view, checked_corners(corners_px)), "corners")
@@ -104,10 +101,7 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
 def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: float = CURVE_FRAC) -> ChartScale:
     """Return k2 from the same chart in both pictures; ``curve_frac``: relative uncertainty by each response curve.
 
-    Raises
-    ------
-    ChartError
-        Fewer than three neutral patches are neither clipped nor dark in both.
+    Raises `ChartError`: fewer than three neutral patches are neither clipped nor dark in both.
     """
     numbers = [n for n in NEUTRALS if indoor.usable[n] and outdoor.usable[n]]
     if len(numbers) < 3:
@@ -243,10 +237,7 @@ def find_chart_around(image: RelativeImage, towards: Doubles | None = None) -> C
 
     ``towards``: direction of shape (3,), any length.
 
-    Raises
-    ------
-    ChartError
-        No view shows a chart.
+    Raises `ChartError`: no view shows a chart.
     """
     best: ChartView | None = None
     for view in _views(image.geometry, towards):
@@ -273,10 +264,7 @@ def chart_at(image: RelativeImage, corners_px: npt.ArrayLike) -> ChartView:
 
     ``corners_px``: shape (4, 2), pixels.
 
-    Raises
-    ------
-    ChartError
-        A corner outside the picture's field, or no chart there.
+    Raises `ChartError`: a corner outside the picture's field, or no chart there.
     """
     corners = np.asarray(corners_px, dtype=np.float64).reshape(-1, 2)
     ways, seen = point_directions(image.geometry, corners[:, 0], corners[:, 1])

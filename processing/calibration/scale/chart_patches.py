@@ -112,10 +112,8 @@ def read_chart(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart
 
     ``corners_px``: shape (4, 2), pixels.
 
-    Raises
-    ------
-    ChartError
-        The corners lie outside, patches are smaller than four pixels, or what is there is no such chart.
+    Raises `ChartError`: the corners lie outside, patches are smaller than four pixels, or what is there is no such
+    chart.
     """
     corners = checked_corners(corners_px)
     ways = [np.roll(corners, turn, axis=0) for turn in range(4)]

@@ -96,10 +96,8 @@ def scale_from_reading(
     interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
     standard uncertainty that pixels of equal codes share (the response curve's).
 
-    Raises
-    ------
-    ScaleError
-        No usable reading, a reading of 0, a spot outside the picture, or one that is clipped, dark or moved.
+    Raises `ScaleError`: no usable reading, a reading of 0, a spot outside the picture, or one that is clipped, dark or
+    moved.
     """
     measured = _measured(readings, frames, meter)
     spot = Spot(longitude_rad, latitude_rad, meter.spot_rad)
@@ -294,10 +292,7 @@ class SpotPixels:
 def spot_pixels(geometry: Geometry, spot: Spot) -> SpotPixels:
     """Return the pixels of a spot.
 
-    Raises
-    ------
-    ScaleError
-        Part of the spot lies outside the picture.
+    Raises `ScaleError`: part of the spot lies outside the picture.
     """
     x, y, seen = pixels(geometry, _spread(spot.direction(), spot.diameter_rad / 2))
     if not np.all(seen):

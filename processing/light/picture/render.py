@@ -44,10 +44,7 @@ def render(
 ) -> Rendered:
     """Return a picture of a scene from ``eye_m``; the same seed gives the same picture.
 
-    Raises
-    ------
-    NoBalanceError
-        Light is given off but never absorbed.
+    Raises `NoBalanceError`: light is given off but never absorbed.
     """
     stage = scene if isinstance(scene, Stage) else Stage.of(scene, effort.texel_m)
     wraps = isinstance(geometry, Equirectangular)

@@ -59,10 +59,7 @@ def seen_from(
 ) -> Elsewhere:
     """Return what is seen from ``eye_m``; ``photograph`` (H, 2 H, 3) shows the scene from ``camera_m``.
 
-    Raises
-    ------
-    ViewpointError
-        The place is outside of the room, or within a piece of furniture.
+    Raises `ViewpointError`: the place is outside of the room, or within a piece of furniture.
     """
     check_place(scene, eye_m)
     stage = Stage.of(scene, effort.texel_m)

@@ -309,10 +309,7 @@ def shell_of(
     that of each window by its number among the openings (1 where it is not given); ``sheets`` of clear glass let it
     fall with the angle (`scene.Pane`).
 
-    Raises
-    ------
-    RoomError
-        The room cannot stand.
+    Raises `RoomError`: the room cannot stand.
     """
     check_stands(room)
     if not 0 <= reveal_m <= 2:

@@ -74,12 +74,8 @@ STORED: dict[str, Any] = {"pixel_sky": SkyRays, "pixel_links": Links, "patch_sky
 def basis_of(stage: Stage, eye_m: Vector, *, effort: Effort = BASIS_EFFORTS["standard"], seed: int = 0) -> LightBasis:
     """Return the stored rays of a scene seen from ``eye_m``; the scene's own light outdoors does not matter.
 
-    Raises
-    ------
-    RelightError
-        It would take more than `MOST_BYTES`.
-    ParameterError
-        Fewer than two samples (their difference gives the error), or an error or a time to stop at.
+    Raises `RelightError`: it would take more than `MOST_BYTES`; `ParameterError`: fewer than two samples (their
+    difference gives the error), or an error or a time to stop at.
     """
     _affordable(stage, effort)
     sight = sight_of(stage, Equirectangular(2 * effort.rows, effort.rows), eye_m)
