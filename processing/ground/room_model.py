@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from processing.errors import RoomError
+from processing.errors import ProcessingError, RoomError
 from station.session import strict_json
 from station.session.folder import Folder, write_file
 from station.session.session import SafeText
@@ -187,19 +187,18 @@ def check_room(data: Any) -> None:
         )
 
 
-def read_json(path: Path) -> Any:
-    """Return the JSON value in a file; `RoomError` where there is none or it is not JSON."""
+def read_json(path: Path, refused: type[ProcessingError] = RoomError, most_bytes: int = MAX_ROOM_BYTES) -> Any:
+    """Return the JSON value in a file of at most ``most_bytes``; ``refused`` says what is wrong with it."""
     try:
         with path.open("rb") as file:
-            raw = file.read(MAX_ROOM_BYTES + 1)
-    except OSError as exc:
-        raise RoomError(f"cannot be read: {exc.strerror}", where=str(path)) from exc
-    if len(raw) > MAX_ROOM_BYTES:
-        raise RoomError(f"larger than {MAX_ROOM_BYTES} bytes", where=str(path))
-    try:
+            raw = file.read(most_bytes + 1)
+        if len(raw) > most_bytes:
+            raise strict_json.StrictJsonError(f"larger than {most_bytes} bytes")
         return strict_json.loads(raw)
+    except OSError as exc:
+        raise refused(f"cannot be read: {exc.strerror}", where=str(path)) from exc
     except strict_json.StrictJsonError as exc:
-        raise RoomError(str(exc), where=str(path), advice="correct the file") from exc
+        raise refused(str(exc), where=str(path), advice="correct the file") from exc
 
 
 def read_room(path: Path) -> RoomModel:

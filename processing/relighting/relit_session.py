@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 
 from processing.calibration.outdoor.sun_place import Place, sun_place
-from processing.errors import DaylightError, ParameterError, PictureFileError, RelightError
+from processing.errors import DaylightError, ParameterError, PictureFileError, ProcessingError, RelightError
 from processing.ground.arrays import Bytes, Floats
-from processing.ground.room_model import read_room
+from processing.ground.room_model import read_json, read_room
 from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.relight_photo import photograph_under
@@ -34,7 +34,7 @@ from processing.pictures.display import Display
 from processing.pictures.exr import read_exr, read_exr_rgb
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.writing import write_bytes, write_whole
-from processing.running.artifacts import read_json
+from processing.running.artifacts import MAX_JSON_BYTES
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
 from processing.stages.furnishing import furniture_parts
@@ -102,7 +102,7 @@ def _manifest(session: Path) -> SessionManifest:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    found = read_json(path)
+    found = read_json(path, ProcessingError, MAX_JSON_BYTES)
     return found if isinstance(found, dict) else {}
 
 

@@ -14,11 +14,11 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from processing.errors import ProcessingError
+from processing.ground.room_model import read_json
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.fingerprint import DigestMemory, Ingredients, digest
 from processing.running.progress import Cost
@@ -26,7 +26,7 @@ from processing.running.reads import Parts, Reads
 from processing.running.result_store import Building
 from processing.running.results import FileRecord, RunRecord, StageResult
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from station.session import durable, strict_json
+from station.session import durable
 
 MAX_JSON_BYTES = 64 << 20
 WRITTEN = True
@@ -72,7 +72,7 @@ def load(artifact: Artifact, path: Path) -> object:
     if artifact.kind == "mask":
         return resolve(_READ_MASK)(path)
     if artifact.kind == "json":
-        value = read_json(path)
+        value = read_json(path, ProcessingError, MAX_JSON_BYTES)
         return _typed(artifact, value, path) if artifact.model else value
     return path
 
@@ -87,20 +87,6 @@ def _typed(artifact: Artifact, value: object, path: Path) -> BaseModel:
         place = ".".join(map(str, first["loc"]))
         text = f"not a valid {artifact.name}: {place + ': ' if place else ''}{first['msg']}"
         raise ProcessingError(text, where=str(path), advice="correct the file") from exc
-
-
-def read_json(path: Path) -> Any:
-    """Return the JSON value in a file of at most `MAX_JSON_BYTES`; `ProcessingError` says what is wrong with it."""
-    try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_JSON_BYTES + 1)
-        if len(raw) > MAX_JSON_BYTES:
-            raise strict_json.StrictJsonError(f"larger than {MAX_JSON_BYTES} bytes")
-        return strict_json.loads(raw)
-    except OSError as exc:
-        raise ProcessingError(f"cannot be read: {exc.strerror}", where=str(path)) from exc
-    except strict_json.StrictJsonError as exc:
-        raise ProcessingError(str(exc), where=str(path), advice="correct the file") from exc
 
 
 def _read_only(value: object) -> object:
