@@ -17,7 +17,8 @@ from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.optics import veil_taken_off
-from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
+from processing.calibration.outdoor import outdoor
+from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, outdoor_view
 from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.ground.arrays import Doubles, Floats
@@ -177,7 +178,8 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     pixel_sr = 2 * math.pi / (math.pi * camera.lens.circle.radius_px**2)
     optics = OutdoorOptics(camera.lens, camera.vignetting, camera.filter)
     view = outdoor_view(OutdoorView.HEMISPHERICAL, max(64, round(2 * camera.lens.circle.radius_px)))
-    flat = scaled(correct_outdoor(merged, optics, view), scale)
+    seen = outdoor.correct_vignetting(outdoor.with_lens(merged, optics), optics)
+    flat = scaled(outdoor.project(outdoor.correct_colour(seen, optics), view), scale)
     lux = illuminance_lx(flat).value_lx
     true_lux = _true_lux(taken.world)
     return Outdoor(

@@ -95,18 +95,15 @@ class Conductor:
         for worker in self._workers.values():
             worker.start()
         try:
-            yield from self._take_and_dismiss()
+            try:
+                yield from self._take_all()
+            except Exception as error:  # noqa: BLE001 (raised again when every camera's thread is over)
+                yield from self._dismiss(error)
+            else:
+                yield from self._dismiss(None)
         except (GeneratorExit, KeyboardInterrupt):
             self._leave_unheard()
             raise
-
-    def _take_and_dismiss(self) -> Iterator[events.CaptureEvent]:
-        try:
-            yield from self._take_all()
-        except Exception as error:  # noqa: BLE001 (raised again when every camera's thread is over)
-            yield from self._dismiss(error)
-        else:
-            yield from self._dismiss(None)
 
     def _leave_unheard(self) -> None:
         """Nobody listens any more: no event may be yielded, but no camera may be left in use either."""

@@ -254,7 +254,15 @@ def check_computer(folder: Path) -> Iterator[Check]:
     if sys.platform.startswith("linux"):
         yield _check_udev()
         yield _check_serial_group()
-        yield from _check_grabbers()
+        for process in Path("/proc").glob("[0-9]*/comm"):
+            try:
+                name = process.read_text().strip()
+            except OSError:
+                continue
+            # The kernel keeps 15 characters of a name.
+            if any(g.startswith(name) for g in GRABBERS if len(name) >= 10):
+                advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
+                yield Check(Level.WARN, "desktop", f"{name} runs and takes cameras for itself", advice)
     yield _check_disk(folder)
     yield _check_isolation()
     yield _check_renderer()
@@ -317,18 +325,6 @@ def _in_group(name: str) -> bool:
         return grp.getgrnam(name).gr_gid in os.getgroups()
     except KeyError:
         return False
-
-
-def _check_grabbers() -> Iterator[Check]:
-    for process in Path("/proc").glob("[0-9]*/comm"):
-        try:
-            name = process.read_text().strip()
-        except OSError:
-            continue
-        # The kernel keeps 15 characters of a name.
-        if any(g.startswith(name) for g in GRABBERS if len(name) >= 10):
-            advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
-            yield Check(Level.WARN, "desktop", f"{name} runs and takes cameras for itself", advice)
 
 
 def _check_disk(folder: Path) -> Check:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -48,8 +47,15 @@ def _reasons(exc: ValidationError) -> str:
     return "; ".join(shown) + (f"; and {more} more" if more > 0 else "")
 
 
-def _check_consistent(manifest: SessionManifest, where: str) -> None:
-    """Refuse what the types allow but no station writes: shared files, a frame in the other side's folder."""
+def manifest_of(data: Any, where: str) -> SessionManifest:
+    """Return the manifest that JSON data describe; `ManifestError` or `SchemaTooNewError` name ``where``."""
+    if not isinstance(data, dict):
+        raise ManifestError("not a JSON object", where=where)
+    try:
+        manifest = SessionManifest.model_validate(_migrate(data, where))
+    except ValidationError as exc:
+        raise ManifestError(f"not of the schema: {_reasons(exc)}", where=where, advice=_REMAKE) from exc
+    # Refuse what the types allow but no station writes: shared files, a frame in the other side's folder
     files = [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
     keys = [(f.side, f.stop, f.format) for f in manifest.frames]
     if len({name.casefold() for name in files}) != len(files):
@@ -61,17 +67,6 @@ def _check_consistent(manifest: SessionManifest, where: str) -> None:
             raise ManifestError(f"{frame.file} cannot be a frame of {frame.side}", where=where)
         if frame.stop >= len(manifest.bracket.stops_s):
             raise ManifestError(f"{frame.file}: the bracket has no stop {frame.stop}", where=where)
-
-
-def manifest_of(data: Any, where: str) -> SessionManifest:
-    """Return the manifest that JSON data describe; `ManifestError` or `SchemaTooNewError` name ``where``."""
-    if not isinstance(data, dict):
-        raise ManifestError("not a JSON object", where=where)
-    try:
-        manifest = SessionManifest.model_validate(_migrate(data, where))
-    except ValidationError as exc:
-        raise ManifestError(f"not of the schema: {_reasons(exc)}", where=where, advice=_REMAKE) from exc
-    _check_consistent(manifest, where)
     return manifest
 
 
@@ -118,9 +113,3 @@ def load_manifest(path: Path) -> SessionManifest:
 def manifest_bytes(manifest: SessionManifest) -> bytes:
     """Return session.json's content."""
     return manifest.model_dump_json(indent=2).encode() + b"\n"
-
-
-def schema_text() -> str:
-    """Return the JSON schema of session.json, as kept in docs/schemas/session-1.schema.json."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **SessionManifest.model_json_schema()}
-    return json.dumps(schema, indent=2, sort_keys=True) + "\n"

@@ -45,7 +45,16 @@ class SimulatedCamera(PtpResponder):
         if useless:
             raise ValueError(f"faults without effect on {identity.model}: {', '.join(sorted(useless))}")
         super().__init__(identity, clock, timing, faults, seed)
-        self.rules |= self._object_rules() | {
+        self.rules |= {
+            Operation.GET_STORAGE_IDS: Rule(self.get_storage_ids),
+            Operation.GET_STORAGE_INFO: Rule(self.get_storage_info, 1, 1),
+            Operation.GET_NUM_OBJECTS: Rule(lambda request: Answer(params=(len(self.selected(request)),)), 1, 3),
+            Operation.GET_OBJECT_HANDLES: Rule(self._get_object_handles, 1, 3),
+            Operation.GET_OBJECT_INFO: Rule(self.get_object_info, 1, 1),
+            Operation.GET_OBJECT: Rule(self.get_object, 1, 1),
+            Operation.GET_THUMB: Rule(self._get_thumb, 1, 1),
+            Operation.DELETE_OBJECT: Rule(self.delete_object, 1, 2),
+            Operation.GET_PARTIAL_OBJECT: Rule(self.get_partial_object, 3, 3),
             Operation.GET_DEVICE_PROP_DESC: Rule(self._get_prop_desc, 1, 1),
             Operation.GET_DEVICE_PROP_VALUE: Rule(self._get_prop_value, 1, 1),
             Operation.SET_DEVICE_PROP_VALUE: Rule(self._set_prop_value, 1, 1, data_out=True),
@@ -150,19 +159,6 @@ class SimulatedCamera(PtpResponder):
             raise Refusal(Response.STORE_READ_ONLY)
         if self.free_pictures() < 1:
             raise Refusal(Response.STORE_FULL)
-
-    def _object_rules(self) -> dict[int, Rule]:
-        return {
-            Operation.GET_STORAGE_IDS: Rule(self.get_storage_ids),
-            Operation.GET_STORAGE_INFO: Rule(self.get_storage_info, 1, 1),
-            Operation.GET_NUM_OBJECTS: Rule(lambda request: Answer(params=(len(self.selected(request)),)), 1, 3),
-            Operation.GET_OBJECT_HANDLES: Rule(self._get_object_handles, 1, 3),
-            Operation.GET_OBJECT_INFO: Rule(self.get_object_info, 1, 1),
-            Operation.GET_OBJECT: Rule(self.get_object, 1, 1),
-            Operation.GET_THUMB: Rule(self._get_thumb, 1, 1),
-            Operation.DELETE_OBJECT: Rule(self.delete_object, 1, 2),
-            Operation.GET_PARTIAL_OBJECT: Rule(self.get_partial_object, 3, 3),
-        }
 
     def get_storage_ids(self, _request: Request) -> Answer:
         """List the store, unless it is out."""

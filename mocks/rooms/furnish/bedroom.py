@@ -20,7 +20,19 @@ def essentials(a: Arrangement, finish: Finish) -> bool:
     bed = _bed(a)
     if bed is None:
         return False
-    _nightstands(a, bed)
+    # Place nightstands (a pair is alike) with a lamp, books, a mug
+    size = (a.draw(0.38, 0.5), a.draw(0.34, 0.42), a.draw(0.44, 0.56))
+    lamp = (a.draw(0.2, 0.28), a.draw(0.36, 0.5))
+    for side in (-1, 1):
+        stand = a.add(replace(_beside_bed(a, bed, side, size), seed=bed.seed))
+        if stand is None:
+            continue
+        if a.chance(0.85):
+            a.put_on(stand, "table lamp", (lamp[0], lamp[0], lamp[1]), at=(side * 0.5, 0.6))
+        if a.chance(0.3 + 0.5 * a.messy):
+            a.put_on(stand, "books", (0.15, 0.21, a.draw(0.02, 0.08)))
+        if a.chance(0.5 * a.messy):
+            a.put_on(stand, "mug", (0.115, 0.085, 0.095))
     _rug(a, bed, finish)
     tall = min(a.draw(1.9, 2.3), a.plan.height_m - 0.08)
     for width in (a.draw(1.4, 2.1), a.draw(0.9, 1.3)):
@@ -95,22 +107,6 @@ def _beside_bed(a: Arrangement, bed: Item, side: int, size: tuple[float, float, 
     along = side * (bed.size_m[0] / 2 + size[0] / 2 + 0.05)
     x, y = beside(bed, along, bed.size_m[1] / 2 - size[1] / 2)
     return a.item("nightstand", size, (x, y, 0.0), bed.turn_rad)
-
-
-def _nightstands(a: Arrangement, bed: Item) -> None:
-    """Place nightstands (a pair is alike) with a lamp, books, a mug."""
-    size = (a.draw(0.38, 0.5), a.draw(0.34, 0.42), a.draw(0.44, 0.56))
-    lamp = (a.draw(0.2, 0.28), a.draw(0.36, 0.5))
-    for side in (-1, 1):
-        stand = a.add(replace(_beside_bed(a, bed, side, size), seed=bed.seed))
-        if stand is None:
-            continue
-        if a.chance(0.85):
-            a.put_on(stand, "table lamp", (lamp[0], lamp[0], lamp[1]), at=(side * 0.5, 0.6))
-        if a.chance(0.3 + 0.5 * a.messy):
-            a.put_on(stand, "books", (0.15, 0.21, a.draw(0.02, 0.08)))
-        if a.chance(0.5 * a.messy):
-            a.put_on(stand, "mug", (0.115, 0.085, 0.095))
 
 
 def _rug(a: Arrangement, bed: Item, finish: Finish) -> None:

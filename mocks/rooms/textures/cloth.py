@@ -61,8 +61,12 @@ def carpet_pile(texture: Texture) -> Tile:
     return Tile(_two_toned(texture, np.clip(1 + tone, 0.5, 1.5), share), (2.0, 2.0))
 
 
-def _weave(rng: np.random.Generator, threads: int) -> tuple[Floats, Floats]:
-    """Return the tone of a plain weave, and the share of the second yarn, for an even number of threads a side."""
+def woven(texture: Texture) -> Tile:
+    """Return a plain weave with uneven yarns; a second colour makes it heathered. Options: thread_m."""
+    rng = generator(texture.seed)
+    size_m = 0.6
+    threads = 2 * max(8, round(size_m / texture.option("thread_m", 0.003) / 2))
+    # The tone of a plain weave, and the share of the second yarn, for an even number of threads a side
     place = centres(_PIXELS, threads)
     thread = place.astype(np.int32)
     bulge = np.sin(math.pi * (place - thread)).astype(np.float32)
@@ -74,15 +78,7 @@ def _weave(rng: np.random.Generator, threads: int) -> tuple[Floats, Floats]:
     slubs = np.where(over, yarn[0][thread][None, :] + along[0], yarn[1][thread][:, None] + along[1])
     tone = 0.72 + 0.45 * np.where(over, warp, weft) + 0.035 * slubs
     share = np.clip(2 * slubs - 0.8, 0, 1)
-    return tone.astype(np.float32), share.astype(np.float32)
-
-
-def woven(texture: Texture) -> Tile:
-    """Return a plain weave with uneven yarns; a second colour makes it heathered. Options: thread_m."""
-    rng = generator(texture.seed)
-    size_m = 0.6
-    threads = 2 * max(8, round(size_m / texture.option("thread_m", 0.003) / 2))
-    tone, share = _weave(rng, threads)
+    tone, share = tone.astype(np.float32), share.astype(np.float32)
     return Tile(_two_toned(texture, np.clip(tone, 0.4, 1.4), share), (size_m, size_m))
 
 

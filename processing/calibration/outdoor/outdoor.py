@@ -56,23 +56,6 @@ def outdoor_view(view: OutdoorView, size_px: int, top_azimuth_rad: float = 0.0) 
     return Fisheye(size_px, size_px, mapping, size_px / 2, np.pi / 2, top_azimuth_rad=top_azimuth_rad)
 
 
-def correct_outdoor(
-    image: RelativeImage, optics: OutdoorOptics, target: Geometry | None = None, *, top_azimuth_rad: float | None = None
-) -> RelativeImage:
-    """Return the outdoor picture corrected and in another geometry.
-
-    ``image`` is as merged: its size says where the lens's circle lies, its geometry only which azimuth the top has
-    unless ``top_azimuth_rad`` (found from the sun) says it. ``target``: None is hemispherical, as many rows as the
-    image circle has, azimuth 0 on top. Uncertainty and validity go along; any clipped light marks a pixel as clipped.
-    """
-    image = with_lens(image, optics, top_azimuth_rad)
-    image = correct_colour(correct_vignetting(image, optics), optics)
-    if target is None:
-        lens = optics.lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
-        target = outdoor_view(OutdoorView.HEMISPHERICAL, max(2, round(2 * lens.radius_px)))
-    return project(image, target)
-
-
 def with_lens(image: RelativeImage, optics: OutdoorOptics, top_azimuth_rad: float | None = None) -> RelativeImage:
     """Return the picture with the lens's calibrated geometry; pixels not wholly inside its field are black."""
     height, width = image.rgb.shape[:2]

@@ -10,12 +10,13 @@ from mocks.optics.camera import CANON_5D2, ND3_TINT, image_rows
 from mocks.worlds.light import luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
 from mocks.worlds.sky import SimpleSky
+from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
-from processing.calibration.outdoor.outdoor import OutdoorOptics
+from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, outdoor_view
 from processing.calibration.scale.vignetting import Vignetting
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
-from processing.sphere import LensMapping
+from processing.sphere import Geometry, LensMapping
 
 
 def optics_of(width: int) -> OutdoorOptics:
@@ -39,6 +40,21 @@ def sky_picture(sky: SimpleSky, width: int, *, clip: float | None = None) -> Rel
     rgb[~inside] = 0
     uncertainty = np.where(inside, np.float32(0.01), np.float32(np.inf))
     return RelativeImage(rgb.astype(np.float32), uncertainty.astype(np.float32), validity, geometry)
+
+
+def correct_outdoor(
+    image: RelativeImage, optics: OutdoorOptics, target: Geometry | None = None, *, top_azimuth_rad: float | None = None
+) -> RelativeImage:
+    """Return an outdoor picture as merged after the whole chain: lens, fall-off, filter, then in another geometry.
+
+    ``target``: None is hemispherical, as many rows as the image circle has, azimuth 0 on top.
+    """
+    image = outdoor.with_lens(image, optics, top_azimuth_rad)
+    image = outdoor.correct_colour(outdoor.correct_vignetting(image, optics), optics)
+    if target is None:
+        lens = optics.lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
+        target = outdoor_view(OutdoorView.HEMISPHERICAL, max(2, round(2 * lens.radius_px)))
+    return outdoor.project(image, target)
 
 
 def in_cd_m2(image: RelativeImage) -> LuminanceImage:

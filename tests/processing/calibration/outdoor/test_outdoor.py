@@ -16,14 +16,19 @@ from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.outdoor import (
     OutdoorOptics,
     OutdoorView,
-    correct_outdoor,
     outdoor_view,
 )
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import LensError
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, directions, solid_angles
-from tests.processing.calibration.outdoor.sky_pictures import in_cd_m2, optics_of, sky_picture, true_horizontal_lx
+from tests.processing.calibration.outdoor.sky_pictures import (
+    correct_outdoor,
+    in_cd_m2,
+    optics_of,
+    sky_picture,
+    true_horizontal_lx,
+)
 
 WIDTH = 240
 SKY = SimpleSky(sun_azimuth_rad=0.7, sun_elevation_rad=math.radians(48))
