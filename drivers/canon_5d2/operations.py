@@ -11,25 +11,16 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.canon_5d2.codes import (
-    IMAGE_COMPRESSION_FINE,
-    IMAGE_COMPRESSION_RAW,
-    IMAGE_SIZE_LARGE,
-    IMAGE_TYPE_JPEG,
-    IMAGE_TYPE_RAW,
-    LIST_FORM,
-    CanonEvent,
-    CanonProp,
-)
+from drivers.canon_5d2 import codes
 from drivers.errors import ProtocolViolationError
 
 # Sizes of the GetEvent stream and of an image-format entry (libgphoto2 camlibs/ptp2).
 RECORD_HEADER_BYTES = 8
 IMAGE_FILE_BYTES = 16  # four 32-bit numbers (libgphoto2)
 MAX_IMAGE_FILES = 2  # JPEG and raw
-IMAGE_FORMAT_PROPS = frozenset({CanonProp.IMAGE_FORMAT, 0xD121, 0xD122, 0xD123})
+IMAGE_FORMAT_PROPS = frozenset({codes.CanonProp.IMAGE_FORMAT, 0xD121, 0xD122, 0xD123})
 """D120 and its twins for CF, SD and PC: their values are structures."""
-OUR_PROPS = frozenset(map(int, CanonProp))
+OUR_PROPS = frozenset(map(int, codes.CanonProp))
 
 
 @dataclass(frozen=True)
@@ -68,7 +59,7 @@ class ObjectRecord:
     @property
     def wants_transfer(self) -> bool:
         """Whether the camera holds it in memory until it hears that the transfer is complete."""
-        return self.code in (CanonEvent.REQUEST_OBJECT_TRANSFER, CanonEvent.REQUEST_OBJECT_TRANSFER_DT)
+        return self.code in (codes.CanonEvent.REQUEST_OBJECT_TRANSFER, codes.CanonEvent.REQUEST_OBJECT_TRANSFER_DT)
 
 
 @dataclass(frozen=True)
@@ -99,8 +90,8 @@ class ImageFile:
     compression: int
 
 
-JPEG_LARGE_FINE = ImageFile(IMAGE_TYPE_JPEG, IMAGE_SIZE_LARGE, IMAGE_COMPRESSION_FINE)
-RAW_FULL = ImageFile(IMAGE_TYPE_RAW, IMAGE_SIZE_LARGE, IMAGE_COMPRESSION_RAW)
+JPEG_LARGE_FINE = ImageFile(codes.IMAGE_TYPE_JPEG, codes.IMAGE_SIZE_LARGE, codes.IMAGE_COMPRESSION_FINE)
+RAW_FULL = ImageFile(codes.IMAGE_TYPE_RAW, codes.IMAGE_SIZE_LARGE, codes.IMAGE_COMPRESSION_RAW)
 
 
 def decode_events(stream: bytes) -> tuple[Record, ...]:
@@ -158,7 +149,7 @@ def _decode_value(_code: int, record: bytes) -> PropValue:
 
 def _decode_available(_code: int, record: bytes) -> AvailableValues:
     prop, form, count = _words(record, 8, 3)
-    if form != LIST_FORM:
+    if form != codes.LIST_FORM:
         return AvailableValues(prop)
     if prop in IMAGE_FORMAT_PROPS:
         # The formats of a list; bytes of zero may follow the last (a 1000D sends such a word)
@@ -201,19 +192,19 @@ def _decode_number(code: int, record: bytes) -> NumberRecord:
 
 
 _DECODERS: dict[int, Callable[[int, bytes], Record]] = {
-    CanonEvent.PROP_VALUE_CHANGED: _decode_value,
-    CanonEvent.AVAIL_LIST_CHANGED: _decode_available,
-    CanonEvent.OBJECT_ADDED_EX: _decode_added,
-    CanonEvent.OBJECT_INFO_CHANGED_EX: _decode_added,
-    CanonEvent.REQUEST_OBJECT_TRANSFER: _decode_transfer,
-    CanonEvent.REQUEST_OBJECT_TRANSFER_DT: _decode_transfer,
-    CanonEvent.OBJECT_REMOVED: _decode_number,
-    CanonEvent.STORAGE_STATUS_CHANGED: _decode_number,
-    CanonEvent.STORAGE_INFO_CHANGED: _decode_number,
-    CanonEvent.CAMERA_STATUS_CHANGED: _decode_number,
-    CanonEvent.WILL_SOON_SHUTDOWN: _decode_number,
-    CanonEvent.BULB_EXPOSURE_TIME: _decode_number,
-    CanonEvent.CTG_INFO_CHECK_COMPLETE: _decode_number,
+    codes.CanonEvent.PROP_VALUE_CHANGED: _decode_value,
+    codes.CanonEvent.AVAIL_LIST_CHANGED: _decode_available,
+    codes.CanonEvent.OBJECT_ADDED_EX: _decode_added,
+    codes.CanonEvent.OBJECT_INFO_CHANGED_EX: _decode_added,
+    codes.CanonEvent.REQUEST_OBJECT_TRANSFER: _decode_transfer,
+    codes.CanonEvent.REQUEST_OBJECT_TRANSFER_DT: _decode_transfer,
+    codes.CanonEvent.OBJECT_REMOVED: _decode_number,
+    codes.CanonEvent.STORAGE_STATUS_CHANGED: _decode_number,
+    codes.CanonEvent.STORAGE_INFO_CHANGED: _decode_number,
+    codes.CanonEvent.CAMERA_STATUS_CHANGED: _decode_number,
+    codes.CanonEvent.WILL_SOON_SHUTDOWN: _decode_number,
+    codes.CanonEvent.BULB_EXPOSURE_TIME: _decode_number,
+    codes.CanonEvent.CTG_INFO_CHECK_COMPLETE: _decode_number,
 }
 
 

@@ -5,22 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, replace
 
-from drivers.canon_5d2.codes import (
-    AE_BULB,
-    APERTURE_CODES,
-    DESTINATION_PC,
-    FOCUS_MANUAL,
-    IMAGE_SIZES_PX,
-    IMAGE_TYPE_RAW,
-    ISO_CODES,
-    SHUTTER_CODES,
-    SHUTTER_CODES_HALF,
-    WB_COLOR_TEMPERATURE,
-    CanonEvent,
-    CanonOperation,
-    CanonProp,
-    CanonResponse,
-)
+from drivers.canon_5d2 import codes
 from drivers.ptp.codes import ObjectFormat, Response
 from mocks.instruments import canon_records
 from mocks.instruments.canon_body import CANON_TIMING, CanonBody
@@ -38,7 +23,7 @@ STORE_CODES = {Response.STORE_FULL: CARD_FULL, Response.STORE_READ_ONLY: CARD_RE
 AUTO_ISO, AUTO_SHUTTER_S, AUTO_F_NUMBER, DAYLIGHT_K = 100, 1 / 125, 8.0, 5200
 FOCUS_POINTS_IN_USE = 9  # of the 5D Mark II (Canon's data sheet)
 WHITE_BALANCE_K = {1: 5200, 2: 6000, 3: 3200, 4: 4000, 5: 6000, 8: 7000}
-SHUTTER_TIMES_S = {**SHUTTER_CODES, **SHUTTER_CODES_HALF}
+SHUTTER_TIMES_S = {**codes.SHUTTER_CODES, **codes.SHUTTER_CODES_HALF}
 
 
 @dataclass(frozen=True)
@@ -62,7 +47,7 @@ class SimulatedCanon5D2(CanonBody):
     _plan = _Plan((), 0)
 
     def _body_rules(self) -> dict[int, Rule]:
-        canon = CanonOperation
+        canon = codes.CanonOperation
         return super()._body_rules() | {
             canon.REMOTE_RELEASE: Rule(self._remote_release),
             canon.REMOTE_RELEASE_ON: Rule(self._release_on, 1, 2),
@@ -99,7 +84,7 @@ class SimulatedCanon5D2(CanonBody):
                 raise Refusal(Response.DEVICE_BUSY)
             self._refuse_to_open()
             if not self._focused:
-                raise Refusal(CanonResponse.OPERATION_REFUSED)
+                raise Refusal(codes.CanonResponse.OPERATION_REFUSED)
             self.full_pressed = True
             self._open()
         return Answer()
@@ -117,7 +102,7 @@ class SimulatedCanon5D2(CanonBody):
         self.refresh_settings()
         self._focused = True
         self._focusing_until_s = self.clock.monotonic_s()
-        if self.settings.number(CanonProp.FOCUS_MODE) == FOCUS_MANUAL or not with_af:
+        if self.settings.number(codes.CanonProp.FOCUS_MODE) == codes.FOCUS_MANUAL or not with_af:
             return
         fault = self.faults.condition(FaultKind.AUTOFOCUS)
         self._focused = bool(fault.number("finds")) if fault else self.options.focus_finds
@@ -147,11 +132,11 @@ class SimulatedCanon5D2(CanonBody):
         if self.memory:
             raise Refusal(Response.DEVICE_BUSY)
         if self.faults.condition(FaultKind.BATTERY_LOW):
-            raise Refusal(CanonResponse.LOW_BATTERY)
-        destination = self.settings.number(CanonProp.CAPTURE_DESTINATION)
-        if destination != DESTINATION_PC:
+            raise Refusal(codes.CanonResponse.LOW_BATTERY)
+        destination = self.settings.number(codes.CanonProp.CAPTURE_DESTINATION)
+        if destination != codes.DESTINATION_PC:
             self.refuse_without_room()
-        if destination & DESTINATION_PC and self.computer_bytes < self.picture_bytes:
+        if destination & codes.DESTINATION_PC and self.computer_bytes < self.picture_bytes:
             raise Refusal(Response.STORE_FULL)
 
     def _open(self, open_s: float | None = None) -> None:
@@ -159,9 +144,9 @@ class SimulatedCanon5D2(CanonBody):
         settings = self.current_settings()
         if open_s is not None:
             settings = replace(settings, shutter_s=open_s)
-        self._plan = _Plan(self.settings.files, self.settings.number(CanonProp.CAPTURE_DESTINATION))
+        self._plan = _Plan(self.settings.files, self.settings.number(codes.CanonProp.CAPTURE_DESTINATION))
         self.expose(settings, focusing_s - (open_s or 0.0), open_s)
-        self.queue_records(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
+        self.queue_records(canon_records.number(codes.CanonEvent.CAMERA_STATUS_CHANGED, 1))
 
     # ---- bulb and autofocus
 
@@ -170,20 +155,23 @@ class SimulatedCanon5D2(CanonBody):
         self.refuse_undrained()
         self._refuse_to_open()
         number = self.settings.number
-        if number(CanonProp.AUTO_EXPOSURE_MODE) != AE_BULB and number(CanonProp.SHUTTER_SPEED) != BULB_SHUTTER:
-            raise Refusal(CanonResponse.OPERATION_REFUSED)
+        if (
+            number(codes.CanonProp.AUTO_EXPOSURE_MODE) != codes.AE_BULB
+            and number(codes.CanonProp.SHUTTER_SPEED) != BULB_SHUTTER
+        ):
+            raise Refusal(codes.CanonResponse.OPERATION_REFUSED)
         self._bulb_since_s = self.clock.monotonic_s()
         self.busy_until_s = float("inf")
-        self.queue_records(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
+        self.queue_records(canon_records.number(codes.CanonEvent.CAMERA_STATUS_CHANGED, 1))
         return Answer(params=(RELEASED,))
 
     def _bulb_end(self, _request: Request) -> Answer:
         if self._bulb_since_s is None:
-            raise Refusal(CanonResponse.OPERATION_REFUSED)
+            raise Refusal(codes.CanonResponse.OPERATION_REFUSED)
         open_s = self.clock.monotonic_s() - self._bulb_since_s
         self._bulb_since_s = None
         self._open(open_s)
-        self.queue_records(canon_records.number(CanonEvent.BULB_EXPOSURE_TIME, int(open_s)))
+        self.queue_records(canon_records.number(codes.CanonEvent.BULB_EXPOSURE_TIME, int(open_s)))
         return Answer(params=(RELEASED,))
 
     def _do_af(self, _request: Request) -> Answer:
@@ -198,15 +186,15 @@ class SimulatedCanon5D2(CanonBody):
     def current_settings(self) -> ShotRequest:
         """Return the exposure as the camera is set now."""
         number = self.settings.number
-        white_balance = number(CanonProp.WHITE_BALANCE)
+        white_balance = number(codes.CanonProp.WHITE_BALANCE)
         kelvin = WHITE_BALANCE_K.get(white_balance, DAYLIGHT_K)
-        if white_balance == WB_COLOR_TEMPERATURE:
-            kelvin = number(CanonProp.COLOR_TEMPERATURE)
+        if white_balance == codes.WB_COLOR_TEMPERATURE:
+            kelvin = number(codes.CanonProp.COLOR_TEMPERATURE)
         width_px, height_px = self._size_px(self.settings.files[-1][1])
         return ShotRequest(
-            shutter_s=SHUTTER_TIMES_S.get(number(CanonProp.SHUTTER_SPEED), AUTO_SHUTTER_S),
-            iso=ISO_CODES.get(number(CanonProp.ISO_SPEED), AUTO_ISO),
-            f_number=float(APERTURE_CODES.get(number(CanonProp.APERTURE), AUTO_F_NUMBER)),
+            shutter_s=SHUTTER_TIMES_S.get(number(codes.CanonProp.SHUTTER_SPEED), AUTO_SHUTTER_S),
+            iso=codes.ISO_CODES.get(number(codes.CanonProp.ISO_SPEED), AUTO_ISO),
+            f_number=float(codes.APERTURE_CODES.get(number(codes.CanonProp.APERTURE), AUTO_F_NUMBER)),
             color_temperature_k=kelvin,
             width_px=width_px,
             height_px=height_px,
@@ -220,7 +208,7 @@ class SimulatedCanon5D2(CanonBody):
 
     def _size_px(self, size: int) -> tuple[int, int]:
         """Return the pixels of size code 0 L, 1 M, 2 S, in proportion to the large picture of the options."""
-        full, wanted = IMAGE_SIZES_PX[0], IMAGE_SIZES_PX.get(size, IMAGE_SIZES_PX[2])
+        full, wanted = codes.IMAGE_SIZES_PX[0], codes.IMAGE_SIZES_PX.get(size, codes.IMAGE_SIZES_PX[2])
         width_px, height_px = self.options.image_size_px
         return width_px * wanted[0] // full[0], height_px * wanted[1] // full[1]
 
@@ -228,23 +216,23 @@ class SimulatedCanon5D2(CanonBody):
         """Put the files on the card or into memory and announce them; then the camera is idle."""
         announcements: list[Record] = []
         for kind, _size, _compression in self._plan.files:
-            raw = kind == IMAGE_TYPE_RAW
+            raw = kind == codes.IMAGE_TYPE_RAW
             data = self.darkroom.raw(settings) if raw else self.darkroom.jpeg(settings, faults)
             name = f"IMG_{self.shot_count % 10000:04d}.{'CR2' if raw else 'JPG'}"
             object_format = ObjectFormat.CANON_CR2 if raw else ObjectFormat.EXIF_JPEG
-            if self._plan.destination != DESTINATION_PC:
+            if self._plan.destination != codes.DESTINATION_PC:
                 announcements.append(canon_records.object_added(self.keep(name, object_format, data, settings)))
-            if self._plan.destination & DESTINATION_PC:
+            if self._plan.destination & codes.DESTINATION_PC:
                 size_px = (settings.width_px, settings.height_px)
                 kept = self.remember(name, object_format, data, size_px)
                 announcements.append(canon_records.transfer_requested(kept))
                 self.computer_bytes = max(0, self.computer_bytes - len(data))
         self.refresh_settings()
-        idle = canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 0)
-        self.queue_records(self.settings.value_record(CanonProp.AVAILABLE_SHOTS), *announcements, idle)
+        idle = canon_records.number(codes.CanonEvent.CAMERA_STATUS_CHANGED, 0)
+        self.queue_records(self.settings.value_record(codes.CanonProp.AVAILABLE_SHOTS), *announcements, idle)
 
 
 def _focus_info(points: int) -> Record:
     """Return C189 of D1D3: a count and the points in focus (its true layout is not published)."""
     body = struct.pack("<II", 8 + 4 * points, points) + struct.pack(f"<{points}I", *range(points))
-    return canon_records.value_changed(CanonProp.FOCUS_INFO_EX, body)
+    return canon_records.value_changed(codes.CanonProp.FOCUS_INFO_EX, body)
