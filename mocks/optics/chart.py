@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
+from mocks.worlds.light import LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
 from processing.ground.arrays import Floats
 from processing.ground.colour import RGB_OF_XYZ, srgb_decoded
 
@@ -104,10 +104,6 @@ class ChartRoom(OneLight):
         in_lamp = (face == _CEILING) & (np.abs(point[:, :2] - _LAMP[:2]) < _LAMP_M / 2).all(axis=1)
         out[in_lamp] = np.float32(self.lamp_cd_m2) * self._lamp_rgb
         return out.reshape(directions.shape)
-
-    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
-        """Return none: the room is closed."""
-        return ()
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 0 for each direction, shape (...): the room is closed."""

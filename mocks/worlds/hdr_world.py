@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Reals, Site, WorldFileError
+from mocks.worlds.light import LightDrift, OneLight, Reals, Site, WorldFileError
 from processing.ground.arrays import Floats
 
 MAX_PIXELS = 16384 * 8192
@@ -52,10 +52,6 @@ class HdrWorld(OneLight):
         row = (0.5 - latitude / math.pi) * height - 0.5
         level = texture.level_for(pixel_rad * height / math.pi)
         return texture.sample(column, row, level)
-
-    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
-        """Return none: the pictures hold their own sun."""
-        return ()
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 for directions of any shape (..., 3): there is no disc to hide."""

@@ -145,6 +145,10 @@ class OneLight:
         """Return the drift."""
         return (self.drift.factor(t_s),)
 
+    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
+        """Return none: the world is closed, or its light holds the sun."""
+        return ()
+
 
 def luminance_cd_m2(radiance: Floats) -> Floats:
     """Return the luminance (cd/m2) of RGB radiance, shape (..., 3)."""
@@ -194,10 +198,6 @@ class UniformWorld(OneLight):
         tint = np.array(self.tint_rgb, dtype=np.float32)
         colour = tint * (self.luminance_cd_m2 / luminance_cd_m2(tint))
         return np.broadcast_to(colour, directions.shape).astype(np.float32)
-
-    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
-        """Return none."""
-        return ()
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 for directions of any shape (..., 3)."""
