@@ -52,13 +52,7 @@ def merge_modes(tables: MergeTables, curve: ResponseCurve, times_s: Doubles, tim
         )
         rows.append(weights @ (math.log(2) * np.sum(share * moved, axis=0)))
     rows += [time_sigma[f] * weights @ share[f] for f in range(len(times_s)) if time_sigma[f] > 0]
-    _, size, ways = np.linalg.svd(np.array(rows), full_matrices=False)
-    found = [s * way for s, way in zip(size[:KEPT], ways, strict=False)]
-    return [
-        SharedMode(f"curve and times {number + 1}", "level", tuple(levels.tolist()), tuple(one.tolist()))
-        for number, one in enumerate(found)
-        if np.abs(one).max() > LEAST
-    ]
+    return _principal(np.array(rows), levels)
 
 
 def linear_modes(samples: LinearSamples) -> list[SharedMode]:
@@ -80,6 +74,16 @@ def curve_modes(curve: ResponseCurve) -> Doubles:
         return curve.modes
     side = np.sign(np.arange(256) - curve.sigma_code)
     return np.asarray(np.eye(3)[:, :, None] * (side * curve.sigma_log2)[None])
+
+
+def _principal(rows: Doubles, levels: Doubles) -> list[SharedMode]:
+    _, size, ways = np.linalg.svd(rows, full_matrices=False)
+    found = [s * way for s, way in zip(size[:KEPT], ways, strict=False)]
+    return [
+        SharedMode(f"curve and times {number + 1}", "level", tuple(levels.tolist()), tuple(one.tolist()))
+        for number, one in enumerate(found)
+        if np.abs(one).max() > LEAST
+    ]
 
 
 def local_contrast(luminance: Floats) -> Floats:
