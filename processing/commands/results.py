@@ -269,8 +269,15 @@ def stills(session: Path, into: Path | None, *, as_json: bool) -> int:
 @click.option("--into", type=FOLDER, help="Default: SESSION's name + -proof.")
 @click.option("--check", "checked", is_flag=True, help="Check the pack, and SESSION's frames, instead of writing it.")
 @click.option("--digest", metavar="HEX", help="With --check: the digest that was printed when the pack was written.")
+@click.option(
+    "--sign",
+    metavar="PEM",
+    help="C2PA content credentials by the certificates and key of a file; 'self': by one made now, which says so.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
-def proof(session: Path, into: Path | None, *, checked: bool, digest: str | None, as_json: bool) -> int:
+def proof(
+    session: Path, into: Path | None, *, checked: bool, digest: str | None, sign: str | None, as_json: bool
+) -> int:
     """Write the proof of SESSION's stills: originals and results, what was changed, digests chained to the frames.
 
     Keep the digest that is printed: with it, --check finds any changed byte of pictures, frames and proof.
@@ -278,15 +285,21 @@ def proof(session: Path, into: Path | None, *, checked: bool, digest: str | None
     \b
     Examples:
       daylit proof sessions/2023-05-19T1554Z_coda-320
+      daylit proof sessions/2023-05-19T1554Z_coda-320 --sign self
       daylit proof sessions/2023-05-19T1554Z_coda-320 --check
     """
+    from drivers.clock import SystemClock
+    from processing.exchange.credentials import read_signer, self_made_signer
     from processing.exchange.proof import check_proof, write_proof
 
-    if digest is not None and not checked:
-        raise click.UsageError("--digest goes with --check")
+    if sign is not None if checked else digest is not None:
+        raise click.UsageError("--digest goes with --check, --sign without it")
     folder = into or Path(f"{session.resolve().name}-proof")
     if not checked:
-        path, own = write_proof(session.resolve(), folder)
+        signer = None
+        if sign is not None:
+            signer = self_made_signer(SystemClock().utc_now()) if sign == "self" else read_signer(Path(sign))
+        path, own = write_proof(session.resolve(), folder, signer)
         facts = {"ok": True, "file": str(path), "sha256": own}
         return answer(facts, (str(path), f"sha256 {own}"), as_json=as_json)
     wrong = check_proof(folder, session=session.resolve(), digest=digest)

@@ -1,20 +1,21 @@
 """Proof of what was done to pictures: originals and results, what was changed, and digests chained to the frames.
 
 ``proof.json`` is canonical JSON that holds its own digest: a changed byte in it, in a picture or in a frame is found.
-Who could have written the whole anew is not excluded: its digest is to be kept elsewhere, or signed by other means.
+Who could have written the whole anew is not excluded: its digest is to be kept elsewhere, or the pictures carry signed
+content credentials (C2PA) that are chained to the frames.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from processing.errors import ParameterError
+from processing.exchange.credentials import Signer, credentials_of, signed_jpeg
 from processing.pictures.writing import write_bytes
 from station.session import strict_json
 from station.session.folder import file_sha256
@@ -27,10 +28,11 @@ STATEMENT = (
 )
 
 
-def write_proof(session: Path, into: Path) -> tuple[Path, str]:
+def write_proof(session: Path, into: Path, signer: Signer | None = None) -> tuple[Path, str]:
     """Write the pack of a processed session into a folder; return proof.json and its digest (hex SHA-256).
 
-    Raises `ParameterError` where the session has no stills.
+    ``signer``: puts content credentials into each picture, the original's into its result's. Raises `ParameterError`
+    where the session has no stills.
     """
     folder = session / "stages" / "stills"
     if not (folder / "stills.json").is_file():
@@ -39,12 +41,22 @@ def write_proof(session: Path, into: Path) -> tuple[Path, str]:
     manifest = load_manifest(session)
     frames = [{"file": frame.file, "sha256": frame.sha256} for frame in manifest.frames]
     into.mkdir(parents=True, exist_ok=True)
-    pictures = []
+    changes = _changes(session / "stages")
+    pictures: list[dict[str, Any]] = []
     for one in stills:
-        for kind, name in (("result", one["file"]), ("original", one["original"])):
-            shutil.copyfile(folder / name, into / name)
-            facts = {"file": name, "kind": kind, "state": one["state"], "sha256": file_sha256(folder / name)}
-            pictures.append(facts | ({"statement": one["statement"]} if kind == "result" else {}))
+        above: bytes | None = None
+        for kind, name in (("original", one["original"]), ("result", one["file"])):
+            data = (folder / name).read_bytes()
+            facts = {"file": name, "kind": kind, "state": one["state"]}
+            facts |= {"statement": one["statement"]} if kind == "result" else {}
+            if signer is not None:
+                facts["unsigned_sha256"] = hashlib.sha256(data).hexdigest()
+                said = facts | {"session_id": manifest.session_id, "frames": frames}
+                said |= {"chain": _chain([one["sha256"] for one in frames], [facts["unsigned_sha256"]])}
+                said |= {"changes": _of_state(changes, one["state"])} if kind == "result" else {}
+                above = data = signed_jpeg(data, signer, name, said, above)
+            write_bytes(into / name, data)
+            pictures.append(facts | {"sha256": hashlib.sha256(data).hexdigest()})
     body: dict[str, Any] = {
         "schema_version": 1,
         "made_with": f"daylit {version('daylit')}",
@@ -54,7 +66,8 @@ def write_proof(session: Path, into: Path) -> tuple[Path, str]:
         "frames": frames,
         "chain": _chain([one["sha256"] for one in frames], [one["sha256"] for one in pictures]),
         "pictures": pictures,
-        "changes": _changes(session / "stages"),
+        "changes": changes,
+        **({} if signer is None else {"signed_by": dict(signer.facts)}),
     }
     body["sha256"] = hashlib.sha256(_canonical(body)).hexdigest()
     write_bytes(into / NAME, _canonical(body))
@@ -82,6 +95,12 @@ def check_proof(folder: Path, *, session: Path | None = None, digest: str | None
     found = [] if intact and digest in (None, hashlib.sha256(raw).hexdigest()) else [f"{NAME}: changed"]
     if not chained:
         found.append("chain: does not lead from these frames to these pictures")
+    if body.get("signed_by"):
+        for one in body["pictures"]:
+            data = (folder / one["file"]).read_bytes() if (folder / one["file"]).is_file() else b""
+            holds, said = credentials_of(data)
+            if not holds or said.get("chain") != _chain([sha for _, sha in frames], [one.get("unsigned_sha256", "")]):
+                found.append(f"{one['file']}: its content credentials do not hold")
     beside = [(folder, *one) for one in pictures] + ([] if session is None else [(session, *one) for one in frames])
     for place, name, sha in beside:
         if not (place / name).is_file():
@@ -119,6 +138,12 @@ def _changes(stages: Path) -> dict[str, Any]:
         relit["emptied"] = {"median_brighter_pct": removed["lifted_median_pct"]}
     kept = {name: removed[name] for name in ("filled_share", "synthesised_share") if name in removed}
     return {"added": added, "removed": {"shares_of_directions": detected.get("shares", {}), **kept}, "relit": relit}
+
+
+def _of_state(changes: Mapping[str, Any], state: str) -> dict[str, Any]:
+    """Return the changes of one state: its own furniture and light, and what was removed for all."""
+    kept = {name: changes[name][state] for name in ("added", "relit") if state in changes[name]}
+    return kept | {"removed": changes["removed"]}
 
 
 def _json(path: Path) -> Mapping[str, Any]:
