@@ -37,6 +37,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     \b
     Examples:
       daylit figures eye.hdr --view fisheye,equidistant,180 --reading 812@500,420 --csv eye.csv
+      daylit figures bracket --view fisheye,equisolid,180 --cal vignetting.cal
       daylit figures bracket --view fisheye,equisolid,180 --response camera.rsp --cal vignetting.cal --cal factor.cal
     """
     image = _opened(file, asked)

@@ -16,7 +16,7 @@ import numpy as np
 
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.outdoor.lens import find_image_circle
-from processing.calibration.response.response import estimate_noise, recover_response
+from processing.calibration.response.response import WHITE_CODE, estimate_noise, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminance_lx, luminance_map
@@ -32,10 +32,12 @@ from processing.pictures.modes import camera_modes, modes_of, widened, with_mode
 from processing.pictures.radiance import read_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
-HDRGEN_K = 87.0
-"""cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO))."""
-HDRGEN_SIGMA = 0.05
-"""Relative standard uncertainty of a scale by exposure settings: apertures and speeds are as engraved; chosen."""
+HDRGEN = (87.0, 0.05, "exposure settings, hdrgen's constant")
+"""cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO)), its relative standard uncertainty
+(apertures and speeds are as engraved; chosen), and what it is."""
+SATURATION = (78 / 0.65, 0.13, "exposure settings, ISO 12232's saturation")
+"""The same: 78 lx s over the speed saturate, with 0.65 L t / N2 on the sensor (ISO 12232); makers' speeds are within a third
+of a stop, taken as even (GUM 4.3.7)."""
 ENOUGH_PX = 900  # across: as evalglare's usual pictures; frames are reduced to no less
 FALLOFF_SIGMA = 0.01  # of a published fall-off at the rim, for another copy of the lens; chosen
 _TERM = re.compile(r"\(\(([-+.\deE]+)\)\*\(?r\^?(\d*)\)?\)|\(\(([-+.\deE]+)\)\*r\)")
@@ -128,9 +130,10 @@ class Taken:
 
 
 def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: str, field_deg: float) -> LuminanceImage:
-    """Return a bracket of a fisheye merged, in cd/m2 by the frames' settings (hdrgen's constant), in its image circle.
+    """Return a bracket of a fisheye merged, in cd/m2 by the frames' settings, in its image circle.
 
-    ``response``: log2 exposure of shape (3, 256) of a published curve, in whose gauge ours is put; None: our own.
+    ``response``: log2 exposure of shape (3, 256) of a published curve, in whose gauge ours is put, with hdrgen's
+    constant that belongs to it; None: our own curve, whose white is where a camera of that speed saturates.
     """
     sources = [frame_of(one.path) for one in frames]
     reduce: Reduce = next((f for f in (8, 4, 2) if min(sources[0].size_px) // f >= ENOUGH_PX), 1)
@@ -140,10 +143,13 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     bracket = Bracket8(codes, times, [one.time_s for one in frames])
     fit = recover_response([bracket], estimate_times=rule is None)
     curve, noise = fit.curve, fit.noise
+    if response is None and curve.gauge_code != WHITE_CODE:
+        raise ScaleError("no frame comes near white, where speed is defined", advice="give --response")
     if response is not None:
         off = (response - curve.log2_exposure)[:, _TIED].mean(axis=1, keepdims=True)
         curve = replace(curve, log2_exposure=curve.log2_exposure + off)
         noise = estimate_noise([bracket], curve)
+    constant, sigma, said = SATURATION if response is None else HDRGEN
     circle = find_image_circle(codes)
     half = math.radians(field_deg) / 2
     height_px, width_px = codes[0].shape[:2]
@@ -158,13 +164,13 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
         time_sigma=fit.time_sigma,
         given_s=bracket.given_s,
     ).image
-    factor = HDRGEN_K * frames[0].f_number ** 2 / frames[0].iso
+    factor = constant * frames[0].f_number ** 2 / frames[0].iso
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     _, seen = directions(lens)
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
-    said = with_modes({"scale": "exposure settings, hdrgen's constant"}, modes)
-    picture = LuminanceImage(light, image.uncertainty, validity, lens, HDRGEN_SIGMA, attributes=said)
+    attributes = with_modes({"scale": said}, modes)
+    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, attributes=attributes)
     mean = float(np.mean(luminance_map(picture)))
     return widened(picture, camera_modes(mean, two_lenses=False))
 

@@ -6,16 +6,30 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, PictureFileError
-from processing.figures.foreign import CalFile, applied, by_reading, light_figures, read_cal, read_rsp, view_geometry
+from processing.figures.foreign import (
+    CalFile,
+    Taken,
+    applied,
+    by_reading,
+    light_figures,
+    merged_bracket,
+    read_cal,
+    read_rsp,
+    view_geometry,
+)
 from processing.figures.glare import glare_indices
+from processing.ground.colour import srgb_of_linear
 from processing.pictures.images import LuminanceImage
 from processing.pictures.modes import SharedMode, modes_of, widened
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
+
+AXIS = (0.0, 0.0, 1.0)
 
 
 def eye(level: float = 500.0, size: int = 200) -> LuminanceImage:
@@ -68,6 +82,24 @@ def test_views_are_checked() -> None:
     for wrong in ("fisheye", "fisheye,round,180", "fisheye,equisolid,x"):
         with pytest.raises(ParameterError):
             view_geometry(wrong, 64, 64)
+
+
+def test_a_bracket_without_a_response_is_scaled_by_its_speed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    image, inside = eye(1.0, 240), directions(eye(1.0, 240).geometry)[1]
+    light = np.repeat(np.repeat(2 ** rng.uniform(0, 9, (20, 20)), 12, axis=0), 12, axis=1) * inside
+    taken = []
+    for k in range(7):
+        time_s, path = 4.0**-k, tmp_path / f"{k}.png"
+        shown = srgb_of_linear(np.minimum(light * time_s * 100 / (120 * 5.6**2), 1)[..., None].repeat(3, axis=2))
+        assert cv2.imwrite(str(path), np.pad(shown, ((4, 4), (60, 60), (0, 0))))
+        taken.append(Taken(path, time_s, 5.6, 100, ""))
+    found = merged_bracket(taken, None, "equidistant", 180.0)
+    truth = replace(image, rgb=light[..., None].repeat(3, axis=2).astype(np.float32))
+    assert illuminance_lx(found, AXIS).value_lx == pytest.approx(illuminance_lx(truth, AXIS).value_lx, rel=0.03)
+    assert illuminance_lx(found, AXIS).uncertainty_lx == pytest.approx(
+        0.13 * illuminance_lx(found, AXIS).value_lx, rel=0.2
+    )
 
 
 def test_a_reading_sets_the_scale() -> None:
