@@ -253,19 +253,20 @@ def _values(image: LuminanceImage, rays: Doubles, area: Doubles, threshold: floa
     return {"ev_lx": lux, "mean_cd_m2": mean, **_formulas(_sources(spots), lux, mean), "sources": float(spots.count)}
 
 
-def _sources(spots: BrightSpots) -> tuple[Doubles, Doubles, Doubles, Doubles]:
-    """Return luminance, solid angle, position index and cosine from the line of sight of each source, (n,)."""
+def _sources(spots: BrightSpots) -> tuple[Doubles, Doubles, Doubles, Doubles, Doubles]:
+    """Return each source's luminance, solid angle, position index, mean cosine and degrees off the sight, all (n,)."""
     count = spots.count
     area = np.asarray(np.bincount(spots.source, spots.area_sr, count), np.float64)
     light = spots.area_sr * spots.luminance_cd_m2
     middle = np.stack([np.bincount(spots.source, light * spots.rays[:, k], count) for k in range(3)], axis=-1)
     ways = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-30)
-    level = np.bincount(spots.source, light, count) / np.maximum(area, 1e-30)
-    return level, area, position_index(ways, 0.0), np.asarray(np.clip(ways[:, 1], 0, 1), np.float64)
+    total = np.bincount(spots.source, light, count)
+    level, cosine = total / np.maximum(area, 1e-30), np.clip(middle[:, 1] / np.maximum(total, 1e-30), 0, 1)
+    return level, area, position_index(ways, 0.0), cosine, np.degrees(np.arccos(np.clip(ways[:, 1], 0, 1)))
 
 
-def _formulas(sources: tuple[Doubles, Doubles, Doubles, Doubles], lux: float, mean: float) -> dict[str, float]:
-    level, area, index, cosine = sources
+def _formulas(sources: tuple[Doubles, ...], lux: float, mean: float) -> dict[str, float]:
+    level, area, index, cosine, angle = sources
     direct = float(np.sum(level * area * cosine))
     back = max((lux - direct) / math.pi, 1e-6)
     weighed = float(np.sum(level**2 * area / index**2))
@@ -273,7 +274,6 @@ def _formulas(sources: tuple[Doubles, Doubles, Doubles, Doubles], lux: float, me
     cgi = 2 * (1 + direct / 500) / max(direct + math.pi * back, 1e-6) * weighed
     shape = 20.4 * area + 1.52 * area**0.2 - 0.075
     sensation = float(np.sum(0.5 * level * shape / (index * max(mean, 1e-6) ** 0.44)))
-    angle = np.degrees(np.arccos(cosine))
     veil = 10 * np.sum(np.where(angle > _NEAR_DEG, level * area * cosine / np.maximum(angle, _NEAR_DEG) ** 2, 0))
     return {
         "dgp": probability(lux, weighed),

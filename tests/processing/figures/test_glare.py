@@ -11,7 +11,7 @@ import pytest
 
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError
-from processing.figures.glare import bright_spots, glare_of, linked, position_index, probability
+from processing.figures.glare import bright_spots, glare_indices, glare_of, linked, position_index, probability
 from processing.figures.views import eye_view
 from processing.pictures.images import LuminanceImage
 from processing.pictures.radiance import write_radiance_hdr
@@ -128,3 +128,10 @@ def test_evalglare_finds_the_same(tmp_path: Path, name: str) -> None:
     assert float(told.partition(":")[2].split()[0]) == pytest.approx(ours.dgp, abs=0.015), told
     light = subprocess.run([str(tool), "-V", str(path)], capture_output=True, text=True, check=False).stdout
     assert float(light.split()[0]) == pytest.approx(ours.vertical_lx, rel=0.01)
+    lines = subprocess.run([str(tool), "-d", str(path)], capture_output=True, text=True, check=False).stdout
+    names, _, values = lines.strip().splitlines()[-1].partition(":")
+    theirs = dict(zip(names.split(","), map(float, values.split()), strict=False))
+    indices = {key: one["value"] for key, one in glare_indices(eye_view(image, azimuth, 240)).items()}
+    for key, off in {"dgi": 0.35, "ugr": 0.35, "cgi": 0.35, "ugp": 0.015}.items():
+        assert indices[key] == pytest.approx(theirs[key], abs=off), (key, lines)
+    assert indices["vcp_pct"] == pytest.approx(theirs["vcp"], abs=1.5)
