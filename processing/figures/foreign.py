@@ -169,8 +169,7 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     _, seen = directions(lens)
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
-    attributes = with_modes({"scale": said}, modes)
-    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, attributes=attributes)
+    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes({"scale": said}, modes))
     mean = float(np.mean(luminance_map(picture)))
     return widened(picture, camera_modes(mean, two_lenses=False))
 

@@ -34,6 +34,8 @@ from processing.ground.arrays import Doubles, Flags
 
 _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
+SLOPPY_STOPS = 0.5
+"""Of single times, by a shutter that is off in most frames; chosen: thrice a bad one's sixth of a stop."""
 _MOST_WRONG = 3  # frames of a bracket; chosen
 _CLEAR_OF_BLACK = 12.0  # codes; chosen: above cut-off noise
 _LEAST_CLEAR_PATCHES = 60
@@ -109,7 +111,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrio
         for _ in range(_REFINE):
             fits, evidence = _quick(samples, times, priors)
             times += refine_times(evidence, tuple(wrong))
-    check_consistent(evidence, wrong, len(times))
+    check_consistent(evidence, wrong, times - given, sloppy=SLOPPY_STOPS if free_times else 0.0)
     nominal = tuple(float(t) for t in np.exp2(given))
     estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
     if free_times:
@@ -240,10 +242,16 @@ def _held_out(
     return sum(misfit) / max(sum(half.count for half in halves), 1.0)
 
 
-def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], n_frames: int) -> None:
-    """Refuse frames of which so many contradict their times that none can be believed."""
+def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], off: Doubles, sloppy: float) -> None:
+    """Refuse frames of which so many contradict their times that none can be believed.
+
+    ``off``: (F,) stops by which times were changed so far; ``sloppy``: up to so many it is the shutter, and all times
+    are estimated.
+    """
     more = find_wrong_time(evidence)
-    if more is None and len(wrong) <= n_frames / 3:
+    if more is None and len(wrong) <= len(off) / 3:
+        return
+    if max(np.abs(off).max(), 0.0 if more is None else abs(off[more[0]] + more[1])) <= sloppy:
         return
     named = sorted({*wrong, *([more[0]] if more else [])})
     raise ResponseError(
