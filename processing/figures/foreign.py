@@ -33,11 +33,11 @@ from processing.pictures.radiance import read_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 HDRGEN = (87.0, 0.05, "exposure settings, hdrgen's constant")
-"""cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO)), its relative standard uncertainty
-(apertures and speeds are as engraved; chosen), and what it is."""
+"""cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO)), its relative standard
+uncertainty (apertures and speeds are as engraved; chosen), and what it is."""
 SATURATION = (78 / 0.65, 0.13, "exposure settings, ISO 12232's saturation")
-"""The same: 78 lx s over the speed saturate, with 0.65 L t / N2 on the sensor (ISO 12232); makers' speeds are within a third
-of a stop, taken as even (GUM 4.3.7)."""
+"""The same: 78 lx s over the speed saturate, with 0.65 L t / N2 on the sensor (ISO 12232); makers' speeds are within a
+third of a stop, taken as even (GUM 4.3.7)."""
 ENOUGH_PX = 900  # across: as evalglare's usual pictures; frames are reduced to no less
 FALLOFF_SIGMA = 0.01  # of a published fall-off at the rim, for another copy of the lens; chosen
 _TERM = re.compile(r"\(\(([-+.\deE]+)\)\*\(?r\^?(\d*)\)?\)|\(\(([-+.\deE]+)\)\*r\)")
