@@ -13,6 +13,7 @@ from processing.errors import ParameterError, PictureFileError, ProcessingError
 from processing.exchange.gltf import write_scene_glb
 from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
 from processing.exchange.showing import Shown, session_shown
+from processing.ground.room_model import RoomModel
 from processing.light.scene.scene_file import read_scene
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
@@ -133,7 +134,9 @@ def _models(session: Path, into: Path, done: Exported) -> None:
     if scene.is_file():
         path = into / f"{session.name}_room.glb"
         try:
-            write_scene_glb(path, read_scene(scene))
+            room = session / "stages" / "room" / "room.json"
+            known = RoomModel.model_validate_json(room.read_bytes()) if room.is_file() else None
+            write_scene_glb(path, read_scene(scene), None if known is None else (0.0, 0.0, known.camera_height_m))
             done.files.append(path)
         except ProcessingError as error:
             done.left_out["room.gltf"] = str(error)

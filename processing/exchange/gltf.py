@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats
-from processing.ground.colour import srgb_of_linear
+from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
 from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Surface
 from processing.light.solver.sight import LEAST_AGREEMENT
@@ -50,6 +51,7 @@ class Glb:
             "scenes": [{"nodes": []}],
         }
         self._known: dict[tuple[bytes, bool], int] = {}
+        self._groups: dict[str, int] = {}
 
     def add_picture(self, rgb8: npt.NDArray[np.uint8], *, repeat: bool) -> int:
         """Add a texture of an sRGB picture (H, W, 3), once; its first row is the top, v = 0 in glTF."""
@@ -89,10 +91,11 @@ class Glb:
         uv: npt.NDArray[np.floating] | None,
         faces: npt.NDArray[np.integer],
         material: int,
+        group: str | None = "room",
     ) -> None:
         """Add a node with a mesh: corners and normals (N, 3) in our frame, uv (N, 2), faces (M, 3).
 
-        Corners that are alike in all become one.
+        Corners that are alike in all become one. The node lies below that of its group, if it has one.
         """
         columns = [y_up(corners_m), y_up(normals), *([] if uv is None else [np.asarray(uv, np.float32)])]
         places, same = _welded(np.concatenate(columns, axis=1))
@@ -106,8 +109,37 @@ class Glb:
         indices = self._accessor(same[np.asarray(faces).ravel()].astype(small), "SCALAR", index=True)
         part = {"attributes": attributes, "indices": indices, "material": material}
         mesh = self._append("meshes", {"name": name, "primitives": [part]})
-        node = self._append("nodes", {"name": name, "mesh": mesh})
-        self._json["scenes"][0]["nodes"].append(node)
+        self._put({"name": name, "mesh": mesh}, group)
+
+    def add_camera(self, eye_m: tuple[float, float, float]) -> None:
+        """Add a camera at a place (m, our frame) that looks ahead (+y), as wide as a still."""
+        lens = {"type": "perspective", "perspective": {"yfov": STILL_FIELD_RAD, "znear": 0.05, "aspectRatio": 1.5}}
+        node = {"name": "camera", "camera": self._append("cameras", {"name": "camera", **lens})}
+        self._put(node | {"translation": y_up(np.array([eye_m]))[0].tolist()})
+
+    def add_sun(self, towards: npt.NDArray[np.floating], normal_lx: npt.NDArray[np.floating]) -> None:
+        """Add the sun as KHR_lights_punctual has it: ``towards`` (3,) in our frame, illuminance (3,) of RGB."""
+        x, y, z = (float(v) for v in y_up(np.asarray(towards, np.float64)[None])[0])
+        # A light shines along its node's -z: the shortest turn takes +z to where the sun is.
+        turn = np.array([-y, x, 0.0, 1 + z]) if z > -1 + 1e-9 else np.array([1.0, 0.0, 0.0, 0.0])
+        most = float(np.max(normal_lx))
+        lux = float(np.asarray(normal_lx) @ np.asarray(LUMINANCE_WEIGHTS))
+        light = {"name": "sun", "type": "directional", "color": [float(v) / most for v in normal_lx], "intensity": lux}
+        self._json.setdefault("extensions", {})[_LIGHTS] = {"lights": [light]}
+        self._json["extensionsUsed"] = sorted({*self._json.get("extensionsUsed", ()), _LIGHTS})
+        turn /= np.linalg.norm(turn)
+        self._put({"name": "sun", "rotation": turn.tolist(), "extensions": {_LIGHTS: {"light": 0}}})
+
+    def _put(self, node: Json, group: str | None = None) -> None:
+        """Add a node to the scene, or below the node of a group."""
+        number = self._append("nodes", node)
+        siblings: list[int] = self._json["scenes"][0]["nodes"]
+        if group is not None:
+            if group not in self._groups:
+                self._groups[group] = self._append("nodes", {"name": group, "children": []})
+                siblings.append(self._groups[group])
+            siblings = self._json["nodes"][self._groups[group]]["children"]
+        siblings.append(number)
 
     def data(self) -> bytes:
         """Return the file."""
@@ -172,10 +204,19 @@ def y_up(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
 GLASS_ALPHA = 0.15
 """Of a pane: what it adds of its own tint; the rest is what lies behind."""
 _UNLIT, _STRONG = "KHR_materials_unlit", "KHR_materials_emissive_strength"
+_LIGHTS = "KHR_lights_punctual"
+STILL_FIELD_RAD = 2 * math.atan(12 / 18)
+"""Height of a frame of 24 mm before a lens of 18 mm (chosen: within the 16 to 24 mm of interior photographs)."""
 
 
-def scene_glb(scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Bytes] | None = None) -> bytes:
-    """Return a scene as GLB.
+def scene_glb(
+    scene: Scene,
+    *,
+    max_texture_px: int = 1024,
+    lit: Mapping[str, Bytes] | None = None,
+    eye_m: tuple[float, float, float] | None = None,
+) -> bytes:
+    """Return a scene as GLB: the room and each piece of furniture a node with its parts, the sun, and a camera.
 
     Parameters
     ----------
@@ -183,6 +224,8 @@ def scene_glb(scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Byt
         Longest side of a texture; larger ones are averaged down.
     lit
         By surface name, an sRGB picture (H, W, 3) laid out as its albedo: shown instead of it, unlit.
+    eye_m
+        Where the panorama's camera stood, our frame; None: no camera is written.
 
     Raises
     ------
@@ -203,12 +246,17 @@ def scene_glb(scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Byt
     # Last, so that viewers which blend in the file's order have all that lies behind.
     for pane in scene.panes:
         _add_pane(glb, pane)
+    if eye_m is not None:
+        glb.add_camera(eye_m)
+    sun = scene.outdoors.sun
+    if sun is not None and max(sun.normal_illuminance_lx) > 0:
+        glb.add_sun(np.asarray(sun.direction), np.asarray(sun.normal_illuminance_lx))
     return glb.data()
 
 
-def write_scene_glb(path: Path, scene: Scene) -> None:
+def write_scene_glb(path: Path, scene: Scene, eye_m: tuple[float, float, float] | None = None) -> None:
     """Write `scene_glb` durably."""
-    write_bytes(path, scene_glb(scene))
+    write_bytes(path, scene_glb(scene, eye_m=eye_m))
 
 
 def _light(scene: Scene) -> Json:
@@ -260,7 +308,9 @@ def _add_part(glb: Glb, part: Part, most_px: int) -> None:
         uv = part.uv[part.faces.ravel()].astype(np.float64)
         uv[:, 1] = 1 - uv[:, 1]  # ours counts from the lower left corner, glTF's from the upper left
     faces = np.arange(len(corners)).reshape(-1, 3)
-    glb.add_mesh(part.name, corners, normals, uv, faces, glb.add_material(material))
+    # A part is named by its piece and its material; one of a single material by its piece alone.
+    piece, several, _ = part.name.partition(": ")
+    glb.add_mesh(part.name, corners, normals, uv, faces, glb.add_material(material), piece if several else None)
 
 
 def _corners(part: Part) -> tuple[Doubles, Doubles]:

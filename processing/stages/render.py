@@ -144,7 +144,7 @@ def _alternative(
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=lit)
     staged = _staged(work, parts, work.effort)
     write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one))
-    write_scene_glb(path.with_suffix(".glb"), work.bare.stage.scene.furnished(parts))
+    write_scene_glb(path.with_suffix(".glb"), work.bare.stage.scene.furnished(parts), work.eye_m)
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",
         "items": [item.id for item in one.items],

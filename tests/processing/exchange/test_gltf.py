@@ -81,7 +81,7 @@ def test_structure_is_glTF(tmp_path: Path) -> None:
     read = gltf.GLTF2().load(str(path))
     assert read.asset.version == "2.0"
     assert read.asset.extras["sun"]["towards"] == pytest.approx([0.0, 0.8, 0.6])
-    assert set(read.extensionsUsed) == {"KHR_materials_emissive_strength"}
+    assert set(read.extensionsUsed) == {"KHR_lights_punctual", "KHR_materials_emissive_strength"}
     materials = {m.name: m for m in read.materials}
     assert not materials["wall-0"].doubleSided
     assert materials["pane-0"].alphaMode == "BLEND"
@@ -97,6 +97,34 @@ def test_structure_is_glTF(tmp_path: Path) -> None:
         assert view.byteLength == size
         assert view.byteOffset % 4 == 0
         assert view.byteOffset + size <= len(blob)
+
+
+def test_pieces_are_groups_and_camera_and_sun_are_where_they_were() -> None:
+    parts = [
+        box((1.0, y, 0.4), (0.2, 0.2, 0.8), name=name) for y, name in enumerate(("bed: oak", "bed: linen", "desk"))
+    ]
+    found = loaded(scene_glb(furnished().furnished(tuple(parts)), eye_m=(0.0, 0.0, 1.6)))
+    graph = found.graph.transforms.children
+    assert set(graph[found.graph.base_frame]) >= {"room", "bed", "desk", "table", "camera", "sun"}
+    assert len(graph["bed"]) == 2
+    assert {"floor", "wall-0", "pane-0"} <= set(graph["room"])
+    np.testing.assert_allclose(found.graph.get("camera")[0], [[1, 0, 0, 0], [0, 1, 0, 1.6], [0, 0, 1, 0], [0, 0, 0, 1]])
+    # A light shines along its node's -z; the sun is at (0, -0.6, 0.8) in our frame.
+    np.testing.assert_allclose(found.graph.get("sun")[0][:3, :3] @ (0, 0, -1), (0, -0.8, -0.6), atol=1e-9)
+
+
+def test_the_sun_is_a_light_of_the_file_in_lux(tmp_path: Path) -> None:
+    gltf = pytest.importorskip("pygltflib", reason="the second reader of glTF is not installed")
+    write_scene_glb(tmp_path / "room.glb", furnished(), (0.0, 0.0, 1.6))
+    read = gltf.GLTF2().load(str(tmp_path / "room.glb"))
+    (light,) = read.extensions["KHR_lights_punctual"]["lights"]
+    assert light["type"] == "directional"
+    assert light["intensity"] == pytest.approx(0.2127 * 9e4 + 0.7151 * 9e4 + 0.0722 * 8e4, rel=1e-3)
+    assert light["color"] == pytest.approx([1.0, 1.0, 8 / 9])
+    assert 50 < np.degrees(read.cameras[0].perspective.yfov) < 75
+    behind = Scene((), (), uniform_sky(sun=Sun((0.0, 1.0, 0.0), (1.0, 1.0, 1.0))), (box((0, 0, 1), (1, 1, 1)),))
+    turn = loaded(scene_glb(behind)).graph.get("sun")[0]
+    np.testing.assert_allclose(turn[:3, :3] @ (0, 0, -1), (0, 0, 1), atol=1e-6)
 
 
 def test_photographs_instead_of_albedo_and_smaller_textures() -> None:

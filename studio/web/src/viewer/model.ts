@@ -1,6 +1,6 @@
 // A scene in three dimensions to turn around: glTF, as processing/exchange/gltf.py writes it.
 import {
-  Box3, NeutralToneMapping, PerspectiveCamera, PMREMGenerator, Scene, Sphere, Spherical, Vector3, WebGLRenderer,
+  Box3, Light, NeutralToneMapping, PerspectiveCamera, PMREMGenerator, Scene, Sphere, Spherical, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
@@ -44,6 +44,8 @@ export class ModelView {
   /** Show a GLB in place of what was there. */
   async show(bytes: ArrayBuffer, alt: string): Promise<void> {
     const found = await new GLTFLoader().parseAsync(bytes, "");
+    // The file's sun is in lux, for renderers; here all is lit evenly.
+    found.scene.traverse((one) => { one.visible = !(one instanceof Light); });
     const scene = new Scene();
     scene.add(found.scene);
     const light = new PMREMGenerator(this.renderer);
