@@ -23,7 +23,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
 from processing.light.scene.patches import pane_triangles, surface_triangles
-from processing.light.scene.scene import Pane, Part, Scene, Surface
+from processing.light.scene.scene import Pane, Part, Scene, Sun, Surface
 from processing.light.solver.sight import LEAST_AGREEMENT
 from processing.pictures.writing import write_bytes
 
@@ -117,9 +117,10 @@ class Glb:
         node = {"name": "camera", "camera": self._append("cameras", {"name": "camera", **lens})}
         self._put(node | {"translation": y_up(np.array([eye_m]))[0].tolist()})
 
-    def add_sun(self, towards: npt.NDArray[np.floating], normal_lx: npt.NDArray[np.floating]) -> None:
-        """Add the sun as KHR_lights_punctual has it: ``towards`` (3,) in our frame, illuminance (3,) of RGB."""
-        x, y, z = (float(v) for v in y_up(np.asarray(towards, np.float64)[None])[0])
+    def add_sun(self, sun: Sun) -> None:
+        """Add the sun as KHR_lights_punctual has it: a direction, and illuminance in lux."""
+        normal_lx = sun.normal_illuminance_lx
+        x, y, z = (float(v) for v in y_up(np.array([sun.direction]))[0])
         # A light shines along its node's -z: the shortest turn takes +z to where the sun is.
         turn = np.array([-y, x, 0.0, 1 + z]) if z > -1 + 1e-9 else np.array([1.0, 0.0, 0.0, 0.0])
         most = float(np.max(normal_lx))
@@ -250,7 +251,7 @@ def scene_glb(
         glb.add_camera(eye_m)
     sun = scene.outdoors.sun
     if sun is not None and max(sun.normal_illuminance_lx) > 0:
-        glb.add_sun(np.asarray(sun.direction), np.asarray(sun.normal_illuminance_lx))
+        glb.add_sun(sun)
     return glb.data()
 
 
