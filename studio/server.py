@@ -8,16 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import secrets
-import shlex
-import signal
-import sys
-import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -37,68 +31,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drivers.errors import DaylitError
 from processing.errors import ParameterError
-from processing.pipeline import STAGES
-from processing.stages.contract import Quality
+from processing.running import screens
 from station.session import strict_json
 from studio import sessions as seen
-
-MOST_LINES = 200
-"""Of a run's output that a screen is given: the last ones (chosen)."""
-
-
-@dataclass
-class Job:
-    """A run: the command line that it is, and what it has said so far."""
-
-    command: list[str]
-    log: IO[bytes]
-    process: asyncio.subprocess.Process | None = field(default=None, repr=False)
-
-    @property
-    def state(self) -> dict[str, object]:
-        """Return the run for the screen."""
-        self.log.seek(0)
-        lines = self.log.read().decode("utf-8", "replace").splitlines()[-MOST_LINES:]
-        code = self.process.returncode if self.process else None
-        return {"command": shlex.join(["daylit", *self.command]), "lines": lines, "running": code is None, "code": code}
-
-
-class Jobs:
-    """At most one run a session; a run outlives the server, and what it has finished stays."""
-
-    def __init__(self) -> None:
-        self._jobs: dict[Path, Job] = {}
-
-    async def start(self, session: Path, until: str, quality: str) -> None:
-        """Begin to process the session; raises `ParameterError` while it is being processed, and for other words."""
-        if until not in {stage.name for stage in STAGES} or quality not in set(Quality):
-            raise ParameterError("no such stage or quality", where="studio")
-        if (job := self._jobs.get(session)) and job.state["running"]:
-            raise ParameterError("this session is being processed", where=session.name, advice="wait, or stop the run")
-        command = ["process", str(session), "--until", until, "--quality", quality]
-        log = tempfile.TemporaryFile()  # noqa: SIM115 (it lives as long as the job)
-        job = Job(command, log)
-        self._jobs[session] = job
-        job.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "daylit", *command),
-            stdout=log,
-            stderr=log,
-            stdin=asyncio.subprocess.DEVNULL,
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-
-    def stop(self, session: Path) -> None:
-        """End a run: the results of the stages before stand."""
-        job = self._jobs.get(session)
-        if job and job.process and job.process.returncode is None:
-            os.killpg(job.process.pid, signal.SIGINT)
-
-    def state(self, session: Path) -> dict[str, object] | None:
-        """Return the last run of a session, None where there was none since the server started."""
-        job = self._jobs.get(session)
-        return job.state if job else None
-
+from studio.programs import Jobs, Warm
 
 STATIC = Path(__file__).parent / "static"
 COOKIE = "daylit"
@@ -193,6 +129,7 @@ class Studio:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.jobs = Jobs()
+        self.warm = Warm()
 
     def session(self, request: Request) -> Path:
         """Return the session that the address names."""
@@ -216,20 +153,20 @@ class Studio:
         """Return a panorama of the room."""
         width = min(4096, max(64, int(request.query_params.get("width", "2048"))))
         state = request.query_params.get("state", "Photograph")
-        data = await run_in_threadpool(seen.picture_jpeg, self.session(request), state, width)
+        data = await run_in_threadpool(screens.picture_jpeg, self.session(request), state, width)
         return Response(data, media_type="image/jpeg")
 
     async def viewer(self, request: Request) -> Response:
         """Return a state with its numbers, for the probe."""
         state = request.query_params.get("state", "Photograph")
-        text = await run_in_threadpool(seen.viewer_json, self.session(request), state)
+        text = await run_in_threadpool(screens.viewer_json, self.session(request), state)
         return Response(text, media_type="application/json")
 
     async def frame(self, request: Request) -> Response:
         """Return a frame, small."""
         file = request.query_params.get("file", "")
         return Response(
-            await run_in_threadpool(seen.frame_jpeg, self.session(request), file, 480), media_type="image/jpeg"
+            await run_in_threadpool(screens.frame_jpeg, self.session(request), file, 480), media_type="image/jpeg"
         )
 
     async def capture(self, request: Request) -> Response:
@@ -270,14 +207,23 @@ class Studio:
 
         return JSONResponse({"broken": await run_in_threadpool(verdict)})
 
+    async def live(self, request: Request) -> Response:
+        """Return a preview: the emptied room, another light, a region's figures, glare at a seat."""
+        session, asked = self.session(request), strict_json.loads(await _body(request))
+        facts, data = await self.warm.ask(session, {**asked, "do": request.path_params["what"]})
+        if "error" in facts:
+            return JSONResponse(facts, 400)
+        if not data:
+            return JSONResponse(facts)
+        return Response(data, media_type=facts["media"], headers={"x-facts": json.dumps(facts)})
+
     async def run(self, request: Request) -> Response:
         """Begin a run, or stop it."""
         session = self.session(request)
         if request.method == "DELETE":
             self.jobs.stop(session)
         else:
-            asked = strict_json.loads(await _body(request))
-            await self.jobs.start(session, str(asked.get("until")), str(asked.get("quality", "draft")))
+            await self.jobs.start(session, strict_json.loads(await _body(request)))
         return JSONResponse(self.jobs.state(session))
 
     async def events(self, request: Request) -> Response:
@@ -344,6 +290,7 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route(base + "/frame", studio.frame),
         Route(base + "/capture", studio.capture),
         Route(base + "/judge", studio.judge, methods=["POST"]),
+        Route(base + "/live/{what:str}", studio.live, methods=["POST"]),
         Route(base + "/run", studio.run, methods=["POST", "DELETE"]),
         Route(base + "/events", studio.events),
         Route(base + "/files/{path:path}", studio.file),

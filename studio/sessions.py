@@ -7,7 +7,6 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from processing.ground.room_model import check_room, read_room, room_text
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.running.choices import forget, read_choices, remember
 from processing.running.results import RESULT_NAME
+from processing.running.screens import nothing_png, picture_of, states_of
 from station.errors import SessionNotFoundError
 from station.session.folder import open_session, write_file
 from station.session.session import MANIFEST_NAME
@@ -29,12 +29,6 @@ ESTIMATED = {
     MASK: "stages/detect/target.png",
     ARRANGEMENT: "stages/arrange/arrangement.json",
 }
-STATES = {
-    "Photograph": ("stages/room/panorama.exr", "stages/calibrate/indoor.exr", "stages/merge/indoor.exr"),
-    "Emptied": ("stages/remove/empty.exr",),
-    **{f"Staged {k}": (f"stages/render/staged-{k}.exr",) for k in range(1, 8)},
-}
-"""Pictures of the room, and where each may lie."""
 MOST_MASK_PX = 1 << 26
 """Chosen: three times a mask of full size."""
 
@@ -87,7 +81,7 @@ def overview(session: Path) -> dict[str, Any]:
     chosen = read_choices(session).chosen
     return {
         **_card(session),
-        "states": [name for name in STATES if _picture(session, name)],
+        "states": states_of(session),
         "chosen": {name: choice.file if choice.value is None else choice.value for name, choice in chosen.items()},
         "page": (session / "stages" / "report" / "index.html").is_file(),
         "stamp": stamp(session),
@@ -109,21 +103,8 @@ def current(session: Path, name: str) -> tuple[bytes, bool]:
     for path in (corrected, session / ESTIMATED[name]):
         if path is not None and path.is_file():
             return path.read_bytes(), path == corrected
-    photograph = _picture(session, "Photograph")
-    return (_nothing_png(photograph) if name == MASK and photograph else b""), False
-
-
-@lru_cache(maxsize=8)
-def _nothing_png(panorama: Path) -> bytes:
-    """Return the mask of a panorama in which nothing was detected."""
-    from PIL import Image
-
-    from processing.pictures.exr import read_exr
-
-    height, width = read_exr(panorama).rgb.shape[:2]
-    out = io.BytesIO()
-    Image.new("L", (width, height)).save(out, "PNG")
-    return out.getvalue()
+    photograph = picture_of(session, "Photograph")
+    return (nothing_png(photograph) if name == MASK and photograph else b""), False
 
 
 def digest(data: bytes) -> str:
@@ -233,87 +214,9 @@ def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
         ) from error
 
 
-def _picture(session: Path, state: str) -> Path | None:
-    return next((p for name in STATES.get(state, ()) if (p := session / name).is_file()), None)
-
-
-def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
-    """Return a panorama of the room as JPEG, at most ``width_px`` wide."""
-    path = _picture(session, state)
-    if path is None:
-        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
-    look = _picture(session, "Photograph") or path
-    return _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns, width_px)
-
-
-@lru_cache(maxsize=24)
-def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int, width_px: int) -> bytes:
-    import cv2
-
-    from processing.pictures.exr import read_exr
-    from processing.report.states import shown
-
-    image = read_exr(path)
-    look = _look(look_path.parents[2], image if path == look_path else read_exr(look_path))
-    height, width = image.rgb.shape[:2]
-    wide = min(width_px, width)
-    rgb: Any = cv2.resize(image.rgb, (wide, wide * height // width), interpolation=cv2.INTER_AREA)
-    coded, data = cv2.imencode(".jpg", shown(rgb, look)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
-    assert coded
-    return bytes(data.tobytes())
-
-
-def viewer_json(session: Path, state: str) -> str:
-    """Return what the viewer with exposure and probe shows of a state, as the report's page holds it."""
-    from processing.pictures.exr import read_exr
-    from processing.report.states import State, viewer
-
-    path = _picture(session, state)
-    photograph = _picture(session, "Photograph")
-    if path is None or photograph is None:
-        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
-    first = read_exr(photograph)
-    image = first if path == photograph else read_exr(path)
-    name = path.relative_to(session).as_posix()
-    staged = state.startswith("Staged")
-    return viewer([State(state, image, staged, name)], _look(session, first)).json  # type: ignore[arg-type]
-
-
-def _look(session: Path, image: Any) -> Any:
-    """Return how a session's pictures are shown: in its own display."""
-    from processing.exchange.showing import panes_of, session_shown
-    from processing.report.states import Look
-
-    found = session_shown(session)
-    return Look(found.display, panes_of(found.room, image.geometry))
-
-
-def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
-    """Return a frame as it came from the camera, small."""
-    from PIL import Image
-
-    manifest = load_manifest(session)
-    if file not in {frame.file for frame in manifest.frames if not frame.is_raw}:
-        raise ParameterError("there is no such frame", where=file[:80])
-    with Image.open(session / file) as frame:
-        frame.draft("RGB", (width_px, width_px))
-        frame.thumbnail((width_px, width_px))
-        out = io.BytesIO()
-        frame.convert("RGB").save(out, "JPEG", quality=82)
-    return out.getvalue()
-
-
 def capture_state(session: Path) -> dict[str, Any]:
     """Return what a capture has brought so far: frames with their shares, meter, skews, warnings, verdict."""
     with SessionStore.open(session, writable=False) as store:  # with what the journal has and session.json has not yet
         manifest = store.manifest
-    return {
-        "status": manifest.status.value,
-        "missing": list(manifest.missing),
-        "stops_s": list(manifest.bracket.stops_s),
-        "devices": [{"role": d.role, "model": d.model, "simulated": d.simulated} for d in manifest.devices],
-        "frames": [frame.model_dump(mode="json", exclude_none=True) for frame in manifest.frames if not frame.is_raw],
-        "readings": [reading.model_dump(mode="json", exclude_none=True) for reading in manifest.readings],
-        "drift": manifest.drift_frac,
-        "warnings": [warning.model_dump(mode="json") for warning in manifest.warnings],
-    }
+    frames = [frame.model_dump(mode="json", exclude_none=True) for frame in manifest.frames if not frame.is_raw]
+    return manifest.model_dump(mode="json", exclude_none=True) | {"frames": frames}

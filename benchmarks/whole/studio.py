@@ -49,6 +49,8 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 PATIENCE_MS = 60_000
 ITEMS = "bed, nightstand, chest"
+DARK = 3.0
+"""Of the things in the room, where the floor has 18 to 24."""
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -73,19 +75,20 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
                 drags.append(corrected(page, made[name].name, room))
                 after = RoomModel.model_validate_json((made[name] / "room.json").read_bytes())
                 gains.append(iou(after, room) - before)
-            preview_s = emptied(page, next(iter(made.values())).name)
+            first_preview_s, preview_s = emptied(page, next(iter(made.values())).name)
         browser.close()
     return {
         "metrics": {
             "corner_iou_gain": round(float(np.median(gains)), 4),
             "drag_ms": round(float(np.median(drags)), 2),
             "preview_s": round(preview_s, 2),
+            "first_preview_s": round(first_preview_s, 2),
             "first_page_s": round(first_page_s, 3),
             "rooms": count,
         },
         "units": {"corner_iou_gain": "IoU", "rooms": ""},
         "notes": [
-            f"preview: a whole run until remove, in draft, at {SIZE_PX[0]} x {SIZE_PX[1]}, Python's start included"
+            "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it"
         ],
     }
 
@@ -113,8 +116,11 @@ def iou(one: RoomModel, other: RoomModel) -> float:
 
 
 def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel) -> Path:
-    """A session of one panorama whose room was estimated, with two detected things and an arrangement."""
+    """A session of one panorama whose room was estimated, with two detected things (dark) and an arrangement."""
     rgb = drawn(room)
+    mask = np.zeros(rgb.shape[:2], bool)
+    mask[150:190, 60:120] = mask[160:200, 300:380] = True
+    rgb[mask] = DARK
     picture = folder / f"{name}.png"
     Image.fromarray((255 * np.clip(rgb / 100, 0, 1) ** (1 / 2.2)).astype(np.uint8)).save(picture)
     session = panorama_session(picture, folder)
@@ -130,8 +136,6 @@ def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel)
     )
     write_exr(results["calibrate"] / "indoor.exr", image)
     write_room(results["room"] / "room.json", estimated)
-    mask = np.zeros((height, width), bool)
-    mask[150:190, 60:120] = mask[160:200, 300:380] = True
     write_mask(results["detect"] / "target.png", mask)
     plan = from_room_model(with_door(estimated)[0], name="room", keep_camera_free=True)
     try:
@@ -142,12 +146,12 @@ def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel)
 
 
 def drawn(room: RoomModel) -> np.ndarray:
-    """The bare room as its panorama shows it, (H, W, 3) float32, 1 to 100: each wall a grey, boards on the floor."""
+    """The room as its panorama shows it, (H, W, 3) float32, 1 to 100: walls grey, openings bright, floor of boards."""
     width, height = SIZE_PX
     longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * np.pi
     slope = np.tan((0.5 - (np.arange(height) + 0.5) / height) * np.pi)[:, None]
     away = np.full(width, np.inf)
-    shade = np.zeros(width)
+    shade, wall, place_m = np.zeros(width), np.zeros(width, int), np.zeros(width)
     corners = np.array(room.floor)
     for k, (a, b) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
         ray, along = np.stack([np.sin(longitude), np.cos(longitude)]), b - a
@@ -156,8 +160,12 @@ def drawn(room: RoomModel) -> np.ndarray:
         u = (a[0] * ray[1] - a[1] * ray[0]) / turn
         hit = (t > 0) & (u >= 0) & (u <= 1) & (t < away)
         away[hit], shade[hit] = t[hit], 35 + 9 * (k % 5)
+        wall[hit], place_m[hit] = k, u[hit] * np.hypot(*along)
     z = room.camera_height_m + slope * away
     level = np.repeat(shade[None], height, axis=0)
+    for one in room.openings:
+        wide = (wall == one.wall) & (place_m > one.start_m) & (place_m < one.end_m)
+        level[wide & (z > one.sill_m) & (z < one.head_m)] = 95
     level[z > room.ceiling_height_m] = 80
     below = z < 0
     reach = np.where(below, room.camera_height_m / np.maximum(-slope, 1e-6), 0)
@@ -233,19 +241,17 @@ def drag(page: Any, mark: str, to: Sequence[float], *, drop: bool = True) -> Non
     until(page, changed, before)
 
 
-def emptied(page: Any, session: str) -> float:
-    """Ask for the emptied room and return the seconds until it is on the screen."""
+def emptied(page: Any, session: str) -> tuple[float, float]:
+    """Return the seconds until the emptied room is previewed at first, and again after an object was clicked away."""
     screen(page, session, "remove")
-    page.get_by_role("checkbox", name="Object 2").uncheck()
-    page.get_by_text("corrected by hand").wait_for()
-    page.get_by_label("Quality").select_option("draft")
     begin_s = time.perf_counter()
-    page.get_by_role("button", name="Empty the room").click()
-    until(page, "() => document.querySelector('.job').dataset.state.startsWith('ended')", limit_ms=10 * PATIENCE_MS)
-    assert page.locator(".job").get_attribute("data-state") == "ended 0", page.locator(".job").inner_text()
-    page.get_by_label("Picture").select_option("Emptied")
-    page.wait_for_selector("canvas[data-shown=Emptied]")
-    return time.perf_counter() - begin_s
+    page.get_by_label("Picture").select_option("Emptied: preview")
+    page.wait_for_selector("canvas[data-shown='Emptied: preview']")
+    first_s, begin_s = time.perf_counter() - begin_s, time.perf_counter()
+    made = page.locator("main canvas").get_attribute("data-made")
+    page.get_by_role("checkbox", name="Object 2").uncheck()
+    until(page, "(old) => document.querySelector('main canvas').dataset.made !== old", made)
+    return first_s, time.perf_counter() - begin_s
 
 
 _TO_SCREEN = """([x, y]) => {
@@ -271,7 +277,7 @@ def pictures(session: Path, into: Path) -> None:
         page = browser.new_page(viewport={"width": 1280, "height": 760})
         page.goto(links[0])
         page.wait_for_selector("#screen[data-ready]")
-        for kind in ("room", "remove", "furnish"):
+        for kind in ("room", "remove", "furnish", "light"):
             screen(page, session.name, kind)
             page.wait_for_timeout(4000)  # the panorama is drawn when it has come
             page.screenshot(path=into / f"studio-{kind}.jpg", quality=70, type="jpeg")

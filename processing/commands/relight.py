@@ -16,10 +16,8 @@ from station.commands.views import FILE, FOLDER, answer
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from processing.calibration.outdoor.sun_place import Place
     from processing.light.picture.viewpoint import Elsewhere
     from processing.relighting.relit_session import Relighting, SessionRoom
-    from processing.relighting.weather import Weather
 
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
@@ -106,12 +104,10 @@ def _check_staged(asked: dict[str, Any]) -> None:
 
 def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     """Return the lights to show: notes, and for each a name, a caption, the light outdoors and its facts."""
-    from math import radians
-
-    from processing.calibration.outdoor.sun_place import zone_at
     from processing.light.picture.relight_photo import with_captured_land
-    from processing.relighting.relit_session import heading_of, other_sky, place_of
-    from processing.relighting.weather import day_times, daylight_at, daylight_facts, parse_time, sky_facts
+    from processing.relighting.live import Outside
+    from processing.relighting.relit_session import other_sky
+    from processing.relighting.weather import day_times, parse_time, sky_facts
 
     if asked["sky"] is not None:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
@@ -121,52 +117,24 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
             "notes": ["the sky's +y is taken as the room's; ground, trees and houses are the captured ones"],
             "lights": [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))],
         }
-    place = place_of(room, _site(asked["site"]))
-    given = None if asked["heading"] is None else radians(asked["heading"])
-    heading, source = heading_of(room, given, place)
-    zone = zone_at(place.latitude_deg, place.longitude_deg, asked["zone"])
-    weather = _weather(room, asked["weather"], place)
+    outside = Outside.of(room, asked["weather"], asked)
     if asked["at"]:
-        times = [parse_time(asked["at"], zone)]
+        times = [parse_time(asked["at"], outside.zone)]
     else:
-        day = parse_time(asked["date"], zone) if asked["date"] else room.time_utc
-        times = day_times(day, place, zone, _step(asked["step"] or "1h"))
-    notes = [
-        f"heading {heading * 57.29578 % 360:.1f} degrees ({source}); local time is that of {zone}",
-        *weather.notes,
-    ]
+        day = parse_time(asked["date"], outside.zone) if asked["date"] else room.time_utc
+        times = day_times(day, outside.place, outside.zone, _step(asked["step"] or "1h"))
     lights = []
     for time_utc in times:
-        found = daylight_at(time_utc, place, heading, weather, room.scene.outdoors)
-        local = time_utc.astimezone(zone)
-        facts = {"local_time": f"{local:%Y-%m-%d %H:%M}", "weather": weather.kind, **daylight_facts(found, time_utc)}
-        lights.append((f"{local:%Y-%m-%dT%H%M}", _caption(local, facts), found.outdoors, facts))
-    return {"modelled": True, "notes": notes, "lights": lights}
+        outdoors, facts = outside.at(time_utc)
+        local = time_utc.astimezone(outside.zone)
+        lights.append((f"{local:%Y-%m-%dT%H%M}", _caption(local, facts), outdoors, facts))
+    return {"modelled": True, "notes": list(outside.notes), "lights": lights}
 
 
 def _caption(local: datetime, facts: dict[str, Any]) -> str:
     return (
         f"{local:%H:%M}  sun {facts['sun_elevation_deg']:.0f}°  {facts['global_horizontal_lx'] / 1000:.0f} klx outdoors"
     )
-
-
-def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
-    from processing.relighting.weather import captured_weather, usual_weather
-
-    if kind == "captured":
-        return captured_weather(room.scene.outdoors, room.time_utc, place)
-    panes = room.scene.panes
-    glass = panes[0].transmittance if panes else (1.0, 1.0, 1.0)
-    return usual_weather("clear" if kind == "clear" else "overcast", glass)
-
-
-def _site(text: str | None) -> tuple[float, float] | None:
-    from station.commands.views import numbers
-
-    if text is None:
-        return None
-    latitude, longitude = numbers("--site", text, 2, "LATITUDE,LONGITUDE in degrees, such as 40.44,-79.94")
-    return latitude, longitude
 
 
 def _step(text: str) -> Any:
@@ -329,10 +297,11 @@ def _write(
     from processing.exchange.showing import session_shown
     from processing.pictures.exr import write_exr
     from processing.pictures.masks import write_mask
+    from processing.relighting.relit_session import seen_picture
     from processing.sphere import Equirectangular
 
     solid, (geometry, eye) = ~found.glass, seen
-    write_exr(folder / f"{stem}.exr", _picture(room, found, geometry, eye))
+    write_exr(folder / f"{stem}.exr", seen_picture(room.picture, found, geometry, (eye[0], eye[1], eye[2])))
     write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
     rgb8 = session_shown(session).display.shown(found.rgb, found.glass, around=isinstance(geometry, Equirectangular))
     _jpeg(folder / f"{stem}.jpg", rgb8, room)
@@ -343,20 +312,3 @@ def _write(
         "error": round(found.error, 4),
         "unit": room.picture.unit,
     }
-
-
-def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float]) -> Any:
-    import numpy as np
-
-    from processing.pictures.images import Validity
-    from processing.relighting.relit_session import MODELLED
-
-    return replace(
-        room.picture,
-        rgb=found.rgb,
-        uncertainty=np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED)),
-        validity=np.full(found.seen.shape, int(Validity.VALID), np.uint8),
-        geometry=geometry,
-        ghost=None,
-        attributes={**room.picture.attributes, "seen_from_m": eye},
-    )

@@ -231,21 +231,29 @@ def still_paths(session: Path) -> list[Path]:
 
 @click.command()
 @click.argument("session", type=FILE)
+@click.option("--aim", multiple=True, metavar="YAW,LENS[,DROP]", help="Frame by hand first: degrees, mm (repeatable).")
 @click.option("--into", type=FOLDER, help="Copy them into a folder.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
-def stills(session: Path, into: Path | None, *, as_json: bool) -> int:
+def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: bool) -> int:
     """Name the framed pictures of SESSION: JPEG of 1920 x 1280, each with the unaltered original and its light (EXR).
 
     `daylit process` makes them: corner to corner, upright, with a lens of 16 to 24 mm, main pieces whole, windows in.
-    --into copies JPEGs and originals into a folder, to be sent.
+    --aim puts frames of your own before these, and the session remembers them: how far to the right of the panorama's
+    middle, the lens on full frame, by how much of its height the picture looks down. --into copies JPEGs and originals
+    into a folder, to be sent.
 
     \b
     Examples:
       daylit stills sessions/2023-05-19T1554Z_coda-320
+      daylit stills sessions/2023-05-19T1554Z_coda-320 --aim=-35,20,0.08 --aim=120,24
       daylit stills sessions/2023-05-19T1554Z_coda-320 --into pictures
     """
     from processing.errors import ProcessingError
 
+    if aim:
+        from processing.api import process
+
+        process(session, until="stills", aim=";".join(aim))
     facts = stills_of(session)
     if not facts:
         raise ProcessingError("there are no stills yet", where=str(session), advice=f"daylit process {session}")

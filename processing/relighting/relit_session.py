@@ -23,6 +23,7 @@ from processing.ground.room_model import read_json, read_room
 from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.relight_photo import photograph_under
+from processing.light.picture.viewpoint import Elsewhere
 from processing.light.scene.outdoor import outdoors_of
 from processing.light.scene.scene import Outdoors, Scene, Vector
 from processing.light.scene.scene_file import read_scene
@@ -35,7 +36,7 @@ from processing.pictures.exr import read_exr, read_exr_rgb
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.writing import write_bytes, write_whole
 from processing.running.artifacts import MAX_JSON_BYTES
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import resample
 from processing.stages.furnishing import furniture_parts
 from station.session.session import MANIFEST_NAME, SessionManifest
@@ -158,6 +159,21 @@ def _picture(path: Path, rows: int) -> LuminanceImage:
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=clean, geometry=target, ghost=None)
 
 
+def seen_picture(
+    image: LuminanceImage, found: Elsewhere, geometry: Equirectangular | Perspective, eye_m: Vector
+) -> LuminanceImage:
+    """Return what is seen from ``eye_m`` of what ``image`` shows from the camera; what was rendered is doubted more."""
+    return replace(
+        image,
+        rgb=found.rgb,
+        uncertainty=np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED)),
+        validity=np.full(found.seen.shape, Validity.VALID, np.uint8),
+        geometry=geometry,
+        ghost=None,
+        attributes={**image.attributes, "seen_from_m": list(eye_m)},
+    )
+
+
 def check_sky(room: SessionRoom) -> None:
     """Raise `RelightError` where the light outdoors was not measured: the windows are then pictures that glow."""
     if not room.outdoors_measured:
@@ -168,7 +184,7 @@ def check_sky(room: SessionRoom) -> None:
         )
 
 
-def place_of(room: SessionRoom, site: tuple[float, float] | None) -> Place:
+def place_of(room: SessionRoom, site: Sequence[float] | None) -> Place:
     """Return where the room is; ``site``: latitude and longitude (degrees) instead of the session's."""
     here = Place.of(room.manifest.site) if site is None else Place(*site)
     if here is None:

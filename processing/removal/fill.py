@@ -6,6 +6,7 @@ Fills never cross an edge between planes: those edges are the layout's. Pixels o
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -32,7 +33,7 @@ from processing.removal.plane_fill import (
 )
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, boundary_rows, plane_map, planes_of
-from processing.surfaces.textures import unwrap, wrap
+from processing.surfaces.textures import Texture, unwrap, wrap
 
 # Direct sunlight that stays in the picture and runs into a hole goes on in it: what stood in the sun leaves sun.
 #
@@ -119,6 +120,23 @@ class Emptied:
     notes: tuple[str, ...]
 
 
+class Quick:
+    """A preview's way of filling: few texels, and planes of which nothing has changed (but others) as they were."""
+
+    def __init__(self) -> None:
+        self._kept: dict[bytes, FilledPlane] = {}
+
+    def fill(
+        self, texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats, skirting: Skirting | None
+    ) -> FilledPlane:
+        """Return `fill_plane` of a texture (H, W), worked out or remembered."""
+        parts = (texture.values, texture.known, hole, unfit)
+        key = hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest() + bytes([texture.plane.index % 256])
+        found = self._kept.pop(key, None) or fill_plane(texture, hole, unfit, room, elsewhere, skirting)
+        self._kept = {**dict([*self._kept.items()][1 - MOST_KEPT :]), key: found}
+        return found
+
+
 @dataclass(frozen=True)
 class _Seen:
     """What the panorama shows of the room."""
@@ -140,7 +158,7 @@ def empty_room(
     *,
     sunlight: Flags | None = None,
     foreign: Flags | None = None,
-    quality: str = "standard",
+    quality: str | Quick = "standard",
     filler: PlaneFiller | None = None,
 ) -> Emptied:
     """Return the panorama with the target filled.
@@ -158,7 +176,7 @@ def empty_room(
         (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it is, and
         floors are not filled from it.
     quality
-        draft, standard or reference: how fine textures may be.
+        draft, standard or reference: how fine textures may be; `Quick`: of a preview.
 
     Raises
     ------
@@ -210,7 +228,7 @@ def _filled(
     seen: _Seen,
     hidden: list[Plane],
     foreign: Flags,
-    quality: str,
+    quality: str | Quick,
     skirting: Skirting | None,
     filler: PlaneFiller | None,
 ) -> list[FilledPlane]:
@@ -227,7 +245,11 @@ def _filled(
 
 
 def _checked(
-    image: LuminanceImage | RelativeImage, target: Flags, sunlight: Flags | None, foreign: Flags | None, quality: str
+    image: LuminanceImage | RelativeImage,
+    target: Flags,
+    sunlight: Flags | None,
+    foreign: Flags | None,
+    quality: str | Quick,
 ) -> Equirectangular:
     if not isinstance(image.geometry, Equirectangular):
         raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
@@ -237,7 +259,7 @@ def _checked(
                 f"a {name} mask of shape {mask.shape} and type {mask.dtype}",
                 advice=f"give booleans of shape {image.rgb.shape[:2]}",
             )
-    if quality not in TEXELS:
+    if isinstance(quality, str) and quality not in TEXELS:
         raise ParameterError(f"quality {quality!r}", advice=f"give one of {', '.join(TEXELS)}")
     return image.geometry
 
@@ -257,7 +279,7 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
     return beside if sunlight is None else beside | (sunlight & ~target)
 
 
-def _plane(seen: _Seen, plane: Plane, quality: str, skirting: Skirting | None) -> FilledPlane:
+def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting | None) -> FilledPlane:
     layers, geometry, room, masked = seen.layers, seen.geometry, seen.room, seen.masked
     px_per_m = texture_density(plane, room, geometry, quality)
     whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
@@ -270,7 +292,8 @@ def _plane(seen: _Seen, plane: Plane, quality: str, skirting: Skirting | None) -
     # A few thousand pixels are enough for a median.
     among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
     elsewhere = np.median(layers.reshape(-1, 5)[among, :3], axis=0).astype(np.float32)
-    done = fill_plane(texture, hole, mixed, room, elsewhere, skirting)
+    fill = fill_plane if isinstance(quality, str) else quality.fill
+    done = fill(texture, hole, mixed, room, elsewhere, skirting)
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
     return replace(done, values=values, confidence=done.confidence * (1 - UNSURE_SUN * lit)) if lit.any() else done
 
@@ -307,16 +330,19 @@ def _image(
 
 TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
 """Of the largest texture."""
+QUICK_TEXELS, MOST_KEPT = 50_000, 60
+"""Of a preview's largest texture (chosen: a floor's boards are told apart), and how many fillings it remembers."""
 FINER = 1.25
 """Texels to a panorama's pixel where the plane is nearest, so that copying costs no sharpness."""
 
 
-def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, quality: str) -> float:
+def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, quality: str | Quick) -> float:
     """Return pixels a metre that do justice to the panorama where it sees the plane best, within the limit."""
     px_rad = geometry.height_px / math.pi
     offset = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
     nearest_m = max(abs(float(offset @ plane.normal)), 0.3)
-    most = math.sqrt(TEXELS[quality] / max(plane.width_m * plane.height_m, 1e-6))
+    texels = TEXELS[quality] if isinstance(quality, str) else QUICK_TEXELS
+    most = math.sqrt(texels / max(plane.width_m * plane.height_m, 1e-6))
     return min(FINER * px_rad / nearest_m, most)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from processing.ground.arrays import Flags, Floats, Int16s
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, Validity
-from processing.removal.fill import Emptied, PlaneFiller, empty_room
+from processing.removal.fill import Emptied, PlaneFiller, Quick, empty_room
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import linear_samples
@@ -57,7 +57,7 @@ def lifted(
     *,
     sunlight: Flags | None = None,
     foreign: Flags | None = None,
-    quality: str = "standard",
+    quality: str | Quick = "standard",
     filler: PlaneFiller | None = None,
 ) -> tuple[Emptied, Floats]:
     """Return the room emptied and lit as it is without its furniture, and the log change (H, W) of luminance.

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, labelled, write_jpeg
 from processing.exchange.showing import Shown, panes_of, shown_as
 from processing.ground.arrays import Doubles
@@ -37,6 +38,8 @@ WIDE_WORTH = {24.0: 0.0, 20.0: -0.1, 18.0: -0.25, 16.0: -0.5}
 """A wider lens stretches what is at the edges: worth less. Chosen, as all worths below, by looking."""
 DROPS = (0.0, 0.08, 0.16)
 """By how much of the picture's height the lens is shifted down."""
+MOST_DROP = 0.3
+"""Of a frame that is aimed by hand: what shift lenses do (chosen)."""
 SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6
 APART_RAD = math.radians(30)
@@ -115,6 +118,34 @@ def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) ->
         Frame(candidates[k].yaw_rad, candidates[k].lens_mm, candidates[k].drop, name)
         for k, name in zip(chosen, names, strict=True)
     )
+
+
+WIDEST_MM, LONGEST_MM = 12.0, 50.0
+"""Chosen: wider is no picture of a room, longer shows single pixels of a panorama."""
+
+
+def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem]) -> tuple[Frame, ...]:
+    """Return the frames that somebody aimed: "yaw,lens,drop;…", degrees to the right, mm, share of the height.
+
+    Raises `ParameterError` for a lens or a drop that makes no picture.
+    """
+    frames, things = [], _pieces(items) if room else []
+    for one in filter(None, (text or "").split(";")):
+        yaw_deg, lens_mm, drop = [*map(float, one.split(",")), 0.0][:3]
+        if not WIDEST_MM <= lens_mm <= LONGEST_MM or drop > MOST_DROP:
+            advice = f"a lens of {WIDEST_MM:g} to {LONGEST_MM:g} mm, a drop of 0 to {MOST_DROP:g}"
+            raise ParameterError(f"--aim {one}: no frame of a room", advice=advice)
+        frame = Frame(math.remainder(math.radians(yaw_deg), 2 * math.pi), lens_mm, drop)
+        states = _seen(frame, things, room) if room else ()
+        shows = tuple(thing.name for thing, state in zip(things, states, strict=True) if state == 1)
+        frames.append(replace(frame, shows=shows))
+    return tuple(frames)
+
+
+def with_aimed(own: Sequence[Frame], others: Sequence[Frame]) -> tuple[Frame, ...]:
+    """Return frames that were aimed, then those of the others that look elsewhere: `MOST` at most."""
+    turns = [[abs(math.remainder(one.yaw_rad - a.yaw_rad, 2 * math.pi)) for a in own] for one in others]
+    return (*own, *(one for one, turn in zip(others, turns, strict=True) if min(turn, default=4) >= APART_RAD))[:MOST]
 
 
 def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
@@ -230,11 +261,14 @@ def run(context: StageContext) -> StageOutput:
     for number in range(1, MOST_STAGED + 1):
         staged = context.optional_artifact("render", f"staged-{number}")
         if staged is not None and number <= len(every) and room is not None:
-            frames = frames_of(room, every[number - 1].items, MOST if number == 1 else 1)
+            items = every[number - 1].items
+            frames = frames_of(room, items, MOST if number == 1 else 1)
+            if number == 1:
+                frames = with_aimed(aimed(asked.aim, room, items), frames)
             made += _stills(context, shown, frames, (f"staged-{number}", staged, originals), asked, len(made))
     if not made:
         name, image = ("photograph", photograph) if empty is None else ("emptied", empty)
-        frames = frames_of(room, ()) if room is not None else _around()
+        frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else _around())
         made += _stills(context, shown, frames, (name, image, originals), asked, 0)
     names = [f"still-{k}" for k in range(1, MOST_STILLS + 1)]
     left_out = dict.fromkeys([n for k in names[len(made) :] for n in (k, f"{k}-original", f"{k}-light")], NO_SUCH)

@@ -338,6 +338,7 @@ class RenderParameters(StageParameters):
     seed: Seed = 0
 
 
+_AIM = "Stills of your own first: YAW,LENS[,DROP];… (degrees, mm, share of the height)."
 _LABEL = "Staged pictures without the visible label (their metadata still say that they are staged)."
 _ORIGINALS = "Where the unaltered originals will be on the web: a QR code in staged stills leads there."
 
@@ -352,3 +353,4 @@ class StillsParameters(ReportParameters):
     """What a user may say about stills."""
 
     original_url: str | None = Field(None, pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)
+    aim: str | None = Field(None, pattern=r"^(-?\d+\.?\d*(,\d+\.?\d*){1,2}(;|$)){1,6}$", description=_AIM)

@@ -15,7 +15,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.exr import LIGHT_BITS, to_bits
 from processing.pictures.images import LuminanceImage
-from processing.removal.fill import Emptied, empty_room
+from processing.removal.fill import Emptied, Quick, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
 from processing.removal.shadows import relit
@@ -45,6 +45,20 @@ def nothing_to_remove(context: StageContext) -> str | None:
 
 def run(context: StageContext) -> StageOutput:
     """Fill the target plane by plane."""
+    found, change, share = emptied(context)
+    if change is not None:
+        with (context.folder / "lift.npz").open("wb") as file:
+            np.savez_compressed(file, log_luminance=change.astype(np.float16))
+    context.progress(0.95, "writing")
+    _write_details(context.folder / "surfaces.npz", found)
+    return _output(found, change, share, context)
+
+
+def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied, Floats | None, float]:
+    """Return the emptied room, the log change (H, W) of luminance where shade is lifted, and the share relit else.
+
+    ``quick``: in place of the context's quality.
+    """
     asked = context.parameters_of(RemoveParameters)
     image = working_panorama(context)
     width_px = image.rgb.shape[1]
@@ -56,31 +70,26 @@ def run(context: StageContext) -> StageOutput:
         target, sunlight = _without_sunlight(context, target, sunlight)
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
-    shade, room, change = read_shade(context), known_room(context), None
+    shade, room = read_shade(context), known_room(context)
     others: _Filling = {
         "sunlight": sunlight,
         "foreign": _foreign(context, target.shape),
-        "quality": context.quality.value,
+        "quality": quick or context.quality.value,
         "filler": filler,
     }
-    shadow, share = _optional_mask(context, "shadow", width_px), 0.0
-    if shade is None:
-        gain = relit(image.rgb, shadow, (target, others["foreign"]), room)
-        share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
-        found = empty_room(replace(image, rgb=image.rgb * gain), target, room, **others)
-    else:
+    shadow = _optional_mask(context, "shadow", width_px)
+    if shade is not None:
         found, change = lifted(image, target, room, shade._replace(shadow=shadow), **others)
-        with (context.folder / "lift.npz").open("wb") as file:
-            np.savez_compressed(file, log_luminance=change.astype(np.float16))
-    context.progress(0.95, "writing")
-    _write_details(context.folder / "surfaces.npz", found)
-    return _output(found, change, share, context)
+        return found, change, 0.0
+    gain = relit(image.rgb, shadow, (target, others["foreign"]), room)
+    share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
+    return empty_room(replace(image, rgb=image.rgb * gain), target, room, **others), None, share
 
 
 class _Filling(TypedDict):
     sunlight: Flags | None
     foreign: Flags | None
-    quality: str
+    quality: str | Quick
     filler: LamaFiller | None
 
 

@@ -23,6 +23,7 @@ from processing.running.choices import read_choices
 from station.session.session import Side, WarningRecord
 from station.session.store import SessionStore
 from studio.server import STATIC
+from tests.processing.relighting.lit_sessions import lit_session
 from tests.station.session.sessions import STOPS_S, frame_record, manifest
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -50,6 +51,7 @@ class Opened:
     context: Any
     folder: Path
     session: Path
+    lit: Path
     base: str
     server: Any
     complaints: list[str]
@@ -63,12 +65,15 @@ class Opened:
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
     folder = tmp_path_factory.mktemp("sessions")
     session = make_session(folder, "lounge & <b>hall", wrong(TRUTH), TRUTH)
+    lit = lit_session(folder / "lit")
+    for stage in ("calibrate", "materials", "remove", "room"):
+        (lit / "stages" / stage / "result.json").write_text("{}")
     server = start(folder)
     link = json.loads(server.stdout.readline())["links"][0]
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
         context = browser.new_context(viewport={"width": 1440, "height": 900}, reduced_motion="reduce")
-        found = Opened(context.new_page(), context, folder, session, link.split("/?")[0], server, [])
+        found = Opened(context.new_page(), context, folder, session, lit, link.split("/?")[0], server, [])
         listen(found.page, found.complaints)
         found.page.goto(link)
         found.page.wait_for_selector("#screen[data-ready]")
@@ -132,6 +137,38 @@ def test_ceiling_dragged_in_the_panorama(opened: Opened) -> None:
     wait(lambda: room_of(opened.session).ceiling_height_m > before + 0.1)
     opened.page.get_by_role("button", name="Undo").click()
     wait(lambda: room_of(opened.session).ceiling_height_m == before)
+
+
+def test_a_doors_edges_go_to_those_of_the_picture(opened: Opened) -> None:
+    """Let go 7 cm beside them; with shift where the mouse was."""
+    door = TRUTH.openings[0]
+    off = door.model_copy(update={"start_m": door.start_m + 0.07, "head_m": door.head_m - 0.06})
+    estimated = TRUTH.model_copy(update={"openings": (off,), "source": "estimated"})
+    session = make_session(opened.folder, "edges", estimated, TRUTH)
+    screen(opened.page, session.name, "room")
+    opened.page.locator(".stage").focus()
+    mark = opened.page.locator("[data-name='door 1, corner 4']")
+    for _ in range(40):
+        if mark.count() and 250 < mark.bounding_box()["x"] < 600:
+            break
+        opened.page.keyboard.press("ArrowLeft")
+        opened.page.wait_for_timeout(30)
+    for key, near in (("", 0.012), ("Shift", None)):
+        box = mark.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        if key:
+            opened.page.keyboard.down(key)
+        opened.page.mouse.move(x, y)
+        opened.page.mouse.down()
+        opened.page.mouse.move(x + 2, y + 2, steps=2)
+        opened.page.mouse.up()
+        if near:
+            wait(lambda: (session / "room.json").exists())
+            found = room_of(session).openings[0]
+            assert abs(found.start_m - door.start_m) < near
+            assert abs(found.head_m - door.head_m) < near
+    opened.page.keyboard.up("Shift")
+    wait(lambda: room_of(session).openings[0].start_m != found.start_m)
 
 
 def test_what_cannot_be_is_not_saved_and_says_why(opened: Opened) -> None:
@@ -203,6 +240,55 @@ def test_a_stroke_is_what_was_painted(opened: Opened) -> None:
     wait(lambda: (read_mask(opened.session / "mask.png") == before).all())
 
 
+def test_the_emptied_room_is_previewed_and_painted_on(opened: Opened) -> None:
+    """What is removed is as light as the floor, what stays is as dark as it was; a stroke counts at once."""
+    session = opened.fresh("preview")
+    screen(opened.page, session.name, "remove")
+    light = "([x, y]) => document.querySelector('main canvas').getContext('2d').getImageData(x, y, 1, 1).data[0]"
+    things = ([90, 170], [340, 180])
+    opened.page.get_by_label("Picture").select_option("Emptied: preview")
+    opened.page.wait_for_selector("canvas[data-shown='Emptied: preview']")
+    assert [opened.page.evaluate(light, one) > 60 for one in things] == [True, True]
+    click(opened.page, 0.18, 0.66)
+    until(opened.page, f"(at) => ({light})(at) < 60", things[0])
+    assert opened.page.evaluate(light, things[1]) > 60
+    assert not (session / "stages" / "remove").exists(), "it is a preview"
+
+
+def test_light_by_hour_weather_region_and_seat(opened: Opened) -> None:
+    """The room darkens by overcast, is measured where a box is drawn, and glares at who faces the window."""
+    page, lit = opened.page, "document.querySelector('[data-part=facts]').dataset.lit"
+    screen(page, opened.lit.name, "light")
+    page.wait_for_selector(".viewer.ready")
+    until(page, f"() => {lit} === '2023-05-19 15:00 captured Emptied'")
+    page.get_by_text("Overcast").click()
+    until(page, f"() => {lit}.includes('overcast')")
+    page.get_by_label("Time of day").focus()
+    page.keyboard.press("ArrowRight")
+    until(page, f"() => {lit} === '2023-05-19 15:10 overcast Emptied'")
+    assert '--at "2023-05-19 15:10" --weather overcast' in page.locator("footer code").inner_text()
+    page.get_by_role("button", name="Measure a region").click()
+    box = page.locator(".stage").bounding_box()
+    page.mouse.move(box["x"] + 300, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 420, box["y"] + 300, steps=3)
+    page.mouse.up()
+    page.get_by_text("Region: mean").wait_for()
+    page.locator(".seat").focus()
+    found = []
+    for turns in (0, 12):
+        for _ in range(turns):
+            page.keyboard.press("r")
+        page.keyboard.press("Enter")
+        page.get_by_text("DGP").wait_for()
+        found.append(float(page.locator("[data-part=glare]").get_attribute("data-dgp")))
+    assert found[1] > found[0], "the window is behind the camera"
+    for _ in range(13):
+        page.keyboard.press("Control+z")
+    until(page, f"() => {lit} === '2023-05-19 15:00 overcast Emptied'")
+    assert not list((opened.lit / "relight").glob("*.exr")), "nothing is kept that was not asked for"
+
+
 def test_a_piece_in_a_wall_is_refused_with_the_reason(opened: Opened) -> None:
     session = opened.fresh("furnished")
     screen(opened.page, session.name, "furnish")
@@ -221,6 +307,26 @@ def test_a_piece_in_a_wall_is_refused_with_the_reason(opened: Opened) -> None:
     kept = json.loads((session / "arrangement.json").read_bytes())["arrangements"][0]["items"]
     assert {item["id"] for item in kept} == {"bed", "nightstand"}
     assert read_choices(session).chosen["arrangement"].file == "arrangement.json"
+
+
+def test_a_still_is_aimed_in_the_panorama(opened: Opened) -> None:
+    """Looking down shifts the lens; the frame that was taken is an option of the command that is shown."""
+    page = opened.page
+    screen(page, opened.session.name, "results")
+    page.wait_for_selector(".viewer.ready")
+    page.get_by_role("button", name="Aim a still").click()
+    page.get_by_label("Lens, mm").select_option("24")
+    frame, stage = page.locator(".frame.aim").bounding_box(), page.locator(".stage").first.bounding_box()
+    assert frame["width"] / frame["height"] == pytest.approx(1.5, rel=0.02)
+    assert frame["y"] + frame["height"] / 2 > stage["y"] + stage["height"] / 2, "a little lower than level"
+    page.locator(".stage").first.focus()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    page.get_by_role("button", name="Take this frame").click()
+    yaw, lens, drop = page.locator("footer code").inner_text().partition("--aim=")[2].split(",")
+    assert (float(yaw) > 10, lens, drop) == (True, "24", "0.08")
+    page.keyboard.press("Control+z")
+    assert "--aim" not in page.locator("footer code").inner_text()
 
 
 def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
@@ -260,11 +366,11 @@ def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
 def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
     opened.page.set_viewport_size({"width": width, "height": 844})
     script = AXE.read_text("utf-8")
-    for kind in ("", "room", "remove", "furnish", "results"):
+    for kind in ("", "room", "remove", "furnish", "light", "results"):
         opened.page.goto(f"{opened.base}/#/")
         if kind:
-            screen(opened.page, opened.session.name, kind)
-        if kind == "results":
+            screen(opened.page, (opened.lit if kind == "light" else opened.session).name, kind)
+        if kind in ("light", "results"):
             opened.page.wait_for_selector(".viewer.ready")
         opened.page.evaluate(script)
         found = opened.page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -13,62 +12,26 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from processing.calibration.outdoor.sun_place import Place
 from processing.commands.relight import relight, view_from
 from processing.errors import DaylightError, RelightError, ViewpointError
 from processing.layout.arrange import arrange
 from processing.layout.items import KINDS, parse_items
 from processing.layout.models.catalogue import Catalogue, write_model
 from processing.layout.plan import from_room_model
-from processing.light.picture.render import render
-from processing.light.scene.scene import Outdoors
-from processing.light.scene.scene_file import write_scene
-from processing.light.solver.irradiance import Effort
 from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
 from processing.relighting.relit_session import contact_sheet, display_of_day, read_session_room
-from processing.relighting.weather import daylight_at, usual_weather
 from processing.running.choices import forget
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
-from station.session.session import BracketRecord, SessionManifest, Side, Site
-from tests.processing.light.rooms import EYE, box_room, scene_of
-
-HERE = Place(40.44, -79.99)
-CAPTURED = datetime(2023, 5, 19, 19, tzinfo=UTC)
-LOOK = Effort(texel_m=0.3, patch_samples=48, rows=64, pixel_samples=48, sun_samples=16, clean=False)
+from tests.processing.light.rooms import box_room
+from tests.processing.relighting.lit_sessions import lit_session
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("sessions") / "bedroom"
-    stages = folder / "stages"
-    for name in ("materials", "room", "remove"):
-        (stages / name).mkdir(parents=True)
-    light = daylight_at(
-        CAPTURED, HERE, 0.0, usual_weather("clear"), Outdoors(np.zeros((16, 32, 3), np.float32)), rows=32
-    )
-    room = box_room()
-    scene = scene_of(room, light.outdoors, 0.5, reveal_m=0.2)
-    manifest = SessionManifest(
-        session_id="0" * 32,
-        name="bedroom",
-        created_utc=CAPTURED,
-        site=Site(latitude_deg=HERE.latitude_deg, longitude_deg=HERE.longitude_deg),
-        heading_rad=0.0,
-        bracket=BracketRecord(mode="imported", stops_s=(1.0,), sides=(Side.INDOOR,)),
-    )
-    (folder / "session.json").write_text(manifest.model_dump_json(), "utf-8")
-    write_scene(stages / "materials" / "scene.npz", scene)
-    (stages / "materials" / "materials.json").write_text('{"outdoors": "outdoor picture"}', "utf-8")
-    (stages / "room" / "room.json").write_text(room.model_dump_json(), "utf-8")
-    rgb = render(scene, Equirectangular(128, 64), EYE, effort=LOOK).rgb
-    image = LuminanceImage(
-        rgb, np.full((64, 128), 0.05, np.float32), np.zeros((64, 128), np.uint8), Equirectangular(128, 64), 0.03
-    )
-    write_exr(stages / "remove" / "empty.exr", image)
-    return folder
+    return lit_session(tmp_path_factory.mktemp("sessions") / "bedroom")
 
 
 def run(command, *arguments: object) -> dict:

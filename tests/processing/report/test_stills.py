@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from processing.errors import ParameterError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity
-from processing.report.stills import FEWEST, LENSES_MM, MOST, NEAR_M, frames_of, run
+from processing.report.stills import FEWEST, LENSES_MM, MOST, NEAR_M, aimed, frames_of, run, with_aimed
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
 from tests.processing.report.made_up import context, results
@@ -52,6 +53,27 @@ def test_frames_are_level_of_the_trades_lenses_apart_and_show_main_pieces_whole(
     assert "bed" in frames[0].shows
     assert "chair" in {name for frame in frames for name in frame.shows}
     assert frames_of(ROOM, ITEMS) == frames
+
+
+def test_frames_that_were_aimed_come_first_and_others_look_elsewhere() -> None:
+    own = aimed(StillsParameters(aim="-60,20,0.08;120.5,24").aim, ROOM, ITEMS)
+    assert [(round(math.degrees(one.yaw_rad), 6), one.lens_mm, one.drop) for one in own] == [
+        (-60, 20, 0.08),
+        (120.5, 24, 0),
+    ]
+    best = frames_of(ROOM, ITEMS)[0]
+    again = aimed(f"{math.degrees(best.yaw_rad)},{best.lens_mm},{best.drop}", ROOM, ITEMS)
+    assert again[0].shows == best.shows
+    frames = with_aimed(own, frames_of(ROOM, ITEMS))
+    assert frames[:2] == own
+    assert 2 < len(frames) <= MOST
+    apart = [abs(math.remainder(a.yaw_rad - b.yaw_rad, math.tau)) for a in frames[2:] for b in own]
+    assert min(apart) > math.radians(29)
+    for wrong in ("10", "10,20,0.1,3", "a,b", "1.2.3,20"):
+        with pytest.raises(ValueError, match="aim"):
+            StillsParameters(aim=wrong)
+    with pytest.raises(ParameterError, match="no frame of a room"):
+        aimed("0,5", ROOM, ())
 
 
 def test_a_piece_said_to_be_whole_is_within_the_frame_by_the_spheres_geometry() -> None:

@@ -68,11 +68,11 @@ export interface Frame {
 export interface Capture {
   status: string;
   missing: string[];
-  stops_s: number[];
+  bracket: { stops_s: number[] };
   devices: { role: string; model: string; simulated: boolean }[];
   frames: Frame[];
   readings: { luminance_cd_m2?: number; when: string; status: string }[];
-  drift: number | null;
+  drift_frac?: number;
   warnings: { message: string }[];
 }
 
@@ -104,6 +104,9 @@ async function ask(path: string, options: RequestInit = {}): Promise<Response> {
 
 const at = (session: string, rest = ""): string => `/api/sessions/${encodeURIComponent(session)}${rest}`;
 
+/** What a preview says of itself beside its bytes. */
+export const factsOf = <T>(answer: Response): T => JSON.parse(answer.headers.get("x-facts") ?? "{}") as T;
+
 /** A correction as it is now, and what names that state. */
 export interface Corrected<T> {
   value: T;
@@ -132,8 +135,8 @@ export const api = {
   forget: async (session: string, what: string): Promise<void> => void (await ask(at(session, `/correction/${what}`), { method: "DELETE" })),
   judge: async (session: string, places: Record<string, Pose>): Promise<string[]> =>
     ((await (await ask(at(session, "/judge"), { method: "POST", body: JSON.stringify(places) })).json()) as { broken: string[] }).broken,
-  run: async (session: string, until: string, quality: string): Promise<void> =>
-    void (await ask(at(session, "/run"), { method: "POST", body: JSON.stringify({ until, quality }) })),
+  run: async (session: string, what: object): Promise<void> => void (await ask(at(session, "/run"), { method: "POST", body: JSON.stringify(what) })),
+  live: async (session: string, what: string, asked: object): Promise<Response> => ask(at(session, `/live/${what}`), { method: "POST", body: JSON.stringify(asked) }),
   stop: async (session: string): Promise<void> => void (await ask(at(session, "/run"), { method: "DELETE" })),
   events: (session: string): EventSource => new EventSource(at(session, "/events")),
 };

@@ -3,6 +3,7 @@ import { api, type Card, type Job, type Overview } from "./api";
 import { captureScreen } from "./capture";
 import { button, h, note } from "./dom";
 import { furnishScreen } from "./furnish";
+import { lightScreen } from "./light";
 import { removeScreen } from "./remove";
 import { resultsScreen } from "./results";
 import { roomScreen } from "./room";
@@ -13,6 +14,7 @@ const SCREENS: Record<string, { title: string; needs: string; open: (session: Ov
   room: { title: "Room", needs: "room", open: roomScreen },
   remove: { title: "Remove", needs: "detect", open: removeScreen },
   furnish: { title: "Furnish", needs: "arrange", open: furnishScreen },
+  light: { title: "Light", needs: "materials", open: lightScreen },
   results: { title: "Results", needs: "calibrate", open: resultsScreen },
 };
 
@@ -56,7 +58,7 @@ function card(one: Card): HTMLElement {
   const stages = one.stages ?? [];
   const first = one.status !== "complete" ? "capture" : stages.includes("render") ? "results" : "room";
   const picture = stages.includes("calibrate")
-    ? h("img", { src: api.picture(one.name, "Photograph", 640, ""), alt: "", loading: "lazy" })
+    ? h("img", { src: api.picture(one.name, "Card", 640, ""), alt: "", loading: "lazy" })
     : h("div", { class: "blank" });
   const state = one.status === "complete" ? (stages.includes("report") ? "processed" : stages.length ? `processed until ${["report", "render", "arrange", "remove", "detect", "room", "calibrate", "merge", "verify"].find((s) => stages.includes(s))}` : "captured") : one.status;
   return h("li", { class: "card" }, h("a", { href: `#/${encodeURIComponent(one.name)}/${first}` }, picture, h("strong", {}, one.title)),
@@ -109,9 +111,10 @@ function showJob(box: HTMLElement, { name, chosen: { quality: chosen = "standard
   if (job?.running) {
     children.push(h("p", {}, h("span", { class: "busy", "aria-hidden": "true" }), `Running: ${job.lines.at(-1) ?? "starting"}`), button("Stop", ask(() => api.stop(name))));
   } else if (opened.run) {
-    const { until, text } = opened.run;
+    const { run } = opened;
     const quality = h("select", { "aria-label": "Quality" }, ...["draft", "standard", "reference"].map((one) => h("option", { selected: one === chosen }, one)));
-    children.push(button(text, ask(() => api.run(name, until, quality.value)), { class: "main" }), quality);
+    children.push(button(run.text, ask(() => api.run(name, "until" in run ? { until: run.until, quality: quality.value } : run.ask())), { class: "main" }));
+    if ("until" in run) children.push(quality);
     if (job) children.push(h("p", { class: job.code ? "bad" : "" }, job.code ? `It ended with an error: ${job.lines.at(-1)}` : "The last run is done"));
   }
   if (job?.lines.length) children.push(h("details", {}, h("summary", {}, "What it says"), h("pre", { tabindex: 0 }, job.lines.join("\n"))));

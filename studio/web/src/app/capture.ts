@@ -49,11 +49,11 @@ export async function captureScreen(session: Overview): Promise<Screen> {
     facts.replaceChildren(
       ...now.devices.map((one) => fact(one.role, `${one.model}${one.simulated ? " (simulated)" : ""}`)),
       fact("Meter", readings.join(", ") || "no reading yet"),
-      ...(now.drift === null ? [] : [fact("Drift of the light", `${(100 * now.drift).toFixed(1)} %`)]),
-      fact("Frames", `${now.frames.length} of ${2 * now.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`),
+      ...(now.drift_frac === undefined ? [] : [fact("Drift of the light", `${(100 * now.drift_frac).toFixed(1)} %`)]),
+      fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`),
       ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));
     for (const one of [...now.frames].sort((a, b) => a.side.localeCompare(b.side) || a.stop - b.stop)) {
-      const seconds = now.stops_s[one.stop];
+      const seconds = now.bracket.stops_s[one.stop];
       const text = `${one.side}, ${seconds === undefined ? one.file : exposure(seconds)}`;
       const box = shown.get(one.file) ?? tile(one.file, text);
       const share = one.statistics === undefined ? "" : ` · ${(100 * one.statistics.clipped_frac).toFixed(1)} % clipped`;

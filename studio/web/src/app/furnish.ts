@@ -4,7 +4,7 @@ import { button, h, note, svg } from "./dom";
 import { ARROWS, draggable, Plan } from "./plan";
 import { onWall, round } from "./rooms";
 import type { Screen } from "./screens";
-import { Turns, Undo } from "./undo";
+import { Latest, Turns, Undo } from "./undo";
 
 interface Arranged {
   arrangements: { items: Piece[] }[];
@@ -22,10 +22,9 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   let pieces = found.value;
   let places = placesOf(pieces);
   let broken: string[] = [];
-  let judging = false;
-  let waiting: Places | null = null;
   let focused = "";
   const turns = new Turns();
+  const verdicts = new Latest();
   const undo = new Undo<Places>((before) => void keep(before, places));
   const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
   const plan = new Plan(room.floor, "Plan: drag pieces; R turns, Delete takes away");
@@ -81,23 +80,10 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     for (const mark of marks()) mark.classList.toggle("wrong", broken.some((line) => new RegExp(`\\b${mark.dataset.id}\\b`).test(line)));
   }
 
-  /** Ask the judge; while it thinks only the last place is kept for its next turn. */
-  async function judge(asked: Places): Promise<void> {
-    if (judging) {
-      waiting = asked;
-      return;
-    }
-    judging = true;
-    try {
-      broken = await api.judge(session.name, asked);
-      say();
-    } finally {
-      judging = false;
-      const next = waiting;
-      waiting = null;
-      if (next) await judge(next);
-    }
-  }
+  const judge = (asked: Places): Promise<void> => verdicts.ask(async () => {
+    broken = await api.judge(session.name, asked);
+    say();
+  });
 
   function drag(down: PointerEvent, id: string, mark: SVGGElement): { move: (event: PointerEvent) => void; end: () => void } {
     const [start, before] = [plan.at(down), places];

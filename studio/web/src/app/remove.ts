@@ -1,11 +1,12 @@
 // Remove: what goes, by object, brush and polygon, on the flat panorama.
-import { api, type Overview, type Point } from "./api";
+import { api, factsOf, type Overview, type Point } from "./api";
 import { button, h, note } from "./dom";
 import type { Screen } from "./screens";
-import { Turns, Undo } from "./undo";
+import { Latest, Turns, Undo } from "./undo";
 
 const MOST_PX = 2048;
 const LEAST_SHARE = 2e-4;
+const PREVIEW = "Emptied: preview";
 type Tool = "object" | "add" | "keep" | "polygon";
 const TOOLS: [Tool, string][] = [["object", "Objects"], ["add", "Brush: remove"], ["keep", "Brush: keep"], ["polygon", "Polygon: remove"]];
 
@@ -62,7 +63,9 @@ export async function removeScreen(session: Overview): Promise<Screen> {
   let size = 24;
   let state = "Photograph";
   let corners: Point[] = [];
+  let shown = mask; // what the preview was made with
   const turns = new Turns();
+  const previews = new Latest();
   const undo = new Undo<Uint8Array>((before) => void keep(before));
 
   const tools = h("fieldset", { class: "segments" }, h("legend", { class: "unseen" }, "Tool"),
@@ -74,6 +77,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
     button("As detected", () => void forget()), h("label", {}, "Show ", states));
   const list = h("ul", { class: "objects" });
   const facts = h("p", { class: "facts", "data-part": "facts" });
+  const said = h("p", { class: "facts", "data-part": "preview", role: "status" });
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", "Panorama; what is red will be removed");
 
@@ -85,10 +89,10 @@ export async function removeScreen(session: Overview): Promise<Screen> {
 
   function draw(): void {
     context.drawImage(picture, 0, 0, width, height);
-    if (state === "Photograph") {
+    if (state === "Photograph" || state === PREVIEW) {
       const tint = new ImageData(width, height);
       mask.forEach((on, i) => {
-        if (on) tint.data.set([220, 40, 30, 120], 4 * i);
+        if (state === PREVIEW ? on !== shown[i] : on) tint.data.set([220, 40, 30, 120], 4 * i);
       });
       scratch.putImageData(tint, 0, 0);
       context.drawImage(hidden, 0, 0);
@@ -137,7 +141,8 @@ export async function removeScreen(session: Overview): Promise<Screen> {
       });
       facts.dataset.saved = found.digest;
       draw();
-      note("Saved");
+      if (state === PREVIEW) void preview();
+      else note("Saved");
     } catch (error) {
       note(`Not saved: ${(error as Error).message}`, true);
       await refresh();
@@ -153,22 +158,51 @@ export async function removeScreen(session: Overview): Promise<Screen> {
       found = now;
       mask = fromBitmap(now.value);
       names();
+      if (state === PREVIEW) void preview();
     }
     await look(state, overview.stamp);
   });
 
   function options(all: string[]): void {
-    const shown = all.filter((name) => !name.startsWith("Staged"));
-    states.replaceChildren(...shown.map((name) => h("option", { selected: name === state }, name)));
+    const names = ["Photograph", PREVIEW, ...all.filter((name) => name === "Emptied")];
+    states.replaceChildren(...names.map((name) => h("option", { selected: name === state }, name)));
   }
 
   async function look(name: string, stamp = session.stamp): Promise<void> {
+    const other = state !== name;
     state = name;
+    if (name === PREVIEW) return other ? preview() : undefined;
+    said.textContent = "";
     picture.src = api.picture(session.name, name, MOST_PX, stamp);
     await picture.decode();
     canvas.dataset.shown = name;
     draw();
   }
+
+  /** Show the room as it would be emptied, in a draft's size; tools go on working on it. */
+  const preview = (): Promise<void> => previews.ask(async () => {
+    const made = mask;
+    said.textContent = "Emptying a small picture …";
+    try {
+      await turns.take(async () => undefined); // what is being saved counts
+      const answer = await api.live(session.name, "emptied", {});
+      const { seconds, size_px } = factsOf<{ seconds: number; size_px: [number, number] }>(answer);
+      if (state !== PREVIEW) return;
+      const url = URL.createObjectURL(await answer.blob());
+      picture.src = url;
+      await picture.decode();
+      URL.revokeObjectURL(url);
+      shown = made;
+      canvas.dataset.shown = PREVIEW;
+      canvas.dataset.made = found.digest;
+      said.textContent = `Preview, ${size_px.join(" × ")}, in ${seconds.toFixed(1)} s: fillings are coarse, the old furniture's shade is as the last run found it; red is not yet in it`;
+      draw();
+    } catch (error) {
+      note(`No preview: ${(error as Error).message}`, true);
+    } finally {
+      if (said.textContent === "Emptying a small picture …") said.textContent = "";
+    }
+  });
 
   async function forget(): Promise<void> {
     if (!found.corrected) return;
@@ -213,7 +247,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
   }
 
   canvas.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0 || state !== "Photograph") return;
+    if (event.button !== 0 || state === "Emptied") return;
     const place = at(event);
     if (tool === "object") {
       const label = known.labels[Math.floor(place[1]) * width + Math.floor(place[0])];
@@ -255,7 +289,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
   await look("Photograph");
   names();
   return {
-    element: h("section", { class: "wide" }, bar, canvas, facts, h("h2", {}, "Detected objects"), list),
+    element: h("section", { class: "wide" }, bar, canvas, facts, said, h("h2", {}, "Detected objects"), list),
     refresh,
     undo: () => undo.back(mask),
     redo: () => undo.again(mask),

@@ -1,50 +1,66 @@
-// Results: every state of the room with exposure and probe, the model, and what can be taken away.
+// Results: every state of the room with exposure and probe, stills aimed by hand, the model, and what can be taken away.
 import { ModelView } from "../viewer/model";
-import { setUpPanorama } from "../viewer/widget";
+import type { PanoramaView } from "../viewer/panorama";
+import { setUpPanorama, type Widget } from "../viewer/widget";
 import { api, type Overview } from "./api";
-import { h, note } from "./dom";
+import { markup, Regions } from "./box";
+import { button, h, note } from "./dom";
 import type { Screen } from "./screens";
+import { Undo } from "./undo";
 
-interface ViewerFacts {
-  colours: string;
-  range: [number, number];
-  ticks: number[];
-  unit: string;
-}
+const LENSES_MM = [16, 18, 20, 24, 28, 35];
+/** Full frame, on which lenses are named; a still has its shape. */
+const SENSOR_MM = { wide: 36, high: 24 };
+const MOST_DROP = 0.3;
+const MOST_FRAMES = 6;
+const RAD = Math.PI / 180;
 
-function markup(json: string): HTMLElement {
-  const { colours, range, ticks, unit } = JSON.parse(json) as ViewerFacts;
-  const bytes = Uint8Array.from(atob(colours), (c) => c.charCodeAt(0));
-  const ramp = Array.from({ length: 18 }, (_, i) => `rgb(${bytes.slice(45 * i, 45 * i + 3).join(" ")})`).join(", ");
-  const data = h("script", { type: "application/json", class: "viewer-data" });
-  data.textContent = json;
-  const mode = (name: string, text: string, checked: boolean): HTMLElement =>
-    h("label", {}, h("input", { type: "radio", name: "mode", "data-mode": name, checked }), h("span", {}, text));
-  const place = (value: number): number => (100 * Math.log(value / range[0])) / Math.log(range[1] / range[0]);
-  return h("div", { class: "viewer", style: `--ramp: linear-gradient(to top, ${ramp})` }, data,
-    h("div", { class: "bar" },
-      h("select", { "data-part": "state", hidden: true, "aria-label": "State" }, h("option", { value: 0 })),
-      h("fieldset", { class: "segments" }, h("legend", { class: "unseen" }, "Show"), mode("picture", "Picture", true), mode("colours", "Luminance", false)),
-      h("label", { class: "exposure" }, "Exposure ", h("input", { type: "range", min: -9, max: 9, step: 0.5, value: 0, "data-part": "exposure" }), h("output", { "data-part": "stops" }, "0.0 stops"))),
-    h("div", { class: "stage", "data-part": "stage", role: "application", "aria-label": "Panorama to look around in: drag, or arrow keys; plus and minus zoom" },
-      h("span", { class: "cross", "aria-hidden": "true" }), h("span", { "data-part": "label", hidden: true }),
-      h("div", { class: "scale", "aria-hidden": "true" }, h("span", { class: "unit" }, unit),
-        h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", { class: "tick", style: `bottom: ${place(tick)}%` }, String(tick))))),
-      h("p", { class: "reading", "data-part": "reading" }, h("strong", { "data-part": "value" }, "…"), " ", h("span", { "data-part": "detail" }, "…"))));
-}
+const fileOf = (name: string): string =>
+  name === "Emptied" ? "remove/empty.exr" : name.startsWith("Staged") ? `render/staged-${name.slice(7)}.exr` : "calibrate/indoor.exr";
 
 export async function resultsScreen(session: Overview): Promise<Screen> {
   const box = h("div", { class: "result" });
   const choice = h("select", { "aria-label": "State of the room", change: () => void show() }, ...session.states.map((name) => h("option", {}, name)));
   const takeaway = h("ul", { class: "downloads" });
+  const stills = h("div", { class: "stills" });
+  const command = new Text("");
+  let widget: Widget | null = null;
+  let aims = String(session.chosen.aim ?? "").split(";").filter(Boolean);
+  const undo = new Undo<string[]>((before) => list(before));
+  const aiming = new Aiming((frame) => {
+    if (aims.length >= MOST_FRAMES) return note(`At most ${MOST_FRAMES} frames`, true);
+    undo.step(aims);
+    list([...aims, frame]);
+  });
+  const frames = h("ol", { class: "aims" });
+  const make = button("Make these stills", () => void api.run(session.name, { aim: aims }).catch((error: unknown) => note((error as Error).message, true)), { class: "main" });
+
+  function list(now: string[]): void {
+    aims = now;
+    frames.replaceChildren(...aims.map((frame, i) => {
+      const [yaw, lens, drop] = frame.split(",").map(Number) as [number, number, number?];
+      const text = `${Math.abs(yaw)}° ${yaw < 0 ? "left" : "right"}, ${lens} mm${drop ? `, looks ${(100 * drop).toFixed(0)} % lower` : ""} `;
+      return h("li", {}, text, button("Leave out", () => {
+        undo.step(aims);
+        list(aims.filter((_, k) => k !== i));
+      }, { "aria-label": `Leave out frame ${i + 1}` }));
+    }));
+    make.disabled = !aims.length;
+    command.data = aims.length ? `daylit stills ${session.path} ${aims.map((one) => `--aim=${one}`).join(" ")}` : `daylit export ${session.path}`;
+  }
 
   async function show(): Promise<void> {
     const name = choice.value;
+    widget?.view.dispose();
+    widget = null;
     box.replaceChildren(h("p", { class: "facts" }, "Opening …"));
     try {
-      const found = markup(await api.viewer(session.name, name));
-      box.replaceChildren(found);
-      await setUpPanorama(found, true);
+      const regions = new Regions(`${session.path}/stages/${fileOf(name)}`);
+      const found = markup(await api.viewer(session.name, name), regions.control, ...aiming.controls);
+      box.replaceChildren(found, regions.said);
+      widget = await setUpPanorama(found, true);
+      regions.on(widget);
+      aiming.on(widget.view, found.querySelector(".stage")!);
       box.dataset.shown = name;
       downloads(name);
       if (name.startsWith("Staged")) await model(name.replace("Staged ", ""));
@@ -62,8 +78,23 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     stage.dataset.shown = number;
   }
 
+  /** Show the stills that there are. */
+  async function made(): Promise<void> {
+    if (!(await api.overview(session.name)).stages?.includes("stills")) return;
+    const answer = await fetch(api.file(session.name, "stills/stills.json"));
+    if (!answer.ok) return;
+    const { stills: all } = (await answer.json()) as { stills: { file: string; state: string; lens_mm: number; yaw_deg: number }[] };
+    const at = Date.now();
+    stills.replaceChildren(...all.map((one, i) => {
+      const file = api.file(session.name, `stills/${one.file}`);
+      return h("figure", {}, h("a", { href: file, download: one.file }, h("img", { src: `${file}?at=${at}`, alt: `Still ${i + 1}, ${one.state}`, loading: "lazy" })),
+        h("figcaption", {}, `${one.state.replace("-", " ")}, ${one.lens_mm} mm`));
+    }));
+    stills.dataset.count = String(all.length);
+  }
+
   function downloads(name: string): void {
-    const file = name === "Emptied" ? "remove/empty.exr" : name.startsWith("Staged") ? `render/staged-${name.slice(7)}.exr` : "calibrate/indoor.exr";
+    const file = fileOf(name);
     const link = (text: string, href: string, download: string): HTMLElement => h("li", {}, h("a", { href, download }, text));
     takeaway.replaceChildren(
       link("Panorama, JPEG", api.picture(session.name, name, 4096, session.stamp), `${session.name}-${name.toLowerCase().replace(" ", "-")}.jpg`),
@@ -72,11 +103,71 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
       ...(session.page ? [link("The report, one HTML file", api.file(session.name, "report/index.html"), "")] : []));
   }
 
-  if (session.states.length) await show();
+  list(aims);
+  if (session.states.length) await Promise.all([show(), made()]);
   else box.append(h("p", {}, "There is no picture yet: process the session."));
   return {
-    element: h("section", { class: "wide" }, h("div", { class: "bar" }, h("label", {}, "State ", choice)), box, h("h2", {}, "To take away"), takeaway),
-    command: `daylit export ${session.path}`,
+    element: h("section", { class: "wide" }, h("div", { class: "bar" }, h("label", {}, "State ", choice)), box,
+      h("h2", {}, "Stills"), frames, h("div", { class: "bar" }, make, button("Undo", () => undo.back(aims), { "data-part": "undo" }), button("Redo", () => undo.again(aims))), stills,
+      h("h2", {}, "To take away"), takeaway),
+    refresh: made,
+    undo: () => undo.back(aims),
+    redo: () => undo.again(aims),
+    command,
     run: { until: "report", text: "Bring all results up to date" },
+    close: () => widget?.view.dispose(),
   };
+}
+
+/** A still's frame on the panorama: verticals stay upright, so that looking up and down shifts the lens instead. */
+class Aiming {
+  readonly controls: HTMLElement[];
+  private view: PanoramaView | null = null;
+  private readonly shape = h("div", { class: "frame aim", hidden: true });
+  private readonly lens = h("select", { "aria-label": "Lens, mm", change: () => this.draw() }, ...LENSES_MM.map((mm) => h("option", { value: mm, selected: mm === 20 }, `${mm} mm`)));
+  private readonly toggle = button("Aim a still", () => this.turn(), { "aria-pressed": "false", "data-part": "aim" });
+  private readonly take: HTMLButtonElement;
+  private drop = 0.08;
+  private active = false;
+
+  constructor(taken: (frame: string) => void) {
+    this.take = button("Take this frame", () => taken([this.view!.yaw.toFixed(1), this.lens.value, this.drop.toFixed(2)].join(",")), { hidden: true, class: "main" });
+    this.lens.hidden = true;
+    this.controls = [this.toggle, this.lens, this.take];
+  }
+
+  /** Aim in this view from now on. */
+  on(view: PanoramaView, stage: HTMLElement): void {
+    this.view = view;
+    stage.append(this.shape);
+    const before = view.changed;
+    view.changed = () => {
+      this.draw();
+      before();
+    };
+    this.draw();
+  }
+
+  private turn(): void {
+    this.active = !this.active;
+    this.toggle.setAttribute("aria-pressed", String(this.active));
+    this.lens.hidden = this.take.hidden = this.shape.hidden = !this.active;
+    if (this.active && this.view) this.view.look(this.view.yaw, 0, Math.max(this.view.field, 105));
+    this.draw();
+  }
+
+  private draw(): void {
+    const { view } = this;
+    if (!view || !this.active) return;
+    const lens = Number(this.lens.value);
+    if (view.pitch) {
+      this.drop = Math.max(0, Math.min(MOST_DROP, this.drop - (Math.tan(view.pitch * RAD) * lens) / SENSOR_MM.high));
+      view.pitch = 0;
+      view.draw();
+    }
+    const { clientWidth: wide, clientHeight: high } = view.stage;
+    const perTan = wide / 2 / Math.tan((view.field / 2) * RAD);
+    const [w, t] = [(SENSOR_MM.wide / lens) * perTan, (SENSOR_MM.high / lens) * perTan];
+    this.shape.setAttribute("style", `left: ${(wide - w) / 2}px; top: ${high / 2 + this.drop * t - t / 2}px; width: ${w}px; height: ${t}px`);
+  }
 }

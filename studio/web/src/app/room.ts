@@ -2,6 +2,7 @@
 import { PanoramaView } from "../viewer/panorama";
 import { api, type Corrected, type Opening, type Overview, type Point, Refused, type Room } from "./api";
 import { button, h, note, svg } from "./dom";
+import { Edges } from "./edges";
 import { ARROWS, draggable, Plan } from "./plan";
 import {
   area, onLevel, onWall, onWallAt, type Ray, ray, round, wall, withCorner, withMore, withOpening, withoutCorner, withWall,
@@ -33,7 +34,11 @@ export async function roomScreen(session: Overview): Promise<Screen> {
   view.changed = overlay;
   const picture = new Image();
   picture.src = api.picture(session.name, "Photograph", 4096, session.stamp);
-  picture.decode().then(() => view.picture(picture, false), () => note("The picture cannot be shown", true));
+  let edges: Edges | null = null;
+  picture.decode().then(() => {
+    view.picture(picture, false);
+    edges = new Edges(picture);
+  }, () => note("The picture cannot be shown", true));
 
   /** Show a room that is being changed, and remember it in this browser in case that the server goes. */
   function show(changed: Room, drafted = true): void {
@@ -165,9 +170,9 @@ export async function roomScreen(session: Overview): Promise<Screen> {
       corners.forEach((one, k) => stroke([one, corners[(k + 1) % 4]!], `opening ${o.kind}`));
       const edit = (k: number) => dragging((event, start) => {
         const place = onWallAt(start, o.wall, ...view.directionAt(event));
-        return place && withOpening(start, i, {
-          ...(k === 0 || k === 3 ? { start_m: place[0] } : { end_m: place[0] }), ...(k < 2 ? { sill_m: place[1] } : { head_m: place[1] }),
-        });
+        if (!place) return null;
+        const moved = { ...(k === 0 || k === 3 ? { start_m: place[0] } : { end_m: place[0] }), ...(k < 2 ? { sill_m: place[1] } : { head_m: place[1] }) };
+        return withOpening(start, i, event.shiftKey || !edges ? moved : { ...moved, ...edges.snapped(start, { ...o, ...moved }, k) });
       });
       corners.forEach((one, k) => handle(one, `${o.kind} ${i + 1}, corner ${k + 1}`, "opening", edit(k)));
     });
@@ -275,6 +280,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     undo: () => undo.back(room),
     redo: () => undo.again(room),
     command: `daylit room ${session.path} --edit`,
+    close: () => view.dispose(),
     run: { until: "remove", text: "Empty the room with this shape" },
   };
 }

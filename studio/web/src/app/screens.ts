@@ -5,9 +5,9 @@ export interface Screen {
   refresh?: () => Promise<void>;
   undo?: () => void;
   redo?: () => void;
-  /** The command line that does the same. */
-  command: string;
+  /** The command line that does the same; a text node where it changes with what is shown. */
+  command: string | Text;
   /** What brings the results up to date. */
-  run?: { until: string; text: string };
+  run?: { until: string; text: string } | { ask: () => object; text: string };
   close?: () => void;
 }

@@ -48,3 +48,25 @@ export class Turns {
     });
   }
 }
+
+/** Do the last thing asked for only: what is asked while another is under way waits, and gives way to the next. */
+export class Latest {
+  private busy = false;
+  private waiting: (() => Promise<void>) | null = null;
+
+  async ask(act: () => Promise<void>): Promise<void> {
+    if (this.busy) {
+      this.waiting = act;
+      return;
+    }
+    this.busy = true;
+    try {
+      await act();
+    } finally {
+      this.busy = false;
+      const next = this.waiting;
+      this.waiting = null;
+      if (next) await this.ask(next);
+    }
+  }
+}

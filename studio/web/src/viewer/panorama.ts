@@ -118,6 +118,13 @@ export class PanoramaView {
     this.draw();
   }
 
+  /** Give the graphics memory back: browsers keep some sixteen views alive. */
+  dispose(): void {
+    this.material.uniforms.map!.value.dispose();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+  }
+
   look(yaw: number, pitch: number, field = this.field): void {
     this.yaw = ((((yaw + 180) % 360) + 360) % 360) - 180;
     this.pitch = Math.max(-90, Math.min(90, pitch));

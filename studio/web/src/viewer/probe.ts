@@ -18,11 +18,24 @@ export interface Reading {
   y: number;
 }
 
+export interface Region {
+  mean: number;
+  median: number;
+  lowest: number;
+  highest: number;
+  /** Of its mean, standard: what the pixels state, taken for shared by all. */
+  relativeUncertainty: number;
+  /** Of the picture on disk: left, top, right, bottom; null across its edge. */
+  box_px: [number, number, number, number] | null;
+}
+
 export interface Probe {
   /** Codes of luminance, row by row. */
   luminance: Uint16Array;
   /** What stands at a longitude and latitude, degrees. */
   at(longitude: number, latitude: number): Reading;
+  /** Luminance within longitudes and latitudes, degrees; null where there is no value. It may go across the picture's edge. */
+  within(left: number, top: number, right: number, bottom: number): Region | null;
 }
 
 const WORTH = ["", "clipped: at least this", "too dark to be exact", "outside the lens's field", "repaired: a model's value"];
@@ -35,8 +48,30 @@ export async function openProbe(maps: Maps): Promise<Probe> {
   ]);
   const [width, height] = maps.map_px;
   const [wide, high] = maps.picture_px;
+  const column = (longitude: number): number => Math.round(((((longitude / 360 + 0.5) % 1) + 1) % 1) * width);
+  const row = (latitude: number): number => Math.round((0.5 - latitude / 180) * height);
   return {
     luminance: light as Uint16Array,
+    within(left, top, right, bottom) {
+      const [x0, x1, y0, y1] = [column(left), column(right), Math.max(0, row(top)), Math.min(height, row(bottom))];
+      const [values, margins]: [number[], number[]] = [[], []];
+      for (let y = y0; y < y1; y += 1)
+        for (let x = x0; x !== x1; x = (x + 1) % width) {
+          const value = luminance(light[y * width + x]!);
+          if (Number.isNaN(value)) continue;
+          values.push(value);
+          margins.push(uncertainty(margin[y * width + x]!));
+        }
+      if (!values.length) return null;
+      const middle = (of: number[]): number => of.sort((a, b) => a - b)[Math.floor(of.length / 2)]!;
+      const scale = [wide / width, high / height, wide / width, high / height];
+      return {
+        mean: values.reduce((sum, value) => sum + value, 0) / values.length,
+        median: middle(values), lowest: values[0]!, highest: values.at(-1)!,
+        relativeUncertainty: middle(margins.filter((one) => !Number.isNaN(one))) ?? NaN,
+        box_px: x0 < x1 ? ([x0, y0, x1, y1].map((v, i) => Math.round(v * scale[i]!)) as [number, number, number, number]) : null,
+      };
+    },
     at(longitude, latitude) {
       const turns = (longitude / 360 + 0.5) % 1;
       const column = Math.min(width - 1, Math.floor((turns < 0 ? turns + 1 : turns) * width));

@@ -3,7 +3,7 @@ import { fromBase64, LEAST, type Size, STEP } from "./encoding";
 import { PanoramaView } from "./panorama";
 import { type Maps, openProbe, type Probe, readingText } from "./probe";
 
-interface State extends Maps {
+export interface State extends Maps {
   name: string;
   jpeg: string;
   file: string;
@@ -47,7 +47,14 @@ export function part<T extends HTMLElement = HTMLElement>(box: Element, name: st
   return found;
 }
 
-export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<PanoramaView> {
+/** A panorama with its controls: its view, and what shows another picture in it as the controls stand. */
+export interface Widget {
+  view: PanoramaView;
+  replace(state: State): Promise<void>;
+  probe(): Promise<Probe>;
+}
+
+export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Widget> {
   const data = JSON.parse(box.querySelector(".viewer-data")!.textContent!) as ViewerData;
   const ramp = fromBase64(data.colours);
   const stage = part(box, "stage");
@@ -120,12 +127,21 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Pa
   panoramas.push(view);
   await show();
   box.classList.add("ready");
-  return view;
+  return {
+    view,
+    replace: async (state) => {
+      data.states[current] = state;
+      loaded.delete(current);
+      await show();
+    },
+    probe: async () => (await load(current)).probe,
+  };
 }
 
 async function fetchState(state: State): Promise<Loaded> {
   const picture = new Image();
   picture.src = URL.createObjectURL(new Blob([fromBase64(state.jpeg)], { type: "image/jpeg" }));
   const [probe] = await Promise.all([openProbe(state), picture.decode()]);
+  URL.revokeObjectURL(picture.src);
   return { picture, probe };
 }

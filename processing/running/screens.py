@@ -1,0 +1,122 @@
+"""What screens show of a session's pictures: JPEG small enough to travel, numbers for the viewer, frames."""
+
+from __future__ import annotations
+
+import io
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from processing.errors import ParameterError
+from station.session.store import load_manifest
+
+STATES = {
+    "Photograph": ("stages/room/panorama.exr", "stages/calibrate/indoor.exr", "stages/merge/indoor.exr"),
+    "Emptied": ("stages/remove/empty.exr",),
+    **{f"Staged {k}": (f"stages/render/staged-{k}.exr",) for k in range(1, 8)},
+}
+"""Pictures of the room, and where each may lie."""
+CARD = "stages/stills/still-1.jpg"
+"""What shows a session at a glance where there is one; else its photograph does."""
+JPEG_QUALITY = 88
+"""Chosen: artifacts are not seen at twice the size."""
+
+
+def picture_of(session: Path, state: str) -> Path | None:
+    """Return the file of a state; None where there is none yet."""
+    return next((p for name in STATES.get(state, ()) if (p := session / name).is_file()), None)
+
+
+def states_of(session: Path) -> list[str]:
+    """Return the states that there are pictures of."""
+    return [name for name in STATES if picture_of(session, name)]
+
+
+def look_of(session: Path, image: Any) -> Any:
+    """Return how a session's pictures are shown: in its own display; ``image``: for the place of its windows."""
+    from processing.exchange.showing import panes_of, session_shown
+    from processing.report.states import Look
+
+    found = session_shown(session)
+    return Look(found.display, panes_of(found.room, image.geometry))
+
+
+def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
+    """Return a panorama of the room as JPEG, at most ``width_px`` wide; "Card": the first still where there is one."""
+    if state == "Card":
+        still = session / CARD
+        return small_jpeg(still, width_px) if still.is_file() else picture_jpeg(session, "Photograph", width_px)
+    path = picture_of(session, state)
+    if path is None:
+        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
+    look = picture_of(session, "Photograph") or path
+    return _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns, width_px)
+
+
+@lru_cache(maxsize=24)
+def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int, width_px: int) -> bytes:
+    from processing.pictures.exr import read_exr
+
+    image = read_exr(path)
+    look = look_of(look_path.parents[2], image if path == look_path else read_exr(look_path))
+    return shown_jpeg(image.rgb, look, width_px)
+
+
+def shown_jpeg(rgb: Any, look: Any, width_px: int) -> bytes:
+    """Return linear light (H, W, 3) of a panorama as JPEG, at most ``width_px`` wide, as ``look`` shows it."""
+    import cv2
+
+    from processing.report.states import shown
+
+    height, width = rgb.shape[:2]
+    wide = min(width_px, width)
+    small: Any = cv2.resize(rgb, (wide, wide * height // width), interpolation=cv2.INTER_AREA)
+    coded, data = cv2.imencode(".jpg", shown(small, look)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert coded
+    return bytes(data.tobytes())
+
+
+def viewer_json(session: Path, state: str) -> str:
+    """Return what the viewer with exposure and probe shows of a state, as the report's page holds it."""
+    from processing.pictures.exr import read_exr
+    from processing.report.states import State, viewer
+
+    path, photograph = picture_of(session, state), picture_of(session, "Photograph")
+    if path is None or photograph is None:
+        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
+    first = read_exr(photograph)
+    image: Any = first if path == photograph else read_exr(path)
+    name = path.relative_to(session).as_posix()
+    return viewer([State(state, image, state.startswith("Staged"), name)], look_of(session, first)).json
+
+
+@lru_cache(maxsize=8)
+def nothing_png(panorama: Path) -> bytes:
+    """Return the mask of a panorama in which nothing was detected."""
+    from PIL import Image
+
+    from processing.pictures.exr import read_exr
+
+    height, width = read_exr(panorama).rgb.shape[:2]
+    out = io.BytesIO()
+    Image.new("L", (width, height)).save(out, "PNG")
+    return out.getvalue()
+
+
+def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
+    """Return a frame as it came from the camera, small."""
+    if file not in {frame.file for frame in load_manifest(session).frames if not frame.is_raw}:
+        raise ParameterError("there is no such frame", where=file[:80])
+    return small_jpeg(session / file, width_px)
+
+
+def small_jpeg(path: Path, width_px: int) -> bytes:
+    """Return a JPEG file's picture at most ``width_px`` wide and high."""
+    from PIL import Image
+
+    with Image.open(path) as frame:
+        frame.draft("RGB", (width_px, width_px))
+        frame.thumbnail((width_px, width_px))
+        out = io.BytesIO()
+        frame.convert("RGB").save(out, "JPEG", quality=82)
+    return out.getvalue()

@@ -1,0 +1,128 @@
+"""Programs beside the server: a session's run, which outlives it, and the one that previews what is looked at."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import shlex
+import signal
+import sys
+import tempfile
+from asyncio.subprocess import DEVNULL, PIPE
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from processing.errors import ParameterError
+from processing.pipeline import STAGES
+from processing.stages.contract import Quality
+
+MOST_LINES = 200
+"""Of a run's output that a screen is given: the last ones (chosen)."""
+PREVIEW_S = 120.0
+"""Chosen: a basis of the light of a large room takes a quarter of it."""
+
+
+@dataclass
+class Job:
+    """A run: the command line that it is, and what it has said so far."""
+
+    command: list[str]
+    log: IO[bytes]
+    process: asyncio.subprocess.Process | None = field(default=None, repr=False)
+
+    @property
+    def state(self) -> dict[str, object]:
+        """Return the run for the screen."""
+        self.log.seek(0)
+        lines = self.log.read().decode("utf-8", "replace").splitlines()[-MOST_LINES:]
+        code = self.process.returncode if self.process else None
+        return {"command": shlex.join(["daylit", *self.command]), "lines": lines, "running": code is None, "code": code}
+
+
+def command_of(session: Path, asked: Mapping[str, Any]) -> list[str]:
+    """Return the command line of a run: a process until a stage, a light that is kept, stills that were aimed."""
+    match asked:
+        case {"until": until, "quality": quality} if until in {s.name for s in STAGES} and quality in set(Quality):
+            return ["process", str(session), "--until", until, "--quality", quality]
+        case {"at": str(at), "weather": str(weather), "staged": int() | None as staged}:
+            state = [] if staged is None else [f"--staged={staged}"]
+            return ["relight", str(session), f"--at={at}", f"--weather={weather}", *state]
+        case {"aim": [str(), *_] as frames}:
+            return ["stills", str(session), *(f"--aim={frame}" for frame in frames)]
+    raise ParameterError("no such run", where="studio")
+
+
+class Jobs:
+    """At most one run a session; a run outlives the server, and what it has finished stays."""
+
+    def __init__(self) -> None:
+        self._jobs: dict[Path, Job] = {}
+
+    async def start(self, session: Path, asked: Mapping[str, Any]) -> None:
+        """Begin what a screen asks for; raises `ParameterError` while the session has a run, and for other words."""
+        command = command_of(session, asked)
+        if (job := self._jobs.get(session)) and job.state["running"]:
+            raise ParameterError("this session is being processed", where=session.name, advice="wait, or stop the run")
+        log = tempfile.TemporaryFile()  # noqa: SIM115 (it lives as long as the job)
+        job = Job(command, log)
+        self._jobs[session] = job
+        job.process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "daylit", *command),
+            stdout=log,
+            stderr=log,
+            stdin=DEVNULL,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+
+    def stop(self, session: Path) -> None:
+        """End a run: the results of the stages before stand."""
+        job = self._jobs.get(session)
+        if job and job.process and job.process.returncode is None:
+            os.killpg(job.process.pid, signal.SIGINT)
+
+    def state(self, session: Path) -> dict[str, object] | None:
+        """Return the last run of a session, None where there was none since the server started."""
+        job = self._jobs.get(session)
+        return job.state if job else None
+
+
+class Warm:
+    """The program that previews a session while it is looked at (processing/running/worker.py); one at a time."""
+
+    def __init__(self) -> None:
+        self._process: asyncio.subprocess.Process | None = None
+        self._session: Path | None = None
+        self._turn = asyncio.Lock()
+
+    async def ask(self, session: Path, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        """Return a preview's facts and its bytes; raises `ParameterError` where none comes in `PREVIEW_S`."""
+        async with self._turn:
+            try:
+                return await asyncio.wait_for(self._asked(session, request), PREVIEW_S)
+            except (TimeoutError, OSError, asyncio.IncompleteReadError, ValueError) as error:
+                self.stop()
+                raise ParameterError("the preview did not come", where=session.name, advice="try again") from error
+
+    async def _asked(self, session: Path, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        if self._session != session or self._process is None or self._process.returncode is not None:
+            self.stop()
+            command = (sys.executable, "-m", "processing.running.worker", str(session))
+            self._process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE)
+            self._session = session
+        to, back = self._process.stdin, self._process.stdout
+        assert to
+        assert back
+        to.write(json.dumps(request).encode() + b"\n")
+        await to.drain()
+        facts = json.loads(await back.readline())
+        return facts, await back.readexactly(facts.pop("bytes"))
+
+    def stop(self) -> None:
+        """End the program: what it held is read again by the next."""
+        if self._process and self._process.returncode is None:
+            self._process.kill()
+        self._process = None
