@@ -14,16 +14,9 @@ from processing.pictures.masks import read_mask
 from processing.removal.masks import Masks, find_masks
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, read_evidence
+from processing.stages import upright
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import DetectParameters
-from processing.stages.upright import (
-    check_mask_size,
-    known_room,
-    sky_with_sun,
-    sky_without_sun,
-    sun_direction,
-    upright_panorama,
-)
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5
@@ -40,12 +33,12 @@ def nothing_to_go_by(context: StageContext) -> str | None:
 def run(context: StageContext) -> StageOutput:
     """Find the masks on the upright panorama, with the room and the sun's place as far as they are known."""
     asked = context.parameters_of(DetectParameters)
-    image = upright_panorama(context)
-    room = known_room(context)
+    image = upright.upright_panorama(context)
+    room = upright.known_room(context)
     context.progress(0.0, "segmentation")
     evidence = _evidence(context, image)
     context.progress(0.4, "masks")
-    sun = sun_direction(context.session)
+    sun = upright.sun_direction(context.session)
     possible, why = _sun_possible(context, sun, asked)
     found = find_masks(
         image,
@@ -53,7 +46,7 @@ def run(context: StageContext) -> StageOutput:
         room,
         sun_direction=sun if possible else None,
         sun_possible=possible,
-        sun_seen=sky_with_sun(context),
+        sun_seen=upright.sky_with_sun(context),
         meter_target=_meter_target(context),
         margin_rad=math.radians(asked.margin_deg),
     )
@@ -73,7 +66,7 @@ def _corrected(found: Masks, asked: DetectParameters, context: StageContext) -> 
 
 def _drawn(path: Path, context: StageContext) -> Flags:
     mask = read_mask(path)
-    check_mask_size(mask, context)
+    upright.check_mask_size(mask, context)
     return mask
 
 
@@ -92,7 +85,7 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
         return False, "not looked for, as asked"
     if sun is not None and sun[1] <= 0:
         return False, "the sun was below the horizon"
-    if sky_without_sun(context):
+    if upright.sky_without_sun(context):
         return False, "the outdoor picture shows no sun"
     return True, ""
 

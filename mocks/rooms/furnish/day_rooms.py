@@ -7,17 +7,7 @@ from dataclasses import replace
 
 from shapely.geometry import Polygon
 
-from mocks.rooms.furnish.clutter import (
-    cushions_on,
-    floor_lamp_by,
-    on_the_floor,
-    picture_over,
-    plants,
-    quarter,
-    rug_under,
-    things_on,
-    wall_things,
-)
+from mocks.rooms.furnish import clutter
 from mocks.rooms.furnish.space import Arrangement, beside, facing, towards
 from mocks.rooms.model import Finish, Item, Point, Role
 from mocks.worlds.light import Vector
@@ -32,7 +22,7 @@ def living_essentials(a: Arrangement, finish: Finish) -> bool:
     middle = beside(sofa, 0.0, -sofa.size_m[1] / 2 - reach)
     if a.chance(0.75):
         size = (sofa.size_m[0] + a.draw(-0.1, 0.5), a.draw(1.4, 1.9))
-        rug_under(a, *middle, size, sofa.turn_rad, finish.floor.name)
+        clutter.rug_under(a, *middle, size, sofa.turn_rad, finish.floor.name)
     _coffee_table(a, sofa, middle)
     _television(a, sofa)
     return True
@@ -45,22 +35,22 @@ def living_extras(a: Arrangement, finish: Finish) -> None:
     for _ in range(int(a.rng.integers(0, 3))):
         _armchair(a, sofa, middle)
     if a.chance(0.7):
-        floor_lamp_by(a, sofa)
+        clutter.floor_lamp_by(a, sofa)
     for _ in range(int(a.rng.integers(1, 3))):
         a.against_wall("bookcase", (a.draw(0.6, 1.2), a.draw(0.27, 0.34), a.draw(1.1, 2.05)), front_m=0.3)
     if a.chance(0.35):
         chest = a.against_wall("cabinet", (a.draw(1.0, 1.5), 0.42, a.draw(0.75, 0.9)), front_m=0.4)
         if chest:
-            things_on(a, chest, 5)
-            picture_over(a, chest)
-    cushions_on(a, sofa, int(a.rng.integers(0, 5)))
+            clutter.things_on(a, chest, 5)
+            clutter.picture_over(a, chest)
+    clutter.cushions_on(a, sofa, int(a.rng.integers(0, 5)))
     if a.chance(0.85):
-        picture_over(a, sofa)
+        clutter.picture_over(a, sofa)
     if a.chance(0.25):
         a.on_floor("ottoman", (0.5, 0.5, a.draw(0.36, 0.44)), edge_m=1.2, role=Role.FURNITURE)
-    plants(a, 3)
-    wall_things(a, int(a.rng.integers(1, 4)))
-    on_the_floor(a, toys=a.chance(0.4))
+    clutter.plants(a, 3)
+    clutter.wall_things(a, int(a.rng.integers(1, 4)))
+    clutter.on_the_floor(a, toys=a.chance(0.4))
 
 
 def _sofa(a: Arrangement) -> Item | None:
@@ -84,7 +74,7 @@ def _coffee_table(a: Arrangement, sofa: Item, middle: Point) -> None:
         turn = sofa.turn_rad + float(a.rng.normal(0, 0.03))
         table = a.add(a.item("coffee table", size, (x, y, 0.0), turn, options))
         if table:
-            things_on(a, table, 4)
+            clutter.things_on(a, table, 4)
             return
 
 
@@ -103,7 +93,7 @@ def _television(a: Arrangement, sofa: Item) -> None:
     w = a.draw(0.95, 1.35)
     if a.chance(0.85):
         a.put_on(stand, "television", (w, 0.24, round(0.575 * w + 0.06, 3)), at=(0.0, 0.0), turn_rad=0.0)
-    things_on(a, stand, 3)
+    clutter.things_on(a, stand, 3)
 
 
 def _armchair(a: Arrangement, sofa: Item, middle: Point) -> None:
@@ -116,7 +106,7 @@ def _armchair(a: Arrangement, sofa: Item, middle: Point) -> None:
         turn = facing((x, y), middle) + float(a.rng.normal(0, 0.12))
         chair = a.add(replace(model, position_m=(x, y, 0.0), turn_rad=turn))
         if chair:
-            cushions_on(a, chair, int(a.rng.integers(0, 2)))
+            clutter.cushions_on(a, chair, int(a.rng.integers(0, 2)))
             return
 
 
@@ -134,7 +124,7 @@ def dining_essentials(a: Arrangement, finish: Finish) -> bool:
     if a.chance(0.35):
         x, y, _ = table.position_m
         size = (table.size_m[0] + 1.1, table.size_m[1] + 1.1)
-        rug_under(a, x, y, size, table.turn_rad, finish.floor.name)
+        clutter.rug_under(a, x, y, size, table.turn_rad, finish.floor.name)
     _chairs(a, table)
     return len([item for item in a.items if item.kind == "chair"]) >= 2
 
@@ -144,20 +134,20 @@ def dining_extras(a: Arrangement, finish: Finish) -> None:
     table = next(item for item in a.items if item.kind == "dining table")
     if a.chance(0.7):
         a.put_on(table, str(a.rng.choice(["bowl", "vase"])), (0.25, 0.25, 0.1), at=(a.draw(-0.2, 0.2), 0.0))
-    things_on(a, table, 5)
+    clutter.things_on(a, table, 5)
     side = a.against_wall("cabinet", (a.draw(1.2, 1.9), a.draw(0.4, 0.47), a.draw(0.75, 0.92)), front_m=0.4)
     if side:
-        things_on(a, side, 6)
-        picture_over(a, side)
+        clutter.things_on(a, side, 6)
+        clutter.picture_over(a, side)
     if a.chance(0.4):
         a.against_wall("bookcase", (a.draw(0.6, 1.0), 0.3, a.draw(1.2, 2.0)))
     if a.chance(0.3):
         a.against_wall("chair", (0.45, 0.53, 0.84))
     if a.chance(0.2):
         a.against_wall("armchair", (0.8, 0.84, 0.8))
-    plants(a, 3)
-    wall_things(a, int(a.rng.integers(1, 4)))
-    on_the_floor(a, toys=False)
+    clutter.plants(a, 3)
+    clutter.wall_things(a, int(a.rng.integers(1, 4)))
+    clutter.on_the_floor(a, toys=False)
 
 
 def _table(a: Arrangement) -> Item | None:
@@ -170,7 +160,7 @@ def _table(a: Arrangement) -> Item | None:
         room, found = floor.buffer(-0.75), []
         for _ in range(30):
             x, y = a.draw(x0, x1), a.draw(y0, y1)
-            item = a.item("dining table", size, (x, y, 0.0), quarter(a), (("round", 1.0),) if round_top else ())
+            item = a.item("dining table", size, (x, y, 0.0), clutter.quarter(a), (("round", 1.0),) if round_top else ())
             if room.covers(Polygon(item.corners()).buffer(-0.15)):
                 found += [item] if a.fits(item) else []
             if len(found) == PLACES:
@@ -241,14 +231,14 @@ def office_extras(a: Arrangement, finish: Finish) -> None:
     if a.chance(0.5):
         low = a.against_wall("cabinet", (a.draw(0.9, 1.6), 0.42, a.draw(0.6, 0.85)), front_m=0.4)
         if low:
-            things_on(a, low, 5)
+            clutter.things_on(a, low, 5)
     if a.chance(0.3):
         chair = a.against_wall("armchair", (a.draw(0.72, 0.82), 0.8, 0.8))
         if chair:
-            floor_lamp_by(a, chair)
-    plants(a, 2)
-    wall_things(a, int(a.rng.integers(1, 4)))
-    on_the_floor(a, toys=False)
+            clutter.floor_lamp_by(a, chair)
+    clutter.plants(a, 2)
+    clutter.wall_things(a, int(a.rng.integers(1, 4)))
+    clutter.on_the_floor(a, toys=False)
 
 
 def workplace(a: Arrangement, finish: Finish) -> bool:
@@ -262,9 +252,9 @@ def workplace(a: Arrangement, finish: Finish) -> bool:
         a.put_on(desk, "table lamp", (0.22, 0.22, a.draw(0.38, 0.46)), at=(0.92, 0.75))
     x, y = beside(desk, 0.0, -desk.size_m[1] / 2 - 0.3)
     if a.chance(0.3):
-        rug_under(a, x, y, (1.8, 1.3), desk.turn_rad, finish.floor.name)
+        clutter.rug_under(a, x, y, (1.8, 1.3), desk.turn_rad, finish.floor.name)
     _chair(a, desk)
-    things_on(a, desk, 5)
+    clutter.things_on(a, desk, 5)
     return True
 
 

@@ -18,14 +18,7 @@ import numpy as np
 from processing.errors import AlbedoError
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.room_model import RoomModel
-from processing.light.scene.room_light import (
-    MOST_SHARE,
-    MeasuredLight,
-    gloss_factor,
-    irradiance_by_picture,
-    measured_light,
-    mirrored,
-)
+from processing.light.scene import room_light
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, Vector, plain, shell_of
 from processing.light.scene.sources import Lamp, find_lamps, measured_windows, near_sun, open_sun, windows_from_inside
 from processing.light.solver.irradiance import Effort
@@ -215,7 +208,7 @@ def lit_stage(
 class _Gathered:
     """The light in the room as a picture of it shows."""
 
-    light: MeasuredLight
+    light: room_light.MeasuredLight
     sky: Floats
     """(N, 3): irradiance of its pixels without the sun's own."""
     error: Floats
@@ -232,12 +225,12 @@ def _gathered(
 ) -> _Gathered:
     """Return the light that a picture (H, W, 3) shows, which sees ``sight``; what is ``known`` is not gathered."""
     if known is not None:
-        light = measured_light(stage, rgb, sight, eye, (seed, 60))
+        light = room_light.measured_light(stage, rgb, sight, eye, (seed, 60))
         return _Gathered(light, known.irradiance_lx.reshape(-1, 3), known.error)
     rows = min(effort.rows, len(rgb))
     small = sight_of(stage, Equirectangular(2 * rows, rows), eye)
-    light = measured_light(stage, rgb, sight, eye, (seed, 60))
-    base, error = irradiance_by_picture(stage, light, small, effort, seed)
+    light = room_light.measured_light(stage, rgb, sight, eye, (seed, 60))
+    base, error = room_light.irradiance_by_picture(stage, light, small, effort, seed)
     sky, _ = upsampled(base, small, sight, wraps=True)
     return _Gathered(light, sky, error)
 
@@ -252,12 +245,12 @@ def _without_gloss(
     floor = np.flatnonzero((sight.label == FLOOR) & (irradiance > 0).all(axis=1))
     if not len(floor):
         return rgb, highlight, 0.0
-    mirror, window = mirrored(stage, gathered.light, sight, floor)
+    mirror, window = room_light.mirrored(stage, gathered.light, sight, floor)
     part = math.pi / irradiance[floor].astype(np.float64)
     sunny = near_sun(stage, sight)[floor]
-    gloss = gloss_factor(part * rgb[floor], part * mirror, valid[floor] & ~window & ~sunny)
+    gloss = room_light.gloss_factor(part * rgb[floor], part * mirror, valid[floor] & ~window & ~sunny)
     rgb[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
-    highlight[floor] = (gloss * mirror > MOST_SHARE * picture.reshape(-1, 3)[floor]).any(axis=1)
+    highlight[floor] = (gloss * mirror > room_light.MOST_SHARE * picture.reshape(-1, 3)[floor]).any(axis=1)
     return rgb, highlight, gloss
 
 
