@@ -12,23 +12,7 @@ from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import Door, Fixture, Plan, Window
-from mocks.rooms.plan.forms import (
-    CAMERA_CLEARANCE_M,
-    FLUSH_M,
-    LEAST_SEEN,
-    TRIM_M,
-    door_swing,
-    fixture_floor,
-    fixture_span,
-    floor_seen,
-    hall_floor,
-    hull_edges,
-    inner_angle_rad,
-    is_simple,
-    opening_span,
-    openings_of,
-    reveal_floor,
-)
+from mocks.rooms.plan import forms
 
 HEIGHT_M = (2.3, 3.4)
 LEAST_EDGE_M = 0.2  # chosen: a shorter wall is a slip of the plan
@@ -54,10 +38,10 @@ def check_plan(plan: Plan) -> list[str]:
 def outline_problems(plan: Plan) -> list[str]:
     """Return problems of the floor polygon and the height."""
     points = plan.polygon
-    if len(points) < 3 or not is_simple(points):
+    if len(points) < 3 or not forms.is_simple(points):
         return ["the outline crosses itself or turns clockwise"]
     wrong = [f"wall {i} is too short" for i in range(len(points)) if plan.wall_length_m(i) < LEAST_EDGE_M]
-    angles = [inner_angle_rad(points, i) for i in range(len(points))]
+    angles = [forms.inner_angle_rad(points, i) for i in range(len(points))]
     wrong += [f"corner {i} is too narrow" for i, a in enumerate(angles) if a < LEAST_ANGLE_RAD]
     if not HEIGHT_M[0] <= plan.height_m <= HEIGHT_M[1]:
         wrong.append(f"the ceiling is at {plan.height_m:.2f} m")
@@ -70,42 +54,46 @@ def camera_problems(plan: Plan) -> list[str]:
     if not room.contains(Spot(0, 0)):
         return ["the camera is outside the room"]
     wrong = []
-    if room.exterior.distance(Spot(0, 0)) < CAMERA_CLEARANCE_M:
+    if room.exterior.distance(Spot(0, 0)) < forms.CAMERA_CLEARANCE_M:
         wrong.append("the camera is too near a wall")
-    if floor_seen(plan.polygon, (0.0, 0.0)) < LEAST_SEEN - 0.02:
+    if forms.floor_seen(plan.polygon, (0.0, 0.0)) < forms.LEAST_SEEN - 0.02:
         wrong.append("the camera sees too little of the floor")
     return wrong
 
 
 def opening_problems(plan: Plan) -> list[str]:
     """Return problems of windows and doors: their place in the wall, each other, and the space behind and before."""
-    openings = openings_of(plan)
+    openings = forms.openings_of(plan)
     wrong = [f"{_name(o)}: {text}" for o in openings for text in _place_problems(plan, o)]
     if wrong:
         return wrong
     room = Polygon(plan.polygon)
-    spaces = [(_name(w), reveal_floor(w, plan)) for w in plan.windows]
-    spaces += [(_name(d), reveal_floor(d, plan).union(hall_floor(d, plan))) for d in plan.doors]
+    spaces = [(_name(w), forms.reveal_floor(w, plan)) for w in plan.windows]
+    spaces += [(_name(d), forms.reveal_floor(d, plan).union(forms.hall_floor(d, plan))) for d in plan.doors]
     wrong += [f"{name} reaches into the room" for name, space in spaces if space.intersection(room).area > 1e-4]
     wrong += [f"{a} and {b} meet" for (a, one), (b, two) in combinations(spaces, 2) if one.distance(two) < 0.01]
     for window in plan.windows:
-        outlook = reveal_floor(window, plan, window.depth_m + OUTLOOK_M)
-        wrong += [f"a hallway hides {_name(window)}" for d in plan.doors if outlook.intersects(hall_floor(d, plan))]
+        outlook = forms.reveal_floor(window, plan, window.depth_m + OUTLOOK_M)
+        wrong += [
+            f"a hallway hides {_name(window)}" for d in plan.doors if outlook.intersects(forms.hall_floor(d, plan))
+        ]
     return wrong + _swing_problems(plan, room)
 
 
 def fixture_problems(plan: Plan) -> list[str]:
     """Return problems of fixtures: outside their wall, over openings, in each other or in a door's way."""
     wrong = [f"{f.kind}: {text}" for f in plan.fixtures for text in _fixture_place_problems(plan, f)]
-    solid = [f for f in plan.fixtures if f.wall >= 0 and f.depth_m >= FLUSH_M and f.kind not in IN_WINDOW]
+    solid = [f for f in plan.fixtures if f.wall >= 0 and f.depth_m >= forms.FLUSH_M and f.kind not in IN_WINDOW]
     for a, b in combinations(solid, 2):
         curtains = a.kind in OVER_WINDOW and b.kind in OVER_WINDOW and a.kind != b.kind
         apart = a.bottom_m >= b.bottom_m + b.height_m or b.bottom_m >= a.bottom_m + a.height_m
-        if not (curtains or apart) and fixture_floor(a, plan).intersects(fixture_floor(b, plan)):
+        if not (curtains or apart) and forms.fixture_floor(a, plan).intersects(forms.fixture_floor(b, plan)):
             wrong.append(f"{a.kind} and {b.kind} meet")
-    for flat in (f for f in plan.fixtures if f.wall >= 0 and f.depth_m < FLUSH_M):
+    for flat in (f for f in plan.fixtures if f.wall >= 0 and f.depth_m < forms.FLUSH_M):
         others = (f for f in plan.fixtures if f is not flat and f.wall == flat.wall and f.kind not in IN_WINDOW)
-        wrong += [f"{flat.kind} and {f.kind} meet" for f in others if fixture_span(flat).overlaps(fixture_span(f))]
+        wrong += [
+            f"{flat.kind} and {f.kind} meet" for f in others if forms.fixture_span(flat).overlaps(forms.fixture_span(f))
+        ]
     return wrong
 
 
@@ -118,22 +106,22 @@ def _place_problems(plan: Plan, opening: Window | Door) -> list[str]:
     if not 0 <= opening.wall < len(plan.polygon):
         return ["there is no such wall"]
     wrong = []
-    span = opening_span(opening)
+    span = forms.opening_span(opening)
     if opening.width_m < 0.3 or span.height_m < 0.3:
         wrong.append("too small")
     if span.start_m < 0.01 or span.end_m > plan.wall_length_m(opening.wall) - 0.01:
         wrong.append("beyond the end of its wall")
     if span.top_m > plan.height_m - UNDER_CEILING_M:
         wrong.append("above the ceiling")
-    for other in (o for o in openings_of(plan, opening.wall) if o is not opening):
-        beside = opening_span(other)
+    for other in (o for o in forms.openings_of(plan, opening.wall) if o is not opening):
+        beside = forms.opening_span(other)
         if span.start_m < beside.end_m + OPENINGS_APART_M and beside.start_m < span.end_m + OPENINGS_APART_M:
             wrong.append("too near another opening")
     return wrong
 
 
 def _swing_problems(plan: Plan, room: Polygon) -> list[str]:
-    ways = [(d, door_swing(d, plan)) for d in plan.doors]
+    ways = [(d, forms.door_swing(d, plan)) for d in plan.doors]
     wrong = [f"the camera is in the way of {_name(d)}" for d, w in ways if w.distance(Spot(0, 0)) < FROM_CAMERA_M]
     swings = [(d, way) for d, way in ways if d.opens == "in"]
     # A leaf opened to a little more than a right angle may reach beyond its hinge, not to a wall there.
@@ -148,20 +136,24 @@ def _fixture_place_problems(plan: Plan, fixture: Fixture) -> list[str]:
         low = fixture.bottom_m < 1.8 or (fixture.height_m > 0.3 and disc.distance(Spot(0, 0)) < FROM_CAMERA_M)
         return [*([] if room.contains(disc) else ["not under the ceiling"]), *(["in the way"] if low else [])]
     wrong = []
-    span = fixture_span(fixture)
+    span = forms.fixture_span(fixture)
     if span.start_m < 0.005 or span.end_m > plan.wall_length_m(fixture.wall) - 0.005:
         wrong.append("beyond the end of its wall")
     if span.bottom_m < 0.0 or span.top_m > plan.height_m - 0.01:
         wrong.append("above the ceiling or below the floor")
     if fixture.kind in IN_WINDOW:
         return wrong
-    if not room.buffer(1e-3).contains(fixture_floor(fixture, plan)):
+    if not room.buffer(1e-3).contains(forms.fixture_floor(fixture, plan)):
         wrong.append("through another wall")
-    over = [o for o in openings_of(plan, fixture.wall) if isinstance(o, Door) or fixture.kind not in OVER_WINDOW]
-    wrong += ["over an opening" for o in over if span.overlaps(opening_span(o))]
+    over = [o for o in forms.openings_of(plan, fixture.wall) if isinstance(o, Door) or fixture.kind not in OVER_WINDOW]
+    wrong += ["over an opening" for o in over if span.overlaps(forms.opening_span(o))]
     inward = [d for d in plan.doors if d.opens == "in"]
-    if fixture.depth_m >= FLUSH_M and fixture.bottom_m < 2.2:
-        wrong += ["in a door's way" for d in inward if door_swing(d, plan).intersects(fixture_floor(fixture, plan))]
+    if fixture.depth_m >= forms.FLUSH_M and fixture.bottom_m < 2.2:
+        wrong += [
+            "in a door's way"
+            for d in inward
+            if forms.door_swing(d, plan).intersects(forms.fixture_floor(fixture, plan))
+        ]
     return wrong
 
 
@@ -211,7 +203,7 @@ def _windows(rng: np.random.Generator, plan: Plan, bay: tuple[int, ...]) -> Plan
     style = _draw_style(rng, plan.height_m)
     if bay:
         return replace(plan, windows=tuple(_in_facet(plan, wall, style) for wall in bay))
-    walls = [w for w in hull_edges(plan.polygon) if plan.wall_length_m(w) > 1.1]
+    walls = [w for w in forms.hull_edges(plan.polygon) if plan.wall_length_m(w) > 1.1]
     lengths = np.array([plan.wall_length_m(w) for w in walls])
     first = int(rng.choice(walls, p=lengths / lengths.sum()))
     chosen = [first]
@@ -303,7 +295,7 @@ def _in_wall(rng: np.random.Generator, plan: Plan, wall: int, style: WindowStyle
 
 def _draw_door(rng: np.random.Generator, plan: Plan, wall: int, height_m: float) -> Door | None:
     width = float(rng.choice([0.7, 0.76, 0.8, 0.86, 0.9, 0.95]))
-    least = TRIM_M + 0.04
+    least = forms.TRIM_M + 0.04
     slack = plan.wall_length_m(wall) - width - 2 * least
     if slack < 0:
         return None
