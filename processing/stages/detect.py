@@ -46,7 +46,7 @@ def run(context: StageContext) -> StageOutput:
         room,
         sun_direction=sun if possible else None,
         sun_possible=possible,
-        sun_seen=upright.sky_with_sun(context),
+        sun_seen=upright.sky_shows_sun(context) is True,
         meter_target=_meter_target(context),
         margin_rad=math.radians(asked.margin_deg),
     )
@@ -85,7 +85,7 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
         return False, "not looked for, as asked"
     if sun is not None and sun[1] <= 0:
         return False, "the sun was below the horizon"
-    if upright.sky_without_sun(context):
+    if upright.sky_shows_sun(context) is False:
         return False, "the outdoor picture shows no sun"
     return True, ""
 

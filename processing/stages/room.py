@@ -22,7 +22,7 @@ from processing.segmentation.installed import open_installed, segmenter_file
 from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RoomParameters
-from processing.stages.upright import sky_without_sun, sun_direction
+from processing.stages.upright import sky_shows_sun, sun_direction
 
 EVIDENCE_FILE = "evidence.npz"
 LEAST_SQUARE = 0.3
@@ -134,7 +134,7 @@ def _estimate(
     )
     context.progress(0.8, "windows and doors")
     outdoor = context.optional_artifact("calibrate", "outdoor")
-    sun = None if sky_without_sun(context) else sun_direction(context.session)
+    sun = None if sky_shows_sun(context) is False else sun_direction(context.session)
     openings = find_openings_in_sun(
         image, evidence if asked.segmenter_contract else seen, found.room, sun, outdoor=outdoor
     )

@@ -128,18 +128,9 @@ def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
     return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
 
 
-def sky_without_sun(context: StageContext) -> bool:
-    """Return whether the session's outdoor picture shows that no sun shone; False where there is none to ask."""
-    return _sun_outdoors(context).startswith("no")
-
-
-def sky_with_sun(context: StageContext) -> bool:
-    """Return whether the session's outdoor picture shows that the sun shone; False where there is none to ask."""
-    return _sun_outdoors(context).startswith("yes")
-
-
-def _sun_outdoors(context: StageContext) -> str:
-    """Return what calibration found of the sun in the outdoor picture, "" where there is none."""
+def sky_shows_sun(context: StageContext) -> bool | None:
+    """Return whether the sun shone, as the session's outdoor picture shows it; None where there is none to ask."""
     facts: dict[str, Any] | None = context.optional_artifact("calibrate", "calibration")
     outdoor = facts.get("outdoor") if facts else None
-    return "" if outdoor is None else str(outdoor["sun"]["found"])
+    found = "" if outdoor is None else str(outdoor["sun"]["found"])
+    return True if found.startswith("yes") else False if found.startswith("no") else None
