@@ -48,18 +48,6 @@ def _pad(
     return wrinkled(one, folds, 0.4, round(1000 * abs(x[0] + 2 * z[0]))) if folds else one
 
 
-def _plate(size: Span, z: Span, corner: float = 0.012, edge: float = 0.006) -> Solid:
-    return slab(*size, *z, corner_m=corner, edge_m=edge)
-
-
-def _cushion(size: Spot, crown: float = 0.03, piping: float = 0.0045, seed: int = 0, inner: int = 5) -> Solid:
-    return cushion(*size, crown_m=crown, piping_m=piping, seed=seed, inner=inner)
-
-
-def _pillow(size: Spot, seed: int = 0) -> Solid:
-    return pillow(*size, seed=seed, grid=11)
-
-
 def _cover(size: Span, drop: float, thick: float, seed: int = 4, foot: float = 0.0, begin: float = 0.0) -> Solid:
     cells = (40, 30 if foot else 12)
     return hanging(*size, drop, thick, seed=seed, foot_drop_m=foot, begin_m=begin, cells=cells)
@@ -85,17 +73,14 @@ def sweep(
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     frames = carried_frames(tangents, np.cross(tangents[0], np.asarray(side, dtype=np.float64)))
     ring = rounded_rectangle(section[1], section[0], corner * min(section), steps=3)[:, :2]
-    many = np.interp(np.linspace(0, 1, len(line)), np.linspace(0, 1, len(scale)), scale) if _many(scale) else scale
-    rows = line[:, None, :] + np.broadcast_to(many, len(line))[:, None, None] * (ring @ frames)
+    if isinstance(scale, tuple | list):
+        scale = np.interp(np.linspace(0, 1, len(line)), np.linspace(0, 1, len(scale)), scale)
+    rows = line[:, None, :] + np.broadcast_to(scale, len(line))[:, None, None] * (ring @ frames)
     return _outward(loft(rows))
 
 
 def _outward(body: Solid) -> Solid:
     return body if signed_volume_m3(body.vertices, body.faces) > 0 else solid(body.vertices, body.faces[:, ::-1])
-
-
-def _many(value: Any) -> bool:
-    return isinstance(value, tuple | list)
 
 
 def _band(profile: Sequence[Span], sides: int = 48) -> Solid:
@@ -130,13 +115,17 @@ def _drape(x: Span, z: Span, deep: float, pleats: int, seed: int = 0) -> Solid:
     return sheets(np.stack([across, y + thick, up], -1), np.stack([across, y - thick, up], -1))
 
 
-def _wheel(profile: Sequence[Span], sides: int = 32, stretch: Span = (1.0, 1.0)) -> Solid:
-    return turned_piece(profile, sides).scaled(stretch[0], stretch[1], 1.0)
-
-
 SHAPES: dict[str, Callable[..., Solid]] = {
-    "box": _box, "pad": _pad, "plate": _plate, "cushion": _cushion, "pillow": _pillow, "cover": _cover, "rod": _rod,
-    "sweep": sweep, "band": _band, "leaf": _leaf, "drape": _drape, "turned": _wheel,
+    "box": _box, "pad": _pad, "cover": _cover, "rod": _rod, "sweep": sweep, "band": _band, "leaf": _leaf,
+    "drape": _drape,
+    "plate": lambda size, z, corner=0.012, edge=0.006: slab(*size, *z, corner_m=corner, edge_m=edge),
+    "cushion": lambda size, crown=0.03, piping=0.0045, seed=0, inner=5: cushion(
+        *size, crown_m=crown, piping_m=piping, seed=seed, inner=inner
+    ),
+    "pillow": lambda size, seed=0: pillow(*size, seed=seed, grid=11),
+    "turned": lambda profile, sides=32, stretch=(1.0, 1.0): turned_piece(profile, sides).scaled(
+        stretch[0], stretch[1], 1.0
+    ),
     "vessel": lambda profile, wall=0.006, sides=28: vessel(profile, wall, sides),
     "leg": lambda foot, hip, r, sides=14: leg(foot, hip, r[0], r[1], sides),
     "post": lambda foot, hip, side: square_leg(foot, hip, *side),
