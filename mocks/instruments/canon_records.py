@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -76,13 +76,6 @@ def value_bytes(value: CanonValue) -> bytes:
 def value_changed(prop: int, value: CanonValue) -> Record:
     """Return C189."""
     return Record(CanonEvent.PROP_VALUE_CHANGED, struct.pack("<I", prop) + value_bytes(value))
-
-
-def list_changed(prop: int, choices: Iterable[CanonValue]) -> Record:
-    """Return C18A; a property without a list has type 1 and count 0."""
-    items = [value_bytes(c) for c in choices]
-    head = struct.pack("<III", prop, WITH_LIST if items else NO_LIST, len(items))
-    return Record(CanonEvent.AVAIL_LIST_CHANGED, head + b"".join(items))
 
 
 def number(code: int, value: int) -> Record:
@@ -229,7 +222,11 @@ class CanonSettings:
         if event.code == CanonEvent.PROP_VALUE_CHANGED and event.prop != CanonProp.CUSTOM_FUNCTIONS:
             return self.value_record(event.prop)
         if event.code == CanonEvent.AVAIL_LIST_CHANGED and event.prop in (CanonProp.SHUTTER_SPEED, CanonProp.APERTURE):
-            return list_changed(event.prop, self.choices(event.prop))
+            # C18A; a property without a list has type 1 and count 0
+            choices = self.choices(event.prop)
+            items = [value_bytes(c) for c in choices]
+            head = struct.pack("<III", event.prop, WITH_LIST if items else NO_LIST, len(items))
+            return Record(CanonEvent.AVAIL_LIST_CHANGED, head + b"".join(items))
         return Record(event.code, event.payload)
 
 

@@ -173,7 +173,10 @@ def display_of(
     step = max(1, rgb.shape[1] // 1024)
     sample = rgb[step // 2 :: step, step // 2 :: step]
     weight = np.broadcast_to(row_solid_angles(sample.shape[:2]), sample.shape[:2])
-    adapted = _adaptation(white)
+    # The matrix (3, 3) that shows light of a colour (3,) as the screen's white (von Kries in Bradford's)
+    xyz, cone = np.asarray(XYZ_OF_RGB), np.asarray(BRADFORD)
+    gain = (cone @ xyz @ np.ones(3)) / (cone @ xyz @ white)
+    adapted = np.asarray(np.asarray(RGB_OF_XYZ) @ np.linalg.inv(cone) @ np.diag(gain) @ cone @ xyz)
     level = luminance_cd_m2(np.maximum(sample @ adapted.T.astype(np.float32), 0))
     outside = np.zeros(level.shape, bool) if panes is None else panes[step // 2 :: step, step // 2 :: step]
     bright = _weighted_quantile(level[~outside], weight[~outside], BRIGHT_SHARE)
@@ -237,13 +240,6 @@ def spot_colour(rgb: Floats, longitude_rad: float, latitude_rad: float) -> Doubl
     some = np.arange(math.floor(row - reach), math.ceil(row + reach) + 1).clip(0, rows - 1)
     others = np.arange(math.floor(column - wide), math.ceil(column + wide) + 1) % columns
     return np.asarray(np.median(rgb[np.ix_(some, others)].reshape(-1, 3), axis=0), np.float64)
-
-
-def _adaptation(white: Doubles) -> Doubles:
-    """Return the matrix (3, 3) that shows light of a colour (3,) as the screen's white (von Kries in Bradford's)."""
-    xyz, cone = np.asarray(XYZ_OF_RGB), np.asarray(BRADFORD)
-    gain = (cone @ xyz @ np.ones(3)) / (cone @ xyz @ white)
-    return np.asarray(np.asarray(RGB_OF_XYZ) @ np.linalg.inv(cone) @ np.diag(gain) @ cone @ xyz)
 
 
 def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import PictureFileError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from station.session import durable
 from station.session.folder import Folder, part_name, write_file
@@ -36,8 +36,12 @@ def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> Non
     if image.ghost is not None:
         check_array(image.ghost, "ghost", (height, width), np.uint8, where)
     check_light(image.rgb, where)
-    check_uncertainty(image.uncertainty, where)
-    check_validity(image.validity, where)
+    # Raise unless all relative uncertainties are above 0 (infinity: nothing is known). ``uncertainty``: (H, W).
+    if not bool((image.uncertainty > 0).all()):
+        wrong = int((~(image.uncertainty > 0)).sum())
+        raise refused(where, f"{wrong} relative uncertainties are NaN, zero or negative")
+    if int(image.validity.max(initial=0)) > max(Validity):
+        raise refused(where, f"validity {int(image.validity.max())} is no known code (0 to {int(max(Validity))})")
     if isinstance(image, LuminanceImage) and not (
         math.isfinite(image.scale_uncertainty) and image.scale_uncertainty >= 0
     ):
@@ -78,19 +82,6 @@ def check_light(rgb: Floats, where: Path | str) -> None:
             f"{int(wrong.sum())} values in rows {top} to {top + rows.shape[0] - 1} are no light; the first, "
             f"{rows[y, x, channel]}, is {'RGB'[channel]} of the pixel in column {x}, row {top + y}",
         )
-
-
-def check_uncertainty(uncertainty: Floats, where: Path | str) -> None:
-    """Raise unless all relative uncertainties are above 0 (infinity: nothing is known). ``uncertainty``: (H, W)."""
-    if not bool((uncertainty > 0).all()):
-        wrong = int((~(uncertainty > 0)).sum())
-        raise refused(where, f"{wrong} relative uncertainties are NaN, zero or negative")
-
-
-def check_validity(validity: Bytes, where: Path | str) -> None:
-    """Raise unless all codes are those of `Validity`. ``validity``: (H, W)."""
-    if int(validity.max(initial=0)) > max(Validity):
-        raise refused(where, f"validity {int(validity.max())} is no known code (0 to {int(max(Validity))})")
 
 
 def refused(where: Path | str, what: str, *, likely: str = "", advice: str = "") -> PictureFileError:

@@ -80,7 +80,15 @@ def find_furniture(
     whole
         Complete things to the borders of their colours: for evidence that two networks share.
     """
-    prior = furniture_prior(probabilities, maps, rgb8)
+    # The probability (H, W) of furniture: the network's, what the room says, and unusual colours. Weights are a
+    # logistic regression on simulated rooms of validation seeds and real rooms that may be looked at
+    # (docs/reference/detection.md), rounded.
+    share = np.clip(probabilities[SceneClass.FURNITURE], 1e-3, 1 - 1e-3)
+    unusual = surface_outliers(probabilities, maps, rgb8)
+    odds = EVIDENCE_WEIGHT * np.log(share / (1 - share)) + BIAS
+    odds += HERE_WEIGHT * unusual + AROUND_WEIGHT * smoothed(unusual, AROUND_RAD)
+    odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (maps.opening >= 0)
+    prior = np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
     vote = CUT_SHARE * snapped(prior, rgb8) + (1 - CUT_SHARE) * prior
     soft = np.clip(0.5 + SHARPNESS * (vote - TAKEN), 0, 1).astype(np.float32)
     if whole:
@@ -93,20 +101,6 @@ def find_furniture(
     kept, dropped, dropped_sr = attached(mask, maps.plane == FLOOR)
     islands = islands_in(kept, maps.opening >= 0)
     return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)
-
-
-def furniture_prior(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Floats:
-    """Return the probability (H, W) of furniture: the network's, what the room says, and unusual colours.
-
-    Weights are a logistic regression on simulated rooms of validation seeds and real rooms that may be looked at
-    (docs/reference/detection.md), rounded.
-    """
-    share = np.clip(probabilities[SceneClass.FURNITURE], 1e-3, 1 - 1e-3)
-    unusual = surface_outliers(probabilities, maps, rgb8)
-    odds = EVIDENCE_WEIGHT * np.log(share / (1 - share)) + BIAS
-    odds += HERE_WEIGHT * unusual + AROUND_WEIGHT * smoothed(unusual, AROUND_RAD)
-    odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (maps.opening >= 0)
-    return np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
 
 
 def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:

@@ -133,7 +133,11 @@ def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float)
         return np.zeros(floor.shape, bool), False
     # Feet that show beyond a painted disc or a plate are seen alone: strange colours and pale spots at its rim.
     rim = cv2.dilate(kept.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
-    feet = rim & ((strange > 0.5) | pale_spots(picture)) & (furniture < 0.5)
+    # What is narrower than `LEG_PX` and `PALER` times as bright as what is beside it, (H, W), and its edge
+    light = np.log((cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255) ** 2.2 + 1e-3)
+    brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
+    paler = (cv2.morphologyEx(light, cv2.MORPH_TOPHAT, brush) > math.log(PALER)).astype(np.uint8)
+    feet = rim & ((strange > 0.5) | np.asarray(cv2.dilate(paler, np.ones((3, 3), np.uint8)), bool)) & (furniture < 0.5)
     whole = cv2.morphologyEx((kept | feet).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     return onto_panorama(whole.astype(np.float32), (floor.shape[0], floor.shape[1])) > 0.5, True
 
@@ -152,14 +156,6 @@ def thin_and_dark(rgb8: Bytes) -> Floats:
     darker = cv2.morphologyEx(light, cv2.MORPH_BLACKHAT, brush)
     low, high = np.log(DARKER)
     return np.asarray(np.clip((darker - low) / (high - low), 0, 1), np.float32)
-
-
-def pale_spots(rgb8: Bytes) -> Flags:
-    """Return what is narrower than `LEG_PX` and `PALER` times as bright as what is beside it, (H, W), and its edge."""
-    light = np.log((cv2.cvtColor(rgb8, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255) ** 2.2 + 1e-3)
-    brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
-    paler = (cv2.morphologyEx(light, cv2.MORPH_TOPHAT, brush) > math.log(PALER)).astype(np.uint8)
-    return np.asarray(cv2.dilate(paler, np.ones((3, 3), np.uint8)), bool)
 
 
 def painted_disc(rgb8: Bytes) -> float:

@@ -107,18 +107,13 @@ def _behind_blind(one: Candidate) -> Candidate:
     ]
     if beside and max(beside) > CLOTH_SHARE:
         return one
-    return replace(one, box=(u0, _head(one, max(0.0, v0 - above)), u1, v1))
-
-
-def _head(one: Candidate, above_m: float) -> float:
-    """Return the edge near the upper end of a blind; that end itself where there is none.
-
-    The outermost texels are left out: the wall's own edge with the ceiling runs there, and none is counted.
-    """
+    # The edge near the upper end of a blind; that end itself where there is none. The outermost texels are left out:
+    # the wall's own edge with the ceiling runs there, and none is counted.
+    above_m = max(0.0, v0 - above)
     p = one.field.view.px_per_m
     tried = np.arange(max(1.5 / p, above_m - HEAD_REACH_M), above_m + HEAD_REACH_M, 0.5 / p)
     edge = np.array([one.field.level_edge(float(v), one.box[0], one.box[2]) for v in tried])
-    return float(tried[int(edge.argmax())]) if edge.size and edge.max() > 0 else above_m
+    return replace(one, box=(u0, float(tried[int(edge.argmax())]) if edge.size and edge.max() > 0 else above_m, u1, v1))
 
 
 def _shared(windows: list[Candidate]) -> list[Candidate]:

@@ -230,11 +230,7 @@ BARK = Material("bark", (0.16, 0.115, 0.075))
 def plant(b: Build) -> None:
     """Build a plant in its pot; tall ones may be small trees."""
     designs = (_bush, _swords, _tree) if b.size[2] > 0.8 else (_bush, _swords, _bush)
-    designs[b.item.seed % 3](b, *_pot(b))
-
-
-def _pot(b: Build) -> tuple[float, float]:
-    """Add the pot with its soil; return its radius and the height of the soil."""
+    # The pot with its soil; the plant grows from within its radius, at the height of the soil
     w, _, h = b.size
     tall = float(np.clip(0.26 * h, 0.08, 0.34))
     r = min(0.36 * w, 0.62 * tall)
@@ -242,7 +238,7 @@ def _pot(b: Build) -> tuple[float, float]:
     outline = [(0.0, 0.0), (0.74 * r, 0.0), (0.80 * r, 0.02), (r, tall), (r - wall, tall), (r - 1.6 * wall, 0.8 * tall)]
     b.add(lathe([*outline, (0.0, 0.8 * tall)], 28), b.plain("pot", CERAMIC, None if b.item.seed % 2 else 0.25))
     b.add(cylinder((0, 0, 0.8 * tall), r - 1.6 * wall - 0.002, 0.1 * tall, 0.0, 20), SOIL)
-    return r, 0.9 * tall
+    designs[b.item.seed % 3](b, r, 0.9 * tall)
 
 
 def _aimed(mesh: Mesh, rise_rad: float, azimuth_rad: float, base: Vector) -> Mesh:

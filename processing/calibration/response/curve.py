@@ -122,10 +122,17 @@ class FineCurve:
         ``log2_exposure``: shape (256,), stops, strictly rising.
         """
         from scipy.interpolate import PchipInterpolator
+        from scipy.ndimage import gaussian_filter1d
 
         codes = np.linspace(0, 255, 255 * FINE_STEPS + 1)
         log2 = np.asarray(np.log2(PchipInterpolator(np.arange(256), np.exp2(log2_exposure))(codes)), dtype=np.float64)
-        smooth = _smooth_slope(log2_exposure)
+        # Stops a code (256,), smooth over the root of the code. Weights and noise hang on it: with the slope of a
+        # curve that ripples they would reward its ripples, round by round.
+        root = np.sqrt(np.arange(256) + 2.0)
+        even = np.linspace(root[0], root[-1], 256)
+        slope = np.log(np.maximum(np.gradient(log2_exposure) * root, 1e-6))
+        smooth = gaussian_filter1d(np.interp(even, root, slope), SLOPE_SMOOTHING)
+        smooth = np.asarray(np.exp(np.interp(root, even, smooth)) / root)
         slope = np.interp(codes, np.arange(256), smooth)
         bend = np.interp(codes, np.arange(256), np.gradient(smooth))
         return FineCurve(log2, slope, bend)
@@ -146,20 +153,6 @@ class FineCurve:
         """Return the code of an exposure, 0..255. Of the shape of ``log2_exposure``."""
         codes = np.linspace(0, 255, len(self.log2))
         return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
-
-
-def _smooth_slope(log2_exposure: Doubles) -> Doubles:
-    """Return stops a code (256,), smooth over the root of the code.
-
-    Weights and noise hang on it: with the slope of a curve that ripples they would reward its ripples, round by round.
-    """
-    from scipy.ndimage import gaussian_filter1d
-
-    root = np.sqrt(np.arange(256) + 2.0)
-    even = np.linspace(root[0], root[-1], 256)
-    slope = np.log(np.maximum(np.gradient(log2_exposure) * root, 1e-6))
-    smooth = gaussian_filter1d(np.interp(even, root, slope), SLOPE_SMOOTHING)
-    return np.asarray(np.exp(np.interp(root, even, smooth)) / root)
 
 
 @dataclass(frozen=True)
