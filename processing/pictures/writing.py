@@ -36,7 +36,7 @@ def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> Non
     if image.ghost is not None:
         check_array(image.ghost, "ghost", (height, width), np.uint8, where)
     check_light(image.rgb, where)
-    # Raise unless all relative uncertainties are above 0 (infinity: nothing is known). ``uncertainty``: (H, W).
+    # Relative uncertainties (H, W) are above 0; infinity: nothing is known.
     if not bool((image.uncertainty > 0).all()):
         wrong = int((~(image.uncertainty > 0)).sum())
         raise refused(where, f"{wrong} relative uncertainties are NaN, zero or negative")

@@ -138,12 +138,8 @@ def _stand_board(room: Arrangement) -> Item | None:
         turn = math.atan2(-x, y) + float(np.clip(room.rng.normal(0, 0.15), -0.5, 0.5))
         size = (0.5, 0.4, room.draw(1.2, 1.45))
         board = room.item("meter board", size, (x, y, 0.0), turn, (), Role.EQUIPMENT)
-        if _in_sight(room, board) and room.fits(board):
+        if not any(hides_board(board, item) for item in room.items) and room.fits(board):
             found.append(board)
             if not sees_window(room.plan, board):
                 return room.add(board)
     return room.add(found[0]) if found else None
-
-
-def _in_sight(room: Arrangement, board: Item) -> bool:
-    return not any(hides_board(board, item) for item in room.items)
