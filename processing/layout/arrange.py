@@ -13,23 +13,12 @@ from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
 from processing.layout.rules import Rules, RuleSet, built_in_rules
+from processing.layout.solver import poses
 from processing.layout.solver.alternatives import Candidate, Chosen, choose, run_search, varied
 from processing.layout.solver.field import Field, Floor, make_field
 from processing.layout.solver.grouping import host_role
 from processing.layout.solver.left_out import host_lost, not_placed, refuse_too_small, with_last_places
-from processing.layout.solver.poses import (
-    Frame,
-    Pose,
-    Stand,
-    anchor,
-    canonical_plan,
-    in_frame,
-    in_room,
-    outline_rows,
-    pieces,
-    stands,
-    with_reached_sides,
-)
+from processing.layout.solver.poses import Frame, Pose, Stand
 from processing.layout.solver.scores import soft_scores, weighted
 from processing.layout.solver.search import Final, Search
 from processing.layout.verify import Judge
@@ -78,22 +67,22 @@ def arrange(
         raise NoDoorError("the plan has no door", where=plan.name)
     stood, free = pinned_stands(items, pins or {}, plan, rules)
     judge = Judge(plan, rules)
-    broken = judge.judge(pieces(stood)).violations if stood else ()
+    broken = judge.judge(poses.pieces(stood)).violations if stood else ()
     if broken:
         raise PinError(f"what is pinned breaks a rule of '{rules.name}': {broken[0]}", where=plan.name)
     too_tall = [item for item in free if item.spec.top_m > plan.ceiling_height_m]
     free = [item for item in free if item not in too_tall]
-    inner, frame = canonical_plan(
+    inner, frame = poses.canonical_plan(
         plan, [(s.x_m, s.y_m, s.theta_rad) for s in stood], mirror=not any(item.spec.handed for item in items)
     )
-    held = [in_frame(s, frame) for s in stood]
-    field = make_field(Floor(inner), rules, [row for s in held for row in outline_rows(s)])
+    held = [poses.in_frame(s, frame) for s in stood]
+    field = make_field(Floor(inner), rules, [row for s in held for row in poses.outline_rows(s)])
     doors = field.reachable_doors()
     if not doors:
         raise RoomTooSmallError(
             f"no path of {rules.path:g} m begins at any door, even in the empty room", where=plan.name
         )
-    search = Search(field, doors, [anchor(s) for s in held])
+    search = Search(field, doors, [poses.anchor(s) for s in held])
     task = _Task(plan, items, tuple(stood), tuple(too_tall), search, frame, rules, book, judge)
     finals = run_search(search, free, rules, n, seed, task.valid) if free else []
     if any(f.left_out() for f in finals[:1]):
@@ -125,11 +114,11 @@ class _Task:
 
     def in_room(self, final: Final) -> tuple[Stand, ...]:
         """Return all pieces of a state in the room's frame."""
-        return (*self.stood, *(in_room(s, self.frame) for s in stands(final)))
+        return (*self.stood, *(poses.in_room(s, self.frame) for s in poses.stands(final)))
 
     def valid(self, final: Final) -> bool:
         """Return whether the judge passes a state."""
-        return self.judge.passes(pieces(self.in_room(final)))
+        return self.judge.passes(poses.pieces(self.in_room(final)))
 
     @cached_property
     def bare(self) -> Field:
@@ -185,7 +174,7 @@ def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
         if chosen and loss > least + (LITTLE_MORE if least > 0 else 0.0):
             break
         least = least if chosen else loss
-        chosen = choose(candidates, n, main, lambda c: task.judge.passes(pieces(c.placed)), 6 * n + 24, chosen)
+        chosen = choose(candidates, n, main, lambda c: task.judge.passes(poses.pieces(c.placed)), 6 * n + 24, chosen)
         if len(chosen) == n:
             break
     if not any(one.candidate.left_out for one in chosen):
@@ -199,12 +188,12 @@ def _fuller(candidate: Candidate, task: _Task) -> Candidate:
     left = [item for item in task.items if item.id in candidate.left_out]
     if not left:
         return candidate
-    inner = [in_frame(s, task.frame) for s in candidate.placed]
+    inner = [poses.in_frame(s, task.frame) for s in candidate.placed]
 
     def in_the_room(more: Sequence[Stand]) -> tuple[Stand, ...]:
-        return (*candidate.placed, *(in_room(s, task.frame) for s in more[len(inner) :]))
+        return (*candidate.placed, *(poses.in_room(s, task.frame) for s in more[len(inner) :]))
 
-    full = with_last_places(inner, left, task.bare, lambda them: task.judge.passes(pieces(in_the_room(them))))
+    full = with_last_places(inner, left, task.bare, lambda them: task.judge.passes(poses.pieces(in_the_room(them))))
     if len(full) == len(inner):
         return candidate
     stood = {s.item.id for s in full}
@@ -216,15 +205,15 @@ def _fuller(candidate: Candidate, task: _Task) -> Candidate:
 def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[float, list[Candidate]]]:
     """Yield (loss, the best states with their soft scores, best first): those that leave least out, then the next."""
     floor = task.search.field.floor
-    held = [in_frame(s, task.frame) for s in task.stood]
+    held = [poses.in_frame(s, task.frame) for s in task.stood]
     losses = sorted({round(f.loss(), 9) for f in finals})
     for least in losses:
         alike = [f for f in finals if round(f.loss(), 9) == least]
         kept = varied(alike, 8 if n == 1 else 6 * n)
         made = []
         for final in kept:
-            free = stands(final)
-            placed = (*task.stood, *(in_room(s, task.frame) for s in free))
+            free = poses.stands(final)
+            placed = (*task.stood, *(poses.in_room(s, task.frame) for s in free))
             # Scored in the canonical frame, so that a turned room ranks them alike.
             scores = soft_scores(floor, [*held, *free])
             left = tuple(sorted(item.id for item in final.left_out()))
@@ -235,17 +224,17 @@ def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[
 def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
     candidate, by_id = chosen.candidate, {item.id: item for item in task.items}
     refused = [_too_tall(item, task.plan) for item in task.too_tall]
-    inner = [in_frame(s, task.frame) for s in candidate.placed]
+    inner = [poses.in_frame(s, task.frame) for s in candidate.placed]
     stood = {s.item.spec.category for s in candidate.placed}
     asked = {item.spec.category for item in task.items}
     for item in (by_id[name] for name in candidate.left_out):
         lost = host_role(item, asked) and not host_role(item, stood)
         refused.append(host_lost(item) if lost else not_placed(item, inner, task.bare))
-    known = pieces(candidate.placed)
+    known = poses.pieces(candidate.placed)
     meets = [n for n, judge in task.judges.items() if n == task.rules.name or judge.passes(known, fits=True)]
     return Arrangement(
         rank=rank,
-        items=tuple(placed_item(s) for s in with_reached_sides(candidate.placed, task.judge, task.rules)),
+        items=tuple(placed_item(s) for s in poses.with_reached_sides(candidate.placed, task.judge, task.rules)),
         score=candidate.score,
         scores=candidate.scores,
         rule_set=task.rules.name,

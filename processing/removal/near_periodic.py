@@ -16,22 +16,10 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
+from processing.removal import near_periodic_lattice
 from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
 from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights, window_around
-from processing.removal.near_periodic_lattice import (
-    ORIENTED_NCC,
-    Lattice,
-    Line,
-    SelfCorrelation,
-    find_lattice,
-    find_line,
-    high_passed,
-    lattice_offsets,
-    line_offsets,
-    loose_offsets,
-    oriented,
-    self_correlation,
-)
+from processing.removal.near_periodic_lattice import Lattice, Line, SelfCorrelation
 
 SEARCH_PX = 400
 """Of the longer side of the picture on which the lattice is sought."""
@@ -106,7 +94,7 @@ def complete(
     filled, confidence, left = job.filled(offsets, manner_of(repeat, cell))
     if left.any() and repeat is not Repeat.NONE:
         rest = _Job(filled, known | (hole & ~left), left, density)
-        loose = loose_offsets(found.correlation) / found.factor
+        loose = near_periodic_lattice.loose_offsets(found.correlation) / found.factor
         filled, more, left = rest.filled(loose, manner_of(Repeat.NONE, LOOSE_CELL * max(known.shape)))
         confidence = np.where(rest.known, confidence, 0.5 * more)
     if left.any():
@@ -140,15 +128,21 @@ def analyse(values: Floats, known: Flags) -> Analysis:
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
     smooth = 0.1 * min(small.shape[:2])
-    correlation = self_correlation(high_passed(small[..., 0], seen, smooth), seen)
-    lattice = find_lattice(correlation)
-    field, inner = oriented(high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX)
+    correlation = near_periodic_lattice.self_correlation(
+        near_periodic_lattice.high_passed(small[..., 0], seen, smooth), seen
+    )
+    lattice = near_periodic_lattice.find_lattice(correlation)
+    field, inner = near_periodic_lattice.oriented(
+        near_periodic_lattice.high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX
+    )
     if lattice is None:
-        lattice = find_lattice(self_correlation(field, inner), ORIENTED_NCC)
+        lattice = near_periodic_lattice.find_lattice(
+            near_periodic_lattice.self_correlation(field, inner), near_periodic_lattice.ORIENTED_NCC
+        )
     if lattice is not None:
         scaled = Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength)
         return Analysis(scaled, None, correlation, factor)
-    return Analysis(None, find_line(field, inner), correlation, factor)
+    return Analysis(None, near_periodic_lattice.find_line(field, inner), correlation, factor)
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
@@ -166,11 +160,11 @@ def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float
     """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
     if found.lattice is not None:
         cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
-        return lattice_offsets(found.lattice, known.shape[:2]), cell
+        return near_periodic_lattice.lattice_offsets(found.lattice, known.shape[:2]), cell
     cell = LOOSE_CELL * max(known.shape)
     if found.line is not None:
-        return line_offsets(found.line, found.correlation) / found.factor, cell
-    return loose_offsets(found.correlation) / found.factor, cell
+        return near_periodic_lattice.line_offsets(found.line, found.correlation) / found.factor, cell
+    return near_periodic_lattice.loose_offsets(found.correlation) / found.factor, cell
 
 
 def manner_of(repeat: Repeat, cell_px: float) -> Manner:

@@ -16,23 +16,8 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.room.opening_fit import (
-    AROUND_M,
-    COMMON_EDGE,
-    DOOR,
-    LEAST_SIDE_M,
-    WINDOW,
-    Box,
-    Candidate,
-    Field,
-    Kind,
-    box_of_shown,
-    fitted,
-    fitted_last,
-    recess_cost,
-    score_of,
-    shown_box,
-)
+from processing.room import opening_fit
+from processing.room.opening_fit import Box, Candidate, Field, Kind
 from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 
@@ -126,14 +111,14 @@ def _shared(windows: list[Candidate]) -> list[Candidate]:
 
 def _aligned(one: Candidate, surer: list[Candidate], side: int) -> Candidate:
     """Return a window with the head (side 1) or sill (3) of the first of surer ones under which it is as good."""
-    least = score_of(one.field, one.recess_m, one.box) - SHARED_COST
+    least = opening_fit.score_of(one.field, one.recess_m, one.box) - SHARED_COST
     for other in surer:
         theirs = other.box[side]
         if abs(theirs - one.box[side]) > SHARED_REACH_M:
             continue
         u0, v0, u1, v1 = one.box
         box = (u0, theirs, u1, v1) if side == 1 else (u0, v0, u1, theirs)
-        if score_of(one.field, one.recess_m, box) >= least:
+        if opening_fit.score_of(one.field, one.recess_m, box) >= least:
             return replace(one, box=box)
     return one
 
@@ -178,7 +163,7 @@ def find_openings(
     Raises `RoomError` where the room cannot stand.
     """
     views = tuple(_plain_is_wall(view) for view in wall_views(image, evidence, room))
-    found = [*uncovered(_of_kind(views, WINDOW)), *_of_kind(views, DOOR)]
+    found = [*uncovered(_of_kind(views, opening_fit.WINDOW)), *_of_kind(views, opening_fit.DOOR)]
     outside = luminance_outside(image, outdoor)
     return tuple(_opening(one, room, outside) for one in _apart(found))
 
@@ -195,7 +180,7 @@ def luminance_outside(image: RelativeImage | LuminanceImage, outdoor: LuminanceI
 def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
     """Return the fitted openings of a kind on all walls, at the recess that suits all of them."""
     fields = [Field(view, kind) for view in views]
-    if kind is WINDOW:
+    if kind is opening_fit.WINDOW:
         fields += [Field(view, kind, cloth=True) for view in views]
     starts = [(field, box) for field in fields for box in proposals(field)]
     if not starts:
@@ -203,14 +188,14 @@ def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
     best: tuple[float, list[Candidate]] = (-math.inf, [])
     for recess in kind.recesses_m:
         tried = [_fit(field, recess, shown) for field, shown in starts]
-        total = sum(one.score - recess_cost(kind, recess) for one in tried)
+        total = sum(one.score - opening_fit.recess_cost(kind, recess) for one in tried)
         best = max(best, (total, tried), key=lambda entry: entry[0])
     sure = [one for one in best[1] if one.score > (LEAST_BLIND_SCORE if one.field.cloth else LEAST_SCORE[kind.shown])]
-    return [fitted_last(one) for one in sure]
+    return [opening_fit.fitted_last(one) for one in sure]
 
 
 def _fit(field: Field, recess: float, shown: Box) -> Candidate:
-    value, box = fitted(field, recess, box_of_shown(field.view, recess, shown))
+    value, box = opening_fit.fitted(field, recess, opening_fit.box_of_shown(field.view, recess, shown))
     return Candidate(field, box, recess, value)
 
 
@@ -221,8 +206,10 @@ def _plain_is_wall(view: WallView) -> WallView:
     """
     share, p = view.share, view.px_per_m
     rows = np.where(view.known, view.log_luminance, np.nan)
-    wide, narrow = max(1, round(AROUND_M * p)), np.ones((1, max(1, round(PIER_M * p))), np.uint8)
-    for u0, v0, u1, v1 in (tuple(round(side * p) for side in box) for box in proposals(Field(view, WINDOW))):
+    wide, narrow = max(1, round(opening_fit.AROUND_M * p)), np.ones((1, max(1, round(PIER_M * p))), np.uint8)
+    for u0, v0, u1, v1 in (
+        tuple(round(side * p) for side in box) for box in proposals(Field(view, opening_fit.WINDOW))
+    ):
         seen = rows[v0:v1]
         low, middle, high = np.nanpercentile(np.where(np.isnan(seen).all(axis=0), 0, seen), [25, 50, 75], axis=0)
         like, pane = np.zeros(len(middle), bool), float(np.percentile(high[u0:u1], 75))
@@ -234,7 +221,7 @@ def _plain_is_wall(view: WallView) -> WallView:
         upright = np.abs(view.edges[0])[v0:v1].mean(axis=0)
         for end, inwards in ((u0, slice(u0, u1)), (u1, slice(u1 - 1, u0 - 1 if u0 else None, -1))):
             # Where an edge ends the window, what has the wall's brightness behind it is a curtain.
-            if upright[max(0, end - wide // 2) : end + wide // 2].max(initial=0) > COMMON_EDGE:
+            if upright[max(0, end - wide // 2) : end + wide // 2].max(initial=0) > opening_fit.COMMON_EDGE:
                 other = np.flatnonzero(~wall[inwards])
                 wall[inwards][: int(other[0]) if other.size else None] = False
         if wall.any():
@@ -294,7 +281,7 @@ def _apart(found: list[Candidate]) -> list[Candidate]:
     for one in sorted(found, key=lambda c: -c.score):
         beside = [other for other in kept if other.field.view.wall == one.field.view.wall]
         u0, v0, u1, v1 = one.box
-        if min(u1 - u0, v1 - v0) >= LEAST_SIDE_M and not any(_overlap(one, other) for other in beside):
+        if min(u1 - u0, v1 - v0) >= opening_fit.LEAST_SIDE_M and not any(_overlap(one, other) for other in beside):
             kept.append(one)
     return kept
 
@@ -315,7 +302,7 @@ def _opening(one: Candidate, room: RoomModel, outside: float | None) -> Opening:
     view = one.field.view
     u0, v0, u1, v1 = _to_floor(one)
     length, height = view.plane.width_m, view.plane.height_m
-    kind = OpeningKind.WINDOW if one.field.kind is WINDOW else OpeningKind.DOOR
+    kind = OpeningKind.WINDOW if one.field.kind is opening_fit.WINDOW else OpeningKind.DOOR
     if kind is OpeningKind.DOOR and u1 - u0 > WIDEST_DOOR_M:
         kind = OpeningKind.PASSAGE
     return Opening(
@@ -331,11 +318,11 @@ def _opening(one: Candidate, room: RoomModel, outside: float | None) -> Opening:
 
 def _confidence(one: Candidate, outside: float | None) -> float:
     """Return how surely the opening is there: how clearly its inside is of its class, and how much speaks for it."""
-    shown = shown_box(one.field.view, one.recess_m, one.box)
+    shown = opening_fit.shown_box(one.field.view, one.recess_m, one.box)
     area = max((shown[2] - shown[0]) * (shown[3] - shown[1]), 1e-6)
     inside = float(np.clip(one.field.region(shown) / area, 0.0, 1.0))
     surely = math.sqrt(inside) * float(np.clip(one.score / FULL_SCORE, 0.0, 1.0))
-    if outside is not None and one.field.kind is WINDOW and _brightest(one) < outside - DIMMEST_PANE_STOPS:
+    if outside is not None and one.field.kind is opening_fit.WINDOW and _brightest(one) < outside - DIMMEST_PANE_STOPS:
         surely /= 2
     return surely
 

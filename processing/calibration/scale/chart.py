@@ -16,16 +16,8 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.scale.chart_patches import (
-    NEUTRALS,
-    PATCH_NAMES,
-    WHITE,
-    FoundChart,
-    candidates,
-    checked_corners,
-    read_chart,
-    refined,
-)
+from processing.calibration.scale import chart_patches
+from processing.calibration.scale.chart_patches import FoundChart
 from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
 from processing.ground.arrays import Doubles
@@ -76,12 +68,14 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
     Raises `ChartError`: no chart was found, or what lies at the corners is none; also patches under four pixels.
     """
     if corners_px is not None:
-        chart = read_chart(view, refined(view, checked_corners(corners_px)), "corners")
+        chart = chart_patches.read_chart(
+            view, chart_patches.refined(view, chart_patches.checked_corners(corners_px)), "corners"
+        )
         return _sure(chart, "the corners do not enclose the 24-patch chart")
     best: FoundChart | None = None
-    for corners in islice(candidates(view), 8):
+    for corners in islice(chart_patches.candidates(view), 8):
         try:
-            chart = read_chart(view, corners, "cv2.mcc")
+            chart = chart_patches.read_chart(view, corners, "cv2.mcc")
         except ChartError:
             continue
         if best is None or chart.mismatch < best.mismatch:
@@ -103,7 +97,7 @@ def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: fl
 
     Raises `ChartError`: fewer than three neutral patches are neither clipped nor dark in both.
     """
-    numbers = [n for n in NEUTRALS if indoor.usable[n] and outdoor.usable[n]]
+    numbers = [n for n in chart_patches.NEUTRALS if indoor.usable[n] and outdoor.usable[n]]
     if len(numbers) < 3:
         raise ChartError(
             f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures",
@@ -112,7 +106,7 @@ def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: fl
         )
     y_in, y_out = indoor.luminance, outdoor.luminance
     fit = _line(y_out[numbers], y_in[numbers], np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers])
-    white = WHITE if WHITE in numbers else numbers[0]
+    white = chart_patches.WHITE if chart_patches.WHITE in numbers else numbers[0]
     ratio = float(y_in[white] / y_out[white])
     patches = _pairs(indoor, outdoor, fit, white)
     residuals = np.array([p.residual_stops for p in patches if p.fitted])
@@ -170,16 +164,16 @@ def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> t
             float(y_out[n]),
             float(residual[n]) if both[n] else 0.0,
             float(differences[n]),
-            bool(n in NEUTRALS and both[n]),
+            bool(n in chart_patches.NEUTRALS and both[n]),
         )
-        for n, name in enumerate(PATCH_NAMES)
+        for n, name in enumerate(chart_patches.PATCH_NAMES)
     )
 
 
 def _warnings(ratio: float, fit: _Line, white: int) -> tuple[str, ...]:
     found = []
-    if white != WHITE:
-        found.append(f"the white patch is clipped or dark: {PATCH_NAMES[white]} stands for it")
+    if white != chart_patches.WHITE:
+        found.append(f"the white patch is clipped or dark: {chart_patches.PATCH_NAMES[white]} stands for it")
     if abs(ratio / fit.slope - 1) > WHITE_WARNING_FRAC:
         found.append(
             f"white patch {ratio:.4g} and fit of all neutral patches {fit.slope:.4g} differ by "

@@ -8,19 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from processing.ground.arrays import Doubles
+from processing.layout.furniture import solids
 from processing.layout.furniture.model import Material, Part, Size
-from processing.layout.furniture.solids import (
-    CREASE_RAD,
-    Solid,
-    Spot,
-    box,
-    box_uv,
-    joined,
-    leg,
-    part_of,
-    square_leg,
-    tube,
-)
+from processing.layout.furniture.solids import Solid, Spot
 from processing.layout.furniture.styles import Style
 
 
@@ -37,13 +27,13 @@ class Bench:
 
     def add(
         self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Doubles | None = None,
-        crease_rad: float = float(CREASE_RAD),
+        crease_rad: float = float(solids.CREASE_RAD),
     ) -> None:  # fmt: skip
         """Add a body; its texture's v runs along axis `grain` of it as made, or `uv` (F, 3, 2) metres is taken."""
         for one in [body] if isinstance(body, Solid) else body:
             place = uv
             if place is None and material.texture is not None:
-                place = box_uv(one.rest, one.faces, grain) + self.rng.uniform(0, 3, 2)
+                place = solids.box_uv(one.rest, one.faces, grain) + self.rng.uniform(0, 3, 2)
             self.materials[id(material)] = material
             self.made.setdefault((id(material), crease_rad), []).append((one, place))
 
@@ -61,11 +51,11 @@ class Bench:
         if any(h - lo <= 1e-4 for lo, h in zip(low, high, strict=True)):
             return
         run = int(np.argmax(np.subtract(high, low))) if grain is None else grain
-        self.add(box(low, high, bevel_m, steps), material, grain=run)
+        self.add(solids.box(low, high, bevel_m, steps), material, grain=run)
 
     def rod(self, path: Sequence[Spot], radius_m: float, material: Material, sides: int = 12) -> None:
         """Add a round bar along points."""
-        self.add(tube(path, radius_m, sides), material)
+        self.add(solids.tube(path, radius_m, sides), material)
 
     def legs(self, reach: tuple[float, float], top_z: float, *, thick_m: float = 0.04, splay: float = 0.0) -> None:
         """Add four legs whose hips stand at (+-x, +-y), in the style's manner; splay moves their feet outwards."""
@@ -76,11 +66,11 @@ class Bench:
                 hip = (sx * x, sy * y, top_z)
                 foot = (sx * (x + splay), sy * (y + splay), 0.0)
                 if s.legs == "round":
-                    self.add(leg(foot, hip, 0.30 * thick_m, 0.52 * thick_m), second)
+                    self.add(solids.leg(foot, hip, 0.30 * thick_m, 0.52 * thick_m), second)
                 elif s.legs == "square":
-                    self.add(square_leg(foot, hip, 0.72 * thick_m, thick_m), timber)
+                    self.add(solids.square_leg(foot, hip, 0.72 * thick_m, thick_m), timber)
                 else:
-                    self.add(leg(foot, hip, 0.26 * thick_m, 0.26 * thick_m), metal)
+                    self.add(solids.leg(foot, hip, 0.26 * thick_m, 0.26 * thick_m), metal)
 
     def glowing(self, material: Material, lumen: float) -> Material:
         """Return a material that sends out light while its lamp is switched on; alike for alike lamps."""
@@ -95,9 +85,9 @@ class Bench:
         shift = np.array([-self.size[0] / 2, -self.size[1] / 2, 0.0]) - low * scale
         parts = []
         for (key, crease), bodies in self.made.items():
-            whole = joined([body for body, _ in bodies])
+            whole = solids.joined([body for body, _ in bodies])
             fitted = Solid(whole.vertices * scale + shift, whole.faces, whole.rest)
             places = [uv for _, uv in bodies if uv is not None]
             uv = np.concatenate(places) if len(places) == len(bodies) else None
-            parts.append(part_of(fitted, self.materials[key], uv, crease))
+            parts.append(solids.part_of(fitted, self.materials[key], uv, crease))
         return tuple(parts)

@@ -6,17 +6,8 @@ import numpy as np
 
 from processing.ground.arrays import Doubles
 from processing.ground.mesh import band_faces, grid_faces, grid_rim
-from processing.layout.furniture.solids import (
-    Solid,
-    Spot,
-    cleaned,
-    corner_normals,
-    cube_grid,
-    joined,
-    rounded_rectangle,
-    solid,
-    tube,
-)
+from processing.layout.furniture import solids
+from processing.layout.furniture.solids import Solid, Spot
 
 
 def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: int = 8, steps: int = 3) -> Solid:
@@ -24,11 +15,11 @@ def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: in
     lo, hi = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     puff = np.minimum(np.broadcast_to(np.asarray(puff_m, dtype=np.float64), 3), 0.35 * (hi - lo) / 2)
     half = (hi - lo) / 2 - puff
-    body = cube_grid(half, float(min(edge_m, 0.95 * half.min())), steps, inner)
+    body = solids.cube_grid(half, float(min(edge_m, 0.95 * half.min())), steps, inner)
     q = body.vertices / half
     swell = 1 - np.clip(np.abs(q), 0, 1) ** 2.5
     out = np.stack([np.sign(q[:, k]) * np.abs(q[:, k]) ** 4 * swell[:, k - 1] * swell[:, k - 2] for k in range(3)], 1)
-    return solid(body.vertices + puff * out, body.faces).moved(*((lo + hi) / 2))
+    return solids.solid(body.vertices + puff * out, body.faces).moved(*((lo + hi) / 2))
 
 
 def wrinkled(body: Solid, amount_m: float, wave_m: float, seed: int, *, along: Spot = (1.0, 1.0, 1.0)) -> Solid:
@@ -41,7 +32,7 @@ def wrinkled(body: Solid, amount_m: float, wave_m: float, seed: int, *, along: S
             wave *= 2 * np.pi * 1.7**octave / (wave_m * max(float(np.linalg.norm(wave)), 1e-9))
             shift += 0.6**octave * np.sin(body.vertices @ wave + rng.uniform(0, 2 * np.pi))
     normals = np.zeros_like(body.vertices)
-    corner = corner_normals(body.vertices, body.faces, np.pi)
+    corner = solids.corner_normals(body.vertices, body.faces, np.pi)
     np.add.at(normals, body.faces.ravel(), corner.reshape(-1, 3))
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return Solid(body.vertices + normals * (amount_m / 2.5 * shift)[:, None], body.faces, body.rest)
@@ -66,12 +57,12 @@ def cushion(
         return body
     crown = min(crown_m, 0.35 * thick_m / 2)
     inset, radius = 0.012 + 0.29 * edge, 0.75 * edge
-    ring = _dense(rounded_rectangle(2 * (w - inset), 2 * (d - inset), radius, steps=4), 0.18)
+    ring = _dense(solids.rounded_rectangle(2 * (w - inset), 2 * (d - inset), radius, steps=4), 0.18)
     seams = [
-        tube(ring + np.array([0, 0, z]), piping_m, 5, closed=True)
+        solids.tube(ring + np.array([0, 0, z]), piping_m, 5, closed=True)
         for z in (crown + 0.29 * edge, thick_m - crown - 0.29 * edge)
     ]
-    return joined([body, *seams])
+    return solids.joined([body, *seams])
 
 
 def _dense(ring: Doubles, step_m: float) -> Doubles:
@@ -88,7 +79,7 @@ def sheets(upper: Doubles, lower: Doubles) -> Solid:
     m, n = upper.shape[:2]
     top, rim = grid_faces(m, n), grid_rim(m, n)
     faces = np.concatenate([top, top[:, ::-1] + m * n, band_faces(rim, rim + m * n)]).astype(np.int64)
-    return cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), faces)
+    return solids.cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), faces)
 
 
 def pillow(

@@ -11,34 +11,17 @@ import numpy as np
 from processing.ground.arrays import Bytes, Doubles
 from processing.ground.colour import srgb_of_linear
 from processing.ground.mesh import carried_frames
-from processing.layout.furniture import cases
+from processing.layout.furniture import cases, solids
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import Colour, Material, noise
 from processing.layout.furniture.soft import cushion, hanging, pad, pillow, sheets, wrinkled
-from processing.layout.furniture.solids import (
-    Solid,
-    Spot,
-    box,
-    circle,
-    closed_band,
-    curve,
-    leg,
-    loft,
-    rounded_rectangle,
-    signed_volume_m3,
-    slab,
-    solid,
-    square_leg,
-    tube,
-    turned_piece,
-    vessel,
-)
+from processing.layout.furniture.solids import Solid, Spot
 
 Span = tuple[float, float]
 
 
 def _box(x: Span, y: Span, z: Span, bevel: float = 0.003, fine: int = 1) -> Solid:
-    return box((x[0], y[0], z[0]), (x[1], y[1], z[1]), bevel, fine)
+    return solids.box((x[0], y[0], z[0]), (x[1], y[1], z[1]), bevel, fine)
 
 
 def _pad(
@@ -54,10 +37,10 @@ def _cover(size: Span, drop: float, thick: float, seed: int = 4, foot: float = 0
 
 
 def _rod(path: Sequence[Spot], r: Any, smooth: int = 0, sides: int = 12, ring: int = 0) -> Solid:
-    line = curve(path, smooth) if smooth else np.asarray(path, dtype=np.float64)
+    line = solids.curve(path, smooth) if smooth else np.asarray(path, dtype=np.float64)
     shares = np.linspace(0, 1, len(line))
     radii = np.interp(shares, np.linspace(0, 1, len(r)), r).tolist() if isinstance(r, tuple) else r
-    return tube(line, radii, sides, closed=bool(ring))
+    return solids.tube(line, radii, sides, closed=bool(ring))
 
 
 def sweep(
@@ -68,24 +51,28 @@ def sweep(
 
     `corner`: its rounding as a share of its thinner side; `scale`: of the section, along the line.
     """
-    line = curve(path, smooth)
+    line = solids.curve(path, smooth)
     tangents = np.gradient(line, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     frames = carried_frames(tangents, np.cross(tangents[0], np.asarray(side, dtype=np.float64)))
-    ring = rounded_rectangle(section[1], section[0], corner * min(section), steps=3)[:, :2]
+    ring = solids.rounded_rectangle(section[1], section[0], corner * min(section), steps=3)[:, :2]
     if isinstance(scale, tuple | list):
         scale = np.interp(np.linspace(0, 1, len(line)), np.linspace(0, 1, len(scale)), scale)
     rows = line[:, None, :] + np.broadcast_to(scale, len(line))[:, None, None] * (ring @ frames)
-    return _outward(loft(rows))
+    return _outward(solids.loft(rows))
 
 
 def _outward(body: Solid) -> Solid:
-    return body if signed_volume_m3(body.vertices, body.faces) > 0 else solid(body.vertices, body.faces[:, ::-1])
+    return (
+        body
+        if solids.signed_volume_m3(body.vertices, body.faces) > 0
+        else solids.solid(body.vertices, body.faces[:, ::-1])
+    )
 
 
 def _band(profile: Sequence[Span], sides: int = 48) -> Solid:
     """Return the ring of a closed profile of (radius, height), given counter-clockwise with the axis to its left."""
-    return closed_band(np.stack([circle(r, sides, z) for r, z in profile]))
+    return solids.closed_band(np.stack([solids.circle(r, sides, z) for r, z in profile]))
 
 
 def _leaf(
@@ -118,17 +105,17 @@ def _drape(x: Span, z: Span, deep: float, pleats: int, seed: int = 0) -> Solid:
 SHAPES: dict[str, Callable[..., Solid]] = {
     "box": _box, "pad": _pad, "cover": _cover, "rod": _rod, "sweep": sweep, "band": _band, "leaf": _leaf,
     "drape": _drape,
-    "plate": lambda size, z, corner=0.012, edge=0.006: slab(*size, *z, corner_m=corner, edge_m=edge),
+    "plate": lambda size, z, corner=0.012, edge=0.006: solids.slab(*size, *z, corner_m=corner, edge_m=edge),
     "cushion": lambda size, crown=0.03, piping=0.0045, seed=0, inner=5: cushion(
         *size, crown_m=crown, piping_m=piping, seed=seed, inner=inner
     ),
     "pillow": lambda size, seed=0: pillow(*size, seed=seed, grid=11),
-    "turned": lambda profile, sides=32, stretch=(1.0, 1.0): turned_piece(profile, sides).scaled(
+    "turned": lambda profile, sides=32, stretch=(1.0, 1.0): solids.turned_piece(profile, sides).scaled(
         stretch[0], stretch[1], 1.0
     ),
-    "vessel": lambda profile, wall=0.006, sides=28: vessel(profile, wall, sides),
-    "leg": lambda foot, hip, r, sides=14: leg(foot, hip, r[0], r[1], sides),
-    "post": lambda foot, hip, side: square_leg(foot, hip, *side),
+    "vessel": lambda profile, wall=0.006, sides=28: solids.vessel(profile, wall, sides),
+    "leg": lambda foot, hip, r, sides=14: solids.leg(foot, hip, r[0], r[1], sides),
+    "post": lambda foot, hip, side: solids.square_leg(foot, hip, *side),
 }  # fmt: skip
 
 
@@ -177,9 +164,9 @@ def _swivel_chair(b: Bench, role: str) -> None:
     r = min(x, y) / max(abs(math.cos(math.radians(18))), 0.9)
     _star(b, r)
     sleeve = [(0, 0.07), (0.032, 0.07), (0.030, 0.16), (0.026, 0.165), (0.026, seat - 0.18), (0, seat - 0.18)]
-    b.add(turned_piece(sleeve, 20), black)
+    b.add(solids.turned_piece(sleeve, 20), black)
     b.add(
-        turned_piece([(0, 0.16), (0.015, 0.16), (0.015, seat - 0.075), (0, seat - 0.075)], 16),
+        solids.turned_piece([(0, 0.16), (0.015, 0.16), (0.015, seat - 0.075), (0, seat - 0.075)], 16),
         b.style.material("metal"),
     )
     b.block((-0.09, -0.11, seat - 0.095), (0.09, 0.11, seat - 0.055), black, bevel_m=0.012, steps=2)
@@ -199,7 +186,7 @@ def _swivel_chair(b: Bench, role: str) -> None:
             (at, -0.02, seat + 0.08),
             (at, -0.01, seat + 0.185),
         ]
-        b.add(tube(curve(line, 5), 0.011, 10), black)
+        b.add(solids.tube(solids.curve(line, 5), 0.011, 10), black)
         rest = pad(
             (at - 0.024, -0.36 * y - 0.03, seat + 0.18), (at + 0.024, 0.44 * y, seat + 0.212), 0.014, 0.003, inner=4
         )
@@ -211,19 +198,21 @@ def _star(b: Bench, r: float) -> None:
         a = math.radians(90 + 72 * k)
         spoke = []
         for t in np.linspace(0, 1, 6):
-            ring = rounded_rectangle(0.05 - 0.024 * t, 0.036 - 0.012 * t, 0.010, steps=2)
+            ring = solids.rounded_rectangle(0.05 - 0.024 * t, 0.036 - 0.012 * t, 0.010, steps=2)
             out = 0.02 + (r - 0.055) * t
             spoke.append(np.column_stack([np.full(len(ring), out), ring[:, 0], 0.098 - 0.028 * t * t + ring[:, 1]]))
-        b.add(loft(np.stack(spoke)).turned("z", a), b.style.material("nylon"))
+        b.add(solids.loft(np.stack(spoke)).turned("z", a), b.style.material("nylon"))
         reach = r - 0.032
         for side in (-1, 1):
-            wheel = turned_piece([(0, 0), (0.022, 0), (0.027, 0.004), (0.027, 0.013), (0.022, 0.017), (0, 0.017)], 20)
+            wheel = solids.turned_piece(
+                [(0, 0), (0.022, 0), (0.027, 0.004), (0.027, 0.013), (0.022, 0.017), (0, 0.017)], 20
+            )
             wheel = wheel.turned("x", math.pi / 2).moved(0, 0.0085 + side * 0.0125, 0.027)
             b.add(
                 wheel.turned("z", a + 0.6 * k).moved(reach * math.cos(a), reach * math.sin(a), 0),
                 b.style.material("nylon"),
             )
-        b.add(turned_piece([(0, 0.02), (0.008, 0.02), (0.008, 0.075), (0, 0.075)], 10)
+        b.add(solids.turned_piece([(0, 0.02), (0.008, 0.02), (0.008, 0.075), (0, 0.075)], 10)
               .moved(reach * math.cos(a), reach * math.sin(a), 0), b.style.material("nylon"))  # fmt: skip
 
 
@@ -245,7 +234,7 @@ def _swivel_back(b: Bench, seat: float, h: float) -> None:
         (0, y + 0.035, seat + 0.10),
         (0, y + 0.04, seat + 0.26),
     ]
-    b.add(_swept(curve(line, 5)), b.style.material("nylon"))
+    b.add(_swept(solids.curve(line, 5)), b.style.material("nylon"))
 
 
 def _swept(line: Doubles) -> Solid:
@@ -253,10 +242,10 @@ def _swept(line: Doubles) -> Solid:
     rows = []
     tangent = np.gradient(line, axis=0)
     for p, t in zip(line, tangent / np.linalg.norm(tangent, axis=1, keepdims=True), strict=True):
-        ring = rounded_rectangle(0.055, 0.020, 0.007, steps=2)
+        ring = solids.rounded_rectangle(0.055, 0.020, 0.007, steps=2)
         across, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, t[2], -t[1]])
         rows.append(p + ring[:, :1] * across + ring[:, 1:2] * up)
-    return _outward(loft(np.stack(rows)))
+    return _outward(solids.loft(np.stack(rows)))
 
 
 # Flat pictures: rugs and prints, drawn in the style's colours.
@@ -346,7 +335,7 @@ def _woven(bench: Bench, _: str, kind: str, fringe: float = 0.0) -> None:
     """Add a rug's body with its pattern, and fringes at both ends where there are any."""
     w, d, h = bench.size
     picture = rug_pattern(kind, bench.style.colours, w - 2 * fringe, d)
-    body = slab(w - 2 * fringe, d, 0.0, h, corner_m=0.02, edge_m=min(0.004, 0.4 * h), steps=3)
+    body = solids.slab(w - 2 * fringe, d, 0.0, h, corner_m=0.02, edge_m=min(0.004, 0.4 * h), steps=3)
     uv = (body.rest[body.faces][..., :2] + np.array([w / 2 - fringe, d / 2])) / np.array([w - 2 * fringe, d])
     bench.add(body, Material("rug", (1.0, 1.0, 1.0), 0.95, texture=picture), uv=uv)
 
