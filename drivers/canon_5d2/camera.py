@@ -23,6 +23,7 @@ from drivers.camera import (
     ShutterReadback,
 )
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
+from drivers.canon_5d2 import settings as canon_settings
 from drivers.canon_5d2.body import read_body
 from drivers.canon_5d2.codes import (
     IMAGE_SIZES_PX,
@@ -35,32 +36,14 @@ from drivers.canon_5d2.codes import (
 from drivers.canon_5d2.exposure import FORMATS, CanonExposure, CanonShot
 from drivers.canon_5d2.operations import encode_number
 from drivers.canon_5d2.remote import BUSY_LIMIT_S, IDLE_LIMIT_S, CanonRemote
-from drivers.canon_5d2.settings import (
-    BATTERY_FRAC,
-    RELEASE_CARD_RESULTS,
-    SHUTTER_S,
-    WHERE,
-    CanonSetting,
-    ae_mode_words,
-    camera_time_utc,
-    control_problems,
-    fixed_settings,
-    make,
-    nearest_shutter_code,
-    refused,
-    release_problem,
-    require_controls,
-    require_kept,
-    shutter_codes_known,
-    shutter_words,
-)
+from drivers.canon_5d2.settings import CanonSetting
 from drivers.clock import Clock
 from drivers.errors import DeviceBusyError, DeviceError, ExposureFailedError, OperationRefusedError, StoreFullError
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.pipes import PtpTransport
 
 MODEL = CameraModel(
-    WHERE,
+    canon_settings.WHERE,
     VENDOR_EXTENSION_IDS,
     (
         CanonOperation.SET_REMOTE_MODE,
@@ -155,17 +138,17 @@ class Canon5D2:
     def _shutter_codes(self) -> tuple[int, ...]:
         """Return the camera's own list; outside mode M it has none, and the table of third stops stands in."""
         listed = self._remote.lists.get(CanonProp.SHUTTER_SPEED)
-        codes = shutter_codes_known(listed.numbers if listed is not None else ())
-        return codes or shutter_codes_known(SHUTTER_CODES)
+        codes = canon_settings.shutter_codes_known(listed.numbers if listed is not None else ())
+        return codes or canon_settings.shutter_codes_known(SHUTTER_CODES)
 
     def _learn_shutter_times(self) -> None:
-        self.shutter_times_s = tuple(SHUTTER_S[code] for code in self._shutter_codes())
+        self.shutter_times_s = tuple(canon_settings.SHUTTER_S[code] for code in self._shutter_codes())
 
     def status(self) -> CameraStatus:
         """Return battery, space, clock, and what stands wrong on the camera's controls."""
         self._remote.drain()
         free_bytes = self._free_bytes()
-        problems = control_problems(self._remote)
+        problems = canon_settings.control_problems(self._remote)
         if free_bytes == 0 and self._to_card:
             problems += ("there is no card in the camera, or it is full",)
         warnings: tuple[str, ...] = ()
@@ -175,7 +158,7 @@ class Canon5D2:
             warnings += ("the camera does not report whether its lens is on MF: it must be",)
         battery = self._remote.number(CanonProp.BATTERY_POWER)
         return CameraStatus(
-            battery_frac=None if battery is None else BATTERY_FRAC.get(battery),
+            battery_frac=None if battery is None else canon_settings.BATTERY_FRAC.get(battery),
             free_bytes=free_bytes,
             free_frames=self._remote.number(CanonProp.AVAILABLE_SHOTS),
             clock_utc=self._clock_utc(),
@@ -189,7 +172,7 @@ class Canon5D2:
         if self._remote.ask_anew(CanonProp.CAMERA_TIME) is None:
             return None
         seconds = self._remote.number(CanonProp.CAMERA_TIME)
-        return None if seconds is None else camera_time_utc(seconds, self._clock.utc_now())
+        return None if seconds is None else canon_settings.camera_time_utc(seconds, self._clock.utc_now())
 
     def _free_bytes(self) -> int | None:
         session = self._link.session
@@ -216,12 +199,12 @@ class Canon5D2:
     def _prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
         self._remote.let_go()
         self._remote.wait_idle()
-        require_controls(self._remote)
-        kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, to_card=self._to_card)
+        canon_settings.require_controls(self._remote)
+        kept = canon_settings.fixed_settings(settings, self._remote, sizes_px=self._sizes_px, to_card=self._to_card)
         with self._noticing_a_held_picture():
             raw = self._remote.values.get(CanonProp.AUTO_EXPOSURE_MODE, b"")
-            dial = SettingReadback("exposure mode (dial)", "M", ae_mode_words(raw), raw.hex())
-            readbacks = (dial, *(make(self._remote, setting) for setting in kept))
+            dial = SettingReadback("exposure mode (dial)", "M", canon_settings.ae_mode_words(raw), raw.hex())
+            readbacks = (dial, *(canon_settings.make(self._remote, setting) for setting in kept))
         if not self._to_card:
             self._remote.offer_space()
         else:
@@ -245,17 +228,20 @@ class Canon5D2:
         """Set the nearest exposure time and read it back, after checking that nobody touched the camera."""
         self._remote.let_go()
         self._remote.wait_idle()
-        require_controls(self._remote)
+        canon_settings.require_controls(self._remote)
         for setting in self._kept:
-            require_kept(self._remote, setting)
+            canon_settings.require_kept(self._remote, setting)
         try:
-            code = nearest_shutter_code(shutter_s, self._shutter_codes())
+            code = canon_settings.nearest_shutter_code(shutter_s, self._shutter_codes())
         except ValueError as error:
-            raise refused("shutter", shutter_s, error) from error
+            raise canon_settings.refused("shutter", shutter_s, error) from error
         with self._noticing_a_held_picture():
-            make(self._remote, CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), shutter_words))
+            canon_settings.make(
+                self._remote,
+                CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), canon_settings.shutter_words),
+            )
         self._remote.wait_idle()
-        self._shutter_s = SHUTTER_S[code]
+        self._shutter_s = canon_settings.SHUTTER_S[code]
         return ShutterReadback(asked_s=shutter_s, nominal_s=self._shutter_s, raw=f"{code:#04x}")
 
     def arm(self) -> None:
@@ -306,18 +292,21 @@ class Canon5D2:
     def _release_in_one_step(self, limit_s: float) -> None:
         answer = self._remote.do(CanonOperation.REMOTE_RELEASE, timeout_s=limit_s)
         result = answer[0] if answer else 0
-        problem = release_problem(result)
+        problem = canon_settings.release_problem(result)
         if problem is None:
             return
-        kind = StoreFullError if result in RELEASE_CARD_RESULTS else ExposureFailedError
+        kind = StoreFullError if result in canon_settings.RELEASE_CARD_RESULTS else ExposureFailedError
         raise kind(
-            f"the camera did not release: {problem}", where=WHERE, advice="correct this, then resume", result=result
+            f"the camera did not release: {problem}",
+            where=canon_settings.WHERE,
+            advice="correct this, then resume",
+            result=result,
         )
 
     def poll_exposure(self) -> ExposureProgress:
         """Look for the frames of the running exposure."""
         if self._exposure is None:
-            raise ExposureFailedError("no exposure is running", where=WHERE, advice="release first")
+            raise ExposureFailedError("no exposure is running", where=canon_settings.WHERE, advice="release first")
         progress = self._exposure.poll(wait=not self._read_since_poll)
         self._read_since_poll = False
         if not self._to_card:

@@ -34,20 +34,10 @@ from drivers.errors import (
 from drivers.ptp.codes import DataType, Event, ObjectFormat, Operation, Prop
 from drivers.ptp.datasets import decode_date
 from drivers.ptp.pipes import PtpTransport
+from drivers.theta_z1 import settings as theta_settings
 from drivers.theta_z1.codes import SHUTTER_FRACTIONS, VENDOR_EXTENSION_ID, RicohProp
 from drivers.theta_z1.exposure import ThetaExposure, ThetaShot, is_ready
-from drivers.theta_z1.settings import (
-    PROPERTY_PAUSE_S,
-    Fraction32,
-    Setting,
-    ThetaProperties,
-    error_texts,
-    find_f_number,
-    mode_settings,
-    nearest_shutter,
-    picture_settings,
-    read_body,
-)
+from drivers.theta_z1.settings import Fraction32, Setting, ThetaProperties
 
 MODEL = CameraModel(
     "Theta Z1",
@@ -190,7 +180,7 @@ class ThetaZ1:
     def status(self) -> CameraStatus:
         """Return battery, space, clock and what forbids shooting."""
         read = self._properties.number_or_none
-        problems, warnings = error_texts(read(RicohProp.ERROR_INFO) or 0)
+        problems, warnings = theta_settings.error_texts(read(RicohProp.ERROR_INFO) or 0)
         mode = read(Prop.FUNCTIONAL_MODE)
         if mode not in (None, USB_SHOOTING_POSSIBLE):
             problems = (*problems, "shooting over USB is not possible now: leave the camera's menu or plug-in")
@@ -234,9 +224,11 @@ class ThetaZ1:
         for prop in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY):
             if prop not in self._sleep_before:
                 self._sleep_before[prop] = self._properties.number(prop)
-        modes = mode_settings()
+        modes = theta_settings.mode_settings()
         readbacks = self._apply(modes)
-        pictures = picture_settings(settings, find_f_number(self._link, settings.f_number))
+        pictures = theta_settings.picture_settings(
+            settings, theta_settings.find_f_number(self._link, settings.f_number)
+        )
         readbacks += self._apply(pictures)
         self._kept = tuple(s for s in (*modes, *pictures) if s.prop in WITNESSES)
         self._formats = (FrameFormat.JPEG, FrameFormat.DNG) if settings.keep_raw else (FrameFormat.JPEG,)
@@ -246,13 +238,13 @@ class ThetaZ1:
 
     def body_settings(self) -> tuple[BodySetting, ...]:
         """Judge the firmware; all else that a bracket depends on is set by `prepare`."""
-        return read_body(self._properties, self._link.info.device_version)
+        return theta_settings.read_body(self._properties, self._link.info.device_version)
 
     def _apply(self, settings: tuple[Setting, ...]) -> tuple[SettingReadback, ...]:
         readbacks = []
         for setting in settings:
             readbacks.append(self._properties.apply(setting))
-            self._clock.sleep(PROPERTY_PAUSE_S)
+            self._clock.sleep(theta_settings.PROPERTY_PAUSE_S)
         return tuple(readbacks)
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
@@ -263,7 +255,7 @@ class ThetaZ1:
             # What the camera forgets, it forgets all at once: these few witnesses are enough.
             self._properties.require(setting.name, setting.prop, setting.value)
         try:
-            fraction = nearest_shutter(shutter_s, self._fractions)
+            fraction = theta_settings.nearest_shutter(shutter_s, self._fractions)
         except ValueError as error:
             raise SettingRefusedError(f"no exposure time: {error}", where=self._link.name, asked=shutter_s) from error
         self._properties.write_and_compare("shutter", RicohProp.SHUTTER_SPEED, fraction.to_u64())
