@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -170,6 +171,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
             return 0
     else:
         session = _session(session, asked["panorama"], asked["into"])
+    request = request if request.until else replace(request, until=_end(session))
     with going_on(session, given_now(asked), request, by="daylit process", forgotten=asked["forget"]) as found:
         if not as_json:
             echo_choices(found)
@@ -217,6 +219,15 @@ def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
     else:
         click.echo(f"would make a session of {panorama.name} in {into}, in {units}, and run every stage on it")
     return None
+
+
+def _end(session: Path) -> str | None:
+    """Return the stage that a run without --until ends after: of a sky alone its calibration, as there is no room."""
+    from station.session.session import Side
+    from station.session.store import load_manifest
+
+    manifest = load_manifest(session)
+    return None if manifest.panorama or Side.INDOOR in manifest.bracket.sides else "calibrate"
 
 
 def _session(session: Path | None, panorama: Path | None, into: Path | None) -> Path:
