@@ -189,12 +189,8 @@ def raw_frame(source: Path | str | bytes, name: str | None = None, within: tuple
         colours = camera_colours(raw, where)
         size = _size(raw.sizes.width, raw.sizes.height, where)
     if within and not all(0 <= own - asked <= RAW_BORDER * own for own, asked in zip(size, within, strict=True)):
-        raise PictureFileError(
-            f"it has {size[0]} x {size[1]} wells, the camera's picture {within[0]} x {within[1]} pixels",
-            where=where,
-            likely="a picture that the camera turned, stitched or shrank",
-            advice="set the camera to its full picture size",
-        )
+        what = f"it has {size[0]} x {size[1]} wells, the camera's picture {within[0]} x {within[1]} pixels"
+        raise PictureFileError(what, where=where, advice="set the camera to its full picture size")
     left, top = _border(size, within or size)
     shifted = np.roll(colours.cell, (-top, -left), axis=(0, 1))
     return RawFrame(kept, where, within or size, colours._replace(cell=shifted))

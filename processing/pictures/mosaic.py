@@ -19,6 +19,7 @@ PEDESTAL = 512.0
 """Code of no light, so that noise below black is kept; chosen: 30 standard deviations of a good sensor's."""
 SATURATED = 0.98  # of the file's white level; chosen: wells' gains differ by less
 EVEN = 0.01  # of log light: two directions that differ by less are alike; chosen
+_ALONG = tuple(np.array(t, np.float32) for t in ((0.5, 0, 0.5), (-0.25, 0, 0.5, 0, -0.25), (-1, 0, 1)))
 _NEAR = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32)
 
 
@@ -60,11 +61,8 @@ def camera_colours(raw: Any, name: str) -> CameraColours:
     colours, known = raw.color_desc.decode("ascii", "replace"), np.array(raw.color_matrix, np.float64)[:, :3]
     cell = None if raw.raw_pattern is None else np.array(raw.raw_pattern)
     if not known.any() or set(colours) != set("RGB") or cell is None or cell.shape != (2, 2):
-        raise PictureFileError(
-            f"its colours are not known: filters {colours}, {'a' if known.any() else 'no'} matrix",
-            where=name,
-            advice="give the camera's JPEGs, or 16-bit TIFF from a raw converter",
-        )
+        what = f"its colours are not known: filters {colours}, {'a' if known.any() else 'no'} matrix"
+        raise PictureFileError(what, where=name, advice="give the camera's JPEGs")
     # LibRaw's matrix is of channels that are balanced for daylight.
     balance = np.array(raw.daylight_whitebalance[:3])
     return CameraColours(known * (balance / balance.min()), np.array(["RGB".index(c) for c in colours])[cell])
@@ -83,13 +81,9 @@ def demosaiced(rgb: Floats, cell: Indices, linear_below: float) -> Floats:
     log = np.log(np.maximum(own, -0.5 * linear_below) + linear_below, dtype=np.float32)
     total = weights = np.zeros_like(log)
     for axis in (0, 1):
-
-        def along(*taps: float, axis: int = axis) -> Floats:
-            return _filtered(log, np.expand_dims(np.array(taps, np.float32), axis))
-
-        bend = along(-0.25, 0, 0.5, 0, -0.25)
-        weight = (np.abs(along(-1, 0, 1)) + 4 * np.abs(bend) + EVEN) ** -2
-        total, weights = total + weight * (along(0.5, 0, 0.5) + bend), weights + weight
+        mean, bend, step = (_filtered(log, np.expand_dims(taps, axis)) for taps in _ALONG)
+        weight = (np.abs(step) + 4 * np.abs(bend) + EVEN) ** -2
+        total, weights = total + weight * (mean + bend), weights + weight
     green = np.where(channel == 1, log, total / weights)
     out = np.repeat(green[..., None], 3, axis=2)
     for c in (0, 2):

@@ -83,15 +83,10 @@ def _slope(longer: Doubles, shorter: Doubles, given: float) -> tuple[float, floa
 
 def _black(seen: Doubles, slopes: Doubles, level: Doubles) -> Doubles:
     """Return the black level (3,) by dark pixels' intercepts; ``level`` where there are too few."""
-    found = level.copy()
-    for c in range(3):
-        rows = []
-        for longer, shorter, slope in zip(seen[:-1, :, c], seen[1:, :, c], slopes, strict=True):
-            dark = longer - level[c] < DARK
-            rows.append(((shorter - slope * longer) / (1 - slope))[dark])
-        every = np.concatenate(rows)
-        found[c] = float(np.median(every)) if every.size >= LEAST else level[c]
-    return found
+    ratio, dark = slopes[:, None, None], seen[:-1] - level < DARK
+    found = (seen[1:] - ratio * seen[:-1]) / (1 - ratio)
+    chosen = [found[..., c][dark[..., c]] for c in range(3)]
+    return np.array([np.median(one) if one.size >= LEAST else level[c] for c, one in enumerate(chosen)])
 
 
 def _times(given: Doubles, slopes: Doubles, doubt: Doubles) -> tuple[Doubles, Doubles, tuple[str, ...]]:
