@@ -251,6 +251,8 @@ class Viewer:
     yaw_deg: float = 0.0
     label: str = ""
     """Shown on staged states."""
+    room: Mapping[str, object] | None = None
+    """What a ruler measures in: floor, camera_m, ceiling_m."""
 
     @property
     def ramp(self) -> str:
@@ -262,7 +264,7 @@ class Viewer:
     def json(self) -> str:
         """All of it for the script, safe within HTML."""
         states = [_state_facts(state) for state in self.states]
-        facts = {name: getattr(self, name) for name in ("middle", "range", "ticks", "unit", "yaw_deg", "label")}
+        facts = {name: getattr(self, name) for name in ("middle", "range", "ticks", "unit", "yaw_deg", "label", "room")}
         return safe_json({**facts, "colours": base64.b64encode(self.colours).decode("ascii"), "states": states})
 
 

@@ -56,8 +56,9 @@ def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
     places = furniture_places(arranged) if staged and arranged else []
     yaw = towards(states[0].image, states[-1].image)
     first, second = towards_furniture(places) if places else (yaw, yaw + math.pi)
-    panes = panes_of(context.optional_artifact("room", "room"), states[0].image.geometry)
-    return Look(display_in(context, states[0].image.rgb), panes, first, "" if plain else TEXT, second)
+    room = context.optional_artifact("room", "room")
+    panes = panes_of(room, states[0].image.geometry)
+    return Look(display_in(context, states[0].image.rgb), panes, first, "" if plain else TEXT, second, room)
 
 
 def display_in(context: StageContext, rgb: Floats) -> Display:
@@ -123,7 +124,8 @@ def viewer_section(states: tuple[State, ...], look: Look) -> Section:
     unit = states[0].image.unit
     text = (
         f"Drag to look around. The reading, in {unit}, is of one pixel of the picture on disk (to 0.05 %), with its "
-        "standard uncertainty, that of the scale included."
+        "standard uncertainty, that of the scale included. Region and ruler are drawn by dragging; the false colours' "
+        "scale takes other ends."
     )
     if not states[0].image.absolute:
         text += " The scale of this picture's light is not known: values compare within the room, not between rooms."

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, PanoramaTags, jpeg_bytes, labelled
 from processing.ground.arrays import Bytes, Flags, Floats, UInt16s
+from processing.ground.room_model import RoomModel
 from processing.pictures.display import AS_GIVEN, Display, screen
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
@@ -40,6 +41,8 @@ class Look:
     """On staged pictures; empty: none."""
     other_yaw_rad: float = math.pi
     """Where the second view looks."""
+    room: RoomModel | None = None
+    """What the viewer's ruler measures in."""
 
     def light(self, rgb: Floats, view: Perspective | None = None) -> Floats:
         """Return linear light (H, W, 3) as the film gets it: of a panorama, or of a ``view``'s pixels."""
@@ -194,7 +197,12 @@ def viewer(states: Sequence[State], look: Look) -> Viewer:
         first.unit,
         math.degrees(look.yaw_rad),
         look.label,
+        None if look.room is None else _ruled(look.room),
     )
+
+
+def _ruled(room: RoomModel) -> dict[str, object]:
+    return {"floor": room.floor, "camera_m": room.camera_height_m, "ceiling_m": room.ceiling_height_m}
 
 
 def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1]) -> ViewerState:

@@ -126,6 +126,58 @@ def direction_at(view: list[float], place: tuple[int, int], size: tuple[float, f
     return math.degrees(math.atan2(ray[0], ray[1])), math.degrees(math.asin(ray[2]))
 
 
+def test_a_region_is_measured_by_dragging_and_a_ruler_by_the_rooms_surfaces(opened: Opened) -> None:
+    luminance = luminance_cd_m2(read_exr(opened.folder / "stages" / "calibrate" / "indoor.exr").rgb)
+    height, width = luminance.shape
+    opened.page.locator(".viewer .stage").scroll_into_view_if_needed()
+    look(opened, 40.0, 0.0)
+    opened.page.locator(".viewer .segments", has_text="Region").get_by_text("Region").click()
+    box = opened.page.locator(".viewer canvas").bounding_box()
+    ends = [(round(x * box["width"]), round(y * box["height"])) for x, y in ((0.35, 0.35), (0.6, 0.7))]
+    opened.page.mouse.move(box["x"] + ends[0][0], box["y"] + ends[0][1])
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + ends[1][0], box["y"] + ends[1][1], steps=3)
+    opened.page.mouse.up()
+    assert view_of(opened)[0] == pytest.approx(40.0), "the view stands still"
+    (left, top), (right, low) = (direction_at(view_of(opened), one, (box["width"], box["height"])) for one in ends)
+    rows = (0.5 - (np.arange(height) + 0.5) / height) * 180
+    columns = ((np.arange(width) + 0.5) / width - 0.5) * 360
+    part = luminance[np.ix_((rows < top) & (rows > low), (columns > left) & (columns < right))].astype(np.float64)
+    weight = np.broadcast_to(np.cos(np.radians(rows[(rows < top) & (rows > low)]))[:, None], part.shape)
+    known = part > 0
+    mean = float((part * weight)[known].sum() / weight[known].sum())
+    assert float(reading(opened)["mean"]) == pytest.approx(mean, rel=0.1)
+    assert "standard deviation" in opened.page.locator("[data-part=detail]").inner_text()
+    assert len(opened.page.locator("[data-part=drawn]").get_attribute("points").split()) > 10
+    opened.page.locator(".viewer .segments", has_text="Look").get_by_text("Look").click()
+    room = {"floor": [[-2, -1], [2, -1], [2, 3], [-2, 3]], "camera_m": 1.5, "ceiling_m": 2.5}
+    told = opened.page.evaluate("(room) => daylit.rulerText(room, [0, 0], [90, 0])", room)
+    assert told["value"] == f"{math.hypot(2, 3):.2f} m"
+    below = opened.page.evaluate("(room) => daylit.placeIn(room, [10, -80])", room)
+    assert below[2] == pytest.approx(-1.5)
+    assert math.hypot(*below[:2]) == pytest.approx(1.5 * math.tan(math.radians(10)))
+
+
+def test_false_colours_take_another_scale(opened: Opened) -> None:
+    opened.page.locator(".viewer .segments", has_text="Luminance").get_by_text("Luminance").click()
+    shown(opened, "0 colours")
+    before = pixels(opened, ".viewer .stage")
+    high = opened.page.locator("[data-part=high]")
+    usual = high.input_value()
+    high.fill(str(30 * float(usual)))
+    high.dispatch_event("change")
+    opened.page.wait_for_function("() => document.querySelectorAll('[data-part=ticks] .tick').length > 1")
+    opened.page.wait_for_timeout(300)
+    assert np.abs(pixels(opened, ".viewer .stage") - before).mean() > 2
+    high.fill("-1")
+    high.dispatch_event("change")
+    assert float(high.input_value()) == pytest.approx(30 * float(usual)), "a scale that cannot be stays as it was"
+    high.fill(usual)
+    high.dispatch_event("change")
+    opened.page.locator(".viewer .segments", has_text="Picture").get_by_text("Picture").click()
+    shown(opened, "0 0")
+
+
 def test_probe_says_what_a_value_is_worth(opened: Opened) -> None:
     """The sun beside the room, clipped; a pixel of which nothing is known."""
     width, height = SIZE_PX

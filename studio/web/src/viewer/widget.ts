@@ -1,5 +1,6 @@
 // A panorama with exposure, false colours and probe: the page has the controls, this moves them.
 import { fromBase64, LEAST, type Size, STEP } from "./encoding";
+import { type Direction, drawnPoints, outline, regionOf, regionText, type Room, rulerText } from "./measure";
 import { PanoramaView } from "./panorama";
 import { type Maps, openProbe, type Probe, readingText } from "./probe";
 
@@ -17,6 +18,7 @@ interface ViewerData {
   yaw_deg: number;
   label: string;
   colours: string;
+  room?: Room | null;
   states: State[];
 }
 
@@ -63,6 +65,9 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
   let stops = 0;
   let coloured = false;
   let pointed: [number, number] | null = null;
+  let range = data.range;
+  let tool = "look";
+  let measured: [Direction, Direction] | null = null;
 
   const load = (index: number): Promise<Loaded> => {
     if (!loaded.has(index)) loaded.set(index, fetchState(data.states[index]!));
@@ -76,7 +81,7 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
     const { picture, probe } = await load(asked);
     if (asked !== current) return; // somebody has chosen another state meanwhile
     const [width, height] = data.states[asked]!.map_px;
-    if (coloured) view.colours(falseColours(probe.luminance, data.range, ramp), width, height);
+    if (coloured) view.colours(falseColours(probe.luminance, range, ramp), width, height);
     else view.picture(picture, true);
     expose();
     await read();
@@ -85,8 +90,22 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
     view.expose(data.middle * 2 ** stops);
     box.dataset.shown = `${current} ${coloured ? "colours" : stops}`;
   };
+  const measure = ({ probe }: Loaded): boolean => {
+    const points = measured ? drawnPoints(view, outline(tool, data.room ?? null, ...measured)) : "";
+    box.querySelector("[data-part=drawn]")?.setAttribute("points", points);
+    if (!measured) return false;
+    const size = data.states[current]!.map_px;
+    const region = regionOf(probe.luminance, size, ...measured);
+    const text = tool === "ruler" && data.room ? rulerText(data.room, ...measured) : regionText(region, data.unit);
+    part(box, "value").textContent = text.value;
+    part(box, "detail").textContent = text.detail;
+    Object.assign(part(box, "reading").dataset, { mean: region.mean });
+    return true;
+  };
   const read = async (): Promise<void> => {
-    const { probe } = await load(current);
+    const found = await load(current);
+    if (measure(found)) return;
+    const { probe } = found;
     const [longitude, latitude] = pointed ?? [view.yaw, view.pitch];
     const reading = probe.at(longitude, latitude);
     const text = readingText(reading, longitude, latitude, data.unit);
@@ -100,6 +119,35 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
   };
 
   view.changed = () => void read();
+  const canvas = view.canvas;
+  canvas.addEventListener("pointerdown", (event) => {
+    if (tool === "look") return;
+    const at = view.directionAt(event);
+    measured = [at, at];
+    canvas.setPointerCapture(event.pointerId);
+    void read();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (tool === "look" || !measured || !(event.buttons & 1)) return;
+    measured = [measured[0], view.directionAt(event)];
+    void read();
+  });
+  for (const choice of box.querySelectorAll<HTMLElement>("[data-tool]"))
+    choice.addEventListener("change", () => {
+      tool = choice.dataset.tool!;
+      view.held = tool !== "look";
+      measured = null;
+      void read();
+    });
+  for (const [name, end] of [["low", 0], ["high", 1]] as const)
+    box.querySelector(`[data-part=${name}]`)?.addEventListener("change", () => {
+      const ends = ["low", "high"].map((each) => Number(part<HTMLInputElement>(box, each).value)) as [number, number];
+      const sound = ends[0] > 0 && ends[1] > ends[0];
+      if (sound) range = ends;
+      else part<HTMLInputElement>(box, name).value = String(range[end]);
+      part(box, "ticks").replaceChildren(...ticksOf(range));
+      void show();
+    });
   stage.addEventListener("pointermove", (event) => {
     pointed = event.pointerType === "mouse" ? view.directionAt(event) : null;
     void read();
@@ -136,6 +184,22 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
     },
     probe: async () => (await load(current)).probe,
   };
+}
+
+/** Marks of a scale at 1, 2, 5, 10 ... between its ends. */
+function ticksOf([low, high]: Size): HTMLElement[] {
+  const found: HTMLElement[] = [];
+  for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power += 1)
+    for (const digit of Math.log10(high / low) > 2.5 ? [1] : [1, 2, 5]) {
+      const value = digit * 10 ** power;
+      if (value < low || value > high) continue;
+      const tick = document.createElement("span");
+      tick.className = "tick";
+      tick.style.bottom = `${(100 * Math.log(value / low)) / Math.log(high / low)}%`;
+      tick.textContent = String(Number(value.toPrecision(3)));
+      found.push(tick);
+    }
+  return found;
 }
 
 async function fetchState(state: State): Promise<Loaded> {
