@@ -16,14 +16,14 @@ from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.light.light import QUALITIES, Baked, bake, components, lightings
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.sky.sky import CloudDrift
+from mocks.rooms.sky.sky import CloudDrift, Kind
 from mocks.rooms.view import RoomView, outdoors
 from mocks.worlds.light import BrightDisc, Site, Vector, unit
 from processing.ground.arrays import Floats
 
 # Raise when baking or looking up changes; then `python -m mocks.rooms.world` makes the shipped light anew.
 LIGHT_VERSION = 6
-DEFAULT = ("bedroom", 7)
+DEFAULT = ("bedroom", 7, "standard", "clear")
 """The room of `daylit demo`, whose light is shipped so that nobody waits a minute for it."""
 SHIPPED = Path(__file__).with_name("default.light")
 
@@ -103,9 +103,9 @@ class RoomWorld:
         return components(self.room)
 
 
-def room_world(use: str, seed: int, quality: str = "standard") -> RoomWorld:
-    """Return a room by name, for `mocks.worlds.world.open_world`."""
-    return RoomWorld(make_room(seed, None if use == "any" else Use(use)), quality)
+def room_world(use: str, seed: int, quality: str = "standard", sky: Kind | None = None) -> RoomWorld:
+    """Return a room by name, for `mocks.worlds.world.open_world`; ``sky`` None: the seed's own."""
+    return RoomWorld(make_room(seed, None if use == "any" else Use(use), sky=sky), quality)
 
 
 @lru_cache(maxsize=3)

@@ -18,7 +18,7 @@ from mocks.worlds.hdr_world import HdrWorld, read_equirect
 from mocks.worlds.light import Site, UniformWorld, Vector, World, WorldFileError, luminance_cd_m2, spread_over_disc
 from mocks.worlds.simple_room import SimpleRoom
 
-_GENERATED = re.compile(r"(?P<use>[a-z]+)-(?P<seed>[0-9]{1,9})")
+_GENERATED = re.compile(r"(?P<use>[a-z]+)-(?P<seed>[0-9]{1,9})(?:-(?P<sky>clear|intermediate|overcast))?")
 
 
 def meter_luminance_cd_m2(
@@ -43,15 +43,16 @@ def meter_luminance_cd_m2(
 def open_world(name: str) -> World:
     """Return a world by name.
 
-    ``room`` or ``room:SEED`` (the built-in room), ``bedroom-7`` (a generated room: use and seed), ``chart`` or
-    ``chart:SEED`` (the closed room with the colour chart), ``uniform:CD_M2``, or ``INDOOR.hdr,OUTDOOR.hdr`` (pictures,
-    .hdr or .exr, read with the scales of `HdrWorld`). Raises `WorldFileError` for anything else.
+    ``room`` or ``room:SEED`` (the built-in room), ``bedroom-7`` (a generated room: use and seed; with -clear,
+    -intermediate or -overcast under that sky), ``chart`` or ``chart:SEED`` (the closed room with the colour chart),
+    ``uniform:CD_M2``, or ``INDOOR.hdr,OUTDOOR.hdr`` (pictures, .hdr or .exr, read with the scales of `HdrWorld`).
+    Raises `WorldFileError` for anything else.
     """
     generated = _GENERATED.fullmatch(name)
     if generated and generated["use"] in tuple(Use):
         from mocks.rooms.world import room_world
 
-        return room_world(Use(generated["use"]), int(generated["seed"]))
+        return room_world(Use(generated["use"]), int(generated["seed"]), sky=generated["sky"])
     kind, _, value = name.partition(":")
     try:
         if kind == "room":

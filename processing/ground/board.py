@@ -23,6 +23,8 @@ STEPS_STOPS = (0.03, 0.06, 0.10)
 Chosen on the simulated rooms."""
 LARGEST_STEP_STOPS = 0.20
 """Tried as well where the board's place is known, so that a noisy picture's board is found there. Chosen."""
+TINT_TIMES = 2.0
+"""Of those steps, in log2 of blue over red: two channels' noise, and colours of a room's light on the board. Chosen."""
 LEAST_SR, MOST_SR = 6e-4, 0.35
 """Solid angle of a board: from a sheet of A4 paper at 5 m to a square of half a metre at 0.9 m."""
 MOST_LATITUDE_RAD = math.radians(60)
@@ -82,17 +84,19 @@ def find_board(rgb: Floats, luminance: Floats, usable: Flags) -> Board:
     return best
 
 
-def board_around(level: Floats, known: Flags, seed: tuple[int, int]) -> Flags | None:
+def board_around(level: Floats, known: Flags, seed: tuple[int, int], tint: Floats | None = None) -> Flags | None:
     """Return the largest region (H, W) around a pixel that has no edges in it and can be a board; None if none can.
 
     ``level`` (H, W): log2 luminance of a whole panorama in which the board lies far from the seam; where not ``known``
-    (H, W) nothing belongs to a board. ``seed``: row and column. The board's edge, half board and half what is behind
-    it, is included.
+    (H, W) nothing belongs to a board. ``seed``: row and column. ``tint`` (H, W): log2 of blue over red; its edges are
+    the board's too where what is behind it is as bright. The board's edge, half board and half what is behind it, is
+    included.
     """
     row_sr = row_solid_angles((level.shape[0], level.shape[1])).ravel()
     largest = None
     for step in (*STEPS_STOPS, LARGEST_STEP_STOPS):
         even = _even(level, known, step)
+        even = even if tint is None else even & _even(tint, known, TINT_TIMES * step)
         near = _nearest(even, seed)
         if near is None:
             continue

@@ -132,7 +132,7 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
     tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
-    board, stand = _board(luminance, known.meter_target, maps.opening >= 0)
+    board, stand = _board(rgb, known.meter_target, maps.opening >= 0)
     tripod = replace(tripod, mask=tripod.mask | board)
     furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
@@ -184,12 +184,13 @@ def _with_things(
     return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
 
 
-def _board(luminance: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:
+def _board(rgb: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:
     """Return board and stand, and whether there is a stand; a pane that the meter looked at is no board."""
-    none = np.zeros(luminance.shape, bool)
+    none = np.zeros(openings.shape, bool)
     if target is None:
         return none, False
-    board, stand = meter_board(luminance, target)
+    red, _, blue = np.moveaxis(np.maximum(rgb, 1e-6), -1, 0)
+    board, stand = meter_board(luminance_cd_m2(rgb), target, np.log2(blue / red).astype(np.float32))
     return (none, False) if (board & openings).sum() > 0.5 * board.sum() else (board, stand)
 
 

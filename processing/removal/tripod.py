@@ -210,7 +210,7 @@ LEAST_POLE_RAD = math.radians(4)
 """Below the board, from which it stands on something of its own."""
 
 
-def meter_board(luminance: Floats, target: tuple[float, float]) -> tuple[Flags, bool]:
+def meter_board(luminance: Floats, target: tuple[float, float], tint: Floats | None = None) -> tuple[Flags, bool]:
     """Return the mask (H, W) of board and stand in an upright panorama, and whether there is a stand.
 
     Parameters
@@ -219,6 +219,8 @@ def meter_board(luminance: Floats, target: tuple[float, float]) -> tuple[Flags, 
         (H, W) float32, any scale; W = 2 H. What is not finite or not above zero is no part of a board.
     target
         Where the meter looked: longitude and latitude in rad.
+    tint
+        (H, W) float32, log2 of blue over red: tells the board from what is as bright behind it.
 
     Nothing is marked where no board is seen at the target (a wall was measured, the target lies beyond 60 degrees).
     """
@@ -231,7 +233,12 @@ def meter_board(luminance: Floats, target: tuple[float, float]) -> tuple[Flags, 
     known = np.isfinite(luminance) & (luminance > 0)
     level = np.log2(np.where(known, luminance, np.float32(1e-6))).astype(np.float32)
     level = np.roll(level, shift, axis=1)
-    board = board_around(np.asarray(cv2.medianBlur(level, 3), np.float32), np.roll(known, shift, axis=1), (row, middle))
+    smooth = [
+        None if one is None else np.asarray(cv2.medianBlur(one, 3), np.float32)
+        for one in (level, None if tint is None else np.roll(tint, shift, axis=1))
+    ]
+    assert smooth[0] is not None
+    board = board_around(smooth[0], np.roll(known, shift, axis=1), (row, middle), smooth[1])
     if board is None:
         return nothing, False
     stand = _stand(level, board)

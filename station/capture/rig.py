@@ -213,18 +213,21 @@ def open_named_rig(
         rig = open_rig(file, clock, links)
         rig.on_close.append(links.close)
         return rig
-    from mocks.instruments.bench import BenchOptions, make_bench
+    from mocks.instruments.bench import BenchOptions, make_bench, render_shots
     from mocks.instruments.clock import ScaledClock
+    from mocks.worlds.world import open_world
 
     place, start_utc = _place_of(simulate) if in_its_place else ({}, None)
     # Threads of this computer open the simulated shutters: what they are late by counts ``rate`` times.
     limits = file.limits.model_copy(update={"max_start_skew_s": rate * file.limits.max_start_skew_s})
     file = simulated_rig_file(file.model_copy(update={**place, "limits": limits}), size)
     cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
+    world, times_s = open_world(simulate), planned_times_s(file)
+    # Rendering takes minutes, in which the sun must not move on: time begins when all pictures are there.
+    shots = render_shots(world, cameras, stops_s, BenchOptions(on_progress=on_progress), times_s=times_s)
     as_lived = rate == 1.0 and start_utc is None
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
-    options = BenchOptions(clock=clock, on_progress=on_progress)
-    bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
+    bench = make_bench(world, cameras, stops_s, BenchOptions(clock=clock, shots=shots), times_s=times_s)
     links = open_links(record, file, clock, simulated=True)
     rig = open_simulated_rig(file, bench, links, world=simulate)
     rig.on_close.append(links.close)

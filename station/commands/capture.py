@@ -30,8 +30,8 @@ _RATE = click.FloatRange(0.1, 50)
 @click.option(
     "--simulate",
     metavar="WORLD",
-    help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed), chart, "
-    "uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE, replayed from --record.",
+    help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed; "
+    "-clear, -overcast), chart, uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE, replayed from --record.",
 )
 @click.option("--size", type=_SIZE, default="full", show_default=True, help="Picture size of simulated cameras.")
 @click.option(

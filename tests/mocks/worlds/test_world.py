@@ -341,7 +341,7 @@ def test_worlds_have_names(tmp_path):
     assert open_world("uniform:50").key == UniformWorld(50.0).key
     path = write_hdr(tmp_path / "w.hdr", gradient())
     assert isinstance(open_world(f"{path},{path}"), HdrWorld)
-    for name in ("castle", "room:x", "chart:x", "uniform:much", "attic-7", "bedroom-x", "bedroom--1", "bedroom-7b"):
+    for name in ("castle", "room:x", "chart:x", "uniform:much", "attic-7", "bedroom-x", "bedroom--1", "bedroom-7-dull"):
         with pytest.raises(WorldFileError):
             open_world(name)
 
@@ -349,10 +349,11 @@ def test_worlds_have_names(tmp_path):
 def test_generated_rooms_have_names(monkeypatch):
     """Use and seed go to the generator, which is imported only then."""
     generator = ModuleType("mocks.rooms.world")
-    generator.room_world = lambda use, seed: (use, seed)
+    generator.room_world = lambda use, seed, sky: (use, seed, *([sky] if sky else []))
     monkeypatch.setitem(sys.modules, "mocks.rooms.world", generator)
-    names = ("bedroom-7", "living-3", "dining-2", "office-4", "empty-50")
+    names = ("bedroom-7", "living-3", "dining-2", "office-4", "empty-50", "bedroom-7-clear")
     expected = [(Use.BEDROOM, 7), (Use.LIVING, 3), (Use.DINING, 2), (Use.OFFICE, 4), (Use.EMPTY, 50)]
+    expected.append((Use.BEDROOM, 7, "clear"))
     assert [open_world(name) for name in names] == expected
 
 

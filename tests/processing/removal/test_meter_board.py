@@ -52,6 +52,21 @@ def test_board_and_stand_are_found_also_across_the_seam(longitude_deg: float, ed
     assert mask.sum() < 1.9 * (board | pole).sum()
 
 
+def test_a_board_before_something_as_bright_is_told_by_its_colour() -> None:
+    level, board, _, target = picture(0.0, -12.0)
+    rows, columns = np.nonzero(board)
+    orange = np.zeros_like(board)
+    orange[rows.min() - 12 : rows.max() - 4, columns.min() - 14 : columns.min() + 12] = True
+    orange &= ~board
+    level[orange] = 130.0
+    assert not meter_board(level, target)[0].any()
+    tint = np.where(orange, np.float32(-3.0), np.float32(0.0))
+    mask, stand = meter_board(level, target, tint)
+    assert stand
+    assert mask[board].all()
+    assert (mask & orange).sum() < 0.3 * orange.sum()
+
+
 def test_legs_are_followed_to_tips_that_are_fainter() -> None:
     level, board, pole, target = picture(0.0, -12.0)
     columns = np.arange(level.shape[1])
