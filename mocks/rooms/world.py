@@ -23,7 +23,7 @@ from processing.ground.arrays import Floats
 
 # Raise when baking or looking up changes; then `python -m mocks.rooms.world` makes the shipped light anew.
 LIGHT_VERSION = 6
-DEFAULT = ("bedroom", 7, "standard", "clear")
+DEFAULT: tuple[str, int, str, Kind] = ("bedroom", 7, "standard", "clear")
 """The room of `daylit demo`, whose light is shipped so that nobody waits a minute for it."""
 SHIPPED = Path(__file__).with_name("default.light")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from mocks.rooms.model import Use
 from mocks.worlds.hdr_world import HdrWorld, read_equirect
 from mocks.worlds.light import Site, UniformWorld, Vector, World, WorldFileError, luminance_cd_m2, spread_over_disc
 from mocks.worlds.simple_room import SimpleRoom
+
+if TYPE_CHECKING:
+    from mocks.rooms.sky.sky import Kind
 
 _GENERATED = re.compile(r"(?P<use>[a-z]+)-(?P<seed>[0-9]{1,9})(?:-(?P<sky>clear|intermediate|overcast))?")
 
@@ -52,7 +56,7 @@ def open_world(name: str) -> World:
     if generated and generated["use"] in tuple(Use):
         from mocks.rooms.world import room_world
 
-        return room_world(Use(generated["use"]), int(generated["seed"]), sky=generated["sky"])
+        return room_world(Use(generated["use"]), int(generated["seed"]), sky=cast("Kind | None", generated["sky"]))
     kind, _, value = name.partition(":")
     try:
         if kind == "room":
