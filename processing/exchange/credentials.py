@@ -19,7 +19,7 @@ from processing.errors import ParameterError
 LABEL = "org.daylit.proof"
 """Of the assertion that chains a picture to its frames."""
 SELF_MADE = "made by daylit for one proof, vouched for by nobody"
-"""Common name of a certificate that was made here: whoever reads it is told."""
+"""Common name of a certificate that was made here: whoever reads it knows."""
 _KINDS = "http://cv.iptc.org/newscodes/digitalsourcetype/"
 SOURCES = {"original": _KINDS + "computationalCapture", "result": _KINDS + "compositeSynthetic"}
 """IPTC's digital source types: several exposures joined by computer; a photograph with synthetic parts."""
