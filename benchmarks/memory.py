@@ -31,6 +31,12 @@ class MemoryWatch:
         self._thread.join()
         self._sample()
 
+    @property
+    def sampled_mb(self) -> float:
+        """The memory of the process alone, now."""
+        self._sample()
+        return self.own_peak_mb
+
     def _watch(self) -> None:
         while not self._over.wait(self._every_s):
             self._sample()

@@ -21,9 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import shapely
 from PIL import Image
 
+from benchmarks.memory import MemoryWatch
 from benchmarks.seeds import seeds
 from benchmarks.truth_rooms import room_model_of
 from drivers.errors import DaylitError
@@ -40,6 +42,8 @@ from processing.running.panorama_session import panorama_session
 from processing.sphere import Equirectangular
 
 SIZE_PX = (512, 256)
+FULL = 13
+"""Times `SIZE_PX`: 6656 x 3328, about a Theta Z1's."""
 ROOMS, QUICK_ROOMS = 12, 2
 WRONG_M = 0.45
 """By which two corners of an estimate are off."""
@@ -61,8 +65,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         folder = Path(place)
         truths = {f"room {number}": truth(number) for number in seeds("test", count, seed)}
         made = {name: make_session(folder, name, wrong(room), room) for name, room in truths.items()}
+        large = make_session(folder, "large", wrong(room := next(iter(truths.values()))), room, 2 if quick else FULL)
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
-        with served(folder) as links:
+        with served(folder) as (links, server):
             page = browser.new_page(viewport={"width": 1440, "height": 900})
             page.set_default_timeout(PATIENCE_MS)
             begin_s = time.perf_counter()
@@ -75,20 +80,30 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
                 drags.append(corrected(page, made[name].name, room))
                 after = RoomModel.model_validate_json((made[name] / "room.json").read_bytes())
                 gains.append(iou(after, room) - before)
-            first_preview_s, preview_s = emptied(page, next(iter(made.values())).name)
+            first_preview_s, preview_s, preview_cpu_s = emptied(page, next(iter(made.values())).name, server.pid)
+            begin_s = time.perf_counter()
+            with MemoryWatch(pid=server.pid) as watch:
+                screen(page, large.name, "results")
+                page.wait_for_selector(".viewer.ready")
+            full_size_s, tab_mb = time.perf_counter() - begin_s, renderer_mb()
         browser.close()
     return {
         "metrics": {
             "corner_iou_gain": round(float(np.median(gains)), 4),
             "drag_ms": round(float(np.median(drags)), 2),
             "preview_s": round(preview_s, 2),
+            "preview_cpu_s": round(preview_cpu_s, 2),
             "first_preview_s": round(first_preview_s, 2),
             "first_page_s": round(first_page_s, 3),
+            "full_size_s": round(full_size_s, 2),
+            "server_peak_mb": round(watch.own_peak_mb),
+            "tab_mb": round(tab_mb),
             "rooms": count,
         },
         "units": {"corner_iou_gain": "IoU", "rooms": ""},
         "notes": [
-            "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it"
+            "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it",
+            "full_size_s: until a panorama of full size is on the screen with its numbers; server and tab meanwhile",
         ],
     }
 
@@ -115,12 +130,22 @@ def iou(one: RoomModel, other: RoomModel) -> float:
     return float(a.intersection(b).area / a.union(b).area)
 
 
-def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel) -> Path:
-    """A session of one panorama whose room was estimated, with two detected things (dark) and an arrangement."""
+def renderer_mb() -> float:
+    """Memory of the browser's largest page."""
+    every = psutil.Process().children(recursive=True)
+    return max(MemoryWatch(pid=one.pid).sampled_mb for one in every if "--type=renderer" in one.cmdline())
+
+
+def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel, times: int = 1) -> Path:
+    """A session of one panorama whose room was estimated, with two detected things (dark) and an arrangement.
+
+    ``times``: as wide as `SIZE_PX`.
+    """
     rgb = drawn(room)
     mask = np.zeros(rgb.shape[:2], bool)
     mask[150:190, 60:120] = mask[160:200, 300:380] = True
     rgb[mask] = DARK
+    rgb, mask = (one.repeat(times, 0).repeat(times, 1) for one in (rgb, mask))
     picture = folder / f"{name}.png"
     Image.fromarray((255 * np.clip(rgb / 100, 0, 1) ** (1 / 2.2)).astype(np.uint8)).save(picture)
     session = panorama_session(picture, folder)
@@ -175,12 +200,12 @@ def drawn(room: RoomModel) -> np.ndarray:
 
 
 @contextmanager
-def served(folder: Path, port: int = 0) -> Iterator[list[str]]:
-    """The server as a program of its own; links to it."""
+def served(folder: Path, port: int = 0) -> Iterator[tuple[list[str], subprocess.Popen[str]]]:
+    """The server as a program of its own; links to it, and the program."""
     process = start(folder, port)
     assert process.stdout is not None
     try:
-        yield json.loads(process.stdout.readline())["links"]
+        yield json.loads(process.stdout.readline())["links"], process
     finally:
         stop(process)
 
@@ -241,17 +266,24 @@ def drag(page: Any, mark: str, to: Sequence[float], *, drop: bool = True) -> Non
     until(page, changed, before)
 
 
-def emptied(page: Any, session: str) -> tuple[float, float]:
-    """Return the seconds until the emptied room is previewed at first, and again after an object was clicked away."""
+def emptied(page: Any, session: str, server: int) -> tuple[float, float, float]:
+    """Return the seconds until the emptied room is previewed at first, and again after an object was clicked away.
+
+    And, of the second, the CPU seconds of the program that makes it.
+    """
+
+    def cpu_s() -> float:
+        return sum(sum(one.cpu_times()[:2]) for one in psutil.Process(server).children())
+
     screen(page, session, "remove")
     begin_s = time.perf_counter()
     page.get_by_label("Picture").select_option("Emptied: preview")
     page.wait_for_selector("canvas[data-shown='Emptied: preview']")
     first_s, begin_s = time.perf_counter() - begin_s, time.perf_counter()
-    made = page.locator("main canvas").get_attribute("data-made")
+    made, before_s = page.locator("main canvas").get_attribute("data-made"), cpu_s()
     page.get_by_role("checkbox", name="Object 2").uncheck()
     until(page, "(old) => document.querySelector('main canvas').dataset.made !== old", made)
-    return first_s, time.perf_counter() - begin_s
+    return first_s, time.perf_counter() - begin_s, cpu_s() - before_s
 
 
 _TO_SCREEN = """([x, y]) => {
@@ -272,7 +304,7 @@ def pictures(session: Path, into: Path) -> None:
     """Write the guide's screenshots of a session that was processed: ``python -m benchmarks.whole.studio SESSION``."""
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as started, served(session.parent) as links:
+    with sync_playwright() as started, served(session.parent) as (links, _):
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
         page = browser.new_page(viewport={"width": 1280, "height": 760})
         page.goto(links[0])

@@ -17,7 +17,7 @@ STATES = {
 }
 """Pictures of the room, and where each may lie."""
 CARD = "stages/stills/still-1.jpg"
-"""What shows a session at a glance where there is one; else its photograph does."""
+"""What shows a session at a glance where there is one; else the middle frame of the room does, or its photograph."""
 JPEG_QUALITY = 88
 """Chosen: artifacts are not seen at twice the size."""
 
@@ -42,10 +42,11 @@ def look_of(session: Path, image: Any) -> Any:
 
 
 def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
-    """Return a panorama of the room as JPEG, at most ``width_px`` wide; "Card": the first still where there is one."""
+    """Return a panorama of the room as JPEG, at most ``width_px`` wide; "Card": see `CARD`."""
     if state == "Card":
-        still = session / CARD
-        return small_jpeg(still, width_px) if still.is_file() else picture_jpeg(session, "Photograph", width_px)
+        frames = [one.file for one in load_manifest(session).frames if one.side == "indoor" and not one.is_raw]
+        found = [p for name in (CARD, *frames[len(frames) // 2 :][:1]) if (p := session / name).is_file()]
+        return small_jpeg(found[0], width_px) if found else picture_jpeg(session, "Photograph", width_px)
     path = picture_of(session, state)
     if path is None:
         raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")

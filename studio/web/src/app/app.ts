@@ -1,21 +1,16 @@
 // The frame around the screens: where one is, what runs, undo, and the command line that does the same.
 import { api, type Card, type Job, type Overview } from "./api";
-import { captureScreen } from "./capture";
 import { button, h, note } from "./dom";
-import { furnishScreen } from "./furnish";
-import { lightScreen } from "./light";
-import { removeScreen } from "./remove";
-import { resultsScreen } from "./results";
-import { roomScreen } from "./room";
 import type { Screen } from "./screens";
 
+/** Each is loaded when it is first opened: the list of sessions needs none of them. */
 const SCREENS: Record<string, { title: string; needs: string; open: (session: Overview) => Promise<Screen> }> = {
-  capture: { title: "Capture", needs: "frames", open: captureScreen },
-  room: { title: "Room", needs: "room", open: roomScreen },
-  remove: { title: "Remove", needs: "detect", open: removeScreen },
-  furnish: { title: "Furnish", needs: "arrange", open: furnishScreen },
-  light: { title: "Light", needs: "materials", open: lightScreen },
-  results: { title: "Results", needs: "calibrate", open: resultsScreen },
+  capture: { title: "Capture", needs: "frames", open: async (session) => (await import("./capture")).captureScreen(session) },
+  room: { title: "Room", needs: "room", open: async (session) => (await import("./room")).roomScreen(session) },
+  remove: { title: "Remove", needs: "detect", open: async (session) => (await import("./remove")).removeScreen(session) },
+  furnish: { title: "Furnish", needs: "arrange", open: async (session) => (await import("./furnish")).furnishScreen(session) },
+  light: { title: "Light", needs: "materials", open: async (session) => (await import("./light")).lightScreen(session) },
+  results: { title: "Results", needs: "calibrate", open: async (session) => (await import("./results")).resultsScreen(session) },
 };
 
 const [top, main, below] = ["top", "screen", "below"].map((id) => document.getElementById(id)!) as [HTMLElement, HTMLElement, HTMLElement];
