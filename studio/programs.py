@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import shlex
 import signal
 import sys
@@ -43,7 +44,10 @@ class Job:
 
 
 def command_of(session: Path, asked: Mapping[str, Any]) -> list[str]:
-    """Return the command line of a run: a process until a stage, a light that is kept, stills that were aimed."""
+    """Return the command line of a run: a process until a stage, a light that is kept, stills that were aimed.
+
+    Or a capture into the folder that stands for ``session``: by this computer's rig, or of a simulated world.
+    """
     match asked:
         case {"until": until, "quality": quality} if until in {s.name for s in STAGES} and quality in set(Quality):
             return ["process", str(session), "--until", until, "--quality", quality]
@@ -52,7 +56,12 @@ def command_of(session: Path, asked: Mapping[str, Any]) -> list[str]:
             return ["relight", str(session), f"--at={at}", f"--weather={weather}", *state]
         case {"aim": [str(), *_] as frames}:
             return ["stills", str(session), *(f"--aim={frame}" for frame in frames)]
-    raise ParameterError("no such run", where="studio")
+        case {"room": str(room), "simulate": str() | None as world} if re.fullmatch(r"\w[\w .-]{0,79}", room):
+            if world is None:
+                return ["capture", room, f"--into={session}"]
+            if re.fullmatch(r"[a-z]+([-:]\d{1,6})?", world):
+                return ["capture", room, f"--into={session}", f"--simulate={world}", "--size=quarter", "--rate=4"]
+    raise ParameterError("no such run", where="studio", advice="begin a room's name with a letter or a digit")
 
 
 class Jobs:

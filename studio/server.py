@@ -141,7 +141,13 @@ class Studio:
 
     async def cards(self, _request: Request) -> Response:
         """Return the folder's sessions."""
-        return JSONResponse({"folder": str(self.folder), "sessions": await run_in_threadpool(seen.cards, self.folder)})
+        found = await run_in_threadpool(seen.cards, self.folder)
+        return JSONResponse({"folder": str(self.folder), "sessions": found, "job": self.jobs.state(self.folder)})
+
+    async def begin(self, request: Request) -> Response:
+        """Begin a capture into the folder."""
+        await self.jobs.start(self.folder, strict_json.loads(await _body(request)))
+        return JSONResponse(self.jobs.state(self.folder))
 
     async def overview(self, request: Request) -> Response:
         """Return what there is of a session."""
@@ -284,6 +290,7 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route("/", studio.index),
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
         Route("/api/sessions", studio.cards),
+        Route("/api/capture", studio.begin, methods=["POST"]),
         Route(base, studio.overview),
         Route(base + "/picture", studio.picture),
         Route(base + "/viewer", studio.viewer),

@@ -306,11 +306,16 @@ def pictures(session: Path, into: Path) -> None:
 
     with sync_playwright() as started, served(session.parent) as (links, _):
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
-        page = browser.new_page(viewport={"width": 1280, "height": 760})
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto(links[0])
         page.wait_for_selector("#screen[data-ready]")
         for kind in ("room", "remove", "furnish", "light"):
             screen(page, session.name, kind)
+            if kind == "light":
+                page.wait_for_selector(".viewer.ready", timeout=PATIENCE_MS)
+                page.locator(".seat").focus()
+                page.keyboard.press("Enter")
+                page.get_by_text("DGP").wait_for()
             page.wait_for_timeout(4000)  # the panorama is drawn when it has come
             page.screenshot(path=into / f"studio-{kind}.jpg", quality=70, type="jpeg")
         browser.close()

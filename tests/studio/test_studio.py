@@ -351,6 +351,22 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
     picture.unlink()
 
 
+def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None:
+    page = opened.page
+    page.goto(f"{opened.base}/#/")
+    page.get_by_label("Name of the room").fill("--into")
+    page.get_by_role("button", name="Start a capture").click()
+    page.get_by_text("begin a room's name").wait_for()
+    page.get_by_label("Name of the room").fill("hall 3")
+    page.get_by_label("Instruments").select_option("uniform:100")
+    assert 'daylit capture "hall 3"' in page.locator("footer code").inner_text()
+    page.get_by_role("button", name="Start a capture").click()
+    page.get_by_text("Complete: 18 frames").wait_for(timeout=3 * PATIENCE_MS)
+    assert "hall-3" in page.url
+    page.goto(f"{opened.base}/#/")
+    page.locator(".card", has_text="hall 3").wait_for()
+
+
 def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
     session = opened.fresh("run")
     screen(opened.page, session.name, "room")

@@ -120,7 +120,9 @@ async function corrected<T>(answer: Response, read: (answer: Response) => Promis
 }
 
 export const api = {
-  sessions: async (): Promise<{ folder: string; sessions: Card[] }> => (await ask("/api/sessions")).json(),
+  capturing: async (room: string, simulate: string | null): Promise<void> =>
+    void (await ask("/api/capture", { method: "POST", body: JSON.stringify({ room, simulate }) })),
+  sessions: async (): Promise<{ folder: string; sessions: Card[]; job: Job | null }> => (await ask("/api/sessions")).json(),
   overview: async (session: string): Promise<Overview> => (await ask(at(session))).json(),
   capture: async (session: string): Promise<Capture> => (await ask(at(session, "/capture"))).json(),
   viewer: async (session: string, state: string): Promise<string> => (await ask(at(session, `/viewer?state=${encodeURIComponent(state)}`))).text(),

@@ -46,7 +46,44 @@ async function sessions(mine: number): Promise<void> {
   if (mine !== opening) return;
   const cards = found.sessions.map(card);
   main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", {}, "There is no session here yet: capture or import one."));
-  below.replaceChildren(h("p", {}, "On the command line: ", h("code", {}, `ls ${found.folder}`)));
+  const command = new Text("");
+  main.append(starter(found.folder, found.sessions, command));
+  below.replaceChildren(h("p", {}, "On the command line: ", h("code", {}, command)));
+}
+
+/** What begins a capture, and goes to its screen as soon as there is something of it. */
+function starter(folder: string, known: Card[], command: Text): HTMLElement {
+  const room = h("input", { "aria-label": "Name of the room", placeholder: "room's name", maxlength: 80, input: () => say() });
+  const rig = h("select", { "aria-label": "Instruments", change: () => say() },
+    h("option", { value: "" }, "this computer's rig"), h("option", { value: "room" }, "simulated: a room"), h("option", { value: "uniform:100" }, "simulated: an even light"));
+  const words = h("p", { class: "facts", "data-part": "capturing", role: "status" });
+  const start = button("Start a capture", () => void begin(), { class: "main" });
+  const world = (): string | null => rig.value || null;
+  function say(): void {
+    command.data = `daylit capture ${room.value ? JSON.stringify(room.value) : "ROOM"} --into ${folder}${world() ? ` --simulate ${world()} --size quarter --rate 4` : ""}`;
+  }
+  async function begin(): Promise<void> {
+    start.disabled = true;
+    try {
+      await api.capturing(room.value.trim(), world());
+      while (start.isConnected) {
+        const { sessions: now, job } = await api.sessions();
+        const fresh = now.find((one) => !known.some((old) => old.name === one.name));
+        if (fresh) location.hash = `#/${encodeURIComponent(fresh.name)}/capture`;
+        words.textContent = job?.running ? "The instruments are being opened …" : "";
+        if (fresh || !job?.running) {
+          if (!fresh) note(`It did not begin: ${job?.lines.at(-1) ?? ""}`, true);
+          break;
+        }
+        await new Promise((done) => setTimeout(done, 700));
+      }
+    } catch (error) {
+      note((error as Error).message, true);
+    }
+    start.disabled = false;
+  }
+  say();
+  return h("section", { class: "bar starter" }, h("h2", {}, "New"), room, rig, start, words);
 }
 
 function card(one: Card): HTMLElement {

@@ -209,7 +209,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
       glare.classList.toggle("bad", figures.dgp!.value >= 0.4);
       glare.dataset.dgp = String(figures.dgp!.value);
       more.textContent = [
-        `at the eye ${of("ev_lx")} lx, UGR ${of("ugr")}, DGI ${of("dgi")}`,
+        `at the eye ${of("ev_lx")} lx, ${figures.sources!.value ? `UGR ${of("ugr")}, DGI ${of("dgi")}` : "no glare source in view"}`,
         faint ? "too little light at the eye for the formula (under 380 lx)" : "",
         sun_in_view ? "the sun itself stands in a window ahead: worse than this" : "",
         moment.seat ? `${(100 * seen_share).toFixed(0)} % of it was seen by the camera, the rest is rendered; eyes 1.2 m high` : "from the camera's place",
