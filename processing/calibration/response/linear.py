@@ -43,10 +43,7 @@ class LinearFit:
 def fit_linear(frames: Sequence[UInt16s], times_s: Sequence[float], black: float = 0.0) -> LinearFit:
     """Return what frames (H, W, 3) of times (s) in any order show; ``black``: of full scale, where to begin.
 
-    Raises
-    ------
-    ResponseError
-        Fewer than two frames that show the same light.
+    Raises `ResponseError`: fewer than two frames that show the same light.
     """
     order = np.argsort(-np.asarray(times_s), kind="stable")
     height, width = frames[0].shape[:2]
