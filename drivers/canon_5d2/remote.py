@@ -10,17 +10,9 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.camera_link import CameraLink
+from drivers.canon_5d2 import operations
 from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
-from drivers.canon_5d2.operations import (
-    AvailableValues,
-    NumberRecord,
-    ObjectRecord,
-    PropValue,
-    Record,
-    decode_custom_functions,
-    decode_events,
-    encode_property,
-)
+from drivers.canon_5d2.operations import AvailableValues, NumberRecord, ObjectRecord, PropValue, Record
 from drivers.clock import Clock, Deadline
 from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError, OperationRefusedError
 
@@ -115,7 +107,7 @@ class CanonRemote:
     def poll(self) -> tuple[Record, ...]:
         """Fetch the camera's events once and take them over; returns them (empty: nothing new)."""
         reply = self._link.session.transact(CanonOperation.GET_EVENT, data_in=True, max_data_bytes=MAX_STREAM_BYTES)
-        records = decode_events(reply.data)
+        records = operations.decode_events(reply.data)
         for record in records:
             self._take_over(record)
         return records
@@ -125,7 +117,7 @@ class CanonRemote:
             case PropValue(prop, raw):
                 self.values[prop] = raw
                 if prop == CanonProp.CUSTOM_FUNCTIONS:
-                    self.functions |= decode_custom_functions(raw)  # a 60D sends one record a group
+                    self.functions |= operations.decode_custom_functions(raw)  # a 60D sends one record a group
                 self._fresh.add(prop)
             case AvailableValues(prop):
                 self.lists[prop] = record
@@ -215,7 +207,7 @@ class CanonRemote:
         if self.values.get(prop) == value and self._confirm(prop) == value:
             return value
         self._fresh.discard(prop)
-        data = encode_property(prop, value)
+        data = operations.encode_property(prop, value)
         self.patiently(lambda: self._link.session.transact(CanonOperation.SET_DEVICE_PROP_VALUE_EX, data_out=data))
         self._await(prop, VALUE_LIMIT_S, value)
         return self.values.get(prop, b"") if prop in self._fresh else b""

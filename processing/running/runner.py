@@ -11,20 +11,12 @@ from typing import Any
 from processing.errors import ProcessingError
 from processing.ground.threads import give_back, limit_libraries
 from processing.pipeline import STAGES, Stage, check_table, stage_named
+from processing.running import requests
 from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
 from processing.running.reads import SUMMARY, Earlier, Parts, Reads, unread
-from processing.running.requests import (
-    Decision,
-    RunRequest,
-    StageInputs,
-    decide,
-    make_context,
-    parameters,
-    planned,
-    quality_of,
-)
+from processing.running.requests import Decision, RunRequest, StageInputs
 from processing.running.result_store import ResultStore, Stored, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
 from station.session.durable import SessionLock
@@ -42,7 +34,7 @@ def process(
     """
     check_table(stages)
     limit_libraries()
-    plan = planned(request, stages)
+    plan = requests.planned(request, stages)
     load_manifest(session)
     meter = Meter()
     write = not request.dry_run
@@ -147,13 +139,13 @@ class PipelineRun:
         return report
 
     def _reads(self, stage: Stage) -> Reads:
-        return Reads(self._earlier, parameters(stage, self._request))
+        return Reads(self._earlier, requests.parameters(stage, self._request))
 
     def _decide(self, stage: Stage, stored: Stored) -> Decision:
         """Return whether what is stored stands: its ingredients are looked at as they are today."""
         static, reads = self._inputs.ingredients(stage), self._reads(stage)
         forced = stage.name in self._request.force and stage.name not in self._unfinished | self._shown.keys()
-        return decide(stored, lambda then: static | reads.again(then), forced=forced)
+        return requests.decide(stored, lambda then: static | reads.again(then), forced=forced)
 
     def _predict(self, stage: Stage) -> StageReport:
         """Say what a run would do; later stages depend on results that are not there yet."""
@@ -208,7 +200,7 @@ class PipelineRun:
         with self._store.building(stage.name) as building:
             folder, common = building.folder.path, {key: static.get(key) for key in ("version", "files", "data")}
             parts = Parts(former, self._store.path(stage.name), folder, common, reads, first_only)
-            context = make_context(
+            context = requests.make_context(
                 self._inputs,
                 stage,
                 folder,
@@ -267,7 +259,7 @@ class PipelineRun:
         return summary
 
     def _key(self, stage: Stage) -> str:
-        quality = quality_of(stage, self._request) if "quality" in stage.trades else ""
+        quality = requests.quality_of(stage, self._request) if "quality" in stage.trades else ""
         return f"{stage.name} {stage.version} {quality}".strip()
 
     def _expected(self, later: tuple[Stage, ...]) -> list[float | None]:

@@ -16,16 +16,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.merge.bracket import (
-    Decoded,
-    FrameUse,
-    Merged,
-    MergeReport,
-    Order,
-    check_bracket,
-    decode_useful,
-    shares,
-)
+from processing.calibration.merge import bracket
+from processing.calibration.merge.bracket import Decoded, FrameUse, Merged, MergeReport, Order
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
 from processing.calibration.merge.modes import CONTRAST_SHARE, linear_modes, local_contrast, merge_modes, only_texture
@@ -125,9 +117,9 @@ def merge(
     it.
     """
     options = options or MergeOptions()
-    order = check_bracket(frames, times_s, time_sigma, curve, geometry)
+    order = bracket.check_bracket(frames, times_s, time_sigma, curve, geometry)
     job = _Job(order, curve, noise, options, given_s=tuple(times_s if given_s is None else given_s))
-    decoded = decode_useful(order.frames, job.tables(), job.workers)
+    decoded = bracket.decode_useful(order.frames, job.tables(), job.workers)
     kept = order.only(sorted(decoded.codes))
     codes = [decoded.codes[place] for place in sorted(decoded.codes)]
     return _merged(replace(job, order=kept), codes, decoded, order, geometry)
@@ -208,7 +200,7 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     if colours := job.options.colours:
         light = demosaiced(planes.rgb, colours.cell, LINEAR_BELOW / float(job.order.times_s[0]))
         planes.rgb = np.maximum(light @ colours.matrix.T.astype(np.float32), 0)
-    found = shares(planes.validity, ghost, geometry)
+    found = bracket.shares(planes.validity, ghost, geometry)
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
     image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, with_modes({}, modes))

@@ -8,27 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 from processing.calibration.optics import OpticsChoice, find_optics, indoor_falloff, veil_taken_off
+from processing.calibration.outdoor import outdoor, sun_place
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
-from processing.calibration.outdoor.outdoor import (
-    OutdoorOptics,
-    OutdoorView,
-    correct_colour,
-    correct_vignetting,
-    cut_to_circle,
-    outdoor_view,
-    project,
-    with_lens,
-)
+from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView
 from processing.calibration.outdoor.sun_disc import Sun, find_sun
-from processing.calibration.outdoor.sun_place import (
-    North,
-    Place,
-    clear_beam,
-    north_from_heading,
-    north_from_sun,
-    oriented,
-    shortest_taken,
-)
+from processing.calibration.outdoor.sun_place import North, Place
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
 from processing.calibration.profile_records import ResponseRecord
@@ -175,8 +159,8 @@ def _through_glass(
     yaw = math.remainder(north.top_azimuth_rad - heading, 2 * math.pi)
     rows = merged.geometry.height_px
     view = OutdoorView(asked.outdoor_view)
-    target = outdoor_view(view, rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows, -heading)
-    image = project(replace(image, geometry=replace(merged.geometry, yaw_rad=yaw)), target)
+    target = outdoor.outdoor_view(view, rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows, -heading)
+    image = outdoor.project(replace(image, geometry=replace(merged.geometry, yaw_rad=yaw)), target)
     value, doubt = (1.0, SAME_CAMERA_UNCERTAINTY) if asked.k2 is None else (asked.k2, 0.0)
     scale = combined(k1, ScaleFactor(value, doubt, {"k2": doubt}))
     k2_source = "one camera" if asked.k2 is None else "given"
@@ -217,7 +201,11 @@ def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> lis
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
     image, veil = veil_taken_off(merged, optics.lens, asked)
-    return _with_sun(correct_colour(correct_vignetting(cut_to_circle(with_lens(image, optics)), optics), optics)), veil
+    return _with_sun(
+        outdoor.correct_colour(
+            outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics), optics
+        )
+    ), veil
 
 
 def _with_sun(image: RelativeImage) -> _Sky:
@@ -232,11 +220,11 @@ def _with_sun(image: RelativeImage) -> _Sky:
 def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North, list[str]]:
     """Return where the picture's top faces: as said, from the sun, or from the panorama's heading."""
     if asked.outdoor_top_deg is not None:
-        return north_from_heading(math.radians(asked.outdoor_top_deg), math.radians(1.0)), []
-    place, moment, why = Place.of(session.site), shortest_taken(session, Side.OUTDOOR), ""
+        return sun_place.north_from_heading(math.radians(asked.outdoor_top_deg), math.radians(1.0)), []
+    place, moment, why = Place.of(session.site), sun_place.shortest_taken(session, Side.OUTDOOR), ""
     if sky.sun is not None and place is not None and moment is not None:
         try:
-            north = north_from_sun(sky.image, moment, place, sun=sky.sun)
+            north = sun_place.north_from_sun(sky.image, moment, place, sun=sky.sun)
             return north, list(north.warnings)
         except SunError as error:
             why = str(error).split(" | ")[0]
@@ -244,10 +232,12 @@ def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North
         why = "the session does not say where or when it was"
     if session.heading_rad is not None:
         # Without a sun the heading is all that there can be; a sun that does not serve is worth a word.
-        north = north_from_heading(session.heading_rad)
+        north = sun_place.north_from_heading(session.heading_rad)
         return north, [f"north is the panorama's heading, not the sun's: {why}"] if why else []
     why = why or "the sun was not found in the picture"
-    return north_from_heading(0.0, math.pi), [f"north is not known ({why}; no heading): the top is taken for it"]
+    return sun_place.north_from_heading(0.0, math.pi), [
+        f"north is not known ({why}; no heading): the top is taken for it"
+    ]
 
 
 def _unturned(north: North, session: SessionManifest) -> list[str]:
@@ -264,11 +254,11 @@ def _turned(image: RelativeImage, north: North, session: SessionManifest, asked:
     """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
     heading = session.heading_rad if session.heading_rad is not None else 0.0
     assert isinstance(image.geometry, Fisheye)
-    lens = oriented(image.geometry, north, heading)
+    lens = sun_place.oriented(image.geometry, north, heading)
     image, rows = replace(image, geometry=lens), max(2, round(2 * lens.radius_px))
     view = OutdoorView(asked.outdoor_view)
     rows = rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows
-    return project(image, outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi)))
+    return outdoor.project(image, outdoor.outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi)))
 
 
 def _scale(
@@ -318,10 +308,10 @@ def _repaired(
             raise SunError("the sun's repair needs the measured illuminance", advice="give --outdoor-lux")
         done, repair = repair_sun(picture, horizontal_lx=asked.outdoor_lux)
         return done, repair.note
-    place, moment = Place.of(session.site), shortest_taken(session, Side.OUTDOOR)
+    place, moment = Place.of(session.site), sun_place.shortest_taken(session, Side.OUTDOOR)
     if place is None or moment is None:
         raise SunError("a clear sky's sun needs site and time", advice="record the site in rig.toml, or give lux")
-    done, repair = repair_sun(picture, beam=clear_beam(moment, place))
+    done, repair = repair_sun(picture, beam=sun_place.clear_beam(moment, place))
     return done, repair.note
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from processing.calibration.response import shutter
 from processing.calibration.response.curve import FineCurve, PatchNoise, fit_noise
 from processing.calibration.response.fit import (
     FIRST_CODE,
@@ -22,13 +23,7 @@ from processing.calibration.response.fit import (
 )
 from processing.calibration.response.prior import CurvePrior, published_prior
 from processing.calibration.response.samples import CHANNELS, PATCH_PX, ChannelSamples, Samples
-from processing.calibration.response.shutter import (
-    TimeEstimate,
-    TimeEvidence,
-    estimate_times,
-    find_wrong_time,
-    refine_times,
-)
+from processing.calibration.response.shutter import TimeEstimate, TimeEvidence
 from processing.errors import ResponseError
 from processing.ground.arrays import Doubles, Flags
 
@@ -105,25 +100,25 @@ def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrio
     given = samples.log2_times
     times, wrong = given.copy(), dict[int, float]()
     fits, evidence = _quick(samples, times, priors)
-    while len(wrong) < _MOST_WRONG and (found := find_wrong_time(evidence, wrong)) is not None:
+    while len(wrong) < _MOST_WRONG and (found := shutter.find_wrong_time(evidence, wrong)) is not None:
         wrong[found[0]] = 0.0
         times[found[0]] += found[1]
         for _ in range(_REFINE):
             fits, evidence = _quick(samples, times, priors)
-            times += refine_times(evidence, tuple(wrong))
+            times += shutter.refine_times(evidence, tuple(wrong))
     check_consistent(evidence, wrong, times - given, sloppy=SLOPPY_STOPS if free_times else 0.0)
     nominal = tuple(float(t) for t in np.exp2(given))
-    estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+    estimate = shutter.estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
     if free_times:
         times = np.log2(np.array(estimate.times_s))
     for number in range(3):
         fits = [_settled(data, times, priors[c], fits[c], c) for c, data in enumerate(samples.channels)]
         evidence = _evidence(fits, samples.channels, samples)
-        estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+        estimate = shutter.estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
         if number == 2 or not (wrong or (free_times and estimate.off_rule)):
             break
         times = np.log2(np.array(estimate.times_s)) if free_times else times
-        times = times + refine_times(evidence, tuple(wrong))
+        times = times + shutter.refine_times(evidence, tuple(wrong))
     wrong = {frame: float(times[frame] - given[frame]) for frame in wrong}
     return DaylitFit((fits[0], fits[1], fits[2]), times, evidence, wrong, estimate)
 
@@ -248,7 +243,7 @@ def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], off: Doubl
     ``off``: (F,) stops by which times were changed so far; ``sloppy``: up to so many it is the shutter, and all times
     are estimated.
     """
-    more = find_wrong_time(evidence)
+    more = shutter.find_wrong_time(evidence)
     if more is None and len(wrong) <= len(off) / 3:
         return
     if max(np.abs(off).max(), 0.0 if more is None else abs(off[more[0]] + more[1])) <= sloppy:
