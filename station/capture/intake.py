@@ -14,7 +14,6 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Literal
 
 from drivers.camera import FrameFormat
-from drivers.clock import Clock
 from drivers.meter.interface import MeterReading, ReadingStatus
 from station.capture.events import Fatal, Notice, Rejected, Repeated, Safe, Saved, Shot
 from station.capture.reference import compare
@@ -61,25 +60,6 @@ def check_typed(luminance_cd_m2: float) -> None:
             where="--reading",
             advice=f"type the number on the display, in cd/m2, between {low:g} and {high:g}",
         )
-
-
-def typed_record(when: When, luminance_cd_m2: float, clock: Clock) -> ReadingRecord:
-    """Return the record of a number that a person read from the display.
-
-    Raises `UsageError`: outside 0.001 .. 1e7 cd/m2, which no meter of the family shows.
-    """
-    check_typed(luminance_cd_m2)
-    return ReadingRecord(
-        when=when,
-        status=str(ReadingStatus.TYPED),
-        luminance_cd_m2=luminance_cd_m2,
-        taken_utc=clock.utc_now(),
-        taken_monotonic_s=clock.monotonic_s(),
-        raw=f"{luminance_cd_m2:g}",
-        dialect="typed",
-        dialect_verified=True,
-        detail="typed from the display",
-    )
 
 
 def drift_frac(readings: tuple[ReadingRecord, ...]) -> float | None:
@@ -139,7 +119,20 @@ class ReadingTaker:
 
     def _take(self, when: When) -> ReadingRecord:
         if self._typed:
-            return typed_record(when, self._typed[0 if when == "before" else -1], self._rig.clock)
+            # A number that a person read from the display; `UsageError` where no meter of the family shows it.
+            luminance_cd_m2 = self._typed[0 if when == "before" else -1]
+            check_typed(luminance_cd_m2)
+            return ReadingRecord(
+                when=when,
+                status=str(ReadingStatus.TYPED),
+                luminance_cd_m2=luminance_cd_m2,
+                taken_utc=self._rig.clock.utc_now(),
+                taken_monotonic_s=self._rig.clock.monotonic_s(),
+                raw=f"{luminance_cd_m2:g}",
+                dialect="typed",
+                dialect_verified=True,
+                detail="typed from the display",
+            )
         meter, table = self._rig.meter, self._rig.file.meter
         if meter is None or table is None:
             raise UsageError("the rig has no meter", where="meter", advice="add [meter] to the rig file")

@@ -201,11 +201,8 @@ def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> lis
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
     image, veil = veil_taken_off(merged, optics.lens, asked)
-    return _with_sun(
-        outdoor.correct_colour(
-            outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics), optics
-        )
-    ), veil
+    bare = outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics)
+    return _with_sun(outdoor.correct_colour(bare, optics)), veil
 
 
 def _with_sun(image: RelativeImage) -> _Sky:
