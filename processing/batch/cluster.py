@@ -21,8 +21,8 @@ SESSION_BYTES = 5 << 30
 """Of memory that one full-size session may take."""
 DEATHS = 1
 """Workers that may die over one session; with the next it counts as lost."""
-CONNECT_S = 30
-CLOSE_S = 30
+CONNECT_S = 30  # chosen: a busy scheduler answers within seconds
+CLOSE_S = 30  # chosen: workers end within seconds
 
 
 def usual_workers() -> int:

@@ -31,8 +31,8 @@ from processing.errors import SessionKilledError, SessionTimeoutError
 State = Literal["done", "failed"]
 BROKEN = "internal"
 """Code of what is a fault of the program."""
-_MOST_TEXT = 2000
-_GRACE_S = 10.0
+_MOST_TEXT = 2000  # characters of a message in a table; chosen
+_GRACE_S = 10.0  # chosen: from asking a process to end to killing it
 
 
 @dataclass(frozen=True)

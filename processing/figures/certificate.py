@@ -19,7 +19,7 @@ from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.modes import shared_errors
 from processing.sphere import projected_solid_angles
 
-COVERAGE_FACTOR = 2.0
+COVERAGE_FACTOR = 2.0  # k of the GUM for about 95 %
 RECTIFICATION = 3e-4
 """Relative, of an illuminance by resampling: the largest of closed forms, the sun's (docs/measurements/sphere.md)."""
 DETECTED = 1 / 3

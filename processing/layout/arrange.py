@@ -23,7 +23,7 @@ from processing.layout.solver.scores import soft_scores, weighted
 from processing.layout.solver.search import Final, Search
 from processing.layout.verify import Judge
 
-MOST_ALTERNATIVES = 50
+MOST_ALTERNATIVES = 50  # chosen: more than anybody looks at
 LITTLE_MORE = 1.0
 """Where something has no place, alternatives may leave out so much more (`units.loss_of`): another piece instead."""
 

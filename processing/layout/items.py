@@ -19,7 +19,7 @@ from processing.layout.rules import RuleSet
 Side: TypeAlias = Literal["front", "back", "left", "right"]
 Placement: TypeAlias = Literal["wall", "free", "on"]
 """`wall`: back to a wall where one is free; `free`: anywhere; `on`: on top of another item (a TV on its stand)."""
-MAX_SIZE_M = 6.0
+MAX_SIZE_M = 6.0  # chosen: longer than any piece sold
 RUG_HEIGHT_M = 0.03
 
 
@@ -163,7 +163,7 @@ OTHER_NAMES = {
 
 # Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.
 
-MAX_ITEMS = 40
+MAX_ITEMS = 40  # chosen: more than any room's furniture
 _ENTRY = re.compile(r"^(?:(\d{1,3})\s*(?:x|×)?\s+)?(.+?)$")
 
 

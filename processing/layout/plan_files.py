@@ -22,8 +22,8 @@ from processing.layout.plan import (
     make_plan,
 )
 
-MAX_BYTES = 4_000_000
-MAX_CORNERS = 2000
+MAX_BYTES = 4_000_000  # chosen: beyond any plan
+MAX_CORNERS = 2000  # chosen: beyond any room
 TO_THE_FLOOR = ("balcony", "terrace", "garden")
 """Windows that lead there are taken to reach the floor where no sill is given."""
 

@@ -15,7 +15,7 @@ from processing.errors import RulesError
 
 LIMITS_M = {"path": (0.3, 3.0), "door_approach": (0.3, 3.0), "door_reach": (0.5, 2.0), "together": (0.1, 20.0)}
 COUNTS = {"bed_sides": (0, 2), "bed_single_sides": (0, 2)}
-MAX_LENGTH_M = 3.0
+MAX_LENGTH_M = 3.0  # chosen: no rule asks for as much free space
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ LayoutFormat = Literal["zind", "led2net", "horizonnet"]
 
 MOST_BYTES = 64 << 20
 WIDTH_PX, HEIGHT_PX = 1024, 512
-LARGEST = 1e4
+LARGEST = 1e4  # metres, or pixels of a corner; chosen: beyond any room's
 _ZIND_KINDS = {"windows": OpeningKind.WINDOW, "doors": OpeningKind.DOOR, "openings": OpeningKind.PASSAGE}
 
 

@@ -76,7 +76,7 @@ Run = tuple[float, float]
 """Seconds and megapixels."""
 
 FILE_NAME = "stage-seconds.json"
-KEPT_RUNS = 7
+KEPT_RUNS = 7  # chosen: an odd number, for their median
 _MAX_BYTES = 1 << 20
 _SMALLEST_MPX = 0.1
 """Below this, what a stage costs does not depend on the size."""

@@ -279,7 +279,7 @@ def _folder_digest(folder: Path) -> str:
     return digest.hexdigest()
 
 
-MAX_SHOWN = 60
+MAX_SHOWN = 60  # characters; chosen: half a terminal's line
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from processing.pictures.frames import FrameSource, Reduce, frame_of, raw_frame
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from station.session.session import DeviceRecord, FrameRecord, SessionManifest, Side
 
-DECODERS = 2
+DECODERS = 2  # chosen: threads of a small computer
 COARSE_PX = 800
 PANORAMA_CAMERAS = ("THETA", "INSTA360")
 """In the model that EXIF names."""

@@ -152,8 +152,8 @@ def boundary_latitudes(room: RoomModel, azimuth_rad: npt.ArrayLike) -> tuple[Dou
     return up, np.arctan2(-room.camera_height_m, distance)
 
 
-ROWS_AT_ONCE = 256
-NONE = -1
+ROWS_AT_ONCE = 256  # chosen: bounds the memory of the directions
+NONE = -1  # a mark: no plane or opening there
 
 
 @dataclass(frozen=True)

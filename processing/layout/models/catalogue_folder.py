@@ -20,8 +20,8 @@ from processing.layout.models.catalogue import OTHER, CatalogueEntry, category_o
 from processing.layout.models.mesh_files import SUFFIXES, read_model_file
 from processing.layout.models.mesh_pose import Given, Sound, posed, repaired
 
-MAX_FILES = 20_000
-MAX_DEPTH = 4
+MAX_FILES = 20_000  # chosen: beyond any catalogue; a home folder named by mistake ends here
+MAX_DEPTH = 4  # folders; chosen: category, maker, model and its file
 MOST_STRETCH = 2.0
 MOST_DISTORTION = 1.6
 CREASE_RAD = np.radians(40.0)

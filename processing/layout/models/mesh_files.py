@@ -27,7 +27,7 @@ from processing.ground.colour import linear_of_srgb
 from processing.layout.furniture.model import Material
 
 MAX_JSON_BYTES = 16 * 2**20
-MAX_NODES = 20_000
+MAX_NODES = 20_000  # chosen: beyond any piece of furniture; a hostile file ends here
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -121,9 +121,9 @@ def _tree_triangles(document: dict[str, Any], triangles: list[int], where: str) 
 
 SUFFIXES = (".glb", ".gltf", ".obj")
 MAX_FILE_BYTES = 96 * 2**20
-MAX_TRIANGLES = 1_000_000
+MAX_TRIANGLES = 1_000_000  # chosen: beyond any piece of furniture
 MAX_TEXTURE_PIXELS = 8192 * 8192
-KEPT_TEXTURE_PX = 1024
+KEPT_TEXTURE_PX = 1024  # chosen: finer than a staged picture shows
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif")
 GREY = (0.5, 0.5, 0.5)
 

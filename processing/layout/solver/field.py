@@ -34,7 +34,7 @@ LEAST_WALL_M = 0.2
 """Nothing is placed along shorter walls (chosen: less than the narrowest piece's depth)."""
 MOST_DIRECTIONS, MOST_OFFSETS, OFFSET_M = 3, 20, 0.25
 """Directions and offsets of the lines for what stands free, and the step between them (chosen: time of a search)."""
-NO_EDGE = -1.0
+NO_EDGE = -1.0  # a mark: the line lies along no wall
 SAMPLES, WALK_CELL_M = 20, 0.07
 """Points along the floor's longer side, and the least cell, for scores (chosen: time of a score below 1 ms)."""
 

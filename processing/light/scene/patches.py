@@ -257,9 +257,6 @@ def _cut(corners: Doubles, longest_m: float) -> tuple[Doubles, Int32s]:
     return np.concatenate(done), np.concatenate(done_from)
 
 
-EPSILON = 1e-12
-
-
 def surface_triangles(surface: Surface) -> Doubles:
     """Return (M, 3, 3) corners of a surface's triangles, turned so that they face where its normal does."""
     flat = _with_holes(surface) if surface.holes_m else triangles(surface.outline_m)

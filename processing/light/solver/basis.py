@@ -30,7 +30,7 @@ MOST_BYTES = 1 << 30
 """Chosen: what a computer of 8 GiB can spare."""
 EFFORT_FIELDS = ("texel_m", "rows", "pixel_samples", "patch_samples", "sun_samples", "clean")
 """That count for a basis, as they stand in its file."""
-VERSION = 3
+VERSION = 3  # of the file's format, raised when it changes
 
 
 BASIS_EFFORTS = {
