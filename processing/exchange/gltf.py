@@ -213,7 +213,7 @@ STILL_FIELD_RAD = 2 * math.atan(12 / 18)
 def scene_glb(
     scene: Scene,
     *,
-    max_texture_px: int = 1024,
+    max_texture_px: int = 2048,
     lit: Mapping[str, Bytes] | None = None,
     eye_m: tuple[float, float, float] | None = None,
 ) -> bytes:

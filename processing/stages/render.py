@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Floats
+from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.styles import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
@@ -21,7 +24,7 @@ from processing.layout.styling import styled
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
-from processing.light.scene.scene import Part, Vector
+from processing.light.scene.scene import Part, Scene, Vector
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.pictures.exr import write_stage_exr
@@ -32,6 +35,8 @@ from processing.stages.furnishing import furniture_parts
 from processing.stages.materials import emptied
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, RenderParameters
 from processing.stages.upright import known_room
+from processing.surfaces.maps import planes_of
+from processing.surfaces.textures import unwrap
 
 QUALITY = {
     "draft": EFFORTS["draft"],
@@ -45,6 +50,8 @@ _SHOWN: Any = {
     "not_placed": True,
 }
 """Of an arrangement, what its picture and facts depend on."""
+MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5
+"""Of the models' walls, floor and ceiling; most that detail is over its surroundings: beyond it light ends (chosen)."""
 MODELLED = 0.05
 """Relative standard uncertainty of what is not measured: furniture's colour, and the change of light around it."""
 
@@ -76,6 +83,8 @@ class _Work:
     effort: Effort
     asked: RenderParameters
     own: Catalogue | None
+    model: Scene
+    """For the models: with finer albedo."""
 
 
 def run(context: StageContext) -> StageOutput:
@@ -124,7 +133,8 @@ def run(context: StageContext) -> StageOutput:
 def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Work:
     empty = emptied(context)
     bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
-    eye: Vector = (0.0, 0.0, known_room(context).camera_height_m)
+    room = known_room(context)
+    eye: Vector = (0.0, 0.0, room.camera_height_m)
     base = empty.image.rgb
     if base.shape[1] != 2 * base.shape[0]:
         raise ParameterError("furniture is put into whole panoramas only", where="render")
@@ -132,7 +142,32 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Wo
         geometry = Equirectangular(base.shape[1], base.shape[0])
         base = render(bare.stage, geometry, eye, effort=effort, seed=asked.seed).rgb
     folder = asked.furniture
-    return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder))
+    model = finely(bare.stage.scene, empty.image, room)
+    return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder), model)
+
+
+def finely(scene: Scene, image: LuminanceImage, room: RoomModel) -> Scene:
+    """Return the scene with albedo of its planes as fine as the panorama shows them, up to `MODEL_PX_PER_M`.
+
+    What the light (H, W, 3) of the emptied panorama has of detail within a coarse texel is taken for albedo's.
+    """
+    planes = {plane.index: plane for plane in planes_of(room)}
+    surfaces = []
+    for one in scene.surfaces:
+        away = abs(float((np.array([0.0, 0.0, room.camera_height_m]) - one.origin_m) @ one.normal))
+        px_per_m = min(MODEL_PX_PER_M, image.rgb.shape[0] / math.pi / max(away, 0.3))
+        high, wide = one.albedo.shape[:2]
+        if one.plane in planes and px_per_m * one.width_m > 1.5 * wide:
+            assert isinstance(image.geometry, Equirectangular)
+            seen = unwrap(image.rgb, image.geometry, room, planes[one.plane], px_per_m)
+            size = seen.values.shape[1::-1]
+            coarse = cv2.resize(cv2.resize(seen.values, (wide, high), interpolation=cv2.INTER_AREA), size)
+            detail = np.clip((seen.values + 1e-6) / (coarse + 1e-6), 1 / MOST_DETAIL, MOST_DETAIL)
+            fine = cv2.resize(one.albedo, size) * np.where(seen.known[..., None], detail, 1)
+            surfaces.append(replace(one, albedo=np.clip(fine, 0, 1).astype(np.float32)))
+        else:
+            surfaces.append(one)
+    return replace(scene, surfaces=tuple(surfaces))
 
 
 def _alternative(
@@ -144,7 +179,7 @@ def _alternative(
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=lit)
     staged = _staged(work, parts, work.effort)
     write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one))
-    write_scene_glb(path.with_suffix(".glb"), work.bare.stage.scene.furnished(parts), work.eye_m)
+    write_scene_glb(path.with_suffix(".glb"), work.model.furnished(parts), work.eye_m)
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",
         "items": [item.id for item in one.items],

@@ -15,6 +15,10 @@ from PIL import Image
 from processing.errors import ParameterError
 from processing.exchange.gltf import scene_glb, write_scene_glb
 from processing.light.scene.scene import Part, Scene, Sun
+from processing.pictures.images import LuminanceImage
+from processing.sphere import Equirectangular, directions
+from processing.stages.render import finely
+from processing.surfaces.maps import surface_maps
 from tests.processing.light.rooms import box, box_room, scene_of, uniform_sky
 
 
@@ -125,6 +129,23 @@ def test_the_sun_is_a_light_of_the_file_in_lux(tmp_path: Path) -> None:
     behind = Scene((), (), uniform_sky(sun=Sun((0.0, 1.0, 0.0), (1.0, 1.0, 1.0))), (box((0, 0, 1), (1, 1, 1)),))
     turn = loaded(scene_glb(behind)).graph.get("sun")[0]
     np.testing.assert_allclose(turn[:3, :3] @ (0, 0, -1), (0, 0, 1), atol=1e-6)
+
+
+def test_the_models_walls_are_as_fine_as_the_panorama() -> None:
+    """Stripes of 3 cm on a wall, in the panorama's light only: they are in the model's wall, whose mean stays."""
+    room, geometry = box_room(), Equirectangular(1600, 800)
+    scene = scene_of(room, uniform_sky(), albedo=lambda _: np.full((20, 30, 3), 0.5, np.float32))
+    maps, (d, _) = surface_maps(room, geometry), directions(geometry)
+    points = d * maps.depth_m[..., None]
+    light = np.where((points[..., 2] / 0.06) % 1 < 0.5, 60.0, 90.0)[..., None].repeat(3, axis=-1).astype(np.float32)
+    whole = np.zeros((800, 1600), np.uint8)
+    image = LuminanceImage(light, np.full((800, 1600), 0.01, np.float32), whole, geometry, scale_uncertainty=0.01)
+    wall = next(s for s in finely(scene, image, room).surfaces if s.name == "wall-2")
+    near_m = abs(float((np.array([0.0, 0.0, room.camera_height_m]) - wall.origin_m) @ wall.normal))
+    assert wall.albedo.shape[1] / wall.width_m == pytest.approx(min(220, 800 / np.pi / near_m), rel=0.02)
+    middle = wall.albedo[:, wall.albedo.shape[1] // 2, 0]
+    assert wall.albedo.mean() == pytest.approx(0.5, rel=0.04)
+    assert middle[len(middle) // 4 : -len(middle) // 4].std() > 0.05, "the stripes are there"
 
 
 def test_photographs_instead_of_albedo_and_smaller_textures() -> None:
