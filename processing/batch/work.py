@@ -32,7 +32,7 @@ State = Literal["done", "failed"]
 BROKEN = "internal"
 """Code of what is a fault of the program."""
 _MOST_TEXT = 2000  # characters of a message in a table; chosen
-_GRACE_S = 10.0  # chosen: from asking a process to end to killing it
+_GRACE_S = 10.0  # chosen: a killed process is gone sooner
 
 
 @dataclass(frozen=True)
