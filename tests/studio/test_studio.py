@@ -319,6 +319,7 @@ def test_a_still_is_aimed_in_the_panorama(opened: Opened) -> None:
     frame, stage = page.locator(".frame.aim").bounding_box(), page.locator(".stage").first.bounding_box()
     assert frame["width"] / frame["height"] == pytest.approx(1.5, rel=0.02)
     assert frame["y"] + frame["height"] / 2 > stage["y"] + stage["height"] / 2, "a little lower than level"
+    assert frame["y"] + frame["height"] < stage["y"] + stage["height"], "it is seen whole"
     page.locator(".stage").first.focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")

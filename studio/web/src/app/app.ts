@@ -134,6 +134,7 @@ function tabs(found: Overview, kind: string): string | undefined {
   const links = open.map(([id, one]) =>
     h("a", { href: `#/${encodeURIComponent(found.name)}/${id}`, "aria-current": id === chosen ? "page" : null }, one.title));
   top.replaceChildren(h("a", { class: "home", href: "#/" }, "Sessions"), h("h1", {}, found.title), h("nav", { "aria-label": "Screens" }, ...links));
+  top.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" });
   return chosen;
 }
 

@@ -152,7 +152,7 @@ class Aiming {
     this.active = !this.active;
     this.toggle.setAttribute("aria-pressed", String(this.active));
     this.lens.hidden = this.take.hidden = this.shape.hidden = !this.active;
-    if (this.active && this.view) this.view.look(this.view.yaw, 0, Math.max(this.view.field, 105));
+    if (this.active) this.view?.look(this.view.yaw, 0);
     this.draw();
   }
 
@@ -166,6 +166,13 @@ class Aiming {
       view.draw();
     }
     const { clientWidth: wide, clientHeight: high } = view.stage;
+    // The whole frame is seen, however the page's shape and the lens change.
+    const half = Math.max(SENSOR_MM.wide / 2 / lens, ((SENSOR_MM.high / lens) * (0.5 + this.drop) * wide) / Math.max(1, high));
+    const needed = Math.min(140, (2 * Math.atan(1.05 * half)) / RAD);
+    if (view.field < needed) {
+      view.field = needed;
+      view.draw();
+    }
     const perTan = wide / 2 / Math.tan((view.field / 2) * RAD);
     const [w, t] = [(SENSOR_MM.wide / lens) * perTan, (SENSOR_MM.high / lens) * perTan];
     this.shape.setAttribute("style", `left: ${(wide - w) / 2}px; top: ${high / 2 + this.drop * t - t / 2}px; width: ${w}px; height: ${t}px`);

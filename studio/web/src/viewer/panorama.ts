@@ -46,7 +46,7 @@ void main() {
 }`;
 
 const RAD = Math.PI / 180;
-const FIELD = { least: 25, most: 120 };
+const FIELD = { least: 25, most: 140 };
 const STEP_DEG = 4;
 
 export interface Look {
