@@ -18,11 +18,13 @@ from processing.errors import ParameterError
 
 LABEL = "org.daylit.proof"
 """Of the assertion that chains a picture to its frames."""
-SELF_MADE = "made by daylit for one proof, vouched for by nobody"
+SELF_MADE = "made by daylit for one proof - vouched for by nobody"
 """Common name of a certificate that was made here: whoever reads it knows."""
 _KINDS = "http://cv.iptc.org/newscodes/digitalsourcetype/"
 SOURCES = {"original": _KINDS + "computationalCapture", "result": _KINDS + "compositeSynthetic"}
 """IPTC's digital source types: several exposures joined by computer; a photograph with synthetic parts."""
+ALGORITHMS = {"Ed25519PublicKey": "ed25519", "RSAPublicKey": "ps256", "secp256r1": "es256", "secp384r1": "es384"}
+"""C2PA's words by kind of key, or curve."""
 VALID_FOR = timedelta(days=3650)  # chosen: as long as a sale is disputed
 
 
@@ -58,34 +60,26 @@ def self_made_signer(now: datetime) -> Signer:
     from cryptography import x509
     from cryptography.hazmat.primitives import serialization as form
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+    from cryptography.x509.oid import ExtendedKeyUsageOID
 
     keys, made = (Ed25519PrivateKey.generate(), Ed25519PrivateKey.generate()), []
-    names = [
-        x509.Name(
-            [x509.NameAttribute(NameOID.ORGANIZATION_NAME, "daylit"), x509.NameAttribute(NameOID.COMMON_NAME, one)]
-        )
-        for one in (f"authority {SELF_MADE}", SELF_MADE)
-    ]
-    for number, authority in enumerate((True, False)):
-        own, above = keys[number].public_key(), keys[0].public_key()
-        usage = {"digital_signature": not authority, "key_cert_sign": authority, "crl_sign": authority}
-        unused = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement", "encipher_only")
-        usage |= dict.fromkeys((*unused, "decipher_only"), False)
+    names = [x509.Name.from_rfc4514_string(f"CN={one},O=daylit") for one in (f"authority {SELF_MADE}", SELF_MADE)]
+    for key, name, authority in zip(keys, names, (True, False), strict=True):
+        own, above = key.public_key(), keys[0].public_key()
+        usage = x509.KeyUsage(not authority, False, False, False, False, authority, authority, False, False)
         made.append(
-            x509.CertificateBuilder(names[0], names[number], own, x509.random_serial_number())
+            x509.CertificateBuilder(names[0], name, own, x509.random_serial_number())
             .not_valid_before(now - timedelta(days=1))
             .not_valid_after(now + VALID_FOR)
             .add_extension(x509.BasicConstraints(authority, 0 if authority else None), critical=True)
-            .add_extension(x509.KeyUsage(**usage), critical=True)
+            .add_extension(usage, critical=True)
             .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.EMAIL_PROTECTION]), critical=False)
             .add_extension(x509.SubjectKeyIdentifier.from_public_key(own), critical=False)
             .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(above), critical=False)
             .sign(keys[0], None)
         )
     chain = b"".join(one.public_bytes(form.Encoding.PEM) for one in reversed(made))
-    key = keys[1].private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
-    return _signer(chain, key, self_made=True)
+    return _signer(chain, keys[1], self_made=True)
 
 
 def read_signer(path: Path) -> Signer:
@@ -106,26 +100,22 @@ def read_signer(path: Path) -> Signer:
         advice = "give one PEM file with the certificate, those above it, and the private key without a password"
         raise ParameterError(f"no certificate with its key: {error}", where=str(path), advice=advice) from error
     chain = b"".join(one.public_bytes(form.Encoding.PEM) for one in certificates)
-    plain = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
-    return _signer(chain, plain, self_made=False)
+    return _signer(chain, key, self_made=False)
 
 
-def _signer(chain: bytes, key: bytes, *, self_made: bool) -> Signer:
+def _signer(chain: bytes, key: Any, *, self_made: bool) -> Signer:
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes
-    from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+    from cryptography.hazmat.primitives import serialization as form
 
     own = x509.load_pem_x509_certificates(chain)[0]
-    public = own.public_key()
-    curves = {"secp256r1": "es256", "secp384r1": "es384", "secp521r1": "es512"}
-    kinds = {ed25519.Ed25519PublicKey: "ed25519", rsa.RSAPublicKey: "ps256"}
-    found = next((name for kind, name in kinds.items() if isinstance(public, kind)), "")
-    if isinstance(public, ec.EllipticCurvePublicKey):
-        found = curves.get(public.curve.name, "")
-    if not found:
+    public: Any = own.public_key()
+    kind = public.curve.name if hasattr(public, "curve") else type(public).__name__
+    if kind not in ALGORITHMS:
         raise ParameterError("a key that C2PA does not know", where="--sign", advice="give Ed25519, ECDSA or RSA")
     facts = {"name": own.subject.rfc4514_string(), "sha256": own.fingerprint(hashes.SHA256()).hex()}
-    return Signer(chain, key, found, facts | {"self_made": self_made})
+    plain = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
+    return Signer(chain, plain, ALGORITHMS[kind], facts | {"self_made": self_made})
 
 
 def signed_jpeg(jpeg: bytes, signer: Signer, title: str, proof: Mapping[str, Any], original: bytes | None) -> bytes:

@@ -233,12 +233,10 @@ def meter_board(luminance: Floats, target: tuple[float, float], tint: Floats | N
     known = np.isfinite(luminance) & (luminance > 0)
     level = np.log2(np.where(known, luminance, np.float32(1e-6))).astype(np.float32)
     level = np.roll(level, shift, axis=1)
-    smooth = [
-        None if one is None else np.asarray(cv2.medianBlur(one, 3), np.float32)
-        for one in (level, None if tint is None else np.roll(tint, shift, axis=1))
-    ]
-    assert smooth[0] is not None
-    board = board_around(smooth[0], np.roll(known, shift, axis=1), (row, middle), smooth[1])
+    if tint is not None:
+        tint = np.asarray(cv2.medianBlur(np.roll(tint, shift, axis=1), 3), np.float32)
+    smooth = np.asarray(cv2.medianBlur(level, 3), np.float32)
+    board = board_around(smooth, np.roll(known, shift, axis=1), (row, middle), tint)
     if board is None:
         return nothing, False
     stand = _stand(level, board)
