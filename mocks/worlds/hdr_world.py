@@ -81,7 +81,17 @@ def read_equirect(path: Path) -> Floats:
     except OSError as error:
         raise _refused(path, f"cannot be read ({error.strerror})") from error
     if head.startswith(_HDR_MAGIC):
-        pixels = _read_hdr(path, head)
+        _, _, rest = head.partition(b"\n\n")
+        words = rest.split(b"\n", 1)[0].split()
+        if len(words) != 4 or words[0] != b"-Y" or words[2] != b"+X":
+            raise _refused(path, "has no resolution line '-Y height +X width'")
+        if not (words[1].isdigit() and words[3].isdigit()):
+            raise _refused(path, "has a resolution that is not a number")
+        _check_size(path, int(words[3]), int(words[1]))
+        pixels = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+        if pixels is None or pixels.dtype != np.float32:
+            raise _refused(path, "cannot be decoded: damaged or cut short")
+        pixels = np.ascontiguousarray(pixels[..., ::-1])
     elif head.startswith(_EXR_MAGIC):
         pixels = _read_exr(path)
     else:
@@ -92,20 +102,6 @@ def read_equirect(path: Path) -> Floats:
     if pixels.min() < -_UNDERSHOOT * float(np.median(pixels)):
         raise _refused(path, "holds negative light")
     return np.maximum(pixels, 0, out=pixels)
-
-
-def _read_hdr(path: Path, head: bytes) -> Floats:
-    _, _, rest = head.partition(b"\n\n")
-    words = rest.split(b"\n", 1)[0].split()
-    if len(words) != 4 or words[0] != b"-Y" or words[2] != b"+X":
-        raise _refused(path, "has no resolution line '-Y height +X width'")
-    if not (words[1].isdigit() and words[3].isdigit()):
-        raise _refused(path, "has a resolution that is not a number")
-    _check_size(path, int(words[3]), int(words[1]))
-    pixels = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
-    if pixels is None or pixels.dtype != np.float32:
-        raise _refused(path, "cannot be decoded: damaged or cut short")
-    return np.ascontiguousarray(pixels[..., ::-1])
 
 
 def _read_exr(path: Path) -> Floats:

@@ -154,16 +154,6 @@ def remote_sessions(url: str, depth: int) -> list[str]:
     return [f"{url.rstrip('/')}/{name}" for name in found if f"/{RESULTS}/" not in f"/{name}/"]
 
 
-def request_key(task: Task, manifest: bytes, choices: bytes = b"") -> str:
-    """Return the digest of what a result depends on: the session, what was chosen for it, arguments, files, stages."""
-    from processing.pipeline import STAGES
-
-    named = {text: file_sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
-    stages = {stage.name: stage.version for stage in STAGES}
-    session = hashlib.sha256(manifest + choices).hexdigest()
-    return digest({"session": session, "arguments": list(task.arguments), "files": named, "stages": stages})
-
-
 def work_by_url(task: Task, *, do: Callable[[Task], Outcome] = work, sleep: Sleep = time.sleep) -> Outcome:
     """Process a session that is named by a URL; an outcome comes back whatever the store does."""
     begun_s = time.monotonic()
@@ -176,10 +166,16 @@ def work_by_url(task: Task, *, do: Callable[[Task], Outcome] = work, sleep: Slee
 
 def process_in(store: Store, task: Task, do: Callable[[Task], Outcome]) -> Outcome:
     """Pull, process, push and mark a session as done, unless it is; raises `StoreError`."""
+    from processing.pipeline import STAGES
+
     manifest = store.read(MANIFEST_NAME)
     if manifest is None:
         raise StoreError(f"has no {MANIFEST_NAME}", where=store.url)
-    key = request_key(task, manifest, store.read(CHOICES) or b"")
+    # The digest of what a result depends on: the session, what was chosen for it, arguments, files, stages
+    named = {text: file_sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
+    stages = {stage.name: stage.version for stage in STAGES}
+    session = hashlib.sha256(manifest + (store.read(CHOICES) or b"")).hexdigest()
+    key = digest({"session": session, "arguments": list(task.arguments), "files": named, "stages": stages})
     former = done_of(store)
     if former is not None and former["key"] == key:
         return Outcome(task.name, "done", stages=dict.fromkeys(former["stages"], "skipped"), row=former["row"])

@@ -221,7 +221,19 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
     import OpenEXR
 
     planes = _planes(image)
-    texts = _texts(image, path)
+    # Our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)
+    luminance = isinstance(image, LuminanceImage)
+    try:
+        provenance = json.dumps(dict(image.attributes), sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise refused(path, f"attributes are not plain JSON values ({error})") from error
+    values = (
+        ("luminance" if _in_cd_m2(image) else UNSCALED) if luminance else "relative",
+        json.dumps(geometry_to_json(image.geometry), sort_keys=True, allow_nan=False),
+        repr(float(image.scale_uncertainty)) if isinstance(image, LuminanceImage) else "none",
+        provenance,
+    )
+    texts = dict(zip(_TEXTS, values, strict=True))
     header = {
         "compression": getattr(OpenEXR, coding),
         "type": OpenEXR.scanlineimage,
@@ -288,22 +300,6 @@ _TEXTS = ("daylitKind", "daylitGeometry", "daylitScaleUncertainty", "daylitProve
 
 def _in_cd_m2(image: RelativeImage | LuminanceImage) -> bool:
     return isinstance(image, LuminanceImage) and image.absolute
-
-
-def _texts(image: RelativeImage | LuminanceImage, path: Path) -> dict[str, str]:
-    """Return our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)."""
-    luminance = isinstance(image, LuminanceImage)
-    try:
-        provenance = json.dumps(dict(image.attributes), sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise refused(path, f"attributes are not plain JSON values ({error})") from error
-    values = (
-        ("luminance" if _in_cd_m2(image) else UNSCALED) if luminance else "relative",
-        json.dumps(geometry_to_json(image.geometry), sort_keys=True, allow_nan=False),
-        repr(float(image.scale_uncertainty)) if isinstance(image, LuminanceImage) else "none",
-        provenance,
-    )
-    return dict(zip(_TEXTS, values, strict=True))
 
 
 def _planes(image: RelativeImage | LuminanceImage) -> Channels:

@@ -83,15 +83,7 @@ def sun_patches(
     known = np.where(np.isfinite(rgb), rgb, 0)
     small = np.asarray(cv2.resize(known, (2 * rows, rows), interpolation=cv2.INTER_AREA), np.float32)
     asked = (maps.opening >= 0) & (maps.plane >= FIRST_WALL)
-    asked &= _in_another_beam(room, maps, geometry, asked, sun)
-    asked &= _bright(small, maps, asked) & _even(small)
-    return asked & coloured_as_behind(small, maps.plane, asked, (maps.opening >= 0) | (maps.plane == CEILING)), maps
-
-
-def _in_another_beam(
-    room: RoomModel, maps: SurfaceMaps, geometry: Equirectangular, asked: Flags, sun: tuple[float, float]
-) -> Flags:
-    """Return which of the asked places the sun may reach through a window of another wall."""
+    # Which of the asked places the sun may reach through a window of another wall
     rays, _ = directions(geometry)
     points = rays[asked] * maps.depth_m[asked][:, None] + np.array([0.0, 0.0, room.camera_height_m])
     reached = np.zeros(len(points), bool)
@@ -103,7 +95,9 @@ def _in_another_beam(
             reached[near] = ~wall_between(room, points[near], way)
     found = np.zeros(asked.shape, bool)
     found[asked] = reached
-    return found
+    asked &= found
+    asked &= _bright(small, maps, asked) & _even(small)
+    return asked & coloured_as_behind(small, maps.plane, asked, (maps.opening >= 0) | (maps.plane == CEILING)), maps
 
 
 def _bright(rgb: Floats, maps: SurfaceMaps, asked: Flags) -> Flags:

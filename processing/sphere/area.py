@@ -253,7 +253,13 @@ def projected_bands(geometry: Geometry, normal: npt.ArrayLike) -> Iterator[tuple
     for start in range(0, geometry.height_px, step if whole else geometry.height_px):
         rows = slice(start, min(start + step, geometry.height_px) if whole else geometry.height_px)
         if isinstance(geometry, Equirectangular):
-            signed = _equirectangular_projected(geometry, n, rows)
+            step_x, step_y = 2 * math.pi / geometry.width_px, math.pi / geometry.height_px
+            longitude, latitude = _middles(geometry, rows)
+            across = (n[0] * np.sin(longitude) + n[1] * np.cos(longitude)) * (2 * math.sin(step_x / 2))
+            # Integrals over a row of cos2 and of sin cos.
+            level = (step_y + np.cos(2 * latitude) * math.sin(step_y)) / 2
+            upward = np.sin(2 * latitude) * math.sin(step_y) / 2
+            signed = np.asarray(level[:, None] * across[None, :] + n[2] * step_x * upward[:, None])
         elif isinstance(geometry, Perspective):
             signed = _perspective_projected(geometry, n)
         else:
@@ -278,16 +284,6 @@ def _middles(geometry: Equirectangular, rows: slice) -> tuple[Doubles, Doubles]:
     longitude = (np.arange(geometry.width_px) + 0.5) * (2 * math.pi / geometry.width_px) - math.pi + geometry.yaw_rad
     latitude = math.pi / 2 - (np.arange(geometry.height_px)[rows] + 0.5) * (math.pi / geometry.height_px)
     return np.asarray(longitude), np.asarray(latitude)
-
-
-def _equirectangular_projected(geometry: Equirectangular, n: Doubles, rows: slice) -> Doubles:
-    step_x, step_y = 2 * math.pi / geometry.width_px, math.pi / geometry.height_px
-    longitude, latitude = _middles(geometry, rows)
-    across = (n[0] * np.sin(longitude) + n[1] * np.cos(longitude)) * (2 * math.sin(step_x / 2))
-    # Integrals over a row of cos2 and of sin cos.
-    level = (step_y + np.cos(2 * latitude) * math.sin(step_y)) / 2
-    upward = np.sin(2 * latitude) * math.sin(step_y) / 2
-    return np.asarray(level[:, None] * across[None, :] + n[2] * step_x * upward[:, None])
 
 
 def _grid(view: Perspective) -> tuple[Doubles, Doubles]:

@@ -51,7 +51,13 @@ def main() -> None:
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     complaints = _catch_output()
-    limits = lock_in(memory_bytes=int(sys.argv[1]))
+    # Give up what decoding does not need; return what is in force, in words, and what could not be had
+    cv2.setNumThreads(0)
+    folder = tempfile.mkdtemp(prefix="daylit-empty-")
+    os.chdir(folder)
+    with suppress(OSError):
+        os.rmdir(folder)  # noqa: PTH106 (the folder lives on as our working folder, and nobody has to clean it up)
+    limits = [_leave_network(), *_limit_resources(int(sys.argv[1]))]
     _answer(answers, {"ok": True, "limits": limits})
     while line := requests.readline(100_000):
         request = json.loads(line)
@@ -275,16 +281,6 @@ def _catch_output() -> Callable[[], str]:
         return " ".join(text.split())[:200]
 
     return complaints
-
-
-def lock_in(memory_bytes: int) -> list[str]:
-    """Give up what decoding does not need; return what is in force, in words, and what could not be had."""
-    cv2.setNumThreads(0)
-    folder = tempfile.mkdtemp(prefix="daylit-empty-")
-    os.chdir(folder)
-    with suppress(OSError):
-        os.rmdir(folder)  # noqa: PTH106 (the folder lives on as our working folder, and nobody has to clean it up)
-    return [_leave_network(), *_limit_resources(memory_bytes)]
 
 
 def _leave_network() -> str:
