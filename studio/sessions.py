@@ -15,7 +15,7 @@ from processing.ground.room_model import check_room, read_room, room_text
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.running.choices import forget, read_choices, remember
 from processing.running.results import RESULT_NAME
-from processing.running.screens import nothing_png, picture_of, states_of
+from processing.running.screens import STATES, nothing_png, picture_of
 from station.errors import SessionNotFoundError
 from station.session.folder import open_session, write_file
 from station.session.session import MANIFEST_NAME
@@ -81,7 +81,7 @@ def overview(session: Path) -> dict[str, Any]:
     chosen = read_choices(session).chosen
     return {
         **_card(session),
-        "states": states_of(session),
+        "states": [name for name in STATES if picture_of(session, name)],
         "chosen": {name: choice.file if choice.value is None else choice.value for name, choice in chosen.items()},
         "page": (session / "stages" / "report" / "index.html").is_file(),
         "stamp": stamp(session),

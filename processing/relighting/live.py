@@ -25,34 +25,19 @@ from processing.light.solver.basis import BASIS_EFFORTS
 from processing.light.solver.irradiance import EFFORTS
 from processing.light.solver.sight import GLASS, sight_along
 from processing.pictures.images import LuminanceImage
-from processing.relighting.relit_session import (
-    FOLDER,
-    Relighting,
-    RelitRoom,
-    SessionRoom,
-    check_sky,
-    heading_of,
-    place_of,
-    read_session_room,
-    seen_picture,
-)
-from processing.relighting.weather import (
-    Weather,
-    captured_weather,
-    daylight_at,
-    daylight_facts,
-    parse_time,
-    usual_weather,
-)
+from processing.relighting import relit_session as sessions
+from processing.relighting import weather as weathers
+from processing.relighting.relit_session import Relighting, RelitRoom, SessionRoom
+from processing.relighting.weather import Weather
 from processing.report.states import Look, State, viewer
 from processing.sphere import Equirectangular
 from station.commands.views import numbers
 
 Kind = Literal["captured", "clear", "overcast"]
 ROWS = 512
-"""Of live pictures (chosen: as many as the viewer's map of numbers has; a relit one comes in a tenth of a second)."""
+"""Of live pictures (chosen: as many as the viewer's map of numbers has; another hour then takes 0.8 CPU s)."""
 SEATED_M = 1.2
-"""Height of a sitting observer's eyes (EN 17037:2018, and EN 12464-1:2021, 4.5)."""
+"""Height of a sitting observer's eyes, as EN 12464-1 and EN 17037 take it."""
 EYE_PX = 512
 """Across the view at an observer's eye: a third of a degree a pixel (chosen: the picture has no more)."""
 
@@ -77,9 +62,9 @@ class Outside:
         site = asked["site"] and numbers(
             "--site", asked["site"], 2, "LATITUDE,LONGITUDE in degrees, such as 40.44,-79.94"
         )
-        place = place_of(room, site)
+        place = sessions.place_of(room, site)
         given = None if asked["heading"] is None else math.radians(asked["heading"])
-        heading, source = heading_of(room, given, place)
+        heading, source = sessions.heading_of(room, given, place)
         zone = zone_at(place.latitude_deg, place.longitude_deg, asked["zone"])
         weather = _weather(room, kind, place)
         first = f"heading {math.degrees(heading) % 360:.1f} degrees ({source}); local time is that of {zone}"
@@ -87,16 +72,16 @@ class Outside:
 
     def at(self, time_utc: datetime) -> tuple[Outdoors, dict[str, Any]]:
         """Return the light outdoors at a time, and its facts; `DaylightError` while the sun is down."""
-        found = daylight_at(time_utc, self.place, self.heading_rad, self.weather, self.captured)
+        found = weathers.daylight_at(time_utc, self.place, self.heading_rad, self.weather, self.captured)
         said = {"local_time": f"{time_utc.astimezone(self.zone):%Y-%m-%d %H:%M}", "weather": self.weather.kind}
-        return found.outdoors, said | daylight_facts(found, time_utc)
+        return found.outdoors, said | weathers.daylight_facts(found, time_utc)
 
 
 def _weather(room: SessionRoom, kind: Kind, place: Place) -> Weather:
     if kind == "captured":
-        return captured_weather(room.scene.outdoors, room.time_utc, place)
+        return weathers.captured_weather(room.scene.outdoors, room.time_utc, place)
     panes = room.scene.panes
-    return usual_weather(kind, panes[0].transmittance if panes else (1.0, 1.0, 1.0))
+    return weathers.usual_weather(kind, panes[0].transmittance if panes else (1.0, 1.0, 1.0))
 
 
 class LiveRoom:
@@ -104,10 +89,10 @@ class LiveRoom:
 
     def __init__(self, session: Path, staged: int | None, asked: dict[str, Any]) -> None:
         """``asked``: see `Outside.of`, and "furniture"."""
-        self.room = read_session_room(session, staged, ROWS, None if staged is None else asked["furniture"])
-        check_sky(self.room)
+        self.room = sessions.read_session_room(session, staged, ROWS, None if staged is None else asked["furniture"])
+        sessions.check_sky(self.room)
         self._asked, self._outside = asked, dict[str, Outside]()
-        self._ready = Relighting(self.room, session / FOLDER, BASIS_EFFORTS["draft"])
+        self._ready = Relighting(self.room, session / sessions.FOLDER, BASIS_EFFORTS["draft"])
         shown = session_shown(session)
         look = Look(shown.display, label="" if staged is None else Look.label)
         sight = self._ready.view.full
@@ -133,7 +118,7 @@ class LiveRoom:
         """Relight by a local time such as "2023-06-21 16:00"; glare is then that of this light."""
         if (at, kind) != self._moment:
             outside = self.outside(kind)
-            outdoors, facts = outside.at(parse_time(at, outside.zone))
+            outdoors, facts = outside.at(weathers.parse_time(at, outside.zone))
             self._now = self._ready.under(outdoors, facts), outdoors
             self._moment = at, kind
         assert self._now is not None
@@ -180,7 +165,9 @@ class LiveRoom:
         geometry = Equirectangular(relit.rgb.shape[1], relit.rgb.shape[0])
         found = seen_from(lit, relit.rgb, self.room.eye_m, geometry, eye_m, effort=EFFORTS["draft"])
         solid = ~found.glass
-        return seen_picture(relit, found, geometry, eye_m), float(found.seen[solid].mean()) if solid.any() else 1.0
+        return sessions.seen_picture(relit, found, geometry, eye_m), float(
+            found.seen[solid].mean()
+        ) if solid.any() else 1.0
 
     def _sun_in_view(self, eye_m: Vector, outdoors: Outdoors, azimuth_rad: float) -> bool:
         """Return whether the sun's disc, which pictures leave out, stands in a window ahead: glare is then worse."""

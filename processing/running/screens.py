@@ -27,11 +27,6 @@ def picture_of(session: Path, state: str) -> Path | None:
     return next((p for name in STATES.get(state, ()) if (p := session / name).is_file()), None)
 
 
-def states_of(session: Path) -> list[str]:
-    """Return the states that there are pictures of."""
-    return [name for name in STATES if picture_of(session, name)]
-
-
 def look_of(session: Path, image: Any) -> Any:
     """Return how a session's pictures are shown: in its own display; ``image``: for the place of its windows."""
     from processing.exchange.showing import panes_of, session_shown
