@@ -224,11 +224,15 @@ def _staged(stages: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
     arranged = json.loads((stages / "arrange" / "arrangement.json").read_text("utf-8"))
     first = Arrangements.model_validate_json(json.dumps(arranged)).arrangements[0]
     told = json.loads((stages / "render" / "staged.json").read_text("utf-8"))["alternatives"][0]
-    ours = luminance_cd_m2(_picture(stages / "render" / "staged-1.exr").rgb).astype(np.float64)
+    image = _picture(stages / "render" / "staged-1.exr")
+    ours = luminance_cd_m2(image.rgb).astype(np.float64)
     true = staged_luminance(staged_room(room, first.items, told["style"]), QUALITY, ours.shape[0]).astype(np.float64)
     bare = luminance_cd_m2(truth.empty_rgb).astype(np.float64)
     changed = np.abs(true / np.maximum(bare, 1e-9) - 1) > CHANGED
     found = _quantiles("staged", ours, true, changed)
     found["staged_changed_share"] = round(float(changed.mean()), 4)
+    use, doubt = changed & (true > 0) & (image.validity == Validity.VALID), image.uncertainty
+    inside = np.abs(ours / np.maximum(true, 1e-9) - 1) <= 1.96 * np.hypot(doubt, image.scale_uncertainty)
+    found["staged_cover95_pct"] = round(100 * float(inside[use].mean()), 1) if use.any() else 0.0
     found["staged_bias_pct"] = bias_pct(ours, true, changed)
     return found

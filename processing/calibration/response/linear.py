@@ -20,6 +20,7 @@ from processing.pictures.mosaic import FULL
 GRID_SAMPLES = 60_000  # pixels compared; chosen
 USABLE = 0.95  # of full scale; chosen: clear of saturation and of what a smaller white level would clip
 BRIGHT, DARK = 0.1, 0.03  # of full scale: pixels that give the slope, and the intercept; chosen
+ALIKE = 0.9  # ratio of two times above which they show no black level; chosen
 LEAST = 200  # pixels for a median; chosen
 ROUNDS = 6  # between slope and black level; each is wrong by a twentieth of the other's error
 BINS = 24  # of the signal, in which scatter is taken; chosen
@@ -80,8 +81,9 @@ def _slope(longer: Doubles, shorter: Doubles, given: float) -> tuple[float, floa
 
 def _black(seen: Doubles, slopes: Doubles, level: Doubles) -> Doubles:
     """Return the black level (3,) by dark pixels' intercepts; ``level`` where there are too few."""
-    ratio, dark = slopes[:, None, None], seen[:-1] - level < DARK
-    found = (seen[1:] - ratio * seen[:-1]) / (1 - ratio)
+    apart = slopes < ALIKE
+    ratio, dark = slopes[apart, None, None], seen[:-1][apart] - level < DARK
+    found = (seen[1:][apart] - ratio * seen[:-1][apart]) / (1 - ratio)
     chosen = [found[..., c][dark[..., c]] for c in range(3)]
     return np.array([np.median(one) if one.size >= LEAST else level[c] for c, one in enumerate(chosen)])
 

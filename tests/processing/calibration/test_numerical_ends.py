@@ -9,6 +9,7 @@ import pytest
 
 from processing.calibration.merge.tables import frame_consistency, merge_tables
 from processing.calibration.outdoor.nd_filter import fit_nd_filter
+from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.photometry import illuminance_lx
@@ -59,6 +60,27 @@ def test_frames_without_pixels_and_threads_below_one_are_refused() -> None:
 def test_one_time_for_all_frames_is_refused() -> None:
     with pytest.raises(ResponseError, match="one exposure time"):
         recover_response([Bracket8(bracket().frames, [0.1] * 9)])
+
+
+@pytest.mark.parametrize("code", [0, 512, 65535])
+def test_linear_frames_without_light_or_all_of_it_are_refused(code: int) -> None:
+    with pytest.raises(ResponseError):
+        fit_linear([np.full((40, 60, 3), code, np.uint16)] * 3, (1.0, 0.25, 0.0625))
+
+
+@pytest.mark.parametrize("times_s", [(1.0,), (1.0, 1.0, 1.0), (1.0, 0.25, 0.0625)])
+def test_linear_frames_of_few_or_equal_times_give_finite_numbers_or_an_error(times_s: tuple[float, ...]) -> None:
+    light = np.random.default_rng(2).uniform(0, 60_000, (60, 90, 3))
+    frames = [(light * t / times_s[0] + 512).astype(np.uint16) for t in times_s]
+    if len(times_s) == 1:
+        with pytest.raises(ResponseError):
+            fit_linear(frames, times_s)
+        return
+    fit = fit_linear(frames, times_s, 0.0)
+    assert np.isfinite([*fit.times_s, *fit.time_sigma, *fit.noise.photon, *fit.noise.read, *fit.noise.black]).all()
+    if times_s[1] != times_s[0]:
+        assert np.array(fit.noise.black) * 65535 == pytest.approx(512, abs=1)
+        assert fit.times_s == pytest.approx(times_s, rel=1e-3)
 
 
 @pytest.mark.parametrize("patches", [np.full((24, 3), 0.5), np.full((24, 3), 1e30), np.full((24, 3), 1e308)])
