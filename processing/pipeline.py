@@ -93,7 +93,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="merge",
-        version=4,
+        version=5,
         title="merge brackets",
         function="processing.stages.merge:run",
         needs=("verify",),
