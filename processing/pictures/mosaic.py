@@ -86,7 +86,7 @@ def demosaiced(rgb: Floats, cell: Indices, linear_below: float) -> Floats:
     # A hot well is brighter than those of its colour around it; a lamp as small brightens those beside it, too.
     excess = log - cv2.dilate(log, _SAME)
     hot = (excess > HOT) & (cv2.dilate(log - cv2.erode(log, _SAME), _BESIDE) < excess / 2)
-    log = np.where(hot, _filtered(log, _SAME.astype(np.float32) / 8), log)
+    log = np.where(hot, _filtered(log, _SAME / np.float32(8)), log)
     total = weights = np.zeros_like(log)
     for axis in (0, 1):
         mean, bend, step = (_filtered(log, np.expand_dims(taps, axis)) for taps in _ALONG)
