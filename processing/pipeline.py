@@ -231,7 +231,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="render",
-        version=6,
+        version=7,
         title="render staged room",
         function="processing.stages.render:run",
         needs=("calibrate", "room", "detect", "light", "remove", "materials", "arrange"),

@@ -22,6 +22,7 @@ EVEN = 0.01  # of log light: two directions that differ by less are alike; chose
 HOT = 0.15  # of log light, by which a well is brighter than all eight of its colour around it; chosen
 _SAME = np.zeros((5, 5), np.uint8)
 _SAME[::2, ::2], _SAME[2, 2] = 1, 0
+_AROUND = (_SAME / 8).astype(np.float32)
 _BESIDE = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.uint8)
 _ALONG = tuple(np.array(t, np.float32) for t in ((0.5, 0, 0.5), (-0.25, 0, 0.5, 0, -0.25), (-1, 0, 1)))
 _NEAR = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32)
@@ -86,7 +87,7 @@ def demosaiced(rgb: Floats, cell: Indices, linear_below: float) -> Floats:
     # A hot well is brighter than those of its colour around it; a lamp as small brightens those beside it, too.
     excess = log - cv2.dilate(log, _SAME)
     hot = (excess > HOT) & (cv2.dilate(log - cv2.erode(log, _SAME), _BESIDE) < excess / 2)
-    log = np.where(hot, _filtered(log, _SAME / np.float32(8)), log)
+    log = np.where(hot, _filtered(log, _AROUND), log)
     total = weights = np.zeros_like(log)
     for axis in (0, 1):
         mean, bend, step = (_filtered(log, np.expand_dims(taps, axis)) for taps in _ALONG)
