@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import time
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import cv2
@@ -19,52 +20,78 @@ def main() -> None:
 
 
 @main.command()
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the pictures.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the views.")
 @click.option("--split", type=click.Choice(["train", "validation"]), default="train")
 @click.option("--first", type=int, default=0, help="First batch; batch n begins at seed 20 n of the split.")
 @click.option("--batches", type=int, default=1)
 @click.option("--minutes", type=float, default=600.0, help="Begin no further batch after this time.")
+@click.option("--waiting", type=int, default=1_000_000, help="Wait while so many files are there: `fit` deletes them.")
+@click.option("--workers", type=int, default=1, help="Processes that draw side by side.")
 @click.option("--furniture", type=click.Path(path_type=Path, exists=True), multiple=True, help="Folder of model files.")
-def generate(out: Path, split: str, first: int, batches: int, minutes: float, furniture: tuple[Path, ...]) -> None:
-    """Draw batches of pictures (about 120 each) that are not there yet."""
+def generate(out: Path, split: str, first: int, batches: int, workers: int, **rest: Any) -> None:
+    """Draw batches of views (about 85 each) that are not there yet."""
+    from multiprocessing import get_context
+
+    from training.rooms.paints import saved_bank
+
+    out.mkdir(parents=True, exist_ok=True)
+    saved_bank(_bank(out))
+    jobs = [partial(_draw, out, split, range(first + k, first + batches, workers), **rest) for k in range(workers)]
+    drawing = [get_context("spawn").Process(target=job) for job in jobs]
+    for one in drawing:
+        one.start()
+    for one in drawing:
+        one.join()
+        if one.exitcode:
+            raise click.ClickException("a worker failed: its error is above")
+
+
+def _bank(views: Path) -> Path:
+    """Return where the textures of a folder of views are kept."""
+    return views.parent / "bank.npz"
+
+
+def _draw(out: Path, split: str, numbers: range, *, minutes: float, waiting: int, furniture: tuple[Path, ...]) -> None:
     from training.recipe import batch
     from training.rooms.paints import saved_bank
     from training.rooms.pieces import built_in_pieces, folder_pieces
     from training.shards import write_shard
 
-    out.mkdir(parents=True, exist_ok=True)
-    tiles = saved_bank(out.parent / "bank.npz")
-    pieces = built_in_pieces() + folder_pieces(furniture)
+    cv2.setNumThreads(1)
+    tiles, pieces = saved_bank(_bank(out)), built_in_pieces() + folder_pieces(furniture)
     among, begun = TRAIN if split == "train" else VALIDATION, time.monotonic()
-    for number in range(first, first + batches):
+    for number in numbers:
         seed = among[20 * number]
-        if (out / f"{seed:06d}.npz").exists():
-            continue
+        while len(list(out.glob("*.npz"))) >= waiting and time.monotonic() - begun < 60 * minutes:
+            time.sleep(1)
         if time.monotonic() - begun > 60 * minutes:
             break
-        count = write_shard(out, seed, batch(seed, tiles, pieces=pieces))
-        click.echo(f"{seed}: {count} pictures, {time.monotonic() - begun:.0f} s")
-        sys.stdout.flush()
+        if not (out / f"{seed:06d}.npz").exists():
+            count = write_shard(out, seed, batch(seed, tiles, pieces=pieces))
+            print(f"{seed}: {count} views, {time.monotonic() - begun:.0f} s", flush=True)  # noqa: T201
 
 
 @main.command()
-@click.option("--pictures", type=click.Path(path_type=Path), required=True)
+@click.option("--views", type=click.Path(path_type=Path), required=True)
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The checkpoint.")
 @click.option("--steps", type=int, default=100_000)
 @click.option("--minutes", type=float, default=None, help="End the schedule after this time at the latest.")
-@click.option("--rate", type=float, default=2.5e-3, help="Highest learning rate.")
+@click.option("--batch", type=int, default=112, help="Pictures a step.")
+@click.option("--rate", type=float, default=1.6e-3, help="Highest learning rate.")
 @click.option("--start", type=click.Path(path_type=Path), default=None, help="A checkpoint to go on from.")
-def fit(pictures: Path, out: Path, steps: int, minutes: float | None, rate: float, start: Path | None) -> None:
-    """Train on the pictures of a folder; files that come while it runs are used too."""
+@click.option("--delete", is_flag=True, help="Delete the files of views that were taken in.")
+def fit(views: Path, out: Path, start: Path | None, *, delete: bool, **plan: Any) -> None:
+    """Train on the views of a folder, on a GPU if there is one; files that come while it runs are used too."""
     from training.fit import Plan
     from training.fit import fit as run
+    from training.rooms.paints import saved_bank
 
-    run(pictures, out, Plan(steps=steps, minutes=minutes, rate=rate), start)
+    run(views, out, saved_bank(_bank(views)), Plan(**plan), start, delete=delete)
 
 
 @main.command()
 @click.option("--checkpoint", type=click.Path(path_type=Path), required=True)
-@click.option("--validation", type=click.Path(path_type=Path), required=True, help="Pictures that calibrate sigma.")
+@click.option("--validation", type=click.Path(path_type=Path), required=True, help="Views that calibrate sigma.")
 @click.option("--rooms", type=int, default=24, help="Fully lit validation rooms that calibrate it too.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The .onnx; a .json is written beside it.")
 @click.option("--name", required=True, help="Name and version that results carry.")
@@ -72,24 +99,25 @@ def export(checkpoint: Path, validation: Path, rooms: int, out: Path, name: str)
     """Write the network as the program ships it; its sigmas hold on either kind of validation picture."""
     from training.export import export as run
     from training.judge import on_rooms, on_validation
+    from training.rooms.paints import saved_bank
 
     run(checkpoint, out, name=name, sigma_scale=(1.0, 1.0))
-    cheap, full = on_validation(out, validation, every=2).scales(), on_rooms(out, "validation", rooms).scales()
+    cheap = on_validation(out, validation, saved_bank(_bank(validation)), every=2).scales()
+    full = on_rooms(out, "validation", rooms).scales()
     scales = max(cheap[0], full[0]), max(cheap[1], full[1])
     run(checkpoint, out, name=name, sigma_scale=scales)
     click.echo(f"{out}: sigma scales {cheap} on training-like pictures, {full} on fully lit rooms")
 
 
 @main.command()
-@click.option("--classes", type=click.Path(path_type=Path, exists=True), required=True, help="An exported network.")
-@click.option("--boundaries", type=click.Path(path_type=Path, exists=True), required=True, help="Another.")
+@click.argument("networks", type=click.Path(path_type=Path, exists=True), nargs=-1, required=True)
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The .onnx; a .json is written beside it.")
 @click.option("--name", required=True, help="Name and version that results carry.")
-def join(classes: Path, boundaries: Path, out: Path, name: str) -> None:
-    """Write one network with the classes of the one and the boundaries of the other."""
+def join(networks: tuple[Path, ...], out: Path, name: str) -> None:
+    """Write one network that answers with the mean of several exported ones, the finest first."""
     from training.join import join as run
 
-    run(classes, boundaries, out, name=name)
+    run(networks, out, name=name)
 
 
 @main.command()
@@ -114,11 +142,12 @@ def evaluate(
 
     from processing.segmentation.embedded import SHIPPED
     from training.judge import on_real, on_rooms, on_validation
+    from training.rooms.paints import saved_bank
 
     chosen = model or SHIPPED
     said: dict[str, object] = {}
     if validation is not None:
-        tally = on_validation(chosen, validation, quality=quality)
+        tally = on_validation(chosen, validation, saved_bank(_bank(validation)), quality=quality)
         said["validation"] = tally.rounded()
         said["reliability_deg"] = [(round(a, 2), round(b, 2)) for a, b in tally.reliability()]
     for name, empty in (("furnished", False), ("emptied", True)) if rooms else ():

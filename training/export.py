@@ -30,8 +30,8 @@ def export(checkpoint: Path, out: Path, *, name: str, sigma_scale: tuple[float, 
         (torch.zeros(2, 3, HEIGHT, WIDTH),),
         held,  # type: ignore[arg-type]
         input_names=["picture"],
-        output_names=["probabilities", "columns"],
-        dynamic_axes={"picture": {0: "n"}, "probabilities": {0: "n"}, "columns": {0: "n"}},
+        output_names=["probabilities", "columns", "details"],
+        dynamic_axes={name: {0: "n"} for name in ("picture", "probabilities", "columns", "details")},
         opset_version=OPSET,
         dynamo=False,
     )

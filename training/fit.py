@@ -1,117 +1,142 @@
-"""Training on the CPU, one thread: AdamW, cosine schedule, moving average of the weights, checkpoints."""
+"""Training: views on the device, new pictures of them at every step, AdamW, cosine schedule, averaged weights."""
 
 from __future__ import annotations
 
 import copy
 import math
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 
-from training.augment import Arrays, drawn_batch
+from training.augment import lesson
+from training.looks import Bank, Batch
 from training.network import RoomNetwork, loss_of
-from training.shards import Examples, read_shards
+from training.rooms.paints import Tile
+from training.shards import Views, read_shard
 
-BATCH = 12
-SHARDS_EVERY = 250
-"""Steps after which new files of pictures are looked for."""
-KEPT_EVERY, SAID_EVERY = 250, 100
+SAID_EVERY, KEPT_EVERY, LOOKED_EVERY = 100, 500, 25
+"""Steps after which figures are printed, a checkpoint is left, new files of views are looked for."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """How long and how fast."""
 
-    steps: int
+    steps: int = 100_000
     """At most."""
     minutes: float | None = None
     """The schedule ends after this time, if it has not reached ``steps`` before."""
-    rate: float = 2.5e-3
-    warm_up: int = 150
-    decay: float = 0.02
-    average: float = 0.998
+    batch: int = 112
+    rate: float = 1.6e-3
+    warm_up: int = 300
+    decay: float = 0.03
+    average: float = 0.999
+    most: int = 30_000
+    """Views that are held; later ones take the places of the first."""
     seed: int = 1
 
 
-@dataclass
-class Learner:
-    """The network in training, its averaged copy, and what changes it."""
+class Held:
+    """Views on a device: files of a folder are taken in as they come, and may be deleted then."""
 
-    network: RoomNetwork
-    average: RoomNetwork
-    optimiser: torch.optim.Optimizer
+    def __init__(self, folder: Path, device: torch.device, most: int, *, delete: bool) -> None:
+        self.folder, self.device, self.most, self.delete = folder, device, most, delete
+        self.arrays: Batch = {}
+        self.count = self.taken = 0
+        self.known: set[str] = set()
+        self.reader, self.reading = ThreadPoolExecutor(1), list[Future[Views]]()
 
-    def step(self, drawn: Arrays, rate: float, share: float) -> dict[str, float]:
-        """Learn from one batch, shapes as `training.shards.Examples`; return the parts of its loss.
+    def _read(self, path: Path) -> Views:
+        views = read_shard(path)
+        if self.delete:
+            path.unlink()
+        return views
 
-        ``share`` is how slowly the average follows.
-        """
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
-        batch = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in drawn.items()}
-        batch["label"] = batch["label"].long()
-        picture = batch["picture"].contiguous(memory_format=torch.channels_last)
-        loss, parts = loss_of(self.network(picture), batch)
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 2.0)
-        self.optimiser.step()
-        follow(self.average, self.network, share)
-        return parts
+    def look(self, files: int = 4) -> None:
+        """Take in what was read of new files, and have others read beside the training, ``files`` at a time."""
+        new = [f for f in sorted(self.folder.glob("*.npz")) if f.name not in self.known]
+        for path in new[: files - len(self.reading)]:
+            self.known.add(path.name)
+            self.reading.append(self.reader.submit(self._read, path))
+        ready = [one for one in self.reading if one.done()]
+        self.reading = [one for one in self.reading if one not in ready]
+        for one in ready:
+            views = {name: torch.from_numpy(values) for name, values in one.result().items()}
+            if not self.arrays:
+                for name, values in views.items():
+                    shape = (self.most, *values.shape[1:])
+                    self.arrays[name] = torch.empty(shape, dtype=values.dtype, device=self.device)
+            length = len(views["label"])
+            at = (torch.arange(length) + self.taken) % self.most
+            for name, values in views.items():
+                self.arrays[name][at.to(self.device)] = values.to(self.device)
+            self.taken += length
+            self.count = min(self.taken, self.most)
+
+    def some(self, chosen: torch.Tensor) -> Batch:
+        """Return the views of some numbers."""
+        return {name: values[chosen] for name, values in self.arrays.items()}
 
 
-def learner(plan: Plan, start: Path | None) -> Learner:
-    """Return a network with weights drawn by the plan's seed, or those of a checkpoint's average."""
-    torch.set_num_threads(1)
+def fit(folder: Path, out: Path, tiles: list[Tile], plan: Plan, start: Path | None = None, *, delete: bool) -> None:
+    """Train and leave ``out`` (weights, their average, the optimiser's state) every so often and at the end.
+
+    ``start``: a checkpoint to go on from, with the schedule and the optimiser as they were left there.
+    """
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.manual_seed(plan.seed)
-    network = RoomNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    if start is not None:
-        network.load_state_dict(torch.load(start, weights_only=True)["average"])
+    torch.backends.cudnn.benchmark = True
+    network = RoomNetwork().to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     average = copy.deepcopy(network).eval()
-    network.train()
-    return Learner(network, average, torch.optim.AdamW(network.parameters(), lr=plan.rate, weight_decay=plan.decay))
+    optimiser = torch.optim.AdamW(network.parameters(), lr=plan.rate, weight_decay=plan.decay)
+    step, spent_s = 0, 0.0
+    if start is not None:
+        kept = torch.load(start, weights_only=True, map_location=device)
+        network.load_state_dict(kept["weights"])
+        average.load_state_dict(kept["average"])
+        optimiser.load_state_dict(kept["optimiser"])
+        step, spent_s = int(kept["step"]), float(kept["spent_s"])
+    generator = torch.Generator(device=device)
+    generator.manual_seed(plan.seed + step)
+    held, bank = Held(folder, device, plan.most, delete=delete), Bank(tiles, device)
+    while held.count < plan.batch:
+        held.look()
+        time.sleep(0.2)
+    begun = time.monotonic()
 
+    def keep() -> None:
+        state = {"weights": network.state_dict(), "average": average.state_dict(), "step": step}
+        state |= {"optimiser": optimiser.state_dict(), "spent_s": spent_s + time.monotonic() - begun}
+        torch.save(state, out.with_suffix(".part"))
+        out.with_suffix(".part").rename(out)
 
-def fit(pictures: Path, out: Path, plan: Plan, start: Path | None = None) -> None:
-    """Train and leave ``out`` (a checkpoint with weights and their average) every 250 steps and at the end."""
-    rng = np.random.default_rng([plan.seed, 17])
-    learning = learner(plan, start)
-    known: set[str] = set()
-    examples = read_shards(pictures, known)
-    begun, sums, step = time.monotonic(), dict[str, float](), 0
-    while (share := progress(plan, step, time.monotonic() - begun)) < 1:
-        if step % SHARDS_EVERY == 0 and step:
-            examples = grown(examples, pictures, known)
-        drawn = drawn_batch(rng, examples, rng.choice(len(examples), BATCH))
-        slow = min(plan.average, (step + 1) / (step + 10))
-        for name, value in learning.step(drawn, scheduled(plan, step, share), slow).items():
-            sums[name] = sums.get(name, 0.0) + value / SAID_EVERY
+    while (share := progress(plan, step, spent_s + time.monotonic() - begun)) < 1:
+        if step % LOOKED_EVERY == 0:
+            held.look()
+        chosen = torch.randint(held.count, (plan.batch,), generator=generator, device=device)
+        truth = lesson(held.some(chosen), bank, generator)
+        for group in optimiser.param_groups:
+            group["lr"] = scheduled(plan, step, share)
+        with torch.autocast(device.type, dtype=torch.bfloat16, enabled=device.type == "cuda"):
+            outputs = network(truth.picture.contiguous(memory_format=torch.channels_last))
+        loss, parts = loss_of(outputs, truth)
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        size = torch.nn.utils.clip_grad_norm_(network.parameters(), 2.0)
+        if torch.isfinite(size):
+            optimiser.step()
+            follow(average, network, min(plan.average, (step + 1) / (step + 10)))
         step += 1
         if step % SAID_EVERY == 0:
-            shown = " ".join(f"{name} {value:.3f}" for name, value in sums.items())
-            print(f"{step} {shown} of {len(examples)} at {time.monotonic() - begun:.0f} s", flush=True)  # noqa: T201
-            sums = {}
+            shown = " ".join(f"{name} {float(value):.3f}" for name, value in parts.items())
+            at_s = spent_s + time.monotonic() - begun
+            print(f"{step} {shown} of {held.taken} at {at_s:.0f} s", flush=True)  # noqa: T201
         if step % KEPT_EVERY == 0:
-            _keep(out, learning.network, learning.average, step)
-    _keep(out, learning.network, learning.average, step)
-
-
-def _keep(out: Path, network: RoomNetwork, average: RoomNetwork, step: int) -> None:
-    part = out.with_suffix(".part")
-    torch.save({"weights": network.state_dict(), "average": average.state_dict(), "step": step}, part)
-    part.rename(out)
-
-
-def grown(examples: Examples, pictures: Path, known: set[str]) -> Examples:
-    """Return the examples with those of new files."""
-    if all(f.name in known for f in pictures.glob("*.npz")):
-        return examples
-    more = read_shards(pictures, known)
-    names = ("picture", "label", "ceiling_rad", "floor_rad", "corner")
-    return Examples(*(np.concatenate([getattr(examples, n), getattr(more, n)]) for n in names))
+            keep()
+    keep()
 
 
 def progress(plan: Plan, step: int, elapsed_s: float) -> float:
@@ -124,7 +149,7 @@ def scheduled(plan: Plan, step: int, share: float) -> float:
     """Return the learning rate of a step."""
     if step < plan.warm_up:
         return plan.rate * (step + 1) / plan.warm_up
-    return plan.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
+    return plan.rate * (0.005 + 0.995 * 0.5 * (1 + math.cos(math.pi * share)))
 
 
 @torch.no_grad()

@@ -1,4 +1,4 @@
-"""Judge a network: raw outputs on validation pictures, and the shipped file through `scene_evidence` on real ones."""
+"""Judge a network's file: on pictures of validation views, on fully lit rooms, on real pictures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from processing.pictures.images import LuminanceImage
 from processing.segmentation.embedded import WIDTH_PX, scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from training.labels import boundary_latitudes
+from training.labels import SKIRTING, boundary_latitudes
 from training.real import SEEN, furniture_masks, zind_layouts
-from training.rooms.camera import small_labels
-from training.rooms.soup import class_picture
+from training.rooms.paints import Tile
+from training.rooms.soup import class_picture, small_labels
 from training.scores import Tally, floor_iou
-from training.shards import read_shards
+from training.shards import read_shard
 
 
 def columns_of(evidence: SceneEvidence) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -29,19 +29,31 @@ def columns_of(evidence: SceneEvidence) -> np.ndarray[Any, np.dtype[np.float64]]
     return np.stack([edges.ceiling_rad, edges.floor_rad, edges.ceiling_sigma_rad, edges.floor_sigma_rad])
 
 
-def on_validation(model: Path, pictures: Path, *, quality: str = "standard", every: int = 1) -> Tally:
-    """Return the figures of a shipped file on pictures of validation seeds, as `scene_evidence` answers."""
-    from processing.segmentation import embedded
+def on_validation(model: Path, folder: Path, tiles: list[Tile], *, quality: str = "standard", every: int = 1) -> Tally:
+    """Return the figures of a shipped file on pictures of a folder's views, as `scene_evidence` answers."""
+    import torch
 
-    examples, tally = read_shards(pictures), Tally()
+    from processing.segmentation import embedded
+    from training.augment import lesson
+    from training.looks import Bank
+
+    tally, device = Tally(), torch.device("cpu")
+    bank, generator = Bank(tiles, device), torch.Generator()
+    generator.manual_seed(7)
     network, turns = embedded._network(model), embedded.TURNS_PX[quality]  # noqa: SLF001
-    for index in range(0, len(examples), every):
-        shown = examples.picture[index].astype(np.float32) / 255
-        found, columns = embedded._run(network, embedded._turned(shown, turns))  # noqa: SLF001
-        edges = embedded._boundary(network, columns, turns)  # noqa: SLF001
-        tally.add_classes(embedded._mean_probabilities(found, turns), examples.label[index])  # noqa: SLF001
-        stacked = np.stack([edges.ceiling_rad, edges.floor_rad, edges.ceiling_sigma_rad, edges.floor_sigma_rad])
-        tally.add_columns(stacked, examples.ceiling_rad[index], examples.floor_rad[index])
+    for path in sorted(folder.glob("*.npz")):
+        shard = read_shard(path)
+        for index in range(0, len(shard["label"]), every):
+            one = {name: torch.from_numpy(values[index : index + 1]) for name, values in shard.items()}
+            truth = lesson(one, bank, generator, augmented=False)
+            shown = truth.picture[0].permute(1, 2, 0).numpy()
+            found, columns, _ = embedded._run(network, embedded._turned(shown, turns))  # noqa: SLF001
+            edges = embedded._boundary(network, columns, turns)  # noqa: SLF001
+            label = truth.label[0, ::2, ::2].numpy()
+            tally.add_classes(embedded._mean(found, turns), np.where(label == SKIRTING, SceneClass.WALL, label))  # noqa: SLF001
+            stacked = np.stack([edges.ceiling_rad, edges.floor_rad, edges.ceiling_sigma_rad, edges.floor_sigma_rad])
+            truths = (one[name][0].numpy().reshape(-1, 2).mean(axis=1) for name in ("ceiling_rad", "floor_rad"))
+            tally.add_columns(stacked, *truths)
     return tally
 
 

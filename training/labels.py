@@ -9,8 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Floats
+from processing.segmentation.evidence import SceneClass
 
 CORNER_SPREAD_RAD = np.radians(2.2)
+SKIRTING = len(SceneClass)
+"""A class of training pictures only: what is shipped counts it as wall."""
 
 
 def column_longitudes(count: int) -> Doubles:
@@ -48,3 +51,17 @@ def corner_likelihood(outline: npt.ArrayLike, eye: tuple[float, float], count: i
     if not seen.any():
         return np.zeros(count, np.float32)
     return np.asarray(np.exp(-0.5 * (away.min(axis=1) / CORNER_SPREAD_RAD) ** 2), dtype=np.float32)
+
+
+def wall_direction_rad(floor_rad: npt.ArrayLike) -> float:
+    """Return the azimuth (0 to pi/2) of most of a room's walls, parallel or at right angles, from its boundary (N,)."""
+    down = np.minimum(np.asarray(floor_rad, np.float64), -0.03)
+    longitude = column_longitudes(len(down))
+    reach = 1 / np.tan(-down)
+    place = reach * np.exp(1j * longitude)
+    step = np.roll(place, -1) - place
+    # Leaps from a near wall to a far one behind it run along the line of sight, not along a wall.
+    step[np.abs(np.roll(reach, -1) - reach) > 0.35 * reach] = 0
+    length = np.abs(step)
+    four = (length * np.exp(4j * np.angle(step))).sum()
+    return float(np.angle(four) / 4 % (np.pi / 2))

@@ -1,8 +1,8 @@
-"""The room network and its losses: classes of pixels, and per column both boundaries, their uncertainty and corners.
+"""The room network and its losses: classes of pixels, distances, and per column both boundaries and corners.
 
-Plain 3 x 3 convolutions that go round the seam; an encoder to 1/16, a decoder to 1/2. Boundaries come from a dense
-picture of what would be ceiling, wall and floor if the room were empty, summed over each column, and a correction by
-one-dimensional convolutions along the columns.
+Residual convolutions that go round the seam; an encoder to 1/16, where all of the panorama attends to all of it, and a
+decoder to 1/2. Boundaries come from a dense picture of what would be ceiling, wall and floor if the room were empty,
+summed over each column, and a correction by one-dimensional convolutions along the columns.
 """
 
 from __future__ import annotations
@@ -13,9 +13,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-CLASSES = 8
-HEIGHT, WIDTH = 128, 256
-FIRST, SECOND, THIRD, DEEP, COLUMN = 16, 40, 80, 160, 96
+from training.augment import Lesson
+from training.labels import SKIRTING
+
+CLASSES = SKIRTING + 1
+"""What is shipped has one class less: skirting is wall there, and a picture of its own."""
+HEIGHT, WIDTH = 256, 512
+FIRST, SECOND, THIRD, DEEP, COLUMN = 32, 64, 128, 256, 128
+HEADS, ATTENTIONS = 8, 3
+DETAILS = 2
+"""Skirting's probability, and the log of the distance in camera heights."""
 
 
 class Around(nn.Module):
@@ -61,19 +68,38 @@ class Ring(nn.Module):
         return x + functional.relu(self.norm(self.conv(around)))
 
 
+class Attention(nn.Module):
+    """All of the deepest features attend to all of them: what is one room is seen from all of it."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.before, self.after = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.ask, self.give = nn.Linear(width, 3 * width), nn.Linear(width, width)
+        self.mix = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the features (B, N, width)."""
+        batch, count, width = x.shape
+        parts = self.ask(self.before(x)).reshape(batch, count, 3, HEADS, width // HEADS).permute(2, 0, 3, 1, 4)
+        weights = torch.softmax(parts[0] @ parts[1].transpose(-1, -2) / math.sqrt(width // HEADS), dim=-1)
+        x = x + self.give((weights @ parts[2]).transpose(1, 2).reshape(batch, count, width))
+        mixed: Tensor = self.mix(self.after(x))
+        return x + mixed
+
+
 class Columns(nn.Module):
-    """From the decoder's features (B, 16, 64, 128) and the deepest ones to 6 values a column (B, 6, 128)."""
+    """From the decoder's features (B, FIRST, 128, 256) and the deepest ones to 6 values a column (B, 6, 256)."""
 
     def __init__(self) -> None:
         super().__init__()
         self.fold = nn.Sequential(
-            nn.Conv2d(FIRST, 32, (4, 1), (4, 1)), nn.ReLU(),
-            nn.Conv2d(32, 64, (4, 1), (4, 1)), nn.ReLU(),
-            nn.Conv2d(64, COLUMN, (4, 1)),
+            nn.Conv2d(FIRST, 48, (4, 1), (4, 1)), nn.ReLU(),
+            nn.Conv2d(48, 80, (4, 1), (4, 1)), nn.ReLU(),
+            nn.Conv2d(80, COLUMN, (HEIGHT // 32, 1)),
         )  # fmt: skip
         self.deep = nn.Conv2d(DEEP, COLUMN, (HEIGHT // 16, 1))
         self.edges = nn.Conv1d(2, COLUMN, 1)
-        self.rings = nn.Sequential(*(Ring(COLUMN, d) for d in (1, 2, 4, 8, 16, 4, 1)))
+        self.rings = nn.Sequential(*(Ring(COLUMN, d) for d in (1, 2, 4, 8, 16, 32, 8, 2, 1)))
         self.out = nn.Conv1d(COLUMN, 6, 1)
 
     def forward(self, fine: Tensor, deep: Tensor, edges: Tensor) -> Tensor:
@@ -94,47 +120,51 @@ def around(x: Tensor, width: int) -> Tensor:
 
 
 class RoomNetwork(nn.Module):
-    """Input (B, 3, 128, 256) of 0..1; see ``forward``."""
+    """Input (B, 3, 256, 512) of 0..1; see ``forward``."""
 
     latitude: Tensor
-    weights: Tensor
 
     def __init__(self) -> None:
         super().__init__()
         latitude = (0.5 - (torch.arange(HEIGHT) + 0.5) / HEIGHT) * math.pi
         self.register_buffer("latitude", (latitude / (math.pi / 2)).view(1, 1, HEIGHT, 1), persistent=False)
-        self.first = Around(4, FIRST, 2)
+        self.first = nn.Sequential(Around(4, FIRST, 2), Around(FIRST, FIRST))
         self.down2, self.second = Around(FIRST, SECOND, 2), Block(SECOND)
-        self.down3, self.third = Around(SECOND, THIRD, 2), Block(THIRD)
-        self.down4, self.deep = Around(THIRD, DEEP, 2), nn.Sequential(Block(DEEP), Around(DEEP, DEEP))
-        self.narrow3, self.up3 = nn.Conv2d(DEEP, THIRD, 1), Around(THIRD, THIRD)
-        self.narrow2, self.up2 = nn.Conv2d(THIRD, SECOND, 1), Around(SECOND, SECOND)
-        self.narrow1, self.up1 = nn.Conv2d(SECOND, FIRST, 1), Around(FIRST, FIRST)
-        self.classes = nn.Conv2d(FIRST, CLASSES, 1)
+        self.down3, self.third = Around(SECOND, THIRD, 2), nn.Sequential(Block(THIRD), Block(THIRD))
+        self.down4, self.deep = Around(THIRD, DEEP, 2), nn.Sequential(Block(DEEP), Block(DEEP), Block(DEEP))
+        self.place = nn.Parameter(0.02 * torch.randn(1, HEIGHT // 16, 1, DEEP))
+        self.attentions = nn.Sequential(*(Attention(DEEP) for _ in range(ATTENTIONS)))
+        self.narrow3, self.up3 = nn.Conv2d(DEEP, THIRD, 1), nn.Sequential(Around(THIRD, THIRD), Block(THIRD))
+        self.narrow2, self.up2 = nn.Conv2d(THIRD, SECOND, 1), nn.Sequential(Around(SECOND, SECOND), Block(SECOND))
+        self.narrow1, self.up1 = nn.Conv2d(SECOND, FIRST, 1), nn.Sequential(Around(FIRST, FIRST), Block(FIRST))
+        self.classes = nn.Conv2d(FIRST, CLASSES + 1, 1)
         self.structure = nn.Conv2d(FIRST, 2, 1)
         self.columns = Columns()
 
-    def forward(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return class logits (B, 8, 64, 128), structure logits (B, 2, 64, 128) and columns (B, 5, 128).
+    def forward(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return class logits (B, 9, 128, 256), log distances (B, 128, 256), structure logits and columns.
 
-        Structure: above the ceiling's edge, below the floor's edge. Columns: ceiling and floor latitude (rad), their
-        log sigmas, the corner's logit.
+        Structure (B, 2, 128, 256): above the ceiling's edge, below the floor's edge. Columns (B, 5, 256): ceiling and
+        floor latitude (rad), their log sigmas, the corner's logit.
         """
         batch = picture.shape[0]
-        x = torch.cat([picture - 0.5, self.latitude.expand(batch, 1, HEIGHT, WIDTH)], dim=1)
+        x = torch.cat([picture - 0.5, self.latitude.expand(batch, 1, HEIGHT, WIDTH).to(picture.dtype)], dim=1)
         one = self.first(x)
         two = self.second(self.down2(one))
         three = self.third(self.down3(two))
         deep = self.deep(self.down4(three))
+        tokens = (deep.permute(0, 2, 3, 1) + self.place).reshape(batch, -1, DEEP)
+        deep = self.attentions(tokens).reshape(batch, HEIGHT // 16, WIDTH // 16, DEEP).permute(0, 3, 1, 2)
         fine = self.up3(_twice(self.narrow3(deep)) + three)
         fine = self.up2(_twice(self.narrow2(fine)) + two)
         fine = self.up1(_twice(self.narrow1(fine)) + one)
+        found = self.classes(fine)
         structure = self.structure(fine)
-        share = torch.sigmoid(structure).mean(dim=2) * math.pi
+        share = torch.sigmoid(structure.float()).mean(dim=2) * math.pi
         edges = torch.stack([math.pi / 2 - share[:, 0], share[:, 1] - math.pi / 2], dim=1)
-        found = self.columns(fine, deep, edges)
-        latitudes = edges + 0.2 * found[:, :2]
-        return self.classes(fine), structure, torch.cat([latitudes, found[:, 2:5]], dim=1)
+        changes = self.columns(fine, deep, edges).float()
+        latitudes = edges + 0.2 * changes[:, :2]
+        return found[:, :CLASSES], found[:, CLASSES], structure, torch.cat([latitudes, changes[:, 2:5]], dim=1)
 
 
 def _twice(x: Tensor) -> Tensor:
@@ -143,49 +173,61 @@ def _twice(x: Tensor) -> Tensor:
 
 
 class Shipped(nn.Module):
-    """What is exported: probabilities (B, 8, 128, 256), columns (B, 5, 256) with sigmas in radians and corners 0..1."""
+    """What is exported: probabilities (B, 8, 128, 256), columns (B, 5, 256) with sigmas in radians, corners 0..1.
+
+    And details (B, 2, 128, 256): skirting's probability, log of the distance in camera heights.
+    """
 
     def __init__(self, network: RoomNetwork) -> None:
         super().__init__()
         self.network = network
 
-    def forward(self, picture: Tensor) -> tuple[Tensor, Tensor]:
-        """Return probabilities and columns."""
-        logits, _, columns = self.network(picture)
-        tall = functional.interpolate(logits, size=(HEIGHT, WIDTH // 2), mode="bilinear", align_corners=False)
-        flat = around(tall.reshape(tall.shape[0], CLASSES * HEIGHT, WIDTH // 2), WIDTH)
-        probabilities = torch.softmax(flat.reshape(-1, CLASSES, HEIGHT, WIDTH), dim=1)
-        wide = around(columns, WIDTH)
-        sigma = torch.exp(torch.clamp(wide[:, 2:4], -7.0, 1.0))
-        return probabilities, torch.cat([wide[:, :2], sigma, torch.sigmoid(wide[:, 4:5])], dim=1)
+    def forward(self, picture: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return probabilities, columns and details."""
+        logits, reach, _, columns = self.network(picture)
+        shares = torch.softmax(logits, dim=1)
+        skirting = shares[:, SKIRTING:]
+        wall = shares[:, 1:2] + skirting
+        probabilities = torch.cat([shares[:, :1], wall, shares[:, 2:SKIRTING]], dim=1)
+        sigma = torch.exp(torch.clamp(columns[:, 2:4], -7.0, 1.0))
+        columns = torch.cat([columns[:, :2], sigma, torch.sigmoid(columns[:, 4:5])], dim=1)
+        return probabilities, columns, torch.cat([skirting, reach[:, None]], dim=1)
 
 
-CLASS_WEIGHTS = (1.0, 1.0, 1.0, 2.0, 2.0, 2.2, 1.8, 1.5)
-"""Of `SceneClass`: those that are rare and matter count more."""
+CLASS_WEIGHTS = (1.0, 1.0, 1.0, 2.0, 2.0, 2.2, 1.8, 1.5, 1.5)
+"""Of `SceneClass`, and skirting: those that are rare and matter count more."""
 CORNER_WEIGHT = 6.0
 
 
-def loss_of(outputs: tuple[Tensor, Tensor, Tensor], truth: dict[str, Tensor]) -> tuple[Tensor, dict[str, float]]:
+def loss_of(outputs: tuple[Tensor, Tensor, Tensor, Tensor], truth: Lesson) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the loss and its parts."""
-    logits, structure, columns = outputs
-    weights = torch.tensor(CLASS_WEIGHTS)
+    logits, distance, structure, columns = outputs
+    weights = torch.tensor(CLASS_WEIGHTS, device=logits.device)
     # One of the four pixels under each of the output's, in turn: cheaper than all, and centred on the mean.
     down, right = divmod(int(torch.randint(4, ())), 2)
-    label = truth["label"][:, down::2, right::2]
-    classes = functional.cross_entropy(logits, label, weight=weights, label_smoothing=0.02)
-    ceiling, floor = (_halved(truth[key]) for key in ("ceiling_rad", "floor_rad"))
-    dense = functional.binary_cross_entropy_with_logits(structure, _structure(ceiling, floor, structure.shape[2]))
-    target = torch.stack([ceiling, floor], dim=1)
-    away = (columns[:, :2] - target).abs()
+    label, reach = truth.label[:, down::2, right::2], truth.reach[:, down::2, right::2]
+    # Pixels near the poles are many and small: they count by half at least.
+    rows = (0.5 - (torch.arange(label.shape[1], device=logits.device) + 0.5) / label.shape[1]) * math.pi
+    share = 0.5 + 0.5 * torch.cos(rows)[None, :, None]
+    each = functional.cross_entropy(logits.float(), label, weight=weights, label_smoothing=0.02, reduction="none")
+    classes = (each * share).mean() / share.mean()
+    known = torch.isfinite(reach)
+    away = torch.where(known, (distance.float() - torch.nan_to_num(reach)).abs(), 0.0)
+    depth = (away * (1 + 2 * (label == 5))).sum() / known.sum().clamp(min=1)
+    ceiling, floor = _halved(truth.ceiling_rad), _halved(truth.floor_rad)
+    wanted = _structure(ceiling, floor, structure.shape[2])
+    dense = functional.binary_cross_entropy_with_logits(structure.float(), wanted)
+    apart = (columns[:, :2] - torch.stack([ceiling, floor], dim=1)).abs()
     log_sigma = columns[:, 2:4].clamp(-6.0, 1.0)
     # A Laplace distribution of that standard deviation, and a plain distance that does not depend on it.
-    edges = (math.sqrt(2) * away * torch.exp(-log_sigma) + log_sigma).mean() + 6 * away.mean()
+    edges = (math.sqrt(2) * apart * torch.exp(-log_sigma) + log_sigma).mean() + 6 * apart.mean()
     corner = functional.binary_cross_entropy_with_logits(
-        columns[:, 4], _halved(truth["corner"]), pos_weight=torch.tensor(CORNER_WEIGHT)
+        columns[:, 4], _halved(truth.corner), pos_weight=torch.tensor(CORNER_WEIGHT, device=logits.device)
     )
-    total = classes + 0.7 * dense + 0.15 * edges + 0.3 * corner
-    parts = {"classes": classes, "dense": dense, "degrees": away.mean() * (180 / math.pi), "corner": corner}
-    return total, {name: float(part.detach()) for name, part in parts.items()}
+    total = classes + 0.7 * dense + 0.15 * edges + 0.3 * corner + 0.4 * depth
+    degrees = apart.mean() * (180 / math.pi)
+    parts = {"classes": classes, "dense": dense, "degrees": degrees, "corner": corner, "depth": depth}
+    return total, {name: part.detach() for name, part in parts.items()}
 
 
 def _halved(columns: Tensor) -> Tensor:
@@ -195,7 +237,7 @@ def _halved(columns: Tensor) -> Tensor:
 
 def _structure(ceiling: Tensor, floor: Tensor, rows: int) -> Tensor:
     """Return how much of each pixel lies above the ceiling's edge and below the floor's, (B, 2, rows, n)."""
-    top = (0.5 - torch.arange(rows) / rows) * math.pi
+    top = (0.5 - torch.arange(rows, device=ceiling.device) / rows) * math.pi
     step = math.pi / rows
     above = ((top.view(1, rows, 1) - ceiling[:, None]) / step).clamp(0, 1)
     below = ((floor[:, None] - (top - step).view(1, rows, 1)) / step).clamp(0, 1)

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.colour import linear_of_srgb
 from processing.pictures.images import RelativeImage
 from processing.segmentation.embedded import WIDTH_PX
 from processing.sphere import Equirectangular
 from training.labels import boundary_latitudes
-from training.rooms.camera import decoded
 
 SEEN = 6
 """Of the ZInD panoramas, in order of their names: these may be looked at, the others are only scored."""
@@ -36,7 +36,7 @@ def read_image(path: Path) -> RelativeImage:
     codes = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if codes is None:
         raise FileNotFoundError(path)
-    rgb = decoded(np.ascontiguousarray(codes[..., ::-1]))
+    rgb = linear_of_srgb(np.ascontiguousarray(codes[..., ::-1]))
     height, width = rgb.shape[:2]
     unknown = np.full((height, width), 0.1, np.float32)
     return RelativeImage(rgb, unknown, np.zeros((height, width), np.uint8), Equirectangular(width, height))

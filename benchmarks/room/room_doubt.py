@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks.room.detect_truth import picture_of
@@ -20,16 +21,18 @@ from benchmarks.room.room_run import estimated
 from benchmarks.room.room_scores import score_room
 from benchmarks.seeds import seeds
 from mocks.rooms.room import make_room
+from mocks.rooms.truth import equirectangular
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import RelativeImage
 from processing.room.level import find_upright
-from training.rooms.camera import add_foot
+from training.rooms.beyond import build_beyond
 from training.rooms.house import House, draw_house
+from training.rooms.light import Points, coarse, smoothed
 from training.rooms.paints import Tile, make_bank
 from training.rooms.pieces import Piece, built_in_pieces, pieces_of
 from training.rooms.props import furnish_house
-from training.rooms.render import Stage, radiance, see
+from training.rooms.render import Stage, Standpoint, View, see
 
 HOUSES = 45
 TEXTURES, FURNISHED = 4, 3
@@ -57,18 +60,48 @@ def doubtful(seed: int, number: int) -> Iterator[Doubtful]:
     rng = np.random.default_rng([seeds("test", number + 1, seed)[number], 91])
     house = draw_house(rng, 2)
     furnish_house(rng, house, _pieces(seed))
+    build_beyond(rng, house, _pieces(seed))
     stage = Stage(house.soup, house.panes, house.portals, house.mirrors, house.lamps)
     places = [("plain", *one) for one in zip(house.cameras, house.eyes_m, strict=True)]
     if house.portals and rng.random() < 0.5:
         places[1] = ("doorway", _in_doorway(rng, house), 1.5)
     for k, (kind, place, eye_m) in enumerate(places):
-        seen = see(rng, stage, place, eye_m)
-        if np.median(seen.reach_m[seen.reach_m > 0]) < 0.2:
+        view = see(rng, stage, Standpoint(house.outline, house.ceiling_m, place, eye_m), _tiles())
+        if view is None:
             continue
-        light, _ = add_foot(rng, radiance(rng, stage, seen, _tiles()), seen.label, eye_m)
-        named, rgb, turn = _spoilt(rng, kind, np.maximum(light, 0).astype(np.float32))
+        named, rgb, turn = _spoilt(rng, kind, _radiance(rng, view))
         floor = np.array(house.outline) - np.array(place)
         yield Doubtful(f"{number}-{k}", named, rgb, floor, eye_m, house.ceiling_m, turn)
+
+
+def _radiance(rng: np.random.Generator, view: View) -> Floats:
+    """Return a picture (H, W, 3) of a view: coats with their textures, light of sky, lamps, sun and surroundings."""
+    coats, paint = view.coats[int(rng.integers(len(view.coats)))].astype(np.float32), np.maximum(view.paint, 0)
+    albedo = coats[paint, :3]
+    place = equirectangular(len(paint)) * view.reach_m.astype(np.float32)[..., None]
+    flat = np.abs(view.normal[..., 2]) > 90
+    along = np.where(np.abs(view.normal[..., 0]) > np.abs(view.normal[..., 1]), place[..., 1], place[..., 0])
+    uv = np.stack([np.where(flat, place[..., 0], along), np.where(flat, place[..., 1], place[..., 2])], axis=-1)
+    for number in np.unique(paint[(coats[paint, 3] >= 0) & (view.paint >= 0)]):
+        mine, coat = paint == number, coats[number]
+        footprint = view.reach_m[mine].astype(np.float32) * np.float32(np.pi / len(paint) / coat[4])
+        relative = _tiles()[int(coat[3])].at(uv[mine] / coat[4], footprint)
+        albedo[mine] *= np.maximum(1 + (relative - 1) * coat[6], 0.05)
+    shares = rng.uniform((0.3, 0.0, 0.2), (1.0, 0.5, 1.0))
+    parts = [one.astype(np.float32) for one in (view.sky, view.lamps, view.openness)]
+    light = sum(s * part / max(float(part.mean()), 1e-6) for s, part in zip(shares, parts, strict=True))
+    few = coarse(Points(place, view.normal.astype(np.float32) / 127, view.paint >= 0))
+    even = smoothed(few, smoothed(few, np.asarray(light, np.float32)[..., None], reach=3), reach=3)[..., 0]
+    wide = cv2.resize(even, paint.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    if rng.random() < 0.5:
+        facing = np.maximum(view.normal.astype(np.float32) @ view.suns[0] / 127, 0)
+        wide = wide + (view.sun & 1) * facing * np.float32(rng.uniform(1.5, 15))
+    out = albedo * wide[..., None] + coats[paint, 8:] * np.float32(rng.uniform(2, 12))
+    out[view.paint < 0] = rng.uniform(2, 20)
+    # A tripod's foot, or the blurred disc in its place.
+    down = np.arccos(np.clip(-equirectangular(len(paint))[..., 2], -1, 1))
+    out[down < np.radians(rng.uniform(0, 9))] = rng.uniform(0, 1) * float(np.median(out))
+    return np.asarray(out, np.float32)
 
 
 def _in_doorway(rng: np.random.Generator, house: House) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """The network that daylit ships: classes and boundaries of an upright panorama, without any download.
 
-It was trained on simulated rooms only (docs/reference/network.md, `training/`). It sees the panorama at 256 x 128,
+It was trained on simulated rooms only (docs/reference/network.md, `training/`). It sees the panorama at 512 x 256,
 several times:
 turned about the vertical and mirrored, by angles that do not fall on its grid, so that the answers differ and their
 mean is better than each.
@@ -33,17 +33,20 @@ from processing.sphere import Equirectangular
 
 
 WIDTH_PX, HEIGHT_PX = 256, 128
+"""Of the network's classes and columns."""
+SEEN_WIDTH_PX, SEEN_HEIGHT_PX = 512, 256
+"""Of the picture that it is shown."""
 MIDDLE = 0.18
 """To which the picture's median luminance is scaled."""
 BRIGHTEST = 12.0
 """Scaled values are cut here before pixels are averaged: the sun may fill one pixel of the copy, not its neighbours."""
-_KNEE = 0.35
+KNEE = 0.35
 _SAMPLES_PX = 512
 _BAND_ROWS = 256
 
 
 def network_picture(rgb: npt.ArrayLike) -> Floats:
-    """Return the network's view (128, 256, 3), 0..1, of an equirectangular picture (H, W, 3) of linear RGB.
+    """Return the network's view (256, 512, 3), 0..1, of an equirectangular picture (H, W, 3) of linear RGB.
 
     A black picture stays black. The result does not depend on the picture's scale.
 
@@ -58,17 +61,19 @@ def network_picture(rgb: npt.ArrayLike) -> Floats:
             f"a picture of shape {picture.shape} for the room network", advice="give (H, W, 3), 8 x 4 pixels or more"
         )
     gain = exposure(picture)
-    wide = picture.shape[1] >= WIDTH_PX and picture.shape[0] >= HEIGHT_PX
+    wide = picture.shape[1] >= SEEN_WIDTH_PX and picture.shape[0] >= SEEN_HEIGHT_PX
     bands = []
     for start in range(0, picture.shape[0], _BAND_ROWS):
         band = _scaled(picture[start : start + _BAND_ROWS], gain, start)
         # Means over an area are means over rows of means over columns: no scaled copy of the whole picture is needed.
         if wide:
-            band = np.asarray(cv2.resize(band, (WIDTH_PX, len(band)), interpolation=cv2.INTER_AREA), np.float32)
+            band = np.asarray(cv2.resize(band, (SEEN_WIDTH_PX, len(band)), interpolation=cv2.INTER_AREA), np.float32)
         bands.append(band)
     joined = np.concatenate(bands)
     if wide:
-        return curve(np.asarray(cv2.resize(joined, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA), np.float32))
+        return curve(
+            np.asarray(cv2.resize(joined, (SEEN_WIDTH_PX, SEEN_HEIGHT_PX), interpolation=cv2.INTER_AREA), np.float32)
+        )
     return curve(_enlarged(joined))
 
 
@@ -104,7 +109,7 @@ def exposure(picture: npt.NDArray[np.floating]) -> float:
 
 def curve(scaled: Floats) -> Floats:
     """Return what is shown for scaled values >= 0 of any shape: rising, below 1, without a white point."""
-    return np.sqrt(scaled / (scaled + np.float32(_KNEE)))
+    return np.sqrt(scaled / (scaled + np.float32(KNEE)))
 
 
 def _enlarged(scaled: Floats) -> Floats:
@@ -112,21 +117,22 @@ def _enlarged(scaled: Floats) -> Floats:
     height, width = scaled.shape[:2]
     pad = width // 2
     around = np.concatenate([scaled[:, -pad:], scaled, scaled[:, :pad]], axis=1)
-    x = ((np.arange(WIDTH_PX) + 0.5) * width / WIDTH_PX - 0.5 + pad).astype(np.float32)
-    y = ((np.arange(HEIGHT_PX) + 0.5) * height / HEIGHT_PX - 0.5).astype(np.float32)
+    x = ((np.arange(SEEN_WIDTH_PX) + 0.5) * width / SEEN_WIDTH_PX - 0.5 + pad).astype(np.float32)
+    y = ((np.arange(SEEN_HEIGHT_PX) + 0.5) * height / SEEN_HEIGHT_PX - 0.5).astype(np.float32)
     grid_x, grid_y = np.meshgrid(x, y)
     drawn = cv2.remap(around, grid_x, grid_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(drawn, dtype=np.float32)
 
 
 SHIPPED = Path(__file__).with_name("room_network.onnx")
-TURNS_PX = {"draft": (0,), "standard": (0, 71, 134, 205), "reference": (0, 35, 70, 101, 134, 165, 204, 235)}
+TURNS_PX = {"draft": (0,), "standard": (0, 134), "reference": (0, 71, 134, 205)}
 """By quality: by how many columns the picture is turned; every second turn is mirrored too. Not multiples of 16, by
 which the network's answer only turns along."""
 LEAST_CONTRAST = 0.004
 """Of what the network is shown (0..1): a picture that varies less says nothing."""
 LEAST_LATITUDE_RAD = 0.01
-_OUTPUTS = ("probabilities", "columns")
+_OUTPUTS = ("probabilities", "columns", "details")
+"""Details (2, H, W): the probability of skirting, and the log of the distance in camera heights."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,7 @@ def scene_evidence(
     Parameters
     ----------
     quality
-        draft, standard, reference: 1, 4 or 8 turns.
+        draft, standard, reference: 1, 2 or 4 turns.
     model
         A network trained anew by `training` (its JSON beside it); None: the shipped one.
 
@@ -174,14 +180,18 @@ def scene_evidence(
     if float(np.ptp(picture)) < LEAST_CONTRAST:
         return _nothing(network.name)
     turns = TURNS_PX[quality]
-    probabilities, columns = _run(network, _turned(picture, turns))
-    straight = _mean_probabilities(probabilities, turns)
-    return SceneEvidence(straight, network.name, _boundary(network, columns, turns), views_used=len(turns))
+    probabilities, columns, details = _run(network, _turned(picture, turns))
+    skirting, reach = _mean(details, turns)
+    return SceneEvidence(
+        _mean(probabilities, turns), network.name, _boundary(network, columns, turns), views_used=len(turns),
+        skirting=skirting, reach=np.exp(reach),
+    )  # fmt: skip
 
 
 def _turned(picture: Floats, turns: tuple[int, ...]) -> Floats:
-    """Return the turned, every second time mirrored pictures (N, 3, 128, 256)."""
-    found = [np.roll(picture, turn, axis=1)[:, :: -1 if number % 2 else 1] for number, turn in enumerate(turns)]
+    """Return the turned, every second time mirrored pictures (N, 3, 256, 512); turns are columns of the answer."""
+    scale = SEEN_WIDTH_PX // WIDTH_PX
+    found = [np.roll(picture, scale * turn, axis=1)[:, :: -1 if number % 2 else 1] for number, turn in enumerate(turns)]
     return np.ascontiguousarray(np.stack(found).transpose(0, 3, 1, 2))
 
 
@@ -190,11 +200,12 @@ def _back(values: Floats, number: int, turn: int) -> Floats:
     return np.asarray(np.roll(values[..., :: -1 if number % 2 else 1], -turn, axis=-1), dtype=np.float32)
 
 
-def _mean_probabilities(found: Floats, turns: tuple[int, ...]) -> Floats:
+def _mean(found: Floats, turns: tuple[int, ...]) -> Floats:
+    """Return the mean (C, H, W) of what was found on all turned pictures (N, C, H, W)."""
     total = np.zeros(found.shape[1:], dtype=np.float64)
     for number, turn in enumerate(turns):
         total += _back(found[number], number, turn)
-    return np.asarray(total / total.sum(axis=0), dtype=np.float32)
+    return np.asarray(total / len(turns), dtype=np.float32)
 
 
 def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> BoundaryEvidence:
@@ -227,20 +238,21 @@ def _nothing(name: str) -> SceneEvidence:
     return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be recognised",))
 
 
-def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats]:
+def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats, Floats]:
     try:
-        probabilities, columns = network.session.run(list(_OUTPUTS), {"picture": pictures})
+        probabilities, columns, details = network.session.run(list(_OUTPUTS), {"picture": pictures})
     # onnxruntime's errors have no common base of their own.
     except Exception as exc:
         raise SegmenterError(f"the network refuses the picture: {str(exc)[:300]}", where=network.name) from exc
-    right = (len(pictures), len(SceneClass), HEIGHT_PX, WIDTH_PX), (len(pictures), 5, WIDTH_PX)
-    if (probabilities.shape, columns.shape) != right or not np.isfinite(columns).all():
+    count, size = len(pictures), (HEIGHT_PX, WIDTH_PX)
+    right = (count, len(SceneClass), *size), (count, 5, WIDTH_PX), (count, 2, *size)
+    if (probabilities.shape, columns.shape, details.shape) != right or not np.isfinite(columns).all():
         raise SegmenterError(
             f"not a room network: it gives {probabilities.shape} and {columns.shape}",
             where=network.name,
             advice="give a network that `python -m training export` wrote",
         )
-    return probabilities, columns
+    return probabilities, columns, details
 
 
 def _network(path: Path) -> _Network:

@@ -72,6 +72,10 @@ class SceneEvidence:
     notes: tuple[str, ...] = ()
     networks: int = 1
     """How many networks the probabilities are the mean of."""
+    skirting: Floats | None = None
+    """(H, W), 0..1: probability of skirting, which is part of WALL's."""
+    reach: Floats | None = None
+    """(H, W): estimated distance from the camera to what is seen, in camera heights."""
 
     def share(self, *classes: SceneClass) -> Floats:
         """Return the summed probability (H, W) of some classes."""

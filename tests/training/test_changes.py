@@ -1,4 +1,4 @@
-"""What is done to training pictures when they are read: stretched rooms, other coats; and furniture of chance form."""
+"""The direction of a room's walls; furniture of chance form and of folders."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import pytest
 from processing.errors import SceneError
 from processing.ground.polygons import triangles
 from processing.segmentation.evidence import SceneClass
-from training.augment import recoated, stretched, wall_direction_rad
-from training.labels import boundary_latitudes
+from training.labels import boundary_latitudes, wall_direction_rad
 from training.rooms.forms import bed, block, couch, heap, laden, shelf, wardrobe
 from training.rooms.house import draw_house
 from training.rooms.pieces import Piece, built_in_pieces, folder_pieces, joined
@@ -38,41 +37,6 @@ def test_direction_of_walls_is_found(turn: float) -> None:
     found = wall_direction_rad(columns_of(rotated(BOX, turn))["floor_rad"])
     away = (found - turn + np.pi / 4) % (np.pi / 2) - np.pi / 4
     assert abs(away) < np.radians(2.0)
-
-
-@pytest.mark.parametrize(("along", "across"), [(1.4, 1.0), (0.7, 1.3), (1.0, 1.0)])
-def test_stretched_room_is_that_of_the_stretched_outline(along: float, across: float) -> None:
-    turn = 0.35
-    before = columns_of(rotated(BOX, turn)) | {"picture": np.zeros((ROWS, COLUMNS, 3), np.uint8)}
-    after = stretched(before, along, across, turn)
-    wanted = columns_of(rotated(BOX * (across, along), turn))
-    for name in ("ceiling_rad", "floor_rad"):
-        assert np.abs(after[name] - wanted[name]).max() < np.radians(1.5)
-    assert (after["label"] == wanted["label"]).mean() > 0.985
-    assert after["picture"].shape == (ROWS, COLUMNS, 3)
-
-
-def test_recoated_changes_furniture_and_leaves_windows() -> None:
-    label = np.full((ROWS, COLUMNS), SceneClass.WINDOW, np.uint8)
-    label[30:50, 20:60] = SceneClass.FURNITURE
-    picture = np.full((ROWS, COLUMNS, 3), 0.5, np.float32)
-    changed = 0
-    for seed in range(12):
-        found = recoated(np.random.default_rng(seed), picture, label)
-        assert np.isfinite(found).all()
-        assert found.min() >= 0
-        assert found.max() <= 1
-        assert np.array_equal(found[label == SceneClass.WINDOW], picture[label == SceneClass.WINDOW])
-        changed += not np.allclose(found, picture)
-    assert 3 <= changed <= 11
-
-
-def test_recoated_white_and_black_stay_finite() -> None:
-    label = np.full((ROWS, COLUMNS), SceneClass.FURNITURE, np.uint8)
-    for level in (0.0, 1.0):
-        picture = np.full((ROWS, COLUMNS, 3), level, np.float32)
-        for seed in range(4):
-            assert np.isfinite(recoated(np.random.default_rng(seed), picture, label)).all()
 
 
 @pytest.mark.parametrize("form", [bed, wardrobe, shelf, couch, block, heap])

@@ -1,7 +1,7 @@
 """One room for training, with its walls' openings, fixtures and furniture, as triangles.
 
 Unlike `mocks.rooms` it need not be buildable: what matters is that every kind of confusion occurs, and that the labels
-are right. Behind passages and open doors lies another room, seen through a portal (`training.rooms.beyond`).
+are right. Behind passages and open doors lies another room (`training.rooms.beyond`).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import itertools
 import math
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from shapely import box
@@ -38,6 +39,8 @@ def draw_outline(rng: np.random.Generator) -> Doubles:
             break
     else:
         room = box(0, 0, long, short)
+    if not small and rng.random() < 0.15:
+        room = _with_bay(rng, room, long)
     corners = np.array(room.exterior.coords)[:-1]
     if rng.random() < 0.12:
         corners = _slanted(rng, corners)
@@ -64,6 +67,16 @@ def _bitten(rng: np.random.Generator, long: float, short: float, bites: int) -> 
     if np.linalg.norm(np.diff(ring, axis=0), axis=1).min() < 0.3:
         return None
     return room.simplify(0.01) if not room.buffer(-0.35).is_empty else None
+
+
+def _with_bay(rng: np.random.Generator, room: Polygon, long: float) -> Polygon:
+    """Return a room with a bay, square or with slanted sides, on its side y = 0."""
+    wide, deep = float(rng.uniform(1.0, 2.6)), float(rng.uniform(0.35, 0.95))
+    at = float(rng.uniform(0.0, max(long - wide, 0.01)))
+    inset = 0.0 if rng.random() < 0.4 else min(deep * float(rng.uniform(0.5, 1.2)), 0.35 * wide)
+    bay = Polygon([(at, 0.0), (at + inset, -deep), (at + wide - inset, -deep), (at + wide, 0.0)])
+    whole = room.union(bay.buffer(1e-6, join_style="mitre")).simplify(0.01)
+    return whole if whole.geom_type == "Polygon" and not whole.interiors else room
 
 
 def _slanted(rng: np.random.Generator, corners: Doubles) -> Doubles:
@@ -114,14 +127,13 @@ def draw_eye_m(rng: np.random.Generator, ceiling_m: float) -> float:
     return float(min(max(high, 0.85), ceiling_m - 0.4, math.inf))
 
 
-@dataclass(frozen=True)
-class Portal:
+class Portal(NamedTuple):
     """An opening to elsewhere: a frame whose y axis points into this room, and its rectangle on the wall."""
 
     frame: Frame
     rect: tuple[float, float, float, float]
-    paint: int
-    seed: int
+    depth_m: float
+    """Of the wall."""
 
 
 @dataclass
@@ -164,7 +176,17 @@ def draw_house(rng: np.random.Generator, cameras: int) -> House:
     house.soup.add(np.concatenate([flat, np.full((*flat.shape[:2], 1), ceiling)], axis=2), SceneClass.CEILING, top)
     build_walls(rng, house)
     ceiling_things(rng, house)
+    if house.portals and rng.random() < 0.3:
+        house.cameras[-1] = _on_threshold(rng, house)
     return house
+
+
+def _on_threshold(rng: np.random.Generator, house: House) -> tuple[float, float]:
+    """Return a place just inside an opening: the room is still the one that the nadir belongs to."""
+    frame, (x0, _, x1, _), _ = house.portals[int(rng.integers(len(house.portals)))]
+    x, y, _ = frame.world((x0 + rng.uniform(0.3, 0.7) * (x1 - x0), rng.uniform(0.03, 0.5), 0.0))
+    inside = Polygon(house.outline).buffer(-0.02).contains(Spot(x, y))
+    return (float(x), float(y)) if inside else house.cameras[-1]
 
 
 def _floor(rng: np.random.Generator) -> tuple[Doubles, Doubles]:

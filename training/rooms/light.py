@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s
 
 Panes = list[tuple[Doubles, Doubles, Doubles]]
 
@@ -135,8 +135,7 @@ def sunlit(geometry: Geometry, points: Points, direction: Floats) -> Floats:
     mine = np.flatnonzero((normal @ direction > 0.02) & points.solid.reshape(-1))
     start = points.place.reshape(-1, 3)[mine] + normal[mine] * np.float32(_LIFT_M)
     out[mine] = ~geometry.blocked(start, np.broadcast_to(direction, start.shape).astype(np.float32))
-    lit = out * np.maximum(normal @ direction, 0)
-    return np.asarray(lit.reshape(points.solid.shape), dtype=np.float32)
+    return out.reshape(points.solid.shape)
 
 
 def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:
@@ -155,44 +154,3 @@ def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:
             total += np.roll(light[source], -right, axis=1) * same[..., None]
             weight += same
     return np.asarray(total / weight[..., None], dtype=np.float32)
-
-
-@dataclass(frozen=True)
-class Spread:
-    """How light at coarse points gets to fine ones: four neighbours and their weights."""
-
-    rows: Indices
-    """(2, H)"""
-    columns: Indices
-    """(2, W)"""
-    weights: Floats
-    """(4, H, W), sum 1."""
-
-    def of(self, light: Floats) -> Floats:
-        """Return coarse light (H, W, C) at the fine points."""
-        out = np.zeros((*self.weights.shape[1:], light.shape[2]), np.float32)
-        for number, share in enumerate(self.weights):
-            # Rows, then columns: cheaper than a gather of both.
-            out += light[self.rows[number // 2]][:, self.columns[number % 2]] * share[..., None]
-        return out
-
-
-def spread_of(points: Points, few: Points) -> Spread:
-    """Return linear weights, among neighbours on the same plane."""
-    height, width = points.solid.shape
-    low_h, low_w = few.solid.shape
-    y = (np.arange(height) - (STEP // 2 - 1)) / STEP
-    x = (np.arange(width) - (STEP // 2 - 1)) / STEP
-    y0, x0 = np.floor(y).astype(int), np.floor(x).astype(int)
-    wy, wx = (y - y0).astype(np.float32), (x - x0).astype(np.float32)
-    rows = np.stack([np.clip(y0 + k, 0, low_h - 1) for k in (0, 1)])
-    columns = np.stack([(x0 + k) % low_w for k in (0, 1)])
-    plane = np.einsum("ijk,ijk->ij", few.place, few.normal).astype(np.float32)
-    mine = np.einsum("ijk,ijk->ij", points.place, points.normal).astype(np.float32)
-    weights = np.empty((4, height, width), np.float32)
-    for number in range(4):
-        at = np.ix_(rows[number // 2], columns[number % 2])
-        share = (wy if number // 2 else 1 - wy)[:, None] * (wx if number % 2 else 1 - wx)[None]
-        same = (np.einsum("ijk,ijk->ij", few.normal[at], points.normal) > 0.9) & (np.abs(plane[at] - mine) < 0.06)
-        weights[number] = share * (1e-3 + (same & few.solid[at]))
-    return Spread(rows, columns, weights / np.maximum(weights.sum(axis=0), 1e-6))

@@ -114,17 +114,22 @@ _WOODS = np.array(
         (0.10, 0.05, 0.03),
     ]
 )
-_WHITE = ("ceiling", "trim", "window frame", "radiator", "door", "blind", "board", "fitted", "hallway")
+OTHER = "other "
+"""Before the kind of a paint of a room beyond, where that is not this room's own."""
+_WHITE = ("ceiling", "trim", "window frame", "radiator", "door", "blind", "board", "fitted", "hallway", "sheer",
+          "frosted")  # fmt: skip
 _DARK = ("gap", "dark", "metal")
 _COATED = ("furniture", "quilt", "linen", "fixture", "curtain", "rug", "frame")
 _GROUP = {
     "floor": "floor", "rug": "rug", "picture": "picture", "wood door": "wood", "curtain": "cloth",
     "quilt": "", "linen": "", "ceiling": "plain",
     "accent wall": "wall", "wall": "wall", "fitted": "wood", "furniture": "", "fixture": "", "worktop": "plain",
+    "splash": "plain",
 }  # fmt: skip
 _TEXTURED = {
     "floor": 0.85, "rug": 0.9, "picture": 0.95, "wood door": 0.5, "curtain": 0.35, "wall": 0.12, "accent wall": 0.4,
     "quilt": 0.65, "linen": 0.3, "ceiling": 0.06, "fitted": 0.4, "furniture": 0.28, "fixture": 0.1, "worktop": 0.4,
+    "splash": 0.6,
 }  # fmt: skip
 
 
@@ -151,7 +156,7 @@ def draw_coats(rng: np.random.Generator, paints: list[Paint], bank: list[Tile]) 
     """Return the coats of one look; what is proposed in a paint is kept in some looks."""
     count = len(paints)
     keep = rng.random() < 0.45
-    room = {kind: _albedo(rng, kind) for kind in sorted({p.kind for p in paints})}
+    room = {kind: _albedo(rng, kind.removeprefix(OTHER)) for kind in sorted({p.kind for p in paints})}
     groups = {g: [k for k, t in enumerate(bank) if t.group == g] for g in sorted({t.group for t in bank})}
     albedo, tile = np.empty((count, 3)), np.full(count, -1, np.int32)
     one_tile: dict[str, int] = {}
@@ -163,9 +168,13 @@ def draw_coats(rng: np.random.Generator, paints: list[Paint], bank: list[Tile]) 
         if paint.kind in ("furniture", "quilt") and rng.random() < matched:
             # Furniture of one home is of few colours.
             drawn = palette[int(rng.integers(len(palette)))] * np.exp(rng.normal(0, 0.2))
+        if single and paint.kind != "frame" and rng.random() < 0.06 and "floor" in room:
+            # Spreads, rugs and wood in the floor's own colour.
+            drawn = room["floor"] * np.exp(rng.normal(0, 0.12))
         albedo[number] = paint.rgb if keep and paint.rgb is not None else drawn
-        if rng.random() < _TEXTURED.get(paint.kind, 0.0):
-            among = groups.get(_GROUP.get(paint.kind, "") or str(rng.choice(_MIXED[paint.kind == "furniture"])), [])
+        kind = paint.kind.removeprefix(OTHER)
+        if rng.random() < _TEXTURED.get(kind, 0.0):
+            among = groups.get(_GROUP.get(kind, "") or str(rng.choice(_MIXED[kind == "furniture"])), [])
             if among:
                 chosen = int(rng.choice(among))
                 tile[number] = chosen if single else one_tile.setdefault(paint.kind, chosen)

@@ -14,7 +14,7 @@ from processing.segmentation.evidence import SceneClass
 from training.rooms.forms import draw_form, heap, laden
 from training.rooms.house import House
 from training.rooms.pieces import SMALL, Piece
-from training.rooms.soup import WORLD, Frame
+from training.rooms.soup import Frame
 
 _FREE = ("dining table", "coffee table", "dining chair", "chair", "swivel chair", "desk chair", "ottoman", "plant",
          "box", "armchair", "basket", "stool", "heap")  # fmt: skip
@@ -48,13 +48,16 @@ class _Floor:
         return True
 
 
-def furnish_house(rng: np.random.Generator, house: House, bank: list[Piece]) -> None:
-    """Put pieces into a room, where they neither overlap nor stand before doors or cameras; a seventh stay empty."""
+def furnish_house(rng: np.random.Generator, house: House, bank: list[Piece], *, most: int = 24) -> None:
+    """Put pieces into a room, where they neither overlap nor stand before doors or cameras; a seventh stay empty.
+
+    ``most`` pieces at most.
+    """
     room = Polygon(house.outline)
     floor = _Floor(house, room, _kept_free(rng, house))
     small = [p for p in bank if p.kind in SMALL]
     standing = [p for p in bank if p.kind not in SMALL]
-    wanted = 0 if rng.random() < 0.15 else int(rng.integers(3, 7 + int(min(room.area, 18))))
+    wanted = 0 if rng.random() < 0.15 else min(int(rng.integers(3, 7 + int(min(room.area, 18)))), most)
     for number in range(wanted):
         piece = _chosen(rng, standing, large=number < 2)
         if piece.kind in _FLAT and rng.random() < 0.6:
@@ -64,7 +67,7 @@ def furnish_house(rng: np.random.Generator, house: House, bank: list[Piece]) -> 
             if floor.stand(piece, at, turn):
                 _beside(rng, floor, standing, piece, (at, turn))
                 break
-    if rng.random() < 0.3:
+    for _ in range(int(rng.choice([0, 1, 2], p=[0.5, 0.38, 0.12]))):
         _rug(rng, house, room)
 
 
@@ -161,12 +164,24 @@ def _stand(house: House, piece: Piece, at: tuple[float, float], turn: float) -> 
 
 
 def _rug(rng: np.random.Generator, house: House, room: Polygon) -> None:
+    """Lay a rug, round now and then, thin or thick."""
     low, high = house.outline.min(axis=0), house.outline.max(axis=0)
     x, y = rng.uniform(low, high)
-    w, d = rng.uniform(0.6, 2.8), rng.uniform(0.5, 1.9)
+    w, d = rng.uniform(0.6, 3.4), rng.uniform(0.5, 2.4)
     along = house.wall(0)[0].along
-    turn = rng.uniform(0, np.pi) if rng.random() < 0.4 else np.arctan2(along[1], along[0])
+    turn = rng.uniform(0, np.pi) if rng.random() < 0.3 else np.arctan2(along[1], along[0])
     frame = Frame((float(x), float(y)), (float(np.cos(turn)), float(np.sin(turn))))
-    ring = frame.world([(-w / 2, -d / 2, 0.008), (w / 2, -d / 2, 0.008), (w / 2, d / 2, 0.008), (-w / 2, d / 2, 0.008)])
-    if room.contains(Polygon(ring[:, :2])):
-        house.soup.quad(WORLD, ring, SceneClass.FIXTURE, house.soup.paint("rug"))
+    thick, paint = float(rng.choice([0.008, 0.012, 0.035])), house.soup.paint("rug")
+    if rng.random() < 0.2:
+        round_ = np.arange(24) * (2 * np.pi / 24)
+        ring = np.stack([d / 2 * np.cos(round_), d / 2 * np.sin(round_)], axis=1)
+    else:
+        ring = np.array([(-w / 2, -d / 2), (w / 2, -d / 2), (w / 2, d / 2), (-w / 2, d / 2)])
+    top = frame.world(np.column_stack([ring, np.full(len(ring), thick)]))
+    if not room.contains(Polygon(top[:, :2])):
+        return
+    fan = np.stack([np.repeat(top[:1], len(top) - 2, axis=0), top[1:-1], top[2:]], axis=1)
+    foot = top * (1.0, 1.0, 0.0)
+    sides = np.stack([foot, np.roll(foot, -1, 0), np.roll(top, -1, 0)], axis=1)
+    house.soup.add(np.concatenate([fan, sides, np.stack([foot, np.roll(top, -1, 0), top], axis=1)]),
+                   SceneClass.FIXTURE, paint)  # fmt: skip

@@ -1,26 +1,34 @@
-"""Panoramas of training rooms: geometry once a camera, several looks (colours and light) from it."""
+"""What a camera sees in a training room, before any colours are chosen: shapes, paints, and light by its source.
+
+A view costs rays; the pictures made from it (`training.looks`) cost none, so that every step of training sees new ones.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.model import ADE20K, Material, Part, Role
 from mocks.rooms.truth import equirectangular
-from processing.ground.arrays import Doubles, Floats, Int8s, Int16s
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Int8s, Int16s
 from processing.ground.mesh import Mesh
+from processing.segmentation.embedded import WIDTH_PX
 from processing.segmentation.evidence import SceneClass
-from training.rooms.beyond import Home, other_room, outdoors
+from training.labels import boundary_latitudes, corner_likelihood, wall_direction_rad
 from training.rooms.house import Portal
-from training.rooms.light import Gathered, Panes, Points, Spread, coarse, gather, smoothed, spread_of, sunlit
-from training.rooms.paints import Coats, Tile, draw_coats
+from training.rooms.light import Points, coarse, gather, sunlit
+from training.rooms.paints import Tile, draw_coats
 from training.rooms.soup import Soup
 
 ROWS = 256
-"""Of the fine picture; the network's is half as large."""
-_PIXEL_RAD = np.pi / ROWS
+"""Of a view: those of the network's input."""
+SUNS, COATS = 2, 6
+"""Directions of the sun, and sets of coats, drawn for each view."""
+MOST_PAINTS = 640
+LEAST_REACH_M = 0.25
 
 
 @dataclass
@@ -28,7 +36,7 @@ class Stage:
     """A room ready for rays."""
 
     soup: Soup
-    panes: Panes
+    panes: list[tuple[Doubles, Doubles, Doubles]]
     portals: list[Portal] = field(default_factory=list)
     mirrors: list[int] = field(default_factory=list)
     lamps: list[tuple[float, float, float]] = field(default_factory=list)
@@ -42,35 +50,69 @@ class Stage:
         self.geometry = Geometry([Part(mesh, Material("any", (0.5, 0.5, 0.5)), "any", ADE20K["wall"], Role.SHELL)])
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What a camera sees, fine (H, W, ...)."""
+class Standpoint(NamedTuple):
+    """A room's outline and height, and where the camera stands in it, metres."""
 
-    eye: Doubles
-    rays: Floats
-    """Where they end up, after mirrors."""
-    start: Floats
-    label: Int8s
+    outline: Doubles
+    """Corners (N, 2), counter-clockwise."""
+    ceiling_m: float
+    place: tuple[float, float]
+    eye_m: float
+
+
+class View(NamedTuple):
+    """What one camera sees, (H, W, ...) of 256 x 512; coarse arrays (h, w, ...) of every fourth pixel each way."""
+
+    label: Bytes
+    """`SceneClass`, or `training.labels.SKIRTING`."""
     paint: Int16s
     """-1 where the outdoors is seen."""
-    reach_m: Floats
-    points: Points
-    few: Points
-    light: Gathered
-    spread: Spread
+    reach_m: np.ndarray
+    """(H, W) half precision: length of the path, by way of a mirror too; 0 outdoors."""
+    normal: Int8s
+    """(H, W, 3): times 127, towards the camera; 0 outdoors."""
+    sun: Bytes
+    """Bit k: seen by sun k."""
+    mirrored: Int16s
+    """(H/2, W/2): paint that a glossy surface would mirror, -1 outdoors, -2 not looked for."""
+    sky: np.ndarray
+    """(h, w) half precision: light through the panes; ``lamps`` likewise."""
+    lamps: np.ndarray
+    openness: np.ndarray
+    """(h, w) half precision, 0..1: how far away the surroundings are."""
+    bounce: Int16s
+    """(h, w, 8): paints that light comes from, -1 none."""
+    suns: Floats
+    """(SUNS, 3): directions."""
+    coats: np.ndarray
+    """(COATS, MOST_PAINTS, 9) half precision: albedo (3), tile, scale, turn, contrast, gloss, emission."""
+    ceiling_rad: Floats
+    """(2 * WIDTH_PX,) of the network's columns, as ``floor_rad`` and ``corner``."""
+    floor_rad: Floats
+    corner: Floats
+    eye_m: Floats
+    """(1,)"""
+    direction_rad: Floats
+    """(1,): azimuth of most walls."""
 
 
-def see(rng: np.random.Generator, stage: Stage, place: tuple[float, float], eye_m: float) -> Seen:
-    """Cast a camera's rays and gather light."""
-    eye = np.array([*place, eye_m])
+def see(rng: np.random.Generator, stage: Stage, stand: Standpoint, tiles: list[Tile]) -> View | None:
+    """Return what a camera sees; None in front of a face, or where the paints are too many."""
+    if len(stage.soup.paints) > MOST_PAINTS:
+        return None
+    eye = np.array([*stand.place, stand.eye_m])
     rays = equirectangular(ROWS)
     shape = rays.shape[:2]
     flat = rays.reshape(-1, 3).copy()
     start = np.broadcast_to(eye.astype(np.float32), flat.shape).copy()
     hits = stage.geometry.cast(start, flat)
     face, reach = hits.face.copy(), hits.distance_m.copy()
+    if np.median(reach[np.isfinite(reach)]) < LEAST_REACH_M:
+        return None
     label = np.where(face < 0, np.int8(SceneClass.WINDOW), stage.labels[face])
+    label[_beyond(stage, eye, flat, face < 0)] = SceneClass.DOOR
     paint = np.where(face < 0, np.int16(-1), stage.paint_of[face])
+    before = np.zeros_like(reach)
     mirrored = np.flatnonzero(np.isin(paint, stage.mirrors))
     if mirrored.size:
         normal = stage.geometry.face_normals[face[mirrored]]
@@ -78,143 +120,82 @@ def see(rng: np.random.Generator, stage: Stage, place: tuple[float, float], eye_
         start[mirrored] += into * reach[mirrored, None] - into * np.float32(1e-3)
         flat[mirrored] = into - 2 * np.einsum("ij,ij->i", into, normal)[:, None] * normal
         again = stage.geometry.cast(start[mirrored], flat[mirrored])
+        before[mirrored] = reach[mirrored]
         face[mirrored], reach[mirrored] = again.face, again.distance_m
         paint[mirrored] = np.where(again.face < 0, np.int16(-1), stage.paint_of[again.face])
     normal = stage.geometry.face_normals[face].copy()
     normal *= -np.sign(np.einsum("ij,ij->i", normal, flat))[:, None]
-    solid = (face >= 0) & ~np.isin(paint, [p.paint for p in stage.portals])
+    solid = face >= 0
     normal[~solid] = 0
-    distance = np.where(face >= 0, reach, 0)
+    distance = np.where(solid, reach, 0)
     points = Points(
         (start + flat * distance[:, None]).reshape(*shape, 3), normal.reshape(*shape, 3), solid.reshape(shape)
     )
-    few = coarse(points)
-    light = gather(rng, stage.geometry, few, stage.panes, stage.lamps)
-    return Seen(
-        eye, flat.reshape(*shape, 3), start.reshape(*shape, 3), label.reshape(shape), paint.reshape(shape),
-        distance.reshape(shape), points, few, light, spread_of(points, few),
+    light = gather(rng, stage.geometry, coarse(points), stage.panes, stage.lamps)
+    suns, sun = _suns(rng, stage, points)
+    bounce = np.where(light.bounce_face < 0, np.int16(-1), stage.paint_of[light.bounce_face])
+    up, down = boundary_latitudes(stand.outline, stand.place, stand.eye_m, stand.ceiling_m, 2 * WIDTH_PX)
+    half = np.float16
+    return View(
+        label.reshape(shape).astype(np.uint8), paint.reshape(shape).astype(np.int16),
+        (distance + before * solid).reshape(shape).astype(half), np.round(points.normal * 127).astype(np.int8), sun,
+        _mirrored(stage, points, flat.reshape(*shape, 3), label.reshape(shape)),
+        _halves(light.sky), _halves(light.lamps), _halves(light.open_share), bounce.astype(np.int16),
+        suns, _coats(rng, stage, tiles), up, down, corner_likelihood(stand.outline, stand.place, 2 * WIDTH_PX),
+        np.array([stand.eye_m], np.float32), np.array([wall_direction_rad(down)], np.float32),
     )  # fmt: skip
 
 
-def radiance(rng: np.random.Generator, stage: Stage, seen: Seen, tiles: list[Tile]) -> Floats:
-    """Return one look (H, W, 3), linear, arbitrary scale."""
-    coats = draw_coats(rng, stage.soup.paints, tiles)
-    light, window = _light(rng, stage, seen, coats)
-    albedo = _albedo(seen, coats, tiles)
-    paint = np.maximum(seen.paint, 0)
-    out = albedo * light + coats.emission[paint][..., None] * np.float32(rng.uniform(2, 12) * light.mean())
-    out = _glossy(stage, seen, coats, out, window)
-    flat = out.reshape(-1, 3)
-    away = np.flatnonzero(seen.paint.reshape(-1) < 0)
-    flat[away] = outdoors(rng, seen.rays.reshape(-1, 3)[away]) * window
-    level = float(np.median(light)) * rng.uniform(0.4, 2.5)
-    home = _home(stage, coats, tiles) if rng.random() < 0.65 else None
-    for portal in stage.portals:
-        mine = np.flatnonzero(seen.paint.reshape(-1) == portal.paint)
-        if mine.size:
-            # A mirrored camera sees the other room from its own place: near enough.
-            flat[mine] = other_room(portal, seen.eye, seen.rays.reshape(-1, 3)[mine], home) * np.float32(level)
-    return out
+def _beyond(stage: Stage, eye: Doubles, rays: Floats, away: Flags) -> Flags:
+    """Return which rays (N, 3) that go outdoors (``away``) do so by way of an opening: windows of the next room."""
+    out = np.zeros(len(rays), bool)
+    for frame, (x0, _, x1, top), _ in stage.portals:
+        (ax, ay), (ox, oy) = frame.along, frame.origin
+        across, into = rays[:, 0] * ax + rays[:, 1] * ay, rays[:, 1] * ax - rays[:, 0] * ay
+        x, y = (eye[0] - ox) * ax + (eye[1] - oy) * ay, (eye[1] - oy) * ax - (eye[0] - ox) * ay
+        far = np.where(into < -1e-6, y / np.maximum(-into, 1e-6), -1.0)
+        at, high = x + far * across, eye[2] + far * rays[:, 2]
+        out |= (far > 0) & (at > x0) & (at < x1) & (high > 0) & (high < top)
+    return out & away
 
 
-def _home(stage: Stage, coats: Coats, tiles: list[Tile]) -> Home | None:
-    """Return this room's own floor, wall and ceiling, for the rooms beyond; None for a room without them."""
-    first = {paint.kind: number for number, paint in reversed(list(enumerate(stage.soup.paints)))}
-    if not {"floor", "wall", "ceiling"} <= set(first):
-        return None
-    number = first["floor"]
-
-    def floor(place: Floats) -> Floats:
-        out = np.repeat(coats.albedo[number][None], len(place), axis=0)
-        if coats.tile[number] >= 0:
-            footprint = np.full(len(place), 0.05, np.float32)
-            out = out * _relative(coats, tiles, number, place, footprint)
-        return np.asarray(np.minimum(out, 0.95), dtype=np.float32)
-
-    return Home(coats.albedo[first["wall"]], coats.albedo[first["ceiling"]], floor)
+def _halves(values: Floats) -> np.ndarray:
+    return np.minimum(values, 6e4).astype(np.float16)
 
 
-def _relative(coats: Coats, tiles: list[Tile], number: int, uv: Floats, footprint_m: Floats) -> Floats:
-    """Return the factors (N, 3) by which a paint's texture changes its albedo at places (N, 2), metres."""
-    c, s = np.cos(coats.turn[number]), np.sin(coats.turn[number])
-    turned = np.stack([uv[:, 0] * c - uv[:, 1] * s, uv[:, 0] * s + uv[:, 1] * c], axis=1) / coats.scale[number]
-    relative = tiles[coats.tile[number]].at(turned.astype(np.float32), footprint_m / coats.scale[number])
-    return np.asarray(np.maximum(1 + (relative - 1) * coats.contrast[number], 0.05), dtype=np.float32)
+def _suns(rng: np.random.Generator, stage: Stage, points: Points) -> tuple[Floats, Bytes]:
+    """Return directions of suns that shine through a pane, and which pixels see them."""
+    suns, seen = np.zeros((SUNS, 3), np.float32), np.zeros(points.solid.shape, np.uint8)
+    for number in range(SUNS if stage.panes else 0):
+        _, u, v = stage.panes[int(rng.integers(len(stage.panes)))]
+        outward = np.cross(u, v)
+        azimuth = np.arctan2(outward[0], outward[1]) + rng.uniform(-1.2, 1.2)
+        high = rng.uniform(0.12, 1.0)
+        ray = np.array([np.sin(azimuth) * np.cos(high), np.cos(azimuth) * np.cos(high), np.sin(high)], np.float32)
+        suns[number] = ray
+        seen |= (sunlit(stage.geometry, points, ray) > 0).astype(np.uint8) << number
+    return suns, seen
 
 
-def _light(rng: np.random.Generator, stage: Stage, seen: Seen, coats: Coats) -> tuple[Floats, float]:
-    """Return light on every fine pixel (H, W, 3), mean about 1, and the windows' radiance on the same scale."""
-    gathered = seen.light
-    sky, lamps = gathered.sky, gathered.lamps
-    has_sky, has_lamps = bool(sky.any()), bool(lamps.any())
-    use_lamps = has_lamps and (rng.random() < 0.45 or not has_sky)
-    tint = 1 + 0.25 * rng.normal(size=3) * np.array([1.0, 0.2, -1.0])
-    direct = np.zeros((*sky.shape, 3), np.float32)
-    share = rng.uniform(0.3, 1.0) if has_sky else 0.0
-    if has_sky:
-        direct += (sky * (share / max(float(sky.mean()), 1e-6)))[..., None] * _positive(1 + 0.08 * rng.normal(size=3))
-    if use_lamps:
-        direct += (lamps * ((1 - 0.8 * share) / max(float(lamps.mean()), 1e-6)))[..., None] * _positive(tint)
-    # What the surroundings give back: their colour times the mean light, less where they are close.
-    face = gathered.bounce_face
-    colour = np.where((face >= 0)[..., None], coats.albedo[stage.paint_of[face]], np.float32(0.2)).mean(axis=2)
-    fill = np.exp(rng.uniform(-1.2, 0.7)) if direct.any() else 1.0
-    level = float(direct.mean()) if direct.any() else 1.0
-    soft = colour * gathered.open_share[..., None] * np.float32(fill * max(level, 0.2))
-    total = seen.spread.of(smoothed(seen.few, (direct + soft).astype(np.float32), reach=3))
-    window = share / max(float(sky.mean()), 1e-6) * np.exp(rng.uniform(-0.5, 1.5)) if has_sky else rng.uniform(1, 20)
-    if stage.panes and rng.random() < 0.5:
-        total += _sun(rng, stage, seen, float(rng.uniform(1.5, 15.0)) * level)
-    return total.astype(np.float32), float(np.clip(window, 0.3, 60))
+_GLOSSY = (SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.DOOR)
 
 
-def _positive(values: Doubles) -> Floats:
-    return np.maximum(values, 0.25).astype(np.float32)
-
-
-def _sun(rng: np.random.Generator, stage: Stage, seen: Seen, strength: float) -> Floats:
-    _, u, v = stage.panes[int(rng.integers(len(stage.panes)))]
-    outward = np.cross(u, v)
-    azimuth = np.arctan2(outward[0], outward[1]) + rng.uniform(-1.2, 1.2)
-    height = rng.uniform(0.12, 1.0)
-    ray = np.array([np.sin(azimuth) * np.cos(height), np.cos(azimuth) * np.cos(height), np.sin(height)], np.float32)
-    colour = np.array([1.0, 0.95, 0.85]) * strength
-    return sunlit(stage.geometry, seen.points, ray)[..., None] * colour.astype(np.float32)
-
-
-def _albedo(seen: Seen, coats: Coats, tiles: list[Tile]) -> Floats:
-    paint = np.maximum(seen.paint, 0).reshape(-1)
-    out = coats.albedo[paint]
-    place, normal = seen.points.place.reshape(-1, 3), seen.points.normal.reshape(-1, 3)
-    footprint = seen.reach_m.reshape(-1) * np.float32(_PIXEL_RAD)
-    used = np.bincount(paint, minlength=len(coats.tile)) > 0
-    for number in np.flatnonzero(used & (coats.tile >= 0)):
-        mine = np.flatnonzero((paint == number) & (seen.paint.reshape(-1) >= 0))
-        if not mine.size:
-            continue
-        p, n = place[mine], np.abs(normal[mine])
-        flat = n[:, 2] > 0.7
-        # On upright faces the horizontal axis is the one that runs along the face.
-        along = np.where(n[:, 0] > n[:, 1], p[:, 1], p[:, 0])
-        uv = np.stack([np.where(flat, p[:, 0], along), np.where(flat, p[:, 1], p[:, 2])], axis=1)
-        out[mine] *= _relative(coats, tiles, int(number), uv, footprint[mine])
-    return np.minimum(out, 0.95).reshape(*seen.paint.shape, 3)
-
-
-def _glossy(stage: Stage, seen: Seen, coats: Coats, out: Floats, window: float) -> Floats:
-    """Add mirrored light on glossy paints: bright windows and the colours of what stands there."""
-    gloss = np.where(seen.paint >= 0, coats.gloss[np.maximum(seen.paint, 0)], 0).reshape(-1)
-    mine = np.flatnonzero((gloss > 0) & seen.points.solid.reshape(-1))
-    if not mine.size:
-        return out
-    rays, normal = seen.rays.reshape(-1, 3)[mine], seen.points.normal.reshape(-1, 3)[mine]
-    cosine = -np.einsum("ij,ij->i", rays, normal)
-    away = rays + 2 * cosine[:, None] * normal
-    start = seen.points.place.reshape(-1, 3)[mine] + normal * np.float32(2e-3)
+def _mirrored(stage: Stage, points: Points, rays: Floats, label: Int8s) -> Int16s:
+    """Return the paints that every second pixel each way would mirror."""
+    normal, into = points.normal[::2, ::2].reshape(-1, 3), rays[::2, ::2].reshape(-1, 3)
+    out = np.full(len(into), -2, np.int16)
+    mine = np.flatnonzero(points.solid[::2, ::2].reshape(-1) & np.isin(label[::2, ::2].reshape(-1), _GLOSSY))
+    away = into[mine] - 2 * np.einsum("ij,ij->i", into[mine], normal[mine])[:, None] * normal[mine]
+    start = points.place[::2, ::2].reshape(-1, 3)[mine] + normal[mine] * np.float32(2e-3)
     hits = stage.geometry.cast(start, away.astype(np.float32))
-    mean = out.reshape(-1, 3).mean(axis=0)
-    shown = np.where((hits.face >= 0)[:, None], coats.albedo[stage.paint_of[hits.face]] * 2 * mean, np.float32(window))
-    share = gloss[mine] + (0.6 - gloss[mine]) * (1 - np.clip(cosine, 0, 1)) ** 5
-    flat = out.reshape(-1, 3).copy()
-    flat[mine] += share[:, None] * (shown - flat[mine] * 0.5)
-    return flat.reshape(out.shape)
+    out[mine] = np.where(hits.face < 0, np.int16(-1), stage.paint_of[hits.face])
+    return out.reshape(label[::2, ::2].shape)
+
+
+def _coats(rng: np.random.Generator, stage: Stage, tiles: list[Tile]) -> np.ndarray:
+    out = np.zeros((COATS, MOST_PAINTS, 9), np.float16)
+    for one in out:
+        c = draw_coats(rng, stage.soup.paints, tiles)
+        parts = (c.tile, c.scale, c.turn, c.contrast, c.gloss, c.emission)
+        one[: len(c.albedo)] = np.column_stack([c.albedo, *parts])
+    return out

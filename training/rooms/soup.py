@@ -11,8 +11,10 @@ import numpy.typing as npt
 from mocks.rooms.model import Part, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
-from processing.ground.arrays import Doubles, Floats, Int8s, Int16s
+from processing.ground.arrays import Bytes, Doubles, Floats, Int8s, Int16s
+from processing.segmentation.embedded import HEIGHT_PX, WIDTH_PX
 from processing.segmentation.evidence import SceneClass
+from training.labels import SKIRTING
 
 Vec = tuple[float, float, float]
 
@@ -62,14 +64,14 @@ class Soup:
         self.paints.append(Paint(kind, rgb, emission))
         return len(self.paints) - 1
 
-    def add(self, triangles: npt.ArrayLike, label: SceneClass, paint: int) -> None:
+    def add(self, triangles: npt.ArrayLike, label: int, paint: int) -> None:
         """Add triangles (N, 3, 3) in world coordinates."""
         t = np.asarray(triangles, dtype=np.float32).reshape(-1, 3, 3)
         self.triangles.append(t)
         self.labels.append(np.full(len(t), int(label), np.int8))
         self.paint_of.append(np.full(len(t), paint, np.int16))
 
-    def quad(self, frame: Frame, corners: npt.ArrayLike, label: SceneClass, paint: int) -> None:
+    def quad(self, frame: Frame, corners: npt.ArrayLike, label: int, paint: int) -> None:
         """Add a quadrilateral, shape (4, 3), metres in the frame."""
         self.add(frame.world(corners)[_TWO], label, paint)
 
@@ -78,13 +80,22 @@ class Soup:
         x0, z0, x1, z1 = rect  # type: ignore[misc]
         self.quad(frame, [(x0, away, z0), (x1, away, z0), (x1, away, z1), (x0, away, z1)], *what)
 
-    def box(self, frame: Frame, low: Vec, high: Vec, label: SceneClass, paint: int) -> None:
+    def box(self, frame: Frame, low: Vec, high: Vec, label: int, paint: int) -> None:
         """Add a block."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         p = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
         sides = ((0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5), (1, 5, 7, 3), (0, 2, 6, 4))
         corners = frame.world(p)
         self.add(np.concatenate([corners[list(s)][_TWO] for s in sides]), label, paint)
+
+    def take(self, other: Soup, label: int) -> None:
+        """Add all of another soup under one label."""
+        shift = len(self.paints)
+        self.paints += other.paints
+        for triangles, paint_of in zip(other.triangles, other.paint_of, strict=True):
+            self.triangles.append(triangles)
+            self.labels.append(np.full(len(triangles), label, np.int8))
+            self.paint_of.append((paint_of + shift).astype(np.int16))
 
     def joined(self) -> tuple[Floats, Int8s, Int16s]:
         """Return all triangles (N, 3, 3), their labels and paints (N,)."""
@@ -135,7 +146,8 @@ def room_soup(room: Room, parts: list[Part]) -> Soup:
             lit = float(any(part.material.emission_cd_m2))
             paints[key] = soup.paint("hallway" if part.surface == "hallway" else kind, part.material.colour, lit)
         mesh = part.mesh
-        soup.add(mesh.vertices[mesh.faces].astype(np.float32), class_of(part), paints[key])
+        label = SKIRTING if part.surface == "skirting" else class_of(part)
+        soup.add(mesh.vertices[mesh.faces].astype(np.float32), label, paints[key])
     return soup
 
 
@@ -147,3 +159,10 @@ def class_picture(pictures: TruthPictures) -> Int8s:
             out[pictures.surface == number] = _BY_SURFACE[name]
     out[pictures.surface < 0] = SceneClass.WINDOW
     return out
+
+
+def small_labels(label: Int8s) -> Bytes:
+    """Return the commonest class of labels (H, W) in each of the network's pixels, uint8."""
+    fine = label.reshape(HEIGHT_PX, label.shape[0] // HEIGHT_PX, WIDTH_PX, label.shape[1] // WIDTH_PX)
+    votes = np.stack([(fine == k).sum(axis=(1, 3)) for k in range(len(SceneClass))])
+    return np.asarray(votes.argmax(axis=0), dtype=np.uint8)

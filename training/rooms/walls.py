@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.segmentation.evidence import SceneClass
+from training.labels import SKIRTING
 from training.rooms.house import House, Portal
 from training.rooms.soup import Frame
 
@@ -101,24 +102,29 @@ def _window(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, look
     corner, u, v = frame.world([(x0, away, z0), (x1, away, z0), (x0, away, z1)])
     house.panes.append((corner, u - corner, v - corner))
     chance = rng.random()
-    if chance < 0.25:
-        _curtains(rng, house, frame, gap)
-    elif chance < 0.4:
+    if chance < 0.12:
+        _curtains(rng, house, frame, gap, "sheer")
+    if chance < 0.05 or 0.12 <= chance < 0.32:
+        _curtains(rng, house, frame, gap, "curtain")
+    elif 0.32 <= chance < 0.45:
         low = z1 - (z1 - z0) * rng.uniform(0.1, 0.95)
         paint = soup.paint("blind", emission=float(rng.uniform(0.02, 0.3)))
         soup.upright(frame, (x0, low, x1, z1), away * 0.6, SceneClass.FIXTURE, paint)
 
 
-def _curtains(rng: np.random.Generator, house: House, frame: Frame, gap: Gap) -> None:
-    paint = house.soup.paint("curtain")
+def _curtains(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, kind: str) -> None:
+    """Hang a pair of curtains, drawn aside or closed; sheer ones are closed and glow with the light behind them."""
+    sheer = kind == "sheer"
+    paint = house.soup.paint(kind, emission=float(rng.uniform(0.04, 0.4)) if sheer else 0.0)
+    closed = sheer or rng.random() < 0.15
     top = min(gap.z1 + rng.uniform(0.05, 0.35), house.ceiling_m - 0.01)
     low = 0.01 if rng.random() < 0.7 else max(0.02, gap.z0 - 0.15)
     for side in (0, 1):
-        wide = rng.uniform(0.1, 0.55) * (gap.x1 - gap.x0)
+        wide = 0.5 * (gap.x1 - gap.x0) + 0.15 if closed else rng.uniform(0.1, 0.55) * (gap.x1 - gap.x0)
         x0 = gap.x0 - 0.15 if side == 0 else gap.x1 + 0.15 - wide
         folds = max(3, round(wide / 0.08))
         x = x0 + np.linspace(0, wide, folds + 1)
-        y = 0.06 + 0.05 * (np.arange(folds + 1) % 2)
+        y = (0.03 if sheer else 0.06) + 0.05 * (np.arange(folds + 1) % 2)
         for k in range(folds):
             a, b = (x[k], y[k]), (x[k + 1], y[k + 1])
             house.soup.quad(frame, [(*a, low), (*b, low), (*b, top), (*a, top)], SceneClass.FIXTURE, paint)
@@ -144,6 +150,11 @@ def _shut(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, look: 
                 inset = 0.16 * step
                 field = (leaf[0] + inset, low * gap.z1, leaf[2] - inset, high * gap.z1)
                 soup.upright(frame, field, -depth + 0.004, SceneClass.DOOR, dark)
+        elif not mirror and leaves == 1 and rng.random() < 0.3:
+            glass = soup.paint("frosted", emission=float(rng.uniform(0.0, 0.25)))
+            low = float(rng.choice([0.1, 0.5])) * gap.z1
+            field = (leaf[0] + 0.14 * step, low, leaf[2] - 0.14 * step, 0.93 * gap.z1)
+            soup.upright(frame, field, -depth + 0.004, SceneClass.DOOR, glass)
     handle = (gap.x1 - 0.1, 0.98, gap.x1 - 0.03, 1.05)
     soup.upright(frame, handle, -depth + 0.05, SceneClass.DOOR, soup.paint("metal"))
 
@@ -157,9 +168,7 @@ def _open(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, look: 
     _lining(house, frame, gap, depth, label, paint)
     if framed and not full:
         _casing(house, frame, gap, look.casing_m, SceneClass.DOOR, look.frame)
-    portal = soup.paint("portal")
-    soup.upright(frame, (gap.x0, 0.0, gap.x1, gap.z1), -depth, SceneClass.DOOR, portal)
-    house.portals.append(Portal(frame, (gap.x0, 0.0, gap.x1, gap.z1), portal, int(rng.integers(1 << 31))))
+    house.portals.append(Portal(frame, (gap.x0, 0.0, gap.x1, gap.z1), depth))
     if leaf and rng.random() < 0.65:
         turn, width = rng.uniform(0.6, 2.8), gap.x1 - gap.x0 - 0.02
         at_end = rng.random() < 0.5
@@ -184,26 +193,62 @@ def _hung(rng: np.random.Generator, house: House, frame: Frame, start: float, en
 
 
 def _fitted(rng: np.random.Generator, house: House, frame: Frame, start: float, end: float) -> None:
-    """Add kitchen units: cupboards under a worktop, others at head height."""
+    """Add kitchen units: cupboards under a worktop with oven, hob, sink; others at head height; a tall one."""
     soup, deep = house.soup, rng.uniform(0.35, 0.62)
     front, top = soup.paint("fitted"), soup.paint("worktop")
+    if end - start > 1.6 and rng.random() < 0.5:
+        high = min(house.ceiling_m, float(rng.uniform(1.9, 2.3)))
+        tall = soup.paint("metal") if rng.random() < 0.35 else front
+        soup.box(frame, (start, 0.0, 0.06), (start + 0.6, deep + 0.02, high), SceneClass.FIXTURE, tall)
+        soup.upright(
+            frame, (start, high * 0.45, start + 0.6, high * 0.45 + 0.012), deep + 0.023, SceneClass.FIXTURE,
+            soup.paint("gap"),
+        )  # fmt: skip
+        start += 0.62
+    _appliances(rng, house, frame, (start, end), deep)
     soup.box(frame, (start, 0.0, 0.08), (end, deep, 0.87), SceneClass.FIXTURE, front)
     soup.box(frame, (start, 0.0, 0.0), (end, deep - 0.06, 0.08), SceneClass.FIXTURE, soup.paint("gap"))
     soup.box(frame, (start - 0.01, 0.0, 0.87), (end + 0.01, deep + 0.02, 0.91), SceneClass.FIXTURE, top)
     line = soup.paint("door shade")
     for x in np.arange(start + 0.45, end - 0.1, 0.45):
         soup.upright(frame, (x, 0.1, x + 0.012, 0.85), deep + 0.003, SceneClass.FIXTURE, line)
+    if rng.random() < 0.5:
+        soup.upright(frame, (start, 0.91, end, rng.uniform(1.1, 1.45)), 0.006, SceneClass.WALL, soup.paint("splash"))
     if rng.random() < 0.7:
         high = min(house.ceiling_m, rng.uniform(1.95, 2.3))
-        soup.box(frame, (start, 0.0, 1.4), (end, 0.34, high), SceneClass.FIXTURE, front)
+        stretch = (start, end) if rng.random() < 0.6 else (start, start + (end - start) * rng.uniform(0.3, 0.8))
+        soup.box(frame, (stretch[0], 0.0, 1.4), (stretch[1], 0.34, high), SceneClass.FIXTURE, front)
+        for x in np.arange(stretch[0] + 0.45, stretch[1] - 0.1, 0.45):
+            soup.upright(frame, (x, 1.41, x + 0.012, high - 0.01), 0.343, SceneClass.FIXTURE, line)
+
+
+def _appliances(rng: np.random.Generator, house: House, frame: Frame, span: tuple[float, float], deep: float) -> None:
+    """Add an oven's front, a hob with a hood, a sink with a tap, and handles."""
+    soup, (start, end) = house.soup, span
+    dark, steel, fixture = soup.paint("dark"), soup.paint("metal"), SceneClass.FIXTURE
+    if end - start > 0.9 and rng.random() < 0.6:
+        x = rng.uniform(start + 0.02, end - 0.62)
+        soup.upright(frame, (x, 0.25, x + 0.58, 0.82), deep + 0.006, fixture, dark if rng.random() < 0.6 else steel)
+        soup.upright(frame, (x + 0.05, 0.72, x + 0.53, 0.75), deep + 0.03, fixture, steel)
+        soup.box(frame, (x, 0.06, 0.91), (x + 0.56, deep - 0.06, 0.917), fixture, dark)
+        if rng.random() < 0.5:
+            soup.box(frame, (x, 0.0, 1.5), (x + 0.58, 0.42, rng.uniform(1.58, 1.9)), fixture, steel)
+    if end - start > 1.2 and rng.random() < 0.6:
+        x = rng.uniform(start + 0.02, end - 0.55)
+        soup.box(frame, (x, 0.1, 0.91), (x + 0.5, deep - 0.1, 0.914), fixture, steel)
+        soup.box(frame, (x + 0.24, 0.05, 0.91), (x + 0.26, 0.08, 1.15), fixture, steel)
+    if rng.random() < 0.5:
+        for x in np.arange(start + 0.2, end - 0.25, 0.45):
+            soup.box(frame, (x, deep, 0.74), (x + 0.14, deep + 0.025, 0.76), fixture, steel)
 
 
 _KINDS = ("none", "window", "french window", "door", "open door", "passage", "closet", "mirror", "picture", "fitted")
 _FURNISHED = (0.30, 0.24, 0.05, 0.08, 0.07, 0.06, 0.04, 0.03, 0.10, 0.03)
 _UNFURNISHED = (0.18, 0.17, 0.06, 0.14, 0.15, 0.14, 0.08, 0.03, 0.02, 0.03)
+_KITCHEN = (0.10, 0.14, 0.05, 0.06, 0.06, 0.10, 0.03, 0.01, 0.05, 0.40)
 _SIZES = {
     "window": (0.5, 2.4), "french window": (0.8, 2.6), "door": (0.65, 1.0), "open door": (0.65, 1.0),
-    "passage": (0.8, 4.0), "closet": (0.9, 2.4), "mirror": (0.4, 1.6), "picture": (0.25, 1.4), "fitted": (0.8, 3.5),
+    "passage": (0.8, 5.0), "closet": (0.9, 2.4), "mirror": (0.4, 1.6), "picture": (0.25, 1.4), "fitted": (0.8, 4.2),
 }  # fmt: skip
 
 
@@ -214,11 +259,13 @@ class _Slot:
     width: float
 
 
-def build_walls(rng: np.random.Generator, house: House) -> None:
-    """Add all walls with their openings and skirting."""
+def build_walls(
+    rng: np.random.Generator, house: House, *, hole: tuple[int, Gap] | None = None, wall_kind: str = "wall"
+) -> None:
+    """Add all walls with their openings and skirting; the wall of ``hole`` (its number) has that gap and no other."""
     soup = house.soup
     wooden = rng.random() < 0.5
-    wall = soup.paint("wall")
+    wall = soup.paint(wall_kind)
     trim = soup.paint("wood door" if wooden and rng.random() < 0.5 else "trim")
     look = Look(
         door=soup.paint("wood door" if wooden else "door"),
@@ -230,11 +277,14 @@ def build_walls(rng: np.random.Generator, house: House) -> None:
         head_m=float(rng.uniform(1.95, min(2.5, house.ceiling_m - 0.08))),
     )
     skirting = rng.uniform(0.05, 0.16) if rng.random() < 0.85 else 0.0
-    chances = _FURNISHED if rng.random() < 0.75 else _UNFURNISHED
+    chances = (_FURNISHED, _UNFURNISHED, _KITCHEN)[int(rng.choice(3, p=(0.66, 0.2, 0.14)))]
     accent = soup.paint("accent wall") if rng.random() < 0.25 else wall
     chosen = int(rng.integers(len(house.outline)))
     for number in range(len(house.outline)):
-        _, length = house.wall(number)
+        frame, length = house.wall(number)
+        if hole is not None and number == hole[0]:
+            _faces(house, frame, length, [hole[1]], wall)
+            continue
         slots = _draw_slots(rng, length, chances)
         mine = accent if number == chosen else wall
         base = trim if skirting else -1
@@ -286,7 +336,7 @@ def _build_wall(
         for gap in [*(g for g in gaps if g.z0 < 0.1), Gap(length, length, 0.0, 0.0)]:
             if gap.x0 - at > 0.03:
                 low, high = (at, 0.0, 0.0), (gap.x0, 0.012, skirting)
-                house.soup.box(frame, low, high, SceneClass.WALL, paints[1])
+                house.soup.box(frame, low, high, SKIRTING, paints[1])
             at = gap.x1
     _small_things(rng, house, frame, length, gaps)
 

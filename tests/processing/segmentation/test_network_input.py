@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ParameterError
-from processing.segmentation.embedded import HEIGHT_PX, MIDDLE, WIDTH_PX, curve, network_picture
+from processing.segmentation.embedded import MIDDLE, SEEN_HEIGHT_PX, SEEN_WIDTH_PX, curve, network_picture
 
 
 def room(rows: int = 64) -> np.ndarray:
@@ -22,7 +22,7 @@ def room(rows: int = 64) -> np.ndarray:
 @pytest.mark.parametrize("rows", [4, 5, 17, 64, 128, 200, 512])
 def test_any_size_gives_the_same_small_picture(rows: int) -> None:
     shown = network_picture(room(rows))
-    assert shown.shape == (HEIGHT_PX, WIDTH_PX, 3)
+    assert shown.shape == (SEEN_HEIGHT_PX, SEEN_WIDTH_PX, 3)
     assert shown.dtype == np.float32
     assert 0 <= shown.min() <= shown.max() < 1
 
@@ -35,13 +35,13 @@ def test_the_scale_does_not_matter(scale: float) -> None:
 
 
 def test_the_sun_stays_in_its_pixel() -> None:
-    picture = room(256)
+    picture = room(512)
     plain = network_picture(picture)
-    picture[100, 201] = 1.6e9 / 500
+    picture[200, 402] = 1.6e9 / 500
     with_sun = network_picture(picture)
     changed = np.abs(with_sun - plain).max(axis=2) > 1e-3
     assert changed.sum() == 1
-    assert changed[50, 100]
+    assert changed[100, 201]
 
 
 def test_black_stays_black_and_a_median_is_middle_grey() -> None:
@@ -55,13 +55,13 @@ def test_black_caps_do_not_change_the_exposure() -> None:
     capped = whole.copy()
     capped[:24] = 0
     capped[50:] = 0
-    assert network_picture(capped)[64, 128, 0] == pytest.approx(network_picture(whole)[64, 128, 0], abs=1e-6)
+    assert network_picture(capped)[128, 256, 0] == pytest.approx(network_picture(whole)[128, 256, 0], abs=1e-6)
 
 
 def test_the_seam_is_whole_in_pictures_smaller_than_the_copy() -> None:
     picture = room(16)
     turned = network_picture(np.roll(picture, 8, axis=1))
-    np.testing.assert_allclose(turned, np.roll(network_picture(picture), 64, axis=1), atol=1e-5)
+    np.testing.assert_allclose(turned, np.roll(network_picture(picture), 128, axis=1), atol=1e-5)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -1e-6])
