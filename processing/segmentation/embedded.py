@@ -181,10 +181,9 @@ def scene_evidence(
         return _nothing(network.name)
     turns = TURNS_PX[quality]
     probabilities, columns, details = _run(network, _turned(picture, turns))
-    skirting, reach = _mean(details, turns)
     return SceneEvidence(
         _mean(probabilities, turns), network.name, _boundary(network, columns, turns), views_used=len(turns),
-        skirting=skirting, reach=np.exp(reach),
+        reach=np.exp(_mean(details, turns)[1]),
     )  # fmt: skip
 
 

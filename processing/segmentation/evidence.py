@@ -72,8 +72,6 @@ class SceneEvidence:
     notes: tuple[str, ...] = ()
     networks: int = 1
     """How many networks the probabilities are the mean of."""
-    skirting: Floats | None = None
-    """(H, W), 0..1: probability of skirting, which is part of WALL's."""
     reach: Floats | None = None
     """(H, W): estimated distance from the camera to what is seen, in camera heights."""
 
@@ -107,6 +105,8 @@ def write_evidence(path: Path, evidence: SceneEvidence) -> None:
     arrays = {"probabilities": evidence.probabilities.astype(np.float16)}
     if evidence.boundary is not None:
         arrays |= {name: np.asarray(getattr(evidence.boundary, name)) for name in _BOUNDARY}
+    if evidence.reach is not None:
+        arrays["reach"] = evidence.reach.astype(np.float16)
     out = io.BytesIO()
     np.savez_compressed(out, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
     write_bytes(path, out.getvalue())
@@ -125,6 +125,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             facts = json.loads(str(file["facts"]))
             found = file["probabilities"].astype(np.float32)
             boundary = {name: file[name] for name in _BOUNDARY} if "floor_rad" in file.files else None
+            reach = file["reach"].astype(np.float32) if "reach" in file.files else None
         if facts["format"] != FORMAT or found.ndim != 3 or found.shape[0] != len(SceneClass):
             raise SegmenterError("is not evidence of this version", where=str(path), advice="make it anew")
         if found[0].size > LARGEST_PIXELS or not np.isfinite(found).all():
@@ -137,6 +138,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             views_skipped=int(facts["views_skipped"]),
             notes=tuple(str(note) for note in facts["notes"]),
             networks=int(facts["networks"]),
+            reach=reach,
         )
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
         raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.errors import SceneError
-from processing.ground.arrays import Flags
+from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import share_of_sphere
 from processing.light.scene.facing import facing_without_heading
@@ -21,6 +21,7 @@ from processing.light.scene.standins import standins_of
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage
 from processing.removal.lift import Shade
+from processing.segmentation.evidence import read_evidence
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.parameters import LightParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_unfit
@@ -77,7 +78,7 @@ def run(context: StageContext) -> StageOutput:
     work = WORK[context.quality]
     context.progress(0.2, "stand-ins for the furniture")
     furniture = _furniture(context)
-    parts = standins_of(room, furniture)
+    parts = standins_of(room, furniture, _reach_m(context, room))
     sunlight = context.optional_artifact("detect", "sunlight")
     if sunlight is not None:
         # What the sun falls on is to go, but gives light to the room as it is seen.
@@ -89,6 +90,13 @@ def run(context: StageContext) -> StageOutput:
     )
     _write(context, found)
     return _output(found, source, warnings)
+
+
+def _reach_m(context: StageContext, room: RoomModel) -> Floats | None:
+    """Return the distance of what is seen (H, W), m, as the room network estimates it; None without its evidence."""
+    kept = context.optional_artifact("room", "evidence")
+    reach = None if kept is None else read_evidence(kept).reach
+    return None if reach is None else reach * np.float32(room.camera_height_m)
 
 
 def _furniture(context: StageContext) -> Flags:
