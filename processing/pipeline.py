@@ -170,7 +170,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="light",
-        version=2,
+        version=3,
         title="estimate light without furniture",
         function="processing.stages.light:run",
         needs=("calibrate", "room", "detect"),

@@ -101,6 +101,7 @@ def segment_around(
         views_used=len(segmented),
         views_skipped=skipped,
         notes=(note,) if skipped else (),
+        reach=first.reach if first else None,
     )
 
 

@@ -82,7 +82,8 @@ class _Outline(NamedTuple):
 def standins_of(room: RoomModel, furniture: Flags, reach_m: Floats | None = None) -> tuple[Part, ...]:
     """Return a closed mesh for each piece of a furniture mask (H, W) of an upright panorama, in the world, m.
 
-    ``reach_m`` (any height, twice as wide): estimated distance of what is seen. Nothing is made of what stands nearer than `LEAST_FOOT_M`: the camera's own tripod.
+    ``reach_m`` (any height, twice as wide): estimated distance of what is seen. Nothing is made of what stands nearer
+    than `LEAST_FOOT_M`: the camera's own tripod.
     """
     geometry = Equirectangular(furniture.shape[1], furniture.shape[0])
     columns, grid = columns_of(room, geometry), _grid_of(room, geometry)
