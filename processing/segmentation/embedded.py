@@ -1,9 +1,7 @@
 """The network that daylit ships: classes and boundaries of an upright panorama, without any download.
 
 It was trained on simulated rooms only (docs/reference/network.md, `training/`). It sees the panorama at 512 x 256,
-several times:
-turned about the vertical and mirrored, by angles that do not fall on its grid, so that the answers differ and their
-mean is better than each.
+turned and mirrored several times by angles that do not fall on its grid: their mean is better than each answer.
 """
 
 from __future__ import annotations
@@ -26,15 +24,12 @@ from processing.segmentation.evidence import BoundaryEvidence, SceneClass, Scene
 from processing.segmentation.segmenters import open_session
 from processing.sphere import Equirectangular
 
-# What the compact network is shown: a small tone-mapped copy of a panorama. Training makes its pictures with it.
-#
-# The exposure is taken from the picture itself and the curve has no white point, so that a calibrated picture with the
-# sun in it and an ordinary JPEG of the same room look alike to the network.
-
+# The network is shown a small tone-mapped copy of a panorama. The exposure is taken from the picture itself and the
+# curve has no white point, so that a calibrated picture with the sun in it and a JPEG of the same room look alike.
 
 WIDTH_PX, HEIGHT_PX = 256, 128
 """Of the network's classes and columns."""
-SEEN_WIDTH_PX, SEEN_HEIGHT_PX = 512, 256
+SEEN_PX = SEEN_WIDTH_PX, SEEN_HEIGHT_PX = 512, 256
 """Of the picture that it is shown."""
 MIDDLE = 0.18
 """To which the picture's median luminance is scaled."""
@@ -71,9 +66,7 @@ def network_picture(rgb: npt.ArrayLike) -> Floats:
         bands.append(band)
     joined = np.concatenate(bands)
     if wide:
-        return curve(
-            np.asarray(cv2.resize(joined, (SEEN_WIDTH_PX, SEEN_HEIGHT_PX), interpolation=cv2.INTER_AREA), np.float32)
-        )
+        return curve(np.asarray(cv2.resize(joined, SEEN_PX, interpolation=cv2.INTER_AREA), np.float32))
     return curve(_enlarged(joined))
 
 
@@ -201,10 +194,9 @@ def _back(values: Floats, number: int, turn: int) -> Floats:
 
 def _mean(found: Floats, turns: tuple[int, ...]) -> Floats:
     """Return the mean (C, H, W) of what was found on all turned pictures (N, C, H, W)."""
-    total = np.zeros(found.shape[1:], dtype=np.float64)
-    for number, turn in enumerate(turns):
-        total += _back(found[number], number, turn)
-    return np.asarray(total / len(turns), dtype=np.float32)
+    return np.asarray(
+        np.mean([_back(found[k], k, turn) for k, turn in enumerate(turns)], axis=0, dtype=np.float64), "f"
+    )
 
 
 def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> BoundaryEvidence:
