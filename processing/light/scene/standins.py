@@ -43,8 +43,7 @@ FLOATS = 1.15
 AROUND_RAD = math.radians(4.0)
 """Within which those feet are looked for: half a table at 3 m."""
 SURE, SKIN = 0.15, 0.05
-"""Of an estimated distance: by that much nearer nothing stands, and by this much farther something does (fitted to two
-rooms of training and validation seeds; a sixth is what nine in ten estimates are better than)."""
+"""Of an estimated distance: so much nearer nothing stands, so much farther something does (fitted to two rooms)."""
 LEAST_FOOT_M = 0.25
 """Nearer to the camera stands its own tripod."""
 LEAST_PIXELS = 4
