@@ -120,13 +120,13 @@ def test_ceiling_dragged_in_the_panorama(opened: Opened) -> None:
     mark = opened.page.locator("[data-name='Corner 2 at the ceiling: height']")
     opened.page.locator(".stage").focus()
     for _ in range(30):
-        if mark.count() and mark.bounding_box()["x"] < 700:
+        if (seen := mark.count() and mark.bounding_box()) and seen["x"] < 700:
             break
         opened.page.keyboard.press("ArrowRight")
         opened.page.wait_for_timeout(30)
     for _ in range(8):
         opened.page.keyboard.press("ArrowUp")
-    opened.page.wait_for_timeout(100)
+    wait(lambda: mark.bounding_box() is not None)
     box = mark.bounding_box()
     before = room_of(opened.session).ceiling_height_m
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -149,11 +149,12 @@ def test_a_doors_edges_go_to_those_of_the_picture(opened: Opened) -> None:
     opened.page.locator(".stage").focus()
     mark = opened.page.locator("[data-name='door 1, corner 4']")
     for _ in range(40):
-        if mark.count() and 250 < mark.bounding_box()["x"] < 600:
+        if (seen := mark.count() and mark.bounding_box()) and 250 < seen["x"] < 600:
             break
         opened.page.keyboard.press("ArrowLeft")
         opened.page.wait_for_timeout(30)
     for key, near in (("", 0.012), ("Shift", None)):
+        wait(lambda: mark.bounding_box() is not None)  # drawn anew after each change
         box = mark.bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         if key:

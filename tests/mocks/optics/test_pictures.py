@@ -130,7 +130,7 @@ def test_prepared_pictures_are_served_without_rendering(cache, monkeypatch):
     def fail(job):
         raise AssertionError("rendered at the moment of exposure")
 
-    monkeypatch.setattr(pictures_module, "expose", fail)
+    monkeypatch.setattr(pictures_module.picture_jobs, "expose", fail)
     assert is_whole_jpeg(shots.jpeg(request_for(THETA_Z1, 1 / 60)))
     assert is_whole_jpeg(shots.jpeg(request_for(THETA_Z1, 0.0166667)))
     with pytest.raises(AssertionError):
