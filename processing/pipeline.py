@@ -150,7 +150,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=10,
+        version=11,
         title="detect furniture and sunlight",
         function="processing.stages.detect:run",
         data=NETWORK,

@@ -31,6 +31,8 @@ MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16
 CURTAIN_RAD = math.radians(1.5)
 """From a window, where fixtures are its curtains (chosen)."""
+FLAT = 0.75
+"""Of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)."""
 BLOCKED = 0.5
 """Probability of doors, windows and fixtures from which a place is no bare floor or wall."""
 
@@ -100,7 +102,10 @@ def find_masks(
     small = Equirectangular(shape[1], shape[0])
     maps = surface_maps(room, small)
     sun = sun_direction if sun_possible else None
-    known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1)
+    flat = maps.plane == FLOOR
+    if evidence.reach is not None:
+        flat &= resized(evidence.reach, shape) * room.camera_height_m > FLAT * maps.depth_m
+    known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1, flat)
     seen = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
     found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known)
     return _united(found, image, geometry, margin_rad)
@@ -115,6 +120,8 @@ class _Known:
     sun_seen: bool
     meter_target: tuple[float, float] | None
     two_networks: bool
+    flat: Flags
+    """(H, W): floor, or what lies flat on it by the network's distances."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +145,7 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0) > LONE_SHARE
-    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely))
+    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), known.flat)
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -166,9 +173,9 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
 
 
 def _with_things(
-    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Flags]
+    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Flags], flat: Flags
 ) -> FurnitureFound:
-    """Return furniture with what stands on it; curtains belong to their windows, pictures to their walls.
+    """Return furniture with what stands on it and whole rugs below; curtains belong to windows, pictures to walls.
 
     ``things``: where fixtures surely are, and where something may lie on the floor, (H, W) each.
     """
@@ -176,10 +183,12 @@ def _with_things(
     stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)
     # What hangs on a wall stays, unless it touches furniture itself (a framed photograph on a chest).
     stays[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = False
+    lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
+    rugs = (~stays & lies)[labels] & (labels > 0)
     stays[np.unique(labels[beside])] = True
     stays[0] = False
     barred = beside | stays[labels] | (maps.plane == CEILING)
-    mask = with_things(found.mask, shown, maps.plane == FLOOR, barred, things[1])
+    mask = with_things(found.mask, shown, maps.plane == FLOOR, barred, things[1]) | (rugs & ~beside)
     added = mask & ~found.mask
     return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
 

@@ -124,8 +124,7 @@ which the network's answer only turns along."""
 LEAST_CONTRAST = 0.004
 """Of what the network is shown (0..1): a picture that varies less says nothing."""
 LEAST_LATITUDE_RAD = 0.01
-_OUTPUTS = ("probabilities", "columns", "details")
-"""Details (2, H, W): the probability of skirting, and the log of the distance in camera heights."""
+_OUTPUTS = ("probabilities", "columns", "details")  # (2, H, W): skirting's share, log distance in camera heights
 
 
 @dataclass(frozen=True)

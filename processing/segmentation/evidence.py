@@ -17,8 +17,6 @@ from processing.errors import SegmenterError
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.writing import write_bytes
 
-# The classes that daylit distinguishes.
-
 
 class SceneClass(IntEnum):
     """What a pixel shows, as far as room and removal need to know; also the channel of `SceneEvidence`."""
@@ -80,20 +78,15 @@ class SceneEvidence:
         return np.asarray(self.probabilities[list(classes)].sum(axis=0), dtype=np.float32)
 
 
-# Scene evidence on disk: one compressed NumPy archive without pickles, probabilities in half precision.
-
-
 FORMAT = 2
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
 LARGEST_PIXELS = 8 << 20
-
-
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, SyntaxError)
 """What reading a damaged archive raises, beside errors of its parts."""
 
 
 def write_evidence(path: Path, evidence: SceneEvidence) -> None:
-    """Write evidence; probabilities are kept to about three digits."""
+    """Write evidence: a compressed NumPy archive without pickles, probabilities in half precision."""
     facts = {
         "format": FORMAT,
         "source": evidence.source,

@@ -95,9 +95,8 @@ def run(context: StageContext) -> StageOutput:
 def _reach_m(context: StageContext, room: RoomModel) -> Floats | None:
     """Return the distance of what is seen (H, W), m, as the room network estimates it; None without its evidence."""
     kept = context.optional_artifact("room", "evidence")
-    if kept is None or (reach := read_evidence(kept).reach) is None:
-        return None
-    return reach * np.float32(room.camera_height_m)
+    reach = None if kept is None else read_evidence(kept).reach
+    return None if reach is None else reach * np.float32(room.camera_height_m)
 
 
 def _furniture(context: StageContext) -> Flags:

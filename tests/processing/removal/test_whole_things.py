@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.furniture import with_things, without_skirting
+from processing.removal.furniture import FurnitureFound, with_things, without_skirting
+from processing.removal.masks import _with_things
 from processing.removal.shadows import find_wall_shade
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FLOOR, surface_maps
@@ -58,6 +59,22 @@ def test_a_pile_of_books_on_the_floor_goes_and_shade_and_patterns_stay() -> None
     for column in range(0, 512, 32):
         light[box(200, 206, column, column + 12)] = 0.7
     assert not with_things(NONE, shown(light), floor, NONE, floor).any(), "so many are a pattern"
+
+
+def test_a_rug_that_furniture_stands_on_goes_whole_and_an_island_stays() -> None:
+    bed, rug, island, far = (
+        box(150, 190, 240, 280),
+        box(185, 215, 270, 330),
+        box(180, 215, 200, 242),
+        box(190, 215, 30, 60),
+    )
+    floor = MAPS.plane == FLOOR
+    assert all(floor[part].all() for part in (rug, island, far))
+    found = FurnitureFound(bed, bed.astype(np.float32), 0, 0.0)
+    whole = _with_things(found, shown(grey_room()), MAPS, NONE, (rug | island | far, NONE), floor & ~island).mask
+    assert whole[rug].all()
+    assert not (whole & island & ~bed).any(), "it stands higher than the floor"
+    assert not whole[far].any(), "nothing stands on it"
 
 
 def test_what_is_large_is_the_building_and_stays() -> None:
