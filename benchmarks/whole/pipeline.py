@@ -4,9 +4,10 @@ Each run is a process of its own: from the frames of a simulated session of the 
 to the report with three staged alternatives. ``full_*``: of 6720 x 3360, ``quarter_*``: of 1680 x 840. CPU is of the
 process and its children, memory the most that they held together, disk what the session holds beside its frames.
 ``demo_wall_s``: `daylit demo` with no compiled kernels. ``rerun_s``: nothing has changed. ``rerun_unneeded_cpu_s``:
---repair-sun after a run without it (an upper bound: the demo's sky has a sun). ``one_more_cpu_s``: a fourth alternative.
+--repair-sun after a run without it (an upper bound: the demo's sky has a sun). ``one_more_cpu_s``: a fourth one.
 ``draft_moved_m``: furthest that a piece stands from where the standard run put it, of pieces that both placed.
-``first_use_extra_cpu_s``: small, with no compiled kernels against with. ``growth_exponent``: of CPU, from half to full size (quick: small to quarter) by pixels.
+``first_use_extra_cpu_s``: small, with no compiled kernels against with. ``growth_exponent``: of CPU, from half to full
+size (quick: small to quarter) by pixels.
 
 A full run takes some ten minutes of two idle cores, most of it `demo_wall_s`, whose session the other figures are of. A
 quick run keeps its sessions, and takes the reruns and the draft of the small one.
