@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import click
 import cv2
 
-from benchmarks.seeds import TRAIN, VALIDATION, Split
+from benchmarks.seeds import Split
 
 
 @click.group()
@@ -32,11 +31,14 @@ def generate(out: Path, split: str, first: int, batches: int, workers: int, **re
     """Draw batches of views (about 85 each) that are not there yet."""
     from multiprocessing import get_context
 
-    from training.rooms.paints import saved_bank
+    from training.recipe import draw_batches
+    from training.rooms.paints import bank_of
 
     out.mkdir(parents=True, exist_ok=True)
-    saved_bank(_bank(out))
-    jobs = [partial(_draw, out, split, range(first + k, first + batches, workers), **rest) for k in range(workers)]
+    bank_of(out)
+    jobs = [
+        partial(draw_batches, out, split, range(first + k, first + batches, workers), **rest) for k in range(workers)
+    ]
     drawing = [get_context("spawn").Process(target=job) for job in jobs]
     for one in drawing:
         one.start()
@@ -44,31 +46,6 @@ def generate(out: Path, split: str, first: int, batches: int, workers: int, **re
         one.join()
         if one.exitcode:
             raise click.ClickException("a worker failed: its error is above")
-
-
-def _bank(views: Path) -> Path:
-    """Return where the textures of a folder of views are kept."""
-    return views.parent / "bank.npz"
-
-
-def _draw(out: Path, split: str, numbers: range, *, minutes: float, waiting: int, furniture: tuple[Path, ...]) -> None:
-    from training.recipe import batch
-    from training.rooms.paints import saved_bank
-    from training.rooms.pieces import built_in_pieces, folder_pieces
-    from training.shards import write_shard
-
-    cv2.setNumThreads(1)
-    tiles, pieces = saved_bank(_bank(out)), built_in_pieces() + folder_pieces(furniture)
-    among, begun = TRAIN if split == "train" else VALIDATION, time.monotonic()
-    for number in numbers:
-        seed = among[20 * number]
-        while len(list(out.glob("*.npz"))) >= waiting and time.monotonic() - begun < 60 * minutes:
-            time.sleep(1)
-        if time.monotonic() - begun > 60 * minutes:
-            break
-        if not (out / f"{seed:06d}.npz").exists():
-            count = write_shard(out, seed, batch(seed, tiles, pieces=pieces))
-            print(f"{seed}: {count} views, {time.monotonic() - begun:.0f} s", flush=True)  # noqa: T201
 
 
 @main.command()
@@ -84,9 +61,9 @@ def fit(views: Path, out: Path, start: Path | None, *, delete: bool, **plan: Any
     """Train on the views of a folder, on a GPU if there is one; files that come while it runs are used too."""
     from training.fit import Plan
     from training.fit import fit as run
-    from training.rooms.paints import saved_bank
+    from training.rooms.paints import bank_of
 
-    run(views, out, saved_bank(_bank(views)), Plan(**plan), start, delete=delete)
+    run(views, out, bank_of(views), Plan(**plan), start, delete=delete)
 
 
 @main.command()
@@ -99,10 +76,10 @@ def export(checkpoint: Path, validation: Path, rooms: int, out: Path, name: str)
     """Write the network as the program ships it; its sigmas hold on either kind of validation picture."""
     from training.export import export as run
     from training.judge import on_rooms, on_validation
-    from training.rooms.paints import saved_bank
+    from training.rooms.paints import bank_of
 
     run(checkpoint, out, name=name, sigma_scale=(1.0, 1.0))
-    cheap = on_validation(out, validation, saved_bank(_bank(validation)), every=2).scales()
+    cheap = on_validation(out, validation, bank_of(validation), every=2).scales()
     full = on_rooms(out, "validation", rooms).scales()
     scales = max(cheap[0], full[0]), max(cheap[1], full[1])
     run(checkpoint, out, name=name, sigma_scale=scales)
@@ -142,12 +119,12 @@ def evaluate(
 
     from processing.segmentation.embedded import SHIPPED
     from training.judge import on_real, on_rooms, on_validation
-    from training.rooms.paints import saved_bank
+    from training.rooms.paints import bank_of
 
     chosen = model or SHIPPED
     said: dict[str, object] = {}
     if validation is not None:
-        tally = on_validation(chosen, validation, saved_bank(_bank(validation)), quality=quality)
+        tally = on_validation(chosen, validation, bank_of(validation), quality=quality)
         said["validation"] = tally.rounded()
         said["reliability_deg"] = [(round(a, 2), round(b, 2)) for a, b in tally.reliability()]
     for name, empty in (("furnished", False), ("emptied", True)) if rooms else ():

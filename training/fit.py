@@ -20,6 +20,9 @@ from training.shards import Views, read_shard
 SAID_EVERY, KEPT_EVERY, LOOKED_EVERY = 100, 500, 25
 """Steps after which figures are printed, a checkpoint is left, new files of views are looked for."""
 
+FIRST_VIEWS_S = 600.0
+"""Chosen: a worker's first batch takes a minute, with the textures made first two."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -76,6 +79,15 @@ class Held:
             self.taken += length
             self.count = min(self.taken, self.most)
 
+    def wait(self) -> None:
+        """Return when the first views are there; raises FileNotFoundError after `FIRST_VIEWS_S`."""
+        end_s = time.monotonic() + FIRST_VIEWS_S
+        while not self.count:
+            if time.monotonic() > end_s:
+                raise FileNotFoundError(f"no views came to {self.folder} in {FIRST_VIEWS_S:.0f} s: generate some")
+            self.look()
+            time.sleep(0.2)
+
     def some(self, chosen: torch.Tensor) -> Batch:
         """Return the views of some numbers."""
         return {name: values[chosen] for name, values in self.arrays.items()}
@@ -102,9 +114,7 @@ def fit(folder: Path, out: Path, tiles: list[Tile], plan: Plan, start: Path | No
     generator = torch.Generator(device=device)
     generator.manual_seed(plan.seed + step)
     held, bank = Held(folder, device, plan.most, delete=delete), Bank(tiles, device)
-    while held.count < plan.batch:
-        held.look()
-        time.sleep(0.2)
+    held.wait()
     begun = time.monotonic()
 
     def keep() -> None:

@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
+import cv2
 import numpy as np
 
+from benchmarks.seeds import TRAIN, VALIDATION
 from mocks.rooms.model import Part
 from mocks.rooms.room import Room, make_room
 from training.rooms.beyond import build_beyond
 from training.rooms.house import draw_cameras, draw_eye_m, draw_house
-from training.rooms.paints import Tile
-from training.rooms.pieces import Piece, pieces_of
+from training.rooms.paints import Tile, bank_of
+from training.rooms.pieces import Piece, built_in_pieces, folder_pieces, pieces_of
 from training.rooms.props import furnish_house
 from training.rooms.render import Stage, Standpoint, View, see
 from training.rooms.soup import room_soup
+from training.shards import write_shard
 
 ROOMS_A_BATCH, HOUSES_A_BATCH = 2, 26
 ROOM_CAMERAS, CAMERAS = 4, 3
+
+
+def draw_batches(
+    out: Path, split: str, numbers: range, *, minutes: float, waiting: int, furniture: tuple[Path, ...]
+) -> None:
+    """Write the batches of some numbers (batch n begins at seed 20 n of the split) that are not in the folder yet."""
+    cv2.setNumThreads(1)
+    tiles, pieces = bank_of(out), built_in_pieces() + folder_pieces(furniture)
+    among, begun = TRAIN if split == "train" else VALIDATION, time.monotonic()
+    for number in numbers:
+        seed = among[20 * number]
+        while len(list(out.glob("*.npz"))) >= waiting and time.monotonic() - begun < 60 * minutes:
+            time.sleep(1)
+        if time.monotonic() - begun > 60 * minutes:
+            break
+        if not (out / f"{seed:06d}.npz").exists():
+            count = write_shard(out, seed, batch(seed, tiles, pieces=pieces))
+            print(f"{seed}: {count} views, {time.monotonic() - begun:.0f} s", flush=True)  # noqa: T201
 
 
 def batch(first_seed: int, tiles: list[Tile], *, pieces: Sequence[Piece] = ()) -> Iterator[View]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, Floats
-from processing.pictures.exr import read_exr, read_exr_rgb
+from processing.pictures.exr import read_any_exr
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.panorama import read_tags
 from processing.pictures.radiance import read_radiance_hdr
@@ -68,12 +68,9 @@ def open_picture(path: Path) -> OpenPicture:
 
 
 def _exr(path: Path) -> OpenPicture:
-    try:
-        image = read_exr(path)
-    except PictureFileError as error:
-        if "is not a picture of daylit" not in str(error):
-            raise
-        rgb, white = read_exr_rgb(path)
+    image = read_any_exr(path)
+    if isinstance(image, tuple):
+        rgb, white = image
         attributes: dict[str, object] = {} if white is None else {"whiteLuminance": white}
         scaled = rgb if white is None else rgb * np.float32(white)
         unit = "relative units" if white is None else "cd/m2"

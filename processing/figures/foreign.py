@@ -25,7 +25,7 @@ from processing.errors import BracketError, ParameterError, PictureFileError, Sc
 from processing.figures.glare import with_uncertainty
 from processing.ground.arrays import Doubles
 from processing.ground.colour import LUMINANCE_WEIGHTS
-from processing.pictures.exr import read_exr, read_exr_rgb
+from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.modes import camera_modes, modes_of, widened, with_modes
@@ -193,12 +193,9 @@ def picture_of(path: Path, view: str | None) -> LuminanceImage:
         return _plain(picture.rgb, picture.geometry, view, path)
     if head != b"\x76\x2f\x31\x01":
         raise PictureFileError("is neither EXR nor Radiance HDR", where=path.name, advice="give an HDR picture")
-    try:
-        image = read_exr(path)
-    except PictureFileError as error:
-        if "is not a picture of daylit" not in str(error):
-            raise
-        rgb, white = read_exr_rgb(path)
+    image = read_any_exr(path)
+    if isinstance(image, tuple):
+        rgb, white = image
         return _plain(rgb * np.float32(white or 1.0), None, view, path)
     if isinstance(image, RelativeImage):
         image = LuminanceImage(

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import LensError, ParameterError
+from processing.errors import LensError, ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, Floats
 from processing.ground.threads import threads
 from processing.pictures.images import LuminanceImage, RelativeImage
@@ -246,6 +246,9 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
     write_whole(path, lambda part: OpenEXR.File(header, channels, num_threads=threads()).write(str(part)))
 
 
+_FOREIGN = "is not a picture of daylit"
+
+
 def read_exr(path: Path) -> RelativeImage | LuminanceImage:
     """Read a picture that `write_exr` wrote.
 
@@ -255,7 +258,7 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
     header, arrays = _read(path)
     texts = {name: str(header[name]) for name in _TEXTS if name in header}
     if set(texts) != set(_TEXTS) or "daylitCrc32" not in header:
-        raise refused(path, "is not a picture of daylit", advice="import it, or give a picture made by daylit process")
+        raise refused(path, _FOREIGN, advice="import it, or give a picture made by daylit process")
     missing = {"RGB", "uncertainty", "validity"} - set(arrays)
     if missing or set(arrays) - {"RGB", "uncertainty", "validity", "ghost"}:
         raise refused(path, f"has the channels {sorted(arrays)}", likely=_DAMAGED, advice=_AGAIN)
@@ -268,6 +271,16 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
         raise refused(path, "has another whiteLuminance than it was written with", likely=_DAMAGED, advice=_AGAIN)
     check_image(image, path)
     return image
+
+
+def read_any_exr(path: Path) -> RelativeImage | LuminanceImage | tuple[Floats, float | None]:
+    """Read a picture of daylit, or of anyone: then as `read_exr_rgb` returns it. Raises what these do."""
+    try:
+        return read_exr(path)
+    except PictureFileError as error:
+        if _FOREIGN not in str(error):
+            raise
+    return read_exr_rgb(path)
 
 
 def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:

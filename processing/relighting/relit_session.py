@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from processing.calibration.outdoor.sun_place import Place, sun_place
-from processing.errors import DaylightError, ParameterError, PictureFileError, ProcessingError, RelightError
+from processing.errors import DaylightError, ParameterError, ProcessingError, RelightError
 from processing.ground.arrays import Bytes, Floats
 from processing.ground.room_model import read_json, read_room
 from processing.layout.arrangement import Arrangements, PlacedItem
@@ -32,7 +32,7 @@ from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView, Relit
 from processing.light.solver.stage import Stage
 from processing.pictures.display import Display
-from processing.pictures.exr import read_exr, read_exr_rgb
+from processing.pictures.exr import read_any_exr, read_exr
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.writing import write_bytes, write_whole
 from processing.running.artifacts import MAX_JSON_BYTES
@@ -216,12 +216,11 @@ def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tu
 
 def other_sky(path: Path) -> Outdoors:
     """Return the light of a picture of the sky: one of ours, or anyone's OpenEXR panorama (2 : 1) in cd/m2."""
-    try:
-        image = read_exr(path)
-    except PictureFileError:
-        rgb, white = read_exr_rgb(path)
+    image = read_any_exr(path)
+    if isinstance(image, tuple):
+        rgb, white = image
         if rgb.shape[1] != 2 * rgb.shape[0]:
-            raise RelightError(f"a sky of {rgb.shape[1]} x {rgb.shape[0]} pixels", advice="give 2 to 1") from None
+            raise RelightError(f"a sky of {rgb.shape[1]} x {rgb.shape[0]} pixels", advice="give 2 to 1")
         shape = rgb.shape[:2]
         image = LuminanceImage(
             rgb=rgb * np.float32(white or 1.0),

@@ -102,12 +102,12 @@ def find_masks(
     small = Equirectangular(shape[1], shape[0])
     maps = surface_maps(room, small)
     sun = sun_direction if sun_possible else None
-    flat = maps.plane == FLOOR
+    known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1)
+    flat = np.zeros(shape, bool)
     if evidence.reach is not None:
-        flat &= resized(evidence.reach, shape) * room.camera_height_m > FLAT * maps.depth_m
-    known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1, flat)
+        flat = (maps.plane == FLOOR) & (resized(evidence.reach, shape) * room.camera_height_m > FLAT * maps.depth_m)
     seen = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
-    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known)
+    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known, flat)
     return _united(found, image, geometry, margin_rad)
 
 
@@ -120,8 +120,6 @@ class _Known:
     sun_seen: bool
     meter_target: tuple[float, float] | None
     two_networks: bool
-    flat: Flags
-    """(H, W): floor, or what lies flat on it by the network's distances."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +132,7 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known) -> _Found:
+def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, flat: Flags) -> _Found:
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
@@ -145,7 +143,7 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0) > LONE_SHARE
-    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), known.flat)
+    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), flat)
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -177,7 +175,8 @@ def _with_things(
 ) -> FurnitureFound:
     """Return furniture with what stands on it and whole rugs below; curtains belong to windows, pictures to walls.
 
-    ``things``: where fixtures surely are, and where something may lie on the floor, (H, W) each.
+    ``things``: where fixtures surely are, and where something may lie on the floor, (H, W) each. ``flat`` (H, W): where
+    the floor, or what lies flat on it, is seen by the network's distances.
     """
     count, labels = components(things[0])
     stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)

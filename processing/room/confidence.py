@@ -23,7 +23,6 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import wall_ranges
 
 # What can be seen without any network: whether a picture is a whole, lit panorama.
-
 LARGEST_BLANK = 0.3
 """Share of the sphere without data or detail from which a picture is refused."""
 STEP_ROWS = 256

@@ -25,7 +25,6 @@ from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
 
 # Floor polygons without what is no wall: corners on top of each other or on a straight line.
-
 SHORTEST_M = 0.06
 STRAIGHT_RAD = math.radians(2.0)
 

@@ -26,7 +26,6 @@ from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.maps import wall_ranges
 
 # Walls fitted to boundaries: all parameters of an outline at once, robustly, and what the fit is worth.
-
 CAP = 3.0
 """Standard deviations beyond which a column counts as unexplained."""
 BROKEN = 1e3
@@ -142,7 +141,6 @@ def _step(outline: Outline, values: Doubles, start: Doubles, scale: Doubles, col
 
 
 # How well a room agrees with what the pixels show: classes on floor, ceiling and walls.
-
 ON_FLOOR = (SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD)
 ON_CEILING = (SceneClass.CEILING, SceneClass.FIXTURE)
 ON_WALL = (SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR, SceneClass.FURNITURE, SceneClass.FIXTURE)

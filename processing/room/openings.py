@@ -25,7 +25,6 @@ from processing.segmentation.evidence import SceneClass, SceneEvidence
 #
 # Windows of a room mostly share head and sill; a pair of curtains hangs evenly about its window; a blind that hangs
 # from above hides the window's upper part and is as wide as the window.
-
 CLOTH_SHARE = 0.5
 STRIP_M = 0.06
 """How far from the window cloth must begin."""

@@ -21,7 +21,6 @@ from processing.room.columns import Columns
 # Each stretch is a wall fitted robustly to the inverse distances of its columns (`processing.room.columns`); a division
 # pays for every wall and is paid back by explaining columns. Exact over all divisions by dynamic programming; columns
 # that a wall does not explain (a doorway to another room, a mirror) cost a fixed amount and so may stay unexplained.
-
 ALONG_X, ALONG_Y, FREE = 0, 1, 2
 """Kinds of wall, in axes turned by the walls' azimuth: seen at +-90 degrees, at 0 or 180 degrees, or at any angle."""
 LEAST_COLUMNS = 3

@@ -28,7 +28,6 @@ from processing.ground.room_model import Opening, OpeningKind, RoomModel, geomet
 from station.session.strict_json import StrictJsonError, loads
 
 # Openings given by two places of the plan: which wall they are in, and where along it.
-
 OFF_WALL_M = 0.15
 SHORTEST_M = 0.05
 

@@ -29,7 +29,6 @@ from processing.surfaces.maps import wall_ranges
 #
 # A strip holds log luminance over offsets in latitude from the prediction, one column an azimuth. HDR is used as it is:
 # log differences are contrasts of the surfaces, in the darkest corner and beside a window alike.
-
 REACH_RAD = math.radians(2.6)
 """Of a strip to both sides."""
 SIDE_RAD = math.radians(0.3)
@@ -116,7 +115,6 @@ def peaks_near(strip: Strip, expected: Doubles, within_rad: float, least: float)
 
 
 # Walls and ceiling moved onto the edges.
-
 AZIMUTHS = 768
 SHIFTS = np.linspace(-0.08, 0.08, 81)
 """Relative changes of a wall's distance that are tried."""

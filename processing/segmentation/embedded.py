@@ -140,7 +140,7 @@ class _Network:
 def scene_evidence(
     image: RelativeImage | LuminanceImage, *, quality: str = "standard", model: Path | None = None
 ) -> SceneEvidence:
-    """Return classes (8, 128, 256) and boundaries (256 columns) of an upright equirectangular panorama.
+    """Return classes and distances of 128 x 256 pixels and boundaries of 256 columns of an upright panorama.
 
     Parameters
     ----------

@@ -87,8 +87,9 @@ def plain_tile(rng: np.random.Generator) -> Tile:
     return _made("plain", tone.astype(np.float32), (size, size))
 
 
-def saved_bank(path: Path) -> list[Tile]:
-    """Return the bank kept in a file, made first if it is not there."""
+def bank_of(views: Path) -> list[Tile]:
+    """Return the bank kept beside a folder of views, made first if it is not there."""
+    path = views.parent / "bank.npz"
     if not path.exists():
         bank = make_bank()
         sizes = np.array([t.size_m for t in bank])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from processing.ground.arrays import Doubles, Flags, Floats, Int32s
+from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
 from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components
@@ -94,9 +94,9 @@ def standins_of(room: RoomModel, furniture: Flags, reach_m: Floats | None = None
             outline = _outline_of(piece, columns, room, geometry)
             stands = np.isfinite(outline.foot_m[outline.used]).any()
             solid |= (_standing if stands else _hung)(outline, columns, grid, room)
-    seen = _within(furniture, grid, room, geometry)
+    seen = _within(furniture, grid, room)
     if reach_m is not None:
-        away = _beyond(reach_m, grid, room, geometry)
+        away = _beyond(reach_m, grid, room, furniture.shape[1])
         solid = (solid & (away > 1 - SURE)) | (seen & grid.indoors[..., None] & (away > 1) & (away < 1 + SKIN))
     return _meshes(solid & seen, grid)
 
@@ -161,21 +161,23 @@ def _hung(outline: _Outline, columns: Columns, grid: _Grid, room: RoomModel) -> 
     return np.asarray(thin[..., None] & (height >= low[at][..., None]) & (height <= high[at][..., None]))
 
 
-def _within(mask: Flags, grid: _Grid, room: RoomModel, geometry: Equirectangular) -> Flags:
-    """Return the voxels (X, Y, Z) whose middles the camera sees in a mask (H, W)."""
+def _rows(grid: _Grid, room: RoomModel, rows: int) -> Indices:
+    """Return the row of a picture of so many in which the camera sees each voxel (X, Y, Z)."""
     latitude = np.arctan2(grid.height_m - room.camera_height_m, np.maximum(grid.level_m, 1e-6)[..., None])
-    row = np.floor((0.5 - latitude / math.pi) * geometry.height_px).astype(int).clip(0, geometry.height_px - 1)
-    return np.asarray(mask[row, grid.column[..., None]] & (grid.level_m > LEAST_FOOT_M)[..., None])
+    return np.floor((0.5 - latitude / math.pi) * rows).astype(np.intp).clip(0, rows - 1)
 
 
-def _beyond(reach_m: Floats, grid: _Grid, room: RoomModel, geometry: Equirectangular) -> Doubles:
+def _within(mask: Flags, grid: _Grid, room: RoomModel) -> Flags:
+    """Return the voxels (X, Y, Z) whose middles the camera sees in a mask (H, W)."""
+    seen = mask[_rows(grid, room, len(mask)), grid.column[..., None]]
+    return np.asarray(seen & (grid.level_m > LEAST_FOOT_M)[..., None])
+
+
+def _beyond(reach_m: Floats, grid: _Grid, room: RoomModel, width_px: int) -> Doubles:
     """Return the distance of each voxel (X, Y, Z) in units of that of what the camera sees there."""
-    up = grid.height_m - room.camera_height_m
-    rows, columns = reach_m.shape
-    latitude = np.arctan2(up, np.maximum(grid.level_m, 1e-6)[..., None])
-    row = np.floor((0.5 - latitude / math.pi) * rows).astype(int).clip(0, rows - 1)
-    seen = reach_m[row, (grid.column * columns // geometry.width_px)[..., None]]
-    return np.asarray(np.hypot(grid.level_m[..., None], up) / np.maximum(seen, 1e-3), np.float64)
+    column = (grid.column * reach_m.shape[1] // width_px)[..., None]
+    seen = np.maximum(reach_m[_rows(grid, room, len(reach_m)), column], 1e-3)
+    return np.asarray(np.hypot(grid.level_m[..., None], grid.height_m - room.camera_height_m) / seen, np.float64)
 
 
 def _meshes(solid: Flags, grid: _Grid) -> tuple[Part, ...]:
