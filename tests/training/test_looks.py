@@ -10,7 +10,7 @@ from processing.segmentation.evidence import SceneClass
 from tests.training.test_changes import BOX, columns_of, rotated
 from tests.training.test_recipe import box_view, check_structure, tiles
 
-torch = pytest.importorskip("torch")
+torch = pytest.importorskip("torch", reason="torch is not installed (training/requirements.txt)")
 
 from training.augment import Lesson, lesson, stretched, turned  # noqa: E402
 from training.looks import Bank, Chance, add_foot, network_view  # noqa: E402
