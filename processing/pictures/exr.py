@@ -274,7 +274,7 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
 
 
 def read_any_exr(path: Path) -> RelativeImage | LuminanceImage | tuple[Floats, float | None]:
-    """Read a picture of daylit, or of anyone: then light (H, W, 3) as `read_exr_rgb` returns it. Raises what these do."""
+    """Read a picture of daylit, or anyone's: then light (H, W, 3) as `read_exr_rgb` returns it. Raises as these do."""
     try:
         return read_exr(path)
     except PictureFileError as error:
