@@ -155,6 +155,10 @@ class Studio:
         found = await run_in_threadpool(seen.overview, session)
         return JSONResponse({**found, "path": str(session), "job": self.jobs.state(session)})
 
+    async def designs(self, request: Request) -> Response:
+        """Return the designs that pieces may have, by category."""
+        return JSONResponse(await run_in_threadpool(seen.designs, self.session(request)))
+
     async def picture(self, request: Request) -> Response:
         """Return a panorama of the room."""
         width = min(4096, max(64, int(request.query_params.get("width", "2048"))))
@@ -216,6 +220,9 @@ class Studio:
     async def live(self, request: Request) -> Response:
         """Return a preview: the emptied room, another light, a region's figures, glare at a seat."""
         session, asked = self.session(request), strict_json.loads(await _body(request))
+        if "places" in asked:
+            found = await run_in_threadpool(seen.moved, session, asked.pop("places"))
+            asked["items"] = [item.model_dump(mode="json") for item in found.arrangements[0].items]
         facts, data = await self.warm.ask(session, {**asked, "do": request.path_params["what"]})
         if "error" in facts:
             return JSONResponse(facts, 400)
@@ -296,6 +303,7 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route(base + "/viewer", studio.viewer),
         Route(base + "/frame", studio.frame),
         Route(base + "/capture", studio.capture),
+        Route(base + "/designs", studio.designs),
         Route(base + "/judge", studio.judge, methods=["POST"]),
         Route(base + "/live/{what:str}", studio.live, methods=["POST"]),
         Route(base + "/run", studio.run, methods=["POST", "DELETE"]),

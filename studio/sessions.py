@@ -12,7 +12,7 @@ from typing import Any
 
 from processing.errors import LayoutError, ParameterError
 from processing.ground.room_model import check_room, read_room, room_text
-from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
+from processing.layout.arrangement import Arrangement, Arrangements
 from processing.running.choices import forget, read_choices, remember
 from processing.running.results import RESULT_NAME
 from processing.running.screens import STATES, nothing_png, picture_of
@@ -184,34 +184,46 @@ def broken(plan: Any, arrangement: Arrangement) -> list[str]:
 
 
 def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
-    """Return the session's arrangements, of which the first has pieces at other ``places``: id to [x, y, theta].
+    """Return the session's arrangements, of which the first has pieces as ``places`` says: id to [x, y, theta, design].
 
-    A piece that has no place is left out; metres and radians of the room's frame.
+    A piece that has no place is left out; metres and radians of the room's frame; a design is a name of `designs`.
     """
     data, _ = current(session, ARRANGEMENT)
     if not data:
         raise ParameterError("nothing is arranged yet", where=session.name, advice="process it until arrange")
-    chosen = read_choices(session).value(session, "arrangement")
-    found = read_arrangements(chosen or session / ESTIMATED[ARRANGEMENT])
+    found = Arrangements.model_validate_json(data)
     first = found.arrangements[0]
     try:
-        items = tuple(
-            item.model_copy(
-                update={"t_m": (float(x), float(y), item.t_m[2]), "theta_rad": float(theta), "pinned": True}
-            )
-            for item in first.items
-            if item.id in places
-            for x, y, theta in [places[item.id]]
-        )
-        return Arrangements.model_validate_json(
-            found.model_copy(
-                update={"arrangements": (first.model_copy(update={"items": items}), *found.arrangements[1:])}
-            ).model_dump_json()
-        )
-    except (TypeError, ValueError) as error:
+        items = []
+        for item in (one for one in first.items if one.id in places):
+            x, y, theta, model = (*places[item.id], item.model)[:4]
+            place: dict[str, Any] = {"t_m": (float(x), float(y), item.t_m[2]), "theta_rad": float(theta)}
+            if model != item.model:
+                place |= {"model": model, "size_m": designs(session)[item.category][model] or item.size_m}
+            items.append(item.model_copy(update=place | {"pinned": True}))
+        arrangements = (first.model_copy(update={"items": tuple(items)}), *found.arrangements[1:])
+        moved_ = found.model_copy(update={"arrangements": arrangements})
+        return Arrangements.model_validate_json(moved_.model_dump_json())
+    except (TypeError, ValueError, KeyError) as error:
         raise ParameterError(
-            f"places are [x, y, theta] by the piece's id: {str(error)[:80]}", where="furnish"
+            f"places are [x, y, theta, design] by the piece's id: {str(error)[:80]}", where="furnish"
         ) from error
+
+
+def designs(session: Path) -> dict[str, dict[str, Any]]:
+    """Return by category the designs that a piece may have, and each one's own size; None: any, so the piece keeps its.
+
+    All built-in styles (the category's name: that of the room), and what the session's own furniture has.
+    """
+    from processing.layout.models.catalogue import Catalogue
+
+    own = read_choices(session).value(session, "furniture")
+    every: dict[str, dict[str, Any]] = {}
+    for entry in Catalogue.builtin().entries:
+        every.setdefault(entry.category, {entry.category: None})[entry.model_id] = None
+    for entry in () if own is None else Catalogue.at(own).entries:
+        every.setdefault(entry.category, {})[entry.model_id] = entry.size_m
+    return every
 
 
 def capture_state(session: Path) -> dict[str, Any]:

@@ -150,7 +150,7 @@ def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel,
     Image.fromarray((255 * np.clip(rgb / 100, 0, 1) ** (1 / 2.2)).astype(np.uint8)).save(picture)
     session = panorama_session(picture, folder)
     picture.unlink()
-    results = {stage: session / "stages" / stage for stage in ("calibrate", "room", "detect", "arrange")}
+    results = {stage: session / "stages" / stage for stage in ("calibrate", "room", "detect")}
     for where in results.values():
         where.mkdir(parents=True)
         (where / "result.json").write_text("{}")
@@ -162,12 +162,20 @@ def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel,
     write_exr(results["calibrate"] / "indoor.exr", image)
     write_room(results["room"] / "room.json", estimated)
     write_mask(results["detect"] / "target.png", mask)
-    plan = from_room_model(with_door(estimated)[0], name="room", keep_camera_free=True)
-    try:
-        arrange(plan, parse_items(ITEMS), n=1).write(results["arrange"] / "arrangement.json")
-    except DaylitError:
-        shutil.rmtree(results["arrange"])
+    furnished(session, estimated)
     return session
+
+
+def furnished(session: Path, room: RoomModel) -> None:
+    """Give a session an arrangement of three pieces, where its room takes them."""
+    where = session / "stages" / "arrange"
+    where.mkdir(exist_ok=True)
+    (where / "result.json").write_text("{}")
+    plan = from_room_model(with_door(room)[0], name="room", keep_camera_free=True)
+    try:
+        arrange(plan, parse_items(ITEMS), n=1).write(where / "arrangement.json")
+    except DaylitError:
+        shutil.rmtree(where)
 
 
 def drawn(room: RoomModel) -> np.ndarray:

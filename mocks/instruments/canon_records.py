@@ -7,14 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
-from drivers.canon_5d2.codes import (
-    AE_BULB,
-    AE_MANUAL,
-    FOCUS_MANUAL,
-    SHUTTER_CODES,
-    CanonEvent,
-    CanonProp,
-)
+from drivers.canon_5d2.codes import AE_BULB, AE_MANUAL, FOCUS_MANUAL, SHUTTER_CODES, CanonEvent, CanonProp
 from mocks.instruments.faults import Fault
 from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import StoredObject

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import resolve, stage_named
@@ -27,6 +27,7 @@ from processing.running.fingerprint import visible_part
 from processing.running.requests import RunRequest, given_answers, parameters
 from processing.running.results import RESULT_NAME, parse_result
 from processing.stages.contract import Quality, StageContext
+from processing.stages.materials import emptied as sunlit_anew
 from processing.stages.remove import emptied
 from processing.stages.upright import draft_width_px, in_size, mask_in_size, upright_panorama
 from station.session.store import load_manifest
@@ -50,8 +51,7 @@ class Previews:
 
         Raises `ParameterError` where there is nothing to remove, and what the stage raises.
         """
-        with going_on(self._session, {}, RunRequest(until="remove", dry_run=True), by="preview") as found:
-            request = replace(found.request, quality=Quality.DRAFT)
+        request = self._request("remove")
         context = self._context(request, 1)
         if reason := resolve(stage_named("remove").skip_rule)(context):
             raise ParameterError("there is nothing to preview", where=self._session.name, likely=reason)
@@ -60,9 +60,17 @@ class Previews:
         small, (done, _, _) = upright_panorama(work), emptied(work, self._quick)
         return replace(image, rgb=_enlarged(image.rgb, small.rgb, done.image.rgb, done.provenance > 0))
 
+    def sunless(self) -> Flags | None:
+        """Return where (H, W) the last run took direct sun away, which falls anew among furniture; None: nowhere."""
+        return sunlit_anew(self._context(self._request("materials"), 1)).sunless
+
+    def _request(self, until: str) -> RunRequest:
+        with going_on(self._session, {}, RunRequest(until=until, dry_run=True), by="preview") as found:
+            return replace(found.request, until=until, quality=Quality.DRAFT)
+
     def _context(self, request: RunRequest, parts: int) -> StageContext:
-        """Return what the stage remove works with at a draft's width divided by ``parts``."""
-        row = stage_named("remove")
+        """Return what the stage that is asked for works with at a draft's width divided by ``parts``."""
+        row = stage_named(request.until or "remove")
         given = {stage: given_answers(stage_named(stage), request) for stage in row.needs}
         return StageContext(
             session=visible_part(load_manifest(self._session), row.reads),

@@ -16,6 +16,7 @@ from typing import Any
 from drivers.errors import DaylitError
 from processing.errors import ParameterError
 from processing.ground.threads import limit_libraries
+from processing.layout.arrangement import PlacedItem
 from processing.running.choices import go_on_with
 from processing.running.preview import Previews
 from processing.running.screens import look_of, shown_jpeg
@@ -24,6 +25,8 @@ from station.session import strict_json
 WIDTH_PX = 2048
 """Of a preview (chosen: a screen's)."""
 KINDS = ("captured", "clear", "overcast")
+FURNISHED = ("materials/scene.npz", "remove/empty.exr", "render/staged.json")
+"""What a room that furniture stands in depends on."""
 
 
 class Warm:
@@ -32,10 +35,11 @@ class Warm:
     def __init__(self, session: Path) -> None:
         self._session, self._previews = session, Previews(session)
         self._rooms: dict[tuple[Any, ...], Any] = {}
+        self._furnished: Any = None
 
     def answer(self, asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         """Do what is asked; raises `ParameterError` for what is not known, and what the work raises."""
-        verbs = {"emptied": self._emptied, "light": self._light, "glare": self._glare}
+        verbs = {"emptied": self._emptied, "staged": self._staged, "light": self._light, "glare": self._glare}
         verb, begin_s = verbs.get(str(asked.get("do"))), time.perf_counter()
         if verb is None:
             raise ParameterError("no such request", where="preview")
@@ -46,6 +50,20 @@ class Warm:
         image = self._previews.emptied()
         facts = {"size_px": list(image.rgb.shape[1::-1]), "media": "image/jpeg"}
         return facts, shown_jpeg(image.rgb, look_of(self._session, image), WIDTH_PX)
+
+    def _staged(self, asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        """Return the room with furniture where it is asked to stand, lit by the captured light."""
+        from processing.relighting.live_furniture import LiveFurniture, style_of
+
+        key = [path.stat().st_mtime_ns for name in FURNISHED if (path := self._session / "stages" / name).is_file()]
+        if self._furnished is None or self._furnished[0] != key:
+            live = LiveFurniture(self._session, self._previews.sunless())
+            self._furnished = key, live, look_of(self._session, live.photograph)
+        _, live, look = self._furnished
+        items = [PlacedItem.model_validate_json(json.dumps(item)) for item in asked["items"]]
+        chosen = go_on_with(self._session, dict.fromkeys(("style", "furniture")))
+        image = live.staged(items, chosen["style"] or style_of(self._session), chosen["furniture"])
+        return {"media": "image/jpeg"}, shown_jpeg(image.rgb, look, WIDTH_PX)
 
     def _lit(self, asked: dict[str, Any]) -> tuple[Any, Any]:
         """Return the room that is asked for, as it is on disk, and how it is lit then; no time: as it was captured."""

@@ -26,13 +26,16 @@ WARM_WHITE = (1.9354, 0.8036, 0.1918)
 def furniture_parts(
     items: Sequence[PlacedItem], built_in: Catalogue, own: Catalogue | None = None, *, lit: bool = False
 ) -> tuple[Part, ...]:
-    """Return the parts of all items in the room's frame; ``own`` has those that name a model; ``lit``: lamps are on.
+    """Return the parts of all items in the room's frame; ``lit``: lamps are on.
 
-    Raises `CatalogueError` or `ModelFileError`.
+    An item that names a built-in design (`sofa/classic`) has it, one that names another model has that of ``own``, all
+    others are ``built_in``. Raises `CatalogueError` or `ModelFileError`.
     """
-    found = []
+    found, every = [], Catalogue.builtin()
     for item in items:
-        if item.model and own is not None:
+        if item.model in every.ids:
+            model = every.mesh(item.model, item.size_m)
+        elif item.model and own is not None:
             model = own.mesh(item.model, item.size_m)
         else:
             model = built_in.mesh(item.category, item.size_m)

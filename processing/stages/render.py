@@ -44,11 +44,7 @@ QUALITY = {
     "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
 }
 _PLACED: Any = {"id", "category", "model", "size_m", "theta_rad", "t_m"}
-_SHOWN: Any = {
-    "rank": True,
-    "items": {"__all__": _PLACED},
-    "not_placed": True,
-}
+_SHOWN: Any = {"rank": True, "items": {"__all__": _PLACED}, "not_placed": True}
 """Of an arrangement, what its picture and facts depend on."""
 MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5
 """Of the models' walls, floor and ceiling; most that detail is over its surroundings: beyond it light ends (chosen)."""

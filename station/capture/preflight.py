@@ -14,15 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from drivers.camera import (
-    NOT_REPORTED,
-    BodySetting,
-    Camera,
-    CameraIdentity,
-    CameraStatus,
-    SettingReadback,
-    Verdict,
-)
+from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraIdentity, CameraStatus, SettingReadback, Verdict
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
 from station.capture.rig import Rig

@@ -51,11 +51,7 @@ def sort_entries(entries: Sequence[Path], folder: Path, *, raw: bool) -> tuple[l
 
 
 def inspect_files(
-    side: Side,
-    files: Sequence[Path],
-    times_s: Sequence[float | None],
-    checker: FrameChecker,
-    raws: Mapping[str, Path],
+    side: Side, files: Sequence[Path], times_s: Sequence[float | None], checker: FrameChecker, raws: Mapping[str, Path]
 ) -> tuple[list[Candidate], list[Refusal]]:
     """Return what the checker finds in JPEGs and their raw files, and what it refuses; ``times_s`` are typed ones."""
     candidates: list[Candidate] = []

@@ -14,12 +14,7 @@ from uuid import uuid4
 
 from drivers.clock import Clock, SystemClock
 from station.capture.intake import drift_frac
-from station.errors import (
-    FrameRejectedError,
-    IncompleteBracketError,
-    UsageError,
-    software_versions,
-)
+from station.errors import FrameRejectedError, IncompleteBracketError, UsageError, software_versions
 from station.frames.check import FrameChecker, picture_format
 from station.frames.facts import FrameFacts, Reason
 from station.frames.import_files import inspect_files, list_folder, raw_only, sort_entries

@@ -16,9 +16,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.whole.studio import CHROMIUM, OPTIONS, drag, iou, make_session, screen, start, stop, until, wrong
-from processing.ground.room_model import Opening, OpeningKind, RoomModel
-from processing.pictures.masks import read_mask
+from benchmarks.whole.studio import (
+    CHROMIUM,
+    OPTIONS,
+    drag,
+    furnished,
+    iou,
+    make_session,
+    screen,
+    start,
+    stop,
+    until,
+    wrong,
+)
+from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room
+from processing.pictures.masks import read_mask, write_mask
 from processing.running.choices import read_choices
 from station.session.session import Side, WarningRecord
 from station.session.store import SessionStore
@@ -68,6 +80,8 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
     lit = lit_session(folder / "lit")
     for stage in ("calibrate", "materials", "remove", "room"):
         (lit / "stages" / stage / "result.json").write_text("{}")
+    furnished(lit, read_room(lit / "stages" / "room" / "room.json"))
+    write_mask(lit / "stages" / "remove" / "filled.png", np.zeros((64, 128), bool))
     server = start(folder)
     link = json.loads(server.stdout.readline())["links"][0]
     with playwright.sync_playwright() as started:
@@ -308,6 +322,30 @@ def test_a_piece_in_a_wall_is_refused_with_the_reason(opened: Opened) -> None:
     kept = json.loads((session / "arrangement.json").read_bytes())["arrangements"][0]["items"]
     assert {item["id"] for item in kept} == {"bed", "nightstand"}
     assert read_choices(session).chosen["arrangement"].file == "arrangement.json"
+
+
+def test_a_piece_is_lit_while_it_moves_and_takes_another_design(opened: Opened) -> None:
+    """The preview follows the drag; the design is in the session's arrangement, and undone."""
+    page, seconds = opened.page, "document.querySelector('[data-part=lit]').dataset.seconds"
+    screen(page, opened.lit.name, "furnish")
+    until(page, f"() => {seconds}")
+    before, last, at = page.locator(".stage").screenshot(), page.evaluate(seconds), [2.0, -0.5]
+    drag(page, ".piece[data-id=chest]", at, drop=False)
+    until(page, f"(last) => {seconds} !== last", last)
+    page.wait_for_timeout(300)
+    assert page.locator(".stage").screenshot() != before
+    drag(page, ".piece[data-id=chest]", at, drop=False)
+    page.mouse.up()
+
+    def model() -> str:
+        found = opened.lit / "arrangement.json"
+        items = json.loads(found.read_bytes())["arrangements"][0]["items"] if found.exists() else []
+        return next((item["model"] for item in items if item["id"] == "bed"), "none")
+
+    page.get_by_label("Design of bed").select_option("industrial")
+    wait(lambda: model() == "bed/industrial")
+    page.keyboard.press("Control+z")
+    wait(lambda: model() == "bed")
 
 
 def test_a_still_is_aimed_in_the_panorama(opened: Opened) -> None:

@@ -226,12 +226,7 @@ def _chosen(worth: npt.NDArray[np.float32], reference: Indices) -> Indices:
 
 
 def _show(
-    frames: Sequence[Codes],
-    tables: Samples,
-    planes: Planes,
-    ghost: Bytes,
-    places: Indices,
-    reference: Indices,
+    frames: Sequence[Codes], tables: Samples, planes: Planes, ghost: Bytes, places: Indices, reference: Indices
 ) -> None:
     """Show pixels as their reference frame saw them, or as the nearest frame that can.
 

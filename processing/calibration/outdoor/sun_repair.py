@@ -12,14 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from processing.calibration.outdoor.sun_disc import (
-    SUN_RADIUS_RAD,
-    SUN_SOLID_ANGLE_SR,
-    Sun,
-    Window,
-    find_sun,
-    window_at,
-)
+from processing.calibration.outdoor.sun_disc import SUN_RADIUS_RAD, SUN_SOLID_ANGLE_SR, Sun, Window, find_sun, window_at
 from processing.calibration.outdoor.sun_place import Beam
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError

@@ -64,14 +64,7 @@ def small_geometry(geometry: Geometry, rows: int) -> Geometry:
 
 
 def shaded(
-    stage: Stage,
-    small: Sight,
-    found: Irradiance,
-    geometry: Geometry,
-    eye_m: Vector,
-    *,
-    effort: Effort,
-    seed: int,
+    stage: Stage, small: Sight, found: Irradiance, geometry: Geometry, eye_m: Vector, *, effort: Effort, seed: int
 ) -> Floats:
     """Return the picture (H, W, 3) of a scene whose irradiance is known at a small size."""
     high, wide = geometry.height_px, geometry.width_px

@@ -96,12 +96,27 @@ def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
     from each point to each pane.
     """
     out = np.zeros((len(normals), 3))
-    for number, pane in enumerate(stage.scene.panes):
-        tint = transmittance_table(pane.transmittance, pane.sheets)
-        glass = _Glass(tint, pane.normal, pane.clear.ravel(), pane.veil_cd_m2.reshape(-1, 3))
+    for number in range(len(stage.scene.panes)):
         for rays in _rays_to(stage, number, points, normals, samples, key):
-            _add_outdoors(rays, stage.scene.outdoors.rgb, glass, out)
+            _add_outdoors(rays, stage.scene.outdoors.rgb, _glass_of(stage.scene.panes[number]), out)
     return out
+
+
+def _glass_of(pane: Pane) -> _Glass:
+    tint = transmittance_table(pane.transmittance, pane.sheets)
+    return _Glass(tint, pane.normal, pane.clear.ravel(), pane.veil_cd_m2.reshape(-1, 3))
+
+
+def sky_beams(
+    stage: Stage, points: Floats, normals: Floats, samples: int, key: Key
+) -> Iterator[tuple[Int64s, Floats, Doubles]]:
+    """Yield the rays of `skylight` one by one: whose (K,), their direction (K, 3), what each brings (K, 3), lx."""
+    for number, pane in enumerate(stage.scene.panes):
+        for rays in _rays_to(stage, number, points, normals, samples, key):
+            brought = np.zeros((len(rays.point), 3))
+            alone = rays._replace(point=np.arange(len(rays.point)))
+            _add_outdoors(alone, stage.scene.outdoors.rgb, _glass_of(pane), brought)
+            yield rays.point, rays.direction, brought
 
 
 @compiled

@@ -58,16 +58,7 @@ class Steps:
     """(N, MOST): sum 1, or 0 where there are none."""
 
     @classmethod
-    def of(
-        cls,
-        small: Sight,
-        large: Sight,
-        wanted: Flags,
-        places: Places,
-        *,
-        wraps: bool,
-        any_solid: bool,
-    ) -> Steps:
+    def of(cls, small: Sight, large: Sight, wanted: Flags, places: Places, *, wraps: bool, any_solid: bool) -> Steps:
         """Return the steps between two pictures of the same geometry but for their size.
 
         ``large`` may be any of the large picture's pixels, at ``places``. Pixels that are not ``wanted`` (N,) have no
@@ -99,13 +90,7 @@ class Steps:
 
 
 def upsampled(
-    values: Floats,
-    small: Sight,
-    large: Sight,
-    *,
-    wraps: bool,
-    places: Places | None = None,
-    among: Flags | None = None,
+    values: Floats, small: Sight, large: Sight, *, wraps: bool, places: Places | None = None, among: Flags | None = None
 ) -> tuple[Floats, Flags]:
     """Return values (N, K) for the large picture's pixels, and which (N,) have no small pixel of their own surface.
 

@@ -1,6 +1,6 @@
 // What the server knows and takes (studio/server.py).
 export type Point = [number, number];
-export type Pose = [x: number, y: number, theta: number];
+export type Pose = [x: number, y: number, theta: number, design: string];
 
 export interface Opening {
   kind: "window" | "door" | "passage";
@@ -26,6 +26,7 @@ export interface Room {
 export interface Piece {
   id: string;
   category: string;
+  model: string;
   size_m: [number, number, number];
   theta_rad: number;
   t_m: [number, number, number];
@@ -137,6 +138,8 @@ export const api = {
   forget: async (session: string, what: string): Promise<void> => void (await ask(at(session, `/correction/${what}`), { method: "DELETE" })),
   judge: async (session: string, places: Record<string, Pose>): Promise<string[]> =>
     ((await (await ask(at(session, "/judge"), { method: "POST", body: JSON.stringify(places) })).json()) as { broken: string[] }).broken,
+  /** By category the designs that a piece may have. */
+  designs: async (session: string): Promise<Record<string, Record<string, unknown>>> => (await ask(at(session, "/designs"))).json(),
   run: async (session: string, what: object): Promise<void> => void (await ask(at(session, "/run"), { method: "POST", body: JSON.stringify(what) })),
   live: async (session: string, what: string, asked: object): Promise<Response> => ask(at(session, `/live/${what}`), { method: "POST", body: JSON.stringify(asked) }),
   stop: async (session: string): Promise<void> => void (await ask(at(session, "/run"), { method: "DELETE" })),

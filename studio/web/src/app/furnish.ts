@@ -1,5 +1,6 @@
-// Furnish: pieces on the plan, dragged and turned, with the judge's verdict while they move.
-import { api, type Overview, type Piece, type Pose, type Room } from "./api";
+// Furnish: pieces on the plan, dragged, turned and exchanged, with the judge's verdict and their light while they move.
+import { PanoramaView } from "../viewer/panorama";
+import { api, factsOf, type Overview, type Piece, type Point, type Pose, type Room } from "./api";
 import { button, h, note, svg } from "./dom";
 import { ARROWS, draggable, Plan } from "./plan";
 import { onWall, round } from "./rooms";
@@ -14,10 +15,15 @@ type Places = Record<string, Pose>;
 const TURN = Math.PI / 12;
 const SNAP_RAD = 0.07;
 const read = async (answer: Response): Promise<Piece[]> => ((await answer.json()) as Arranged).arrangements[0]!.items;
-const placesOf = (pieces: Piece[]): Places => Object.fromEntries(pieces.map((one) => [one.id, [one.t_m[0], one.t_m[1], one.theta_rad]]));
+const placesOf = (pieces: Piece[]): Places => Object.fromEntries(pieces.map((one) => [one.id, [one.t_m[0], one.t_m[1], one.theta_rad, one.model]]));
+const named = (text: string): string => text.replaceAll("-", " ");
+const RAD = Math.PI / 180;
+/** Beyond this to the side, degrees, a piece that is chosen is turned to. */
+const ASIDE = 35;
 
 export async function furnishScreen(session: Overview): Promise<Screen> {
   const room = (await api.read<Room>(session.name, "room", async (answer) => (await answer.json()) as Room)).value;
+  const designs = await api.designs(session.name);
   let found = await api.read(session.name, "arrangement", read);
   let pieces = found.value;
   let places = placesOf(pieces);
@@ -25,6 +31,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   let focused = "";
   const turns = new Turns();
   const verdicts = new Latest();
+  const lights = new Latest();
   const undo = new Undo<Places>((before) => void keep(before, places));
   const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
   const plan = new Plan(room.floor, "Plan: drag pieces; R turns, Delete takes away");
@@ -32,7 +39,15 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   const bar = h("div", { class: "bar" },
     button("Undo", () => undo.back(places), { "data-part": "undo" }), button("Redo", () => undo.again(places)),
     button("Turn (R)", () => turn(TURN)), button("Take away", away), button("As arranged", () => void forget()));
-  const list = h("ul", { class: "objects" });
+  const list = h("ul", { class: "pieces" });
+  const stage = h("div", { class: "stage preview", role: "application", "aria-label": "Preview: drag or arrow keys to look around" });
+  const said = h("p", { class: "facts", "data-part": "lit", role: "status" }, "Working out the room's light: the first time takes some seconds …");
+  const view = new PanoramaView(stage, { wheel: true, field: 115 });
+  const middle = [0, 1].map((k) => pieces.reduce((sum, one) => sum + one.t_m[k]!, 0)) as Point;
+  view.look(Math.atan2(...middle) / RAD, -14);
+  const empty = new Image();
+  empty.src = api.picture(session.name, session.states.includes("Emptied") ? "Emptied" : "Photograph", 2048, session.stamp);
+  empty.decode().then(() => said.dataset.seconds ?? view.picture(empty, false), () => undefined);
 
   plan.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
   room.floor.forEach(([x, y], i) => {
@@ -57,20 +72,26 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   function draw(): void {
     layer.replaceChildren(...pieces.filter((one) => places[one.id]).map((one) => {
       const [w, d] = one.size_m;
-      const name = one.id.replaceAll("-", " ");
+      const name = named(one.id);
       const mark = svg("g", { class: "piece", tabindex: 0, role: "button", "aria-label": name, "data-id": one.id },
         svg("rect", { x: -w / 2, y: -d / 2, width: w, height: d, rx: 0.04 }),
         svg("line", { class: "front", x1: -w / 2 + 0.05, x2: w / 2 - 0.05, y1: -d / 2 + 0.05, y2: -d / 2 + 0.05 }),
         svg("text", { "font-size": Math.max(1.6 * plan.scale, Math.min(2.6 * plan.scale, (1.7 * w) / name.length)) }, name));
       place(mark, one.id);
-      mark.addEventListener("focus", () => (focused = one.id));
+      mark.addEventListener("focus", () => choose(one.id));
       mark.addEventListener("keydown", (event) => key(event, one.id));
       draggable(mark, (down) => drag(down, one.id, mark));
       return mark;
     }));
-    list.replaceChildren(...pieces.map((one) => h("li", {}, h("label", {},
-      h("input", { type: "checkbox", checked: Boolean(places[one.id]), change: () => putBack(one) }),
-      `${one.id.replaceAll("-", " ")} · ${one.size_m.map((m) => m.toFixed(2)).join(" × ")} m`))));
+    list.replaceChildren(...pieces.map((one) => {
+      const design = places[one.id]?.[3] ?? one.model;
+      const kinds = new Set([...Object.keys(designs[one.category] ?? {}), design]);
+      const pick = h("select", { "aria-label": `Design of ${named(one.id)}`, disabled: !places[one.id], change: () => exchange(one.id, pick.value) },
+        ...[...kinds].map((kind) => h("option", { value: kind, selected: kind === design }, kind === one.category ? "The room's style" : named(kind.split("/").at(-1)!))));
+      return h("li", { "data-piece": one.id }, h("label", {},
+        h("input", { type: "checkbox", checked: Boolean(places[one.id]), change: () => putBack(one) }), named(one.id)),
+        h("span", { class: "facts" }, `${one.size_m.map((m) => m.toFixed(2)).join(" × ")} m`), pick);
+    }));
     say();
   }
 
@@ -80,6 +101,36 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     for (const mark of marks()) mark.classList.toggle("wrong", broken.some((line) => new RegExp(`\\b${mark.dataset.id}\\b`).test(line)));
   }
 
+  /** Turn to a piece that is out of sight. */
+  function choose(id: string): void {
+    focused = id;
+    const [x, y] = places[id]!;
+    const yaw = Math.atan2(x, y) / RAD;
+    if (Math.abs(((yaw - view.yaw + 540) % 360) - 180) > ASIDE) view.look(yaw, view.pitch);
+  }
+
+  const exchange = (id: string, design: string): void => {
+    const [x, y, theta] = places[id]!;
+    void keep({ ...places, [id]: [x, y, theta, design] }, places, true);
+  };
+
+  /** Show the furniture that stands so, with its light. */
+  const light = (asked: Places): Promise<void> => lights.ask(async () => {
+    const begin = performance.now();
+    try {
+      const answer = await api.live(session.name, "staged", { places: asked });
+      const picture = await createImageBitmap(await answer.blob());
+      view.picture(picture, false);
+      said.classList.remove("bad");
+      said.dataset.seconds = String((performance.now() - begin) / 1000);
+      said.dataset.worked = String(factsOf<{ seconds: number }>(answer).seconds);
+      said.textContent = "Preview in the captured light: furniture alone, softly. Decoration, mirrors and full sharpness come with the render.";
+    } catch (error) {
+      said.classList.add("bad");
+      said.textContent = `No preview: ${(error as Error).message}`;
+    }
+  });
+
   const judge = (asked: Places): Promise<void> => verdicts.ask(async () => {
     broken = await api.judge(session.name, asked);
     say();
@@ -87,13 +138,14 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
 
   function drag(down: PointerEvent, id: string, mark: SVGGElement): { move: (event: PointerEvent) => void; end: () => void } {
     const [start, before] = [plan.at(down), places];
-    const [x, y, theta] = before[id]!;
+    const [x, y, ...rest] = before[id]!;
     return {
       move: (event) => {
         const here = plan.at(event);
-        places = { ...places, [id]: [round(x + here[0] - start[0]), round(y + here[1] - start[1]), theta] };
+        places = { ...places, [id]: [round(x + here[0] - start[0]), round(y + here[1] - start[1]), ...rest] };
         place(mark, id);
         void judge(places);
+        void light(places);
       },
       end: () => {
         if (places !== before) void keep(places, before, true);
@@ -103,9 +155,9 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
 
   function key(event: KeyboardEvent, id: string): void {
     const arrow = ARROWS[event.key];
-    const [x, y, theta] = places[id]!;
+    const [x, y, ...rest] = places[id]!;
     const by = event.shiftKey ? 0.1 : 0.02;
-    if (arrow) move(id, [round(x + arrow[0] * by), round(y + arrow[1] * by), theta]);
+    if (arrow) move(id, [round(x + arrow[0] * by), round(y + arrow[1] * by), ...rest]);
     else if (event.key === "r" || event.key === "R") turn(event.shiftKey ? -TURN : TURN);
     else if (event.key === "Delete" || event.key === "Backspace") away();
     else return;
@@ -124,7 +176,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
       const off = (theta - Math.atan2(to[1] - y, to[0] - x)) / (Math.PI / 2);
       if (Math.abs(off - Math.round(off)) * (Math.PI / 2) < SNAP_RAD) theta -= (off - Math.round(off)) * (Math.PI / 2);
     });
-    move(focused, [at[0], at[1], theta]);
+    move(focused, [at[0], at[1], theta, at[3]]);
   }
 
   function away(): void {
@@ -137,7 +189,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     if (places[one.id]) {
       focused = one.id;
       away();
-    } else void keep({ ...places, [one.id]: [one.t_m[0], one.t_m[1], one.theta_rad] }, places, true);
+    } else void keep({ ...places, [one.id]: placesOf([one])[one.id]! }, places, true);
   }
 
   /** Save; where a rule is broken the piece goes back to where it was, and the reason is said. */
@@ -146,10 +198,10 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     try {
       await judge(changed);
       if (broken.length) throw new Error(broken[0]);
+      if (step) undo.step(before);
       await turns.save(async () => {
         found = await api.write(session.name, "arrangement", found.digest, JSON.stringify(changed), read);
       });
-      if (step) undo.step(before);
       verdict.dataset.saved = found.digest;
       note("Saved");
     } catch (error) {
@@ -158,6 +210,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
       broken = [];
     }
     draw();
+    void light(places);
     if (focused) marks().find((mark) => mark.dataset.id === focused)?.focus();
   }
 
@@ -170,6 +223,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     pieces = [...now.value, ...gone];
     places = placesOf(now.value);
     draw();
+    void light(places);
   });
 
   async function forget(): Promise<void> {
@@ -181,12 +235,14 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
 
   draw();
   void judge(places);
+  void light(places);
   return {
-    element: h("section", { class: "side-by-side" }, h("div", {}, bar, plan.element, verdict), h("div", {}, h("h2", {}, "Pieces"), list)),
+    element: h("section", { class: "side-by-side even" }, h("div", {}, bar, plan.element, verdict), h("div", {}, stage, said, h("h2", {}, "Pieces"), list)),
     refresh,
     undo: () => undo.back(places),
     redo: () => undo.again(places),
-    command: `daylit process ${session.path} --arrangement arrangement.json`,
+    close: () => view.dispose(),
+    command: `daylit process ${session.path} --arrangement ${session.path}/arrangement.json`,
     run: { until: "report", text: "Render with these places" },
   };
 }
