@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.architecture.sources import nodes_of, tree_of
+
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("drivers", "mocks", "station", "processing", "studio")
 FILES = [p for folder in PRODUCT for p in sorted((ROOT / folder).rglob("*.py"))]
@@ -52,13 +54,8 @@ def where(path: Path) -> str:
 
 
 @cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text("utf-8"))
-
-
-@cache
 def functions(path: Path) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
-    return [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    return [n for n in nodes_of(path) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
 
 
 def public_functions(scope: ast.Module | ast.ClassDef) -> Iterator[ast.FunctionDef]:
@@ -109,7 +106,7 @@ def test_no_drawer_of_one_function_for_one_caller() -> None:
     importers: defaultdict[str, set[str]] = defaultdict(set)
     modules = {where(p)[:-3].replace("/", "."): p for p in FILES}
     for path in FILES:
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.ImportFrom) and node.module:
                 for name in (node.module, *(f"{node.module}.{alias.name}" for alias in node.names)):
                     importers[name].add(where(path))

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.architecture.sources import nodes_of
+
 ROOT = Path(__file__).resolve().parents[2]
 OURS = ("drivers", "mocks", "station", "processing", "studio", "tests", "benchmarks", "training", "daylit")
 
@@ -92,14 +94,13 @@ def imports(path: Path) -> tuple[tuple[str, ast.stmt, bool], ...]:
 
 
 def _imports(path: Path) -> Iterator[tuple[str, ast.stmt, bool]]:
-    tree = ast.parse(path.read_text("utf-8"))
     typing_only = {
         id(inner)
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
         for inner in ast.walk(node)
     }
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             for name in node.names:
                 yield name.name, node, id(node) in typing_only

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import time
 from pathlib import Path
 
@@ -13,8 +12,6 @@ from benchmarks.memory import MemoryWatch, peak_mb
 from benchmarks.paired import Cost, compare, robust_spread
 from benchmarks.plots import Point, time_against_error
 from benchmarks.seeds import TEST, TRAIN, VALIDATION, Split, seeds
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_pairs_run_in_the_order_abba(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,15 +99,3 @@ def test_seeds_stay_the_ones_that_figures_were_taken_with() -> None:
 def test_more_seeds_than_there_are_is_refused() -> None:
     with pytest.raises(ValueError, match="100000 seeds"):
         seeds("test", 100_001)
-
-
-def test_only_benchmarks_and_tests_know_the_test_seeds() -> None:
-    wrong = []
-    for folder in ("drivers", "mocks", "station", "processing"):
-        for path in (*(ROOT / folder).rglob("*.py"), ROOT / "daylit.py"):
-            text = path.read_text("utf-8")
-            modules = {getattr(node, "module", None) for node in ast.walk(ast.parse(text))}
-            named = {alias.name for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Import) for alias in n.names}
-            if any(str(module).startswith("benchmarks") for module in modules | named):
-                wrong.append(f"{path.name} imports benchmarks")
-    assert not wrong, wrong
