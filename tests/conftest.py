@@ -6,13 +6,21 @@ A run that fails by chance tells a user nothing about what he changed; the long 
 from __future__ import annotations
 
 import gc
+import hashlib
 import os
 import shutil
 import sys
 import tempfile
+import time
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from platformdirs import user_cache_path
+
+ROOT = Path(__file__).resolve().parents[1]
+KEPT_S = 7 * 86_400
+"""Worlds of other sources (chosen: somebody who goes back to yesterday's branch finds them)."""
 
 os.environ["DAYLIT_MODELS"] = os.devnull
 """No network of others, whatever is installed here."""
@@ -32,8 +40,32 @@ settings.load_profile("new" if LONG else "same")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give all workers of this run one folder for rendered worlds: what one has made, none makes again."""
-    if not hasattr(config, "workerinput"):
-        folder = tempfile.mkdtemp(prefix="daylit-test-worlds-")
-        os.environ["DAYLIT_CACHE"] = folder
+    """Give all workers, and later runs, one folder for simulated worlds: what one has made, none makes again.
+
+    Worlds are what tests start from, not what they test: they are kept by the content of what makes them, and those of
+    another content go when they were not used for a week.
+    """
+    if hasattr(config, "workerinput"):
+        return
+    if LONG:
+        folder = Path(tempfile.mkdtemp(prefix="daylit-test-worlds-"))
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+    else:
+        kept = user_cache_path("daylit") / "tests"
+        folder = kept / sources_digest()
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        for other in kept.iterdir():
+            if time.time() - other.stat().st_mtime > KEPT_S:
+                shutil.rmtree(other, ignore_errors=True)
+    os.environ["DAYLIT_CACHE"] = str(folder)
+
+
+def sources_digest() -> str:
+    """Return the digest of all that simulated worlds are made by."""
+    digest = hashlib.sha256()
+    for folder in ("mocks", "processing/ground", "benchmarks"):
+        for path in sorted((ROOT / folder).rglob("*.*")):
+            if path.suffix in (".py", ".toml", ".light"):
+                digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:16]

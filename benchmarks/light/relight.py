@@ -68,6 +68,9 @@ CODE = {
 }
 LOWER_M = 0.6
 HEIGHT = 128
+VIEW_ROWS = 128
+LONG = Effort(pixel_samples=48, patch_samples=256, sun_samples=256, clean=False)
+"""Of the renders that relit pictures are held against."""
 FRESH = Effort(pixel_samples=4)
 DARK = sky_outdoors(lambda rays: np.zeros(rays.shape), rows=16)
 
@@ -186,7 +189,7 @@ def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
     scene, eye = scene_of_seed(number)
     geometry, effort = Equirectangular(2 * rows, rows), replace(BASIS_EFFORTS["standard"], rows=rows)
     fresh_effort = replace(FRESH, rows=rows)
-    long = replace(FRESH, rows=rows, pixel_samples=48, patch_samples=256, sun_samples=256, clean=False)
+    long = replace(LONG, rows=rows)
     lights = lights_of_seed(number, quick=quick)
     made: list[RelightView] = []
 
@@ -291,16 +294,16 @@ def viewpoint(number: int, use: Any) -> dict[str, float]:
     """Return the median relative error of what the camera saw, shown from lower down, and its share, in per cent."""
     room, truth = truth_of(number, use)
     found = albedo_of_room(
-        picture(truth.empty_rgb), room_model_of(room), outdoors_of_room(room), reveal_m=0.24, rows=256
+        picture(truth.empty_rgb), room_model_of(room), outdoors_of_room(room), reveal_m=0.24, rows=2 * VIEW_ROWS
     )
     x, y, z = room.eye
     lower = (x, y, z - LOWER_M)
-    geometry = Equirectangular(256, 128)
+    geometry = Equirectangular(2 * VIEW_ROWS, VIEW_ROWS)
     ours = seen_from(found.scene, truth.empty_rgb, room.eye, geometry, lower)
     there = replace(room, plan=replace(room.plan, camera_height_m=z - LOWER_M)).emptied()
-    rays = equirectangular(128)
+    rays = equirectangular(VIEW_ROWS)
     actual = (
-        RoomWorld(there, QUALITY).radiance(Site.INDOOR, rays.reshape(-1, 3), math.pi / 128).reshape(*rays.shape)
+        RoomWorld(there, QUALITY).radiance(Site.INDOOR, rays.reshape(-1, 3), math.pi / VIEW_ROWS).reshape(*rays.shape)
         @ WEIGHTS
     )
     usable = ours.seen & (actual > 0)

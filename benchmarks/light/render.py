@@ -55,6 +55,8 @@ CODE = {"ours": ("processing/light/**/*.py",), "theirs": ()}
 RACE_ROOMS, RADIANCE_ROOMS, METHOD_ROOMS, SHEET_ROOMS = 8, 3, 4, 4
 """Radiance takes longest, and is looked at in a room of each kind."""
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
+QUICK_TRUTH = {"pixels": 200, "rays": 256, "patch_rays": 48}
+QUICK_SAMPLES, QUICK_STAGED_ROWS, QUICK_RADIANCE_SAMPLES = 64, 48, 256
 REFERENCE = Effort(texel_m=0.05, patch_samples=256, rows=4096, pixel_samples=1024, sun_samples=512, clean=False)
 AMBIENT = {
     True: ("-ab", "6", "-ad", "512", "-as", "128", "-aa", "0.2", "-ar", "64", "-lw", "1e-5"),
@@ -64,7 +66,7 @@ AMBIENT = {
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics and rivals; see the module's docstring."""
-    cases = analytic(64 if quick else 1024, seed)
+    cases = analytic(QUICK_SAMPLES if quick else 1024, seed)
     worst = max(cases, key=lambda case: abs(cases[case]))
     metrics: dict[str, float] = {"analytic_err_pct": round(abs(cases[worst]), 4)}
     metrics |= {f"{name}_pct": round(error, 4) for name, error in cases.items()}
@@ -72,7 +74,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     rows = Rows("render", seed, CODE, keep=not quick)
     race = raced(rows, quick=quick, seed=seed)
     raced_metrics, rivals = race_figures(race)
-    staged, boxes_ibl = staging(48 if quick else 128, seed)
+    staged, boxes_ibl = staging(QUICK_STAGED_ROWS if quick else 128, seed)
     rivals["ibl_boxes"] = boxes_ibl
     notes = [f"analytic: worst is {worst}", *(_told(row) for row in race)]
     found = growth(rows, quick=quick, seed=seed)
@@ -97,7 +99,7 @@ def raced(rows: Rows, *, quick: bool, seed: int) -> list[dict[str, Any]]:
             for k, room in enumerate(race_rooms(RACE_ROOMS, seed))
         ]
     room = race_rooms(1, seed)[0]
-    truth = truth_of_room(room, seed, pixels=200, rays=256, patch_rays=48)
+    truth = truth_of_room(room, seed, **QUICK_TRUTH)
     row: dict[str, Any] = {"room": room.name, "kind": room.kind, "noise": truth.noise}
     row |= {f"ours_{n}": timed(room, truth, n, seed + 1) for n in (2, 16)}
     return [row | {"path": plain_path(room, truth, seed), "denoised_path": denoised_path(room, truth, seed)}]
@@ -223,7 +225,7 @@ def against_radiance(*, quick: bool, seed: int) -> float:
     """Return how far our mean illuminance is from Radiance's (%), root mean square over the grid's points."""
     if importlib.util.find_spec("pyradiance") is None:
         raise RuntimeError("pyradiance is not installed (pip install daylit[bench])")
-    level, samples = 1000.0, 256 if quick else 2048
+    level, samples = 1000.0, QUICK_RADIANCE_SAMPLES if quick else 2048
     even = Outdoors(np.full((16, 32, 3), level, np.float32))
     scene = plain_room(even)
     points = np.array([(x, y, 0.75) for x in (-1.5, 0.0, 1.5) for y in (-1.2, 0.0, 1.2)])

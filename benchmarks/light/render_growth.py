@@ -31,6 +31,8 @@ from processing.stages.arrange import with_door
 from processing.stages.furnishing import furniture_parts
 
 WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 6720), (128, 256)
+SMALL_ROWS = 256
+"""Of the photograph that is made larger."""
 TRIANGLES_WIDTH = 1024
 EFFORT = Effort(cleaning="fast")
 QUICK_EFFORT = Effort(texel_m=0.2, patch_samples=16, rows=128, pixel_samples=4, cleaning="fast")
@@ -62,7 +64,7 @@ def _living() -> tuple[Part, ...]:
 
 def _staged(width: int, parts: tuple[Part, ...], effort: Effort, seed: int) -> dict[str, float]:
     room = plain_room(clear_sky())
-    small = render(room, Equirectangular(512, 256), EYE, effort=effort, seed=seed).rgb
+    small = render(room, Equirectangular(2 * SMALL_ROWS, SMALL_ROWS), EYE, effort=effort, seed=seed).rgb
     photograph: Floats = np.asarray(cv2.resize(small, (width, width // 2), interpolation=cv2.INTER_LINEAR), np.float32)
     differential(small[::4, ::4].copy(), room, parts[:1], EYE, effort=Effort(patch_samples=2, pixel_samples=2, rows=32))
     with MemoryWatch() as memory:

@@ -16,6 +16,8 @@ from processing.ground.arrays import Floats
 Frames = Sequence[npt.NDArray[np.uint8]]
 ROBERTSON_STEP_PX = 8
 """OpenCV's Robertson calibration looks at all pixels and takes minutes; every 8th gives the same curve."""
+COLOUR_HDRI_SAMPLES = 120
+"""Given to colour-hdri, which takes some seconds even so."""
 
 
 def opencv_response(curve: ResponseCurve) -> Floats:
@@ -72,7 +74,9 @@ def colour_hdri(frames: Frames, times_s: Sequence[float]) -> Floats:
             metadata = hdri.Metadata(f_number=np.array(5.6), exposure_time=np.array(time_s), iso=np.array(100))
             stack.append(hdri.Image(data=frame.astype(np.float64) / 255, metadata=metadata))
         curves = hdri.camera_response_functions_Debevec1997(
-            stack, sampling_function=hdri.samples_Grossberg2003, sampling_function_kwargs={"samples": 120}
+            stack,
+            sampling_function=hdri.samples_Grossberg2003,
+            sampling_function_kwargs={"samples": COLOUR_HDRI_SAMPLES},
         )
         return np.asarray(hdri.image_stack_to_HDRI(stack, camera_response_functions=curves), dtype=np.float32)
 

@@ -6,6 +6,7 @@ The figures of such runs mean nothing; that they are there, finite and reached b
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import sys
 from typing import Any
@@ -14,7 +15,9 @@ import pytest
 
 from benchmarks import form, truth_rooms
 from benchmarks.shared_data import DATA
+from mocks.rooms.light.light import QUALITIES, Quality
 from mocks.rooms.model import Use
+from processing.light.solver.irradiance import Effort
 
 KEYS = {
     "capture": "limit_ratio skew_p99_ms peak_mb help_s",
@@ -81,9 +84,32 @@ SMALLER: dict[str, Any] = {
 SMALL: dict[str, dict[str, Any]] = {
     "albedo": {"light.albedo.ROWS": 64, "light.albedo.OUTDOOR_ROWS": 64, "light.albedo.RELIGHT_ROWS": 16},
     "files": {"whole.files.QUICK": (420, 210)},
-    "response": {"photometry.response.QUICK_SIZE": (840, 420)},
+    "response": {
+        "photometry.response.QUICK_SIZE": (420, 210),
+        "hostile.dorf.MOST": 4,
+        "hostile.dorf.SIZE": (420, 210),
+        "photometry.response.QUICK_COLOUR_HDRI_SAMPLES": 20,
+    },
     "hostile": {"hostile.hostile.QUICK_WORLDS": (1,)},
-    "relight": {"light.relight.HEIGHT": 32, "light.relight_photo.QUICK_ROWS": 64},
+    "merge": {"photometry.merge_rivals.COLOUR_HDRI_SAMPLES": 20, "photometry.merge.QUICK_SIZE": (210, 105)},
+    "relight": {
+        "light.relight.HEIGHT": 32,
+        "light.relight.VIEW_ROWS": 32,
+        "light.relight.LONG": Effort(pixel_samples=4, patch_samples=16, sun_samples=16, clean=False),
+        "light.relight_photo.QUICK_ROWS": 64,
+        "light.albedo.OUTDOOR_ROWS": 64,
+    },
+    "render": {
+        "light.render.QUICK_TRUTH": {"pixels": 50, "rays": 32, "patch_rays": 16},
+        "light.render.QUICK_SAMPLES": 16,
+        "light.render.QUICK_STAGED_ROWS": 24,
+        "light.render.QUICK_RADIANCE_SAMPLES": 32,
+        "light.render.REFERENCE": Effort(texel_m=0.2, patch_samples=16, rows=64, pixel_samples=16, sun_samples=16),
+        "light.render_growth.SMALL_ROWS": 64,
+        "light.render_growth.QUICK_WIDTHS": (64, 128),
+        "light.render_time.ROWS": 64,
+        "light.render_time.REFERENCE_TEXEL_M": 0.2,
+    },
     "remove": {"removal.rooms.FULL": (672, 336)},
     "truth": {
         "light.truth.QUICK_SPP": {"furnace": 256, "sphere": 256, "form_factor": 1024, "daylight": 256},
@@ -94,6 +120,16 @@ SMALL: dict[str, dict[str, Any]] = {
     },
 }
 """Constants of one benchmark, below the package `benchmarks`."""
+
+
+SMALL_WORLDS: dict[str, Any] = {
+    "mocks.rooms.light.light.ENVIRONMENT_ROWS": 32,
+    "mocks.rooms.sky.backdrop.COLUMNS": 512,
+    "mocks.rooms.sky.backdrop.PIXEL_RAD": 2 * math.pi / 512,
+    "mocks.rooms.sky.backdrop.ROWS": round(math.radians(56) / (2 * math.pi / 512)),
+}
+"""A coarse sky and skyline for simulated rooms, and few rays (`TRUTH_QUALITY`)."""
+TRUTH_QUALITY = Quality(24, 4)
 
 
 def small_truth(seed: int, use: Use | str | None = None, rows: int = ROOM_ROWS, **_kept: Any) -> Any:
@@ -115,9 +151,11 @@ def shrink(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
                 monkeypatch.setattr(
                     module, listing, lambda split, _count, seed=0, **_: truth_rooms.truth_list(split, 1, seed)
                 )
-    for place, value in SMALL.get(name, {}).items():
+    small = {f"benchmarks.{place}": value for place, value in SMALL.get(name, {}).items()}
+    for place, value in (SMALL_WORLDS | small).items():
         module_name, _, constant = place.rpartition(".")
-        monkeypatch.setattr(importlib.import_module(f"benchmarks.{module_name}"), constant, value)
+        monkeypatch.setattr(importlib.import_module(module_name), constant, value)
+    monkeypatch.setitem(QUALITIES, truth_rooms.QUALITY, TRUTH_QUALITY)
 
 
 def test_the_list_is_whole() -> None:
