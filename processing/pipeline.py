@@ -134,7 +134,7 @@ STAGES: tuple[Stage, ...] = (
         trades=("quality",),
     ),
     Stage(
-        "remove", 8, "remove furniture", "processing.stages.remove:run", ("calibrate", "room", "detect", "light"),
+        "remove", 9, "remove furniture", "processing.stages.remove:run", ("calibrate", "room", "detect", "light"),
         makes=(
             Artifact("empty", "picture"), Artifact("filled", "mask"), Artifact("lift", "file", True, "lift.npz"),
             Artifact("surfaces", "file", file_name="surfaces.npz"),

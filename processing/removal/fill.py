@@ -21,6 +21,7 @@ from processing.ground.seam import wrapped
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
+from processing.removal.plain import MOST_RISE_FLOOR, seamless
 from processing.removal.plane_fill import (
     CONTINUED,
     SEEN,
@@ -294,6 +295,8 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     elsewhere = np.median(layers.reshape(-1, 5)[among, :3], axis=0).astype(np.float32)
     fill = fill_plane if isinstance(quality, str) else quality.fill
     done = fill(texture, hole, mixed, room, elsewhere, skirting)
+    most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
+    done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
     return replace(done, values=values, confidence=done.confidence * (1 - UNSURE_SUN * lit)) if lit.any() else done
 

@@ -30,8 +30,8 @@ WIDE_SHARE = 0.02
 """Of the wide neighbourhood's weight against the near one's."""
 RISE_M = 0.2
 """From the rim into the hole, on which the light rises."""
-MOST_RISE = 0.4
-"""Tone by which it rises at most."""
+MOST_RISE, MOST_RISE_FLOOR = 0.4, 0.12
+"""Tone by which it rises at most; floors have bright and dark boards (chosen by four simulated rooms)."""
 LEAST_FAR = 0.3
 """Of the known texels that must be far from the hole."""
 
@@ -42,11 +42,11 @@ def away_from(known: Flags, hole: Flags, px_per_m: float) -> Flags:
     return far if far.sum() > LEAST_FAR * known.sum() else known
 
 
-def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m: float) -> Floats:
+def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m: float, most: float) -> Floats:
     """Return (H, W), >= 0: the tone by which light in the hole is above its membrane; 0 elsewhere, and at the rim.
 
-    ``light`` (H, W, 3): tones where ``clean`` (H, W), and in the hole their membrane. It rises away from all that is
-    ``seen``. It never falls: a wall's place behind furniture is not darker than its surroundings for that.
+    ``light`` (H, W, 3): tones where ``clean`` (H, W), and in the hole as filled. It rises away from all that is
+    ``seen``, by ``most`` at most. It never falls: a place behind furniture is not darker than around for that.
     """
     if not hole.any() or not clean.any():
         return np.zeros(hole.shape, np.float32)
@@ -57,7 +57,7 @@ def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m
     for around_m, part in zip(AROUND_M, (1.0, WIDE_SHARE), strict=True):
         total += np.float32(part) * blurred(level * weight, around_m * px_per_m)
         share += np.float32(part) * blurred(weight, around_m * px_per_m)
-    rise = np.clip(total / share - level, 0, MOST_RISE)
+    rise = np.clip(total / share - level, 0, most)
     inward = cv2.distanceTransform((hole | ~seen).astype(np.uint8), cv2.DIST_L2, 5)
     rise *= 1 - np.exp(-((inward / np.float32(RISE_M * px_per_m)) ** 2))
     # Where nothing is far enough to measure, nothing rises.
@@ -87,11 +87,6 @@ SLOW_ROWS = 0.08
 """Of the height: slower changes are light."""
 CALM = 5.0
 """Times the median energy of grain, from which there is more than grain."""
-RIM_PX = 4
-SHADOW_COLOUR, SHADOW_ROUGH, DARKEST = 0.4, 0.06, 0.8
-"""How far a shadow's colour may be off, of its depth; how rough it may be and how dark it is taken for, in tones."""
-FADING = 0.05
-"""Of the texture's size, on which shadows run out."""
 NEAR = 0.25
 """Of the texture's width: how far from the hole rows are still looked at for their profile."""
 
@@ -149,10 +144,7 @@ def fill_plain(
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     smooth = np.asarray(slow + profile + low, np.float32)
     if px_per_m is not None:
-        smooth += rising_light(low, clean, known if beside is None else beside, hole, px_per_m)[..., None]
-    if beside is not None:
-        step = np.asarray(scale.tone(values) - level - smooth, np.float32)
-        smooth += fading_shadows(step, beside & ~hole, hole)
+        smooth += rising_light(low, clean, known if beside is None else beside, hole, px_per_m, MOST_RISE)[..., None]
     filled = level + smooth
     if roughness <= most_rough:
         filled = filled + _copied_grain(grain, _calm(grain, clean), hole)
@@ -214,10 +206,8 @@ def _other_colours(tone: Floats, known: Flags) -> Flags:
 def _outliers(rest: Floats, known: Flags) -> Flags:
     """Return what differs from its surface: sockets, pictures, cracks, and a few pixels around."""
     level = grey(rest)
-    if not known.any():
-        return np.zeros_like(known)
     off = np.abs(level - known_mean(level, known, max(4.0, 0.06 * max(known.shape)))[0])
-    spread_of = max(1.4826 * float(np.median(off[known])), LEAST_SPREAD)
+    spread_of = max(1.4826 * float(np.median(off[known])) if known.any() else 0.0, LEAST_SPREAD)
     odd = known & (off > OUTLIER * spread_of)
     return cv2.dilate(odd.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & known
 
@@ -230,27 +220,6 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
     lively = clean & (energy > CALM * float(np.median(energy[clean])) + 1e-8)
     out = clean & ~cv2.dilate(lively.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     return out if out.sum() > 0.05 * clean.sum() else clean
-
-
-def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
-    """Return (H, W, 3) the soft shadows that end at a hole's rim, run out into it; 0 elsewhere.
-
-    ``step`` (H, W, 3): tone of what is seen less that of the filling. Only what is darker, of the same colour and
-    without edges of its own is a shadow; the rest of a thing is not.
-    """
-    near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
-    ring = near & beside
-    if not ring.any():
-        return np.zeros_like(step)
-    mean, _ = known_mean(step, beside, RIM_PX / 2)
-    shade = grey(mean)
-    colour = np.abs(mean - shade[..., None]).max(axis=-1)
-    rough = np.abs(grey(step.astype(np.float32)) - shade)
-    soft = ring & (shade < 0) & (colour < SHADOW_COLOUR * np.abs(shade) + 0.02) & (rough < SHADOW_ROUGH)
-    dark = np.where(soft, np.maximum(shade, -DARKEST), 0).astype(np.float32)
-    away = cv2.distanceTransform((~ring).astype(np.uint8), cv2.DIST_L2, 3)
-    fading = np.exp(-away / (FADING * max(hole.shape)))
-    return np.where(hole, spread(dark, ring) * fading, 0).astype(np.float32)[..., None].repeat(3, axis=-1)
 
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
@@ -282,3 +251,34 @@ def _confidence(clean: Flags, hole: Flags) -> Floats:
         return np.where(hole, 0, 1).astype(np.float32)
     away = cv2.distanceTransform((~clean).astype(np.uint8), cv2.DIST_L2, 3)
     return np.where(hole, 0.95 * np.exp(-away / (0.35 * max(clean.shape))), 1).astype(np.float32)
+
+
+# Where a filling meets what is seen, both have one tone: what it is off by at the rim runs out into the hole.
+
+RIM_TEXELS, ALONG_M = 2.0, 0.05
+"""Neighbourhood in which the tones of both sides are compared, and along the rim (chosen)."""
+MOST_STEP, MOST_COLOUR = 0.9, 0.4
+"""Tone, and of it that no light makes (colour), from which what is seen is another thing (chosen by looking)."""
+FADE_M = (0.5, 0.15)
+"""On which the step runs out where what is seen is brighter (glow), and darker (shade, which is to go; chosen)."""
+
+
+def seamless(values: Floats, fit: Flags, hole: Flags, px_per_m: float, most_rise: float) -> Floats:
+    """Return a filled texture (H, W, 3), light, with its ``hole`` (H, W) in one tone with what is ``fit`` beside it."""
+    scale = ToneScale.of(values, fit)
+    tone = scale.tone(values)
+    if most_rise:
+        level = known_mean(tone, fit | hole, RISE_M / 2 * px_per_m)[0]
+        tone = tone + rising_light(level, fit, fit, hole, px_per_m, most_rise)[..., None]
+    (seen, near), (made, _) = (known_mean(tone, side, RIM_TEXELS) for side in (fit, hole))
+    step = seen - made
+    colour = np.abs(step - grey(step)[..., None]).max(axis=-1)
+    rim = hole & (near > 0.1) & (colour < MOST_COLOUR) & (np.abs(step).max(axis=-1) < MOST_STEP)
+    away = cv2.distanceTransform((~rim).astype(np.uint8), cv2.DIST_L2, 5)
+    step = known_mean(step, rim, max(ALONG_M * px_per_m, RIM_TEXELS))[0]
+    bright = np.maximum(step, 0)
+    fading = [np.exp(-away / np.float32(fade_m * px_per_m))[..., None] for fade_m in FADE_M]
+    more = spread(bright, rim) * fading[0] + spread(step - bright, rim) * fading[1]
+    out = values.copy()
+    out[hole] = scale.light(tone + more)[hole]
+    return out

@@ -162,6 +162,8 @@ ABOVE_M = (0.3, 0.6)
 LEAST_COLUMNS = 12
 MIXED_PX, FARTHER = 1.5, 1.2
 """Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
+EDGE_ROWS, LEAST_EDGE = 3, 0.01
+"""In which the upper edge of a skirting lies, and the tone that counts for none (chosen)."""
 LEAST_TONE, MOST_SPREAD = 0.04, 0.35
 """Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone)."""
 
@@ -202,7 +204,10 @@ def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, maske
             found.append(profile)
     if not found:
         return None
-    profiles, columns = np.stack([tone for tone, _ in found]), np.array([count for _, count in found], np.float64)
+    profiles = np.stack([tone for tone, _ in found])
+    # Skirting ends within `EDGE_ROWS`; shade, which walls without a seen skirting have there, does not.
+    edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
+    columns = np.array([count for _, count in found], np.float64) * edge.clip(LEAST_EDGE)
     middle = _weighted_median(profiles, columns)
     strongest = int(np.abs(middle).mean(axis=1).argmax())
     height = float(np.abs(middle[strongest]).mean())

@@ -86,17 +86,17 @@ def find_shadows(
 def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None], room: RoomModel) -> Floats:
     """Return factors (H, W, 3) float32 that take the soft shadows of furniture off a panorama (H, W, 3), linear.
 
-    ``shadow`` (H, W); ``hidden``: what is removed, and what else seems no part of its surface, (H, W): 1 there, but for
-    what is a shadow (the dark under a bed is taken for the bed).
+    ``shadow`` (H, W); ``hidden``: what is removed (1 there), and what else seems no part of its surface, (H, W): that
+    teaches nothing, but for shadow (the dark under a bed is taken for the bed); light falls on it as beside it.
     """
-    shape, gone = (rgb.shape[0], rgb.shape[1]), hidden[0]
-    if shadow is None or not (shadow & ~gone).any():
+    shape, removed = (rgb.shape[0], rgb.shape[1]), hidden[0]
+    if shadow is None or not (shadow & ~removed).any():
         return np.ones((*shape, 3), np.float32)
-    gone = gone if hidden[1] is None else gone | (hidden[1] & ~shadow)
+    gone = removed if hidden[1] is None else removed | (hidden[1] & ~shadow)
     small = (min(shape[0], RELIT_ROWS), min(shape[1], 2 * RELIT_ROWS))
     shade, hidden_too = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shadow, gone))
     gain = resized(relit_gain(resized(rgb, small), shade, hidden_too, room), shape)
-    return np.where(gone[..., None], np.float32(1), gain)
+    return np.where(removed[..., None], np.float32(1), gain)
 
 
 def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:
@@ -127,10 +127,10 @@ def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Fl
 
 def _lift(log2: Floats, known: Flags, far: Flags) -> Floats:
     """Return by how many stops a texture (H, W) is darker than the smooth light of its ``far`` texels (H, W)."""
-    smooth = _known_mean(log2, known, 0.06)
+    smooth = known_mean(log2, known, 0.06 * PX_PER_M)[0]
     lift = np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT).astype(np.float32)
     # It goes on under what is removed, so that it does not fade towards the rim.
-    return _known_mean(np.where(known, lift, 0), known, CONTACT_M)
+    return known_mean(lift, known, CONTACT_M * PX_PER_M)[0]
 
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
@@ -138,7 +138,7 @@ def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
     # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
     band = _by(thing, CONTACT_M)
     contact = known & band
-    smooth = _known_mean(log2, known, 0.06)
+    smooth = known_mean(log2, known, 0.06 * PX_PER_M)[0]
     far = known & ~_by(thing, FAR_M)
     if far.sum() < LEAST_FAR:
         return band, False
@@ -157,12 +157,6 @@ def _by(mask: Flags, distance_m: float) -> Flags:
     """Return what lies within a distance of a mask on a texture."""
     away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(away <= max(distance_m * PX_PER_M, 1.0), bool) & mask.any()
-
-
-def _known_mean(values: Floats, known: Flags, sigma_m: float) -> Floats:
-    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_m * PX_PER_M)
-    total = cv2.GaussianBlur(np.where(known, values, 0).astype(np.float32), (0, 0), sigma_m * PX_PER_M)
-    return np.asarray(np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), values), dtype=np.float32)
 
 
 def _smooth_fit(values: Floats, far: Flags) -> tuple[Floats, float]:

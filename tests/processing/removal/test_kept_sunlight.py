@@ -6,7 +6,6 @@ import numpy as np
 
 from processing.ground.room_model import RoomModel
 from processing.removal.fill import soften_edges, sunlit
-from processing.removal.plain import fading_shadows
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows, plane_map
 
@@ -67,17 +66,3 @@ def test_edges_of_the_floor_are_mixed_by_their_share() -> None:
         share = row + 1 - edge[column]
         assert abs(mixed[row, column, 0] - (10 * share + 50 * (1 - share))) < 0.01
     assert 0 < (mixed != picture).any(axis=-1)[:, :64].sum() <= 64
-
-
-def test_soft_shadows_run_out_and_things_do_not() -> None:
-    step = np.zeros((40, 60, 3), np.float32)
-    step[:, :20] = -0.5
-    hole = np.zeros((40, 60), bool)
-    hole[10:30, 20:50] = True
-    found = fading_shadows(step, ~hole, hole)
-    assert not found[~hole].any()
-    assert found[20, 20, 0] < -0.3
-    assert abs(found[20, 40, 0]) < 0.05
-    red = step * np.array([0.2, 1.0, 1.0], np.float32)
-    assert np.abs(fading_shadows(red, ~hole, hole)).max() < 0.03
-    assert not fading_shadows(-step, ~hole, hole).any(), "a bright thing does not glow"

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from processing.removal.plain import away_from, fill_plain, rising_light
+from processing.removal.plain import MOST_RISE, MOST_RISE_FLOOR, away_from, fill_plain, rising_light, seamless
 
 PX_PER_M = 40.0
 SHAPE = (110, 200)
@@ -45,6 +45,7 @@ def test_there_is_no_seam() -> None:
     _, dark, hole = wall(0.3)
     given = np.where(hole[..., None], 0, dark).astype(np.float32)
     done = fill_plain(given, ~hole, hole, level_rows=True, beside=~hole, px_per_m=PX_PER_M).values
+    done = seamless(done, ~hole, hole, PX_PER_M, 0.0)
     inside, outside = done[60:105, 70].mean(), done[60:105, 69].mean()
     assert abs(inside / outside - 1) < 0.06
 
@@ -52,7 +53,7 @@ def test_there_is_no_seam() -> None:
 @pytest.mark.parametrize("bright", [False, True])
 def test_light_only_rises(bright: bool) -> None:
     _, dark, hole = wall(-0.3 if bright else 0.3)
-    rise = rising_light(np.log(dark), ~hole, ~hole, hole, PX_PER_M)
+    rise = rising_light(np.log(dark), ~hole, ~hole, hole, PX_PER_M, MOST_RISE)
     assert np.isfinite(rise).all()
     assert (rise >= 0).all()
     assert not rise[~hole].any()
@@ -61,9 +62,38 @@ def test_light_only_rises(bright: bool) -> None:
 def test_nothing_rises_where_nothing_is_known_or_missing() -> None:
     none, every = np.zeros((20, 30), bool), np.ones((20, 30), bool)
     light = np.zeros((20, 30, 3), np.float32)
-    assert not rising_light(light, none, none, every, 10.0).any()
-    assert not rising_light(light, every, every, none, 10.0).any()
+    assert not rising_light(light, none, none, every, 10.0, MOST_RISE).any()
+    assert not rising_light(light, every, every, none, 10.0, MOST_RISE).any()
     np.testing.assert_array_equal(away_from(every, none, 10.0), every)
     hole = none.copy()
     hole[:, 10:] = True
     np.testing.assert_array_equal(away_from(~hole, hole, 1000.0), ~hole, err_msg="too little is far away")
+
+
+@pytest.mark.parametrize("tone", [0.4, -0.4])
+def test_glow_and_shade_go_on_beyond_the_rim_and_run_out(tone: float) -> None:
+    hole = np.zeros((120, 160), bool)
+    hole[60:, :] = True
+    filled = np.full((120, 160, 3), 100.0, np.float32)
+    filled[~hole] *= np.exp(np.float32(tone))
+    done = seamless(filled, ~hole, hole, 40.0, 0.0)
+    np.testing.assert_array_equal(done[~hole], filled[~hole])
+    assert abs(float(np.log(done[61] / filled[59]).mean())) < 0.05, "one tone at the rim"
+    away = np.log(done[100] / 100).mean() / tone
+    assert abs(away - np.exp(-1 / (0.5 if tone > 0 else 0.15))) < 0.05, "glow runs out on half a metre, shade sooner"
+
+
+def test_another_thing_beside_the_rim_does_not_run_into_the_hole() -> None:
+    hole = np.zeros((120, 160), bool)
+    hole[60:, :] = True
+    for thing in ((300.0, 100.0, 100.0), (10.0, 10.0, 10.0)):
+        filled = np.full((120, 160, 3), 100.0, np.float32)
+        filled[~hole] = thing
+        np.testing.assert_allclose(seamless(filled, ~hole, hole, 40.0, 0.0), filled, rtol=1e-6)
+
+
+def test_a_floor_is_as_bright_in_a_hole_as_further_away() -> None:
+    _, dark, hole = wall(0.1)
+    before = float(np.median(dark[60:105, 85:115]))
+    done = seamless(dark, ~hole, hole, PX_PER_M, MOST_RISE_FLOOR)
+    assert before * 1.05 < float(np.median(done[60:105, 85:115])) < before * np.exp(MOST_RISE_FLOOR) * 1.02

@@ -42,6 +42,17 @@ def test_it_is_told_from_the_walls_that_show_it(bare: Painted) -> None:
     assert find_skirting(lit.rgb, GEOMETRY, box_room(), np.ones_like(hidden)) is None
 
 
+def test_a_wall_with_shade_at_its_foot_does_not_outvote_a_seen_skirting(bare: Painted) -> None:
+    lit, high = with_skirting(bare), bare.points_m[..., 2]
+    others = bare.maps.plane > 3
+    rgb = np.where(((bare.maps.plane > 3) & (high < HEIGHT_M))[..., None], bare.image.rgb, lit.rgb)
+    shade = 1 - 0.2 * np.exp(-np.maximum(high, 0) / 0.1)
+    rgb = np.where(others[..., None], rgb * shade[..., None], rgb).astype(np.float32)
+    found = find_skirting(rgb, GEOMETRY, box_room(), np.zeros(others.shape, bool))
+    assert found is not None
+    assert found.rows(270, 100.0)[-10].mean() > 0.4
+
+
 def test_a_wall_that_hides_its_own_gets_it(bare: Painted) -> None:
     """The foot of one wall is hidden from end to end."""
     lit, high = with_skirting(bare), bare.points_m[..., 2]
