@@ -13,6 +13,7 @@ from typing import Any
 from processing.batch.rows import FOUND_COLUMNS, PAPER_COLUMNS, guarded, session_row
 from processing.batch.run import find_sessions
 from processing.errors import ParameterError
+from processing.ground.tables import table_of
 
 INDEX_NAME = "index.csv"
 SPLITS = ("train", "validation", "test")
@@ -89,59 +90,9 @@ def read_index(folder: Path) -> list[Row]:
 
 
 METADATA_NAME = "croissant.json"
-_NUMBERS = frozenset(
-    (
-        *("luminance_cd_m2", "illuminance_lux", "latitude_deg", "longitude_deg", "k1", "k1_u_rel", "k2"),
-        *("outdoor_lux_u", "meter_drift_frac", "level_up_lx", "brightest_vertical_lx", "highest_dgp", "level_ratio"),
-        *("room_confidence", "floor_m2", "ceiling_m", "removed_share"),
-    )
-)
-_WHOLE = frozenset(("index", "walls", "windows", "doors", "staged"))
-MEANING: Mapping[str, str] = {
-    "index": "number of the session",
-    "date": "date, local to the zone, yyyymmdd",
-    "scene_name": "what the session was called",
-    "theta_time": "start of the indoor bracket, local to the zone",
-    "luminance_cd_m2": "mean of the luminance meter's readings of the target, cd/m2",
-    "fisheye_time": "start of the outdoor bracket, local to the zone",
-    "illuminance_lux": "horizontal illuminance outdoors: measured, else from the outdoor picture, lx",
-    "orientation": "compass azimuth of the panorama's centre, and the nearest of eight winds",
-    "nd_filter": "whether the outdoor lens had a neutral-density filter",
-    "natural_light": "YES: daylight alone; otherwise what else",
-    "folder": "the session's folder",
-    "room": "the room: no room is in two splits",
-    "split": "train, validation or test",
-    "units": "cd/m2, or relative units where no meter gave the scale",
-    "k1": "indoor scale factor (Ji et al. 2023, eq. 1)",
-    "k2": "scale factor between the cameras (eq. 2)",
-    "level_up_lx": "illuminance on a level plane at the camera, lx",
-    "brightest_vertical_lx": "highest illuminance on upright planes at the camera, lx",
-    "highest_dgp": "highest daylight glare probability of eight directions",
-    "level_ratio": "level illuminance at the camera over that outdoors",
-}
-_OTHERS: dict[str, Any] = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    "conformsTo": "dct:conformsTo",
-    "cr": "http://mlcommons.org/croissant/",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/",
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "sc": "https://schema.org/",
-}
-_CONTEXT = {
-    name: _OTHERS.get(name, f"cr:{name}")
-    for name in (
-        *("@language", "@vocab", "citeAs", "column", "conformsTo", "cr", "rai", "data", "dataType", "dct"),
-        *("equivalentProperty", "examples", "extract", "field", "fileProperty", "fileObject", "fileSet"),
-        *("format", "includes", "isLiveDataset", "jsonPath", "key", "md5", "parentField", "path"),
-        *("recordSet", "references", "regex", "repeated", "replace", "samplingRate", "sc", "separator"),
-        *("source", "subField", "transform"),
-    )
-}
-"""Croissant's own names in the order of its specification; most stand for themselves."""
+_TABLE = table_of("processing.batch", "croissant")
+_NUMBERS, _WHOLE, _CONTEXT = frozenset(_TABLE["numbers"]), frozenset(_TABLE["whole"]), _TABLE["context"]
+MEANING: Mapping[str, str] = _TABLE["meaning"]
 
 
 @dataclass(frozen=True)

@@ -171,14 +171,9 @@ def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) 
 )
 @click.option("--rules-file", type=FILE, help="Your edited copy of the rules.")
 @click.option(
-    "--alternatives",
-    "-n",
-    "count",
-    type=click.IntRange(1, 50),
-    default=7,
-    show_default=True,
+    "--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, show_default=True,
     help="How many alternatives.",
-)
+)  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another draw.")
 @click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="A piece that stands already.")
 @click.option(

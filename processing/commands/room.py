@@ -27,6 +27,7 @@ ROOM_FILE = "room.json"
     help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too)."
 )  # fmt: skip
 @click.option("--panorama", help="With --import zind: which picture's room.")
+@click.option("--around", is_flag=True, help="Estimate SESSION/room.json again, around what was placed by hand.")
 @click.option("--check", type=FILE, help="Say all that is wrong with a room's file.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def room(
@@ -36,6 +37,7 @@ def room(
     start: Path | None,
     imported: str | None,
     panorama: str | None,
+    around: bool,
     check: Path | None,
     as_json: bool,
 ) -> int:
@@ -50,6 +52,7 @@ def room(
     Examples:
       daylit room sessions/2023-05-19T1554Z_coda-320 --edit
       daylit room sessions/2023-05-19T1554Z_coda-320 --edit --import zind --from zind_data.json --panorama pano_15
+      daylit room sessions/2023-05-19T1554Z_coda-320 --around
       daylit room sessions/2023-05-19T1554Z_coda-320 --check room.json --json
     Exit code: 0 the room can be used · 1 something is wrong with it.
     """
@@ -57,8 +60,8 @@ def room(
     from processing.running.choices import remember
     from station.session.store import load_manifest
 
-    if edit == (check is not None) or (start and not edit):
-        raise ParameterError("give either --edit (with --from if wanted) or --check FILE")
+    if (edit, around, check is not None).count(True) != 1 or (start and not edit):
+        raise ParameterError("give either --edit (with --from if wanted), --around, or --check FILE")
     if (imported and not start) or (panorama and not imported):
         raise ParameterError("--import needs --from FILE, and --panorama needs --import")
     manifest = load_manifest(session)
@@ -69,6 +72,8 @@ def room(
         if sys.stdin.isatty() and sys.stdout.isatty() and not as_json:
             click.edit(filename=str(path))
         remember(session, {"room": path}, by="daylit room --edit")
+    if around:
+        _estimate_around(session, path)
     return _show(path, as_json=as_json)
 
 
@@ -100,6 +105,16 @@ def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
         )
     if start or not path.exists():
         write_room(path, begin)
+
+
+def _estimate_around(session: Path, path: Path) -> None:
+    from processing.ground.room_model import read_room, write_room
+    from processing.running.choices import remember
+    from processing.running.room_anew import room_around
+
+    made = room_around(session, read_room(path))
+    write_room(path, made.model_copy(update={"source": "given", "confidence": 1.0}))
+    remember(session, {"room": path}, by="daylit room --around")
 
 
 def _show(path: Path, *, as_json: bool) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from processing.calibration.scale.photometry import UP, illuminance_lx, luminance_map
+from processing.ground.tables import table_of
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.modes import shared_errors
 from processing.sphere import projected_solid_angles
@@ -25,34 +26,8 @@ RECTIFICATION = 3e-4
 DETECTED = 1 / 3
 """Relative standard uncertainty at the limit of detection: three standard deviations (IUPAC 1978)."""
 BINS_A_STOP = 2  # of luminance, in which the limit is looked for; chosen
-SOURCES = {
-    "meter": ("B", "the meter's accuracy as its maker states it, and its readings"),
-    "spot": ("A", "spread of luminance within the meter's spot"),
-    "picture": ("A", "the picture's own uncertainty over the meter's spot"),
-    "drift": ("A", "readings before and after the bracket"),
-    "k1": ("B", "k1 as given: its uncertainty is not known"),
-    "k2": ("A", "neutral patches of the chart in both cameras, and both curves"),
-    "lux meter": ("B", "the lux meter's accuracy"),
-    "noise": ("A", "noise of the valid pixels, independent"),
-    "clipped and dark": ("B", "pixels that are not valid, all wrong in one direction"),
-    "curve and times": ("A", "response curve and exposure times, as the frames leave them open"),
-    "light that changed": ("A", "parts of the picture that changed from frame to frame"),
-    "stray light": ("B", "the lens's veil"),
-    "stitching": ("B", "two lenses' exposures"),
-    "fall-off": ("B", "vignetting of the lens"),
-    "filter colour": ("A", "colour patches through the filter"),
-    "rectification": ("B", "resampling between projections"),
-}
-NOT_DETERMINED = {
-    "f1' (match to V(lambda))": "needs the camera's spectral response",
-    "u, r (ultraviolet, infrared)": "needs sources of these",
-    "f2 (directional response)": "needs a turntable; the fall-off's uncertainty is in the budget",
-    "f5 (fatigue)": "needs 30 minutes at full scale",
-    "f6 (temperature, humidity)": "needs a climate chamber",
-    "f7 (modulated light)": "needs a modulated source",
-    "f8 (polarisation)": "needs a polarised source",
-    "surrounding field": "needs a gloss trap; stray light is in the budget",
-}
+_TABLE = table_of("processing.figures", "certificate")
+SOURCES, NOT_DETERMINED = _TABLE["sources"], _TABLE["not_determined"]
 
 
 def certificate(

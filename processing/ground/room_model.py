@@ -23,6 +23,9 @@ Length = Annotated[float, Field(ge=-100, le=100)]
 Height = Annotated[float, Field(gt=0, le=30)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
+CEILING = "ceiling"
+Part = Annotated[str, Field(pattern=rf"^({CEILING}|(wall|corner) \d\d?)$")]
+
 MIN_WALL_M = 0.02
 MIN_AREA_M2 = 1.0
 MIN_CAMERA_GAP_M = 0.05
@@ -73,6 +76,8 @@ class RoomModel(_Part):
     confidence: Share = 1.0
     """Of floor and ceiling."""
     note: SafeText = ""
+    held: Annotated[tuple[Part, ...], Field(max_length=101, exclude_if=lambda value: not value)] = ()
+    """What somebody has placed, and a new estimate keeps: "ceiling", "wall 2", "corner 0"."""
 
     def wall_length_m(self, wall: int) -> float:
         """Return the length of a wall."""

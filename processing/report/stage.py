@@ -10,6 +10,7 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import with_zone, zone_at
 from processing.ground.room_model import RoomModel
+from processing.ground.tables import table_of
 from processing.pictures.display import Display
 from processing.report.calibration_sections import (
     camera_section,
@@ -35,30 +36,7 @@ BEFORE = (
 )
 """Stages that the report covers; each of them is also in its row's ``needs``."""
 FILES = {
-    ("merge", "indoor.exr"): "room before calibration, relative",
-    ("merge", "outdoor.exr"): "sky before calibration, relative",
-    ("merge", "response.json"): "response curves, noise and exposure times used",
-    ("calibrate", "indoor.exr"): "room in cd/m2, uncertainty, validity",
-    ("calibrate", "outdoor.exr"): "sky in cd/m2, uncertainty, validity",
-    ("calibrate", "calibration.json"): "scale factors, lens, north, sun, illuminances",
-    ("room", "panorama.exr"): "the panorama made upright",
-    ("room", "room.json"): "floor, heights, windows and doors; to be corrected by daylit room --edit",
-    ("room", "evidence.npz"): "what the pixels show, and the boundaries",
-    ("figures", "light_figures.json"): "illuminance, glare, luminance statistics",
-    ("detect", "target.png"): "all that is to be removed; correct it in a drawing program, give it back by --mask",
-    ("detect", "furniture.png"): "furniture alone",
-    ("detect", "tripod.png"): "tripod and equipment alone",
-    ("detect", "sunlight.png"): "direct sunlight alone",
-    ("detect", "shadow.png"): "shadows of furniture alone",
-    ("light", "shade.npz"): "what the furniture took from the room's light, and the light without it",
-    ("remove", "empty.exr"): "the emptied room in cd/m2",
-    ("remove", "lift.npz"): "natural logarithm of what removal changed the luminance of each kept pixel by",
-    ("remove", "filled.png"): "which pixels were filled",
-    ("remove", "surfaces.npz"): "provenance, confidence, and the filled surfaces as textures",
-    ("materials", "materials.json"): "albedo, gloss, windows",
-    ("materials", "scene.npz"): "the empty room as a scene, to be lit anew",
-    ("arrange", "arrangement.json"): "where each piece stands, by alternative",
-    ("arrange", "contact-sheet.png"): "plans of all alternatives",
+    **{(stage, name): what for stage, named in table_of(__package__, "files").items() for name, what in named.items()},
     **{
         ("stills", f"still-{k}.jpg"): "still, 1920 x 1280; beside it its light (EXR) and the original"
         for k in range(1, 13)
@@ -83,17 +61,13 @@ def report_data(context: StageContext) -> ReportData:
     facts = context.artifact("calibrate", "calibration")
     lead, staging = staging_sections(context)
     return ReportData(
-        title=context.session.name,
-        facts=session_facts(context.session),
+        title=context.session.name, facts=session_facts(context.session),
         summary=(*_summary(facts), *_shape(context)),
         stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
-        warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))),
-        lead=lead,
-        sections=(*staging, *_sections(context, facts)),
-        files=_files(context),
-        made_with=f"daylit {version('daylit')}",
-        unit=context.artifact("calibrate", "indoor").unit,
-    )
+        warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))), lead=lead,
+        sections=(*staging, *_sections(context, facts)), files=_files(context),
+        made_with=f"daylit {version('daylit')}", unit=context.artifact("calibrate", "indoor").unit,
+    )  # fmt: skip
 
 
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:

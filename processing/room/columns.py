@@ -28,6 +28,8 @@ FLATTEST_RAD = math.radians(1.5)
 """Latitudes of boundaries are held within these: beyond, a wall touches the camera or stands 40 m away."""
 RATIO_RANGE = (0.15, 3.0)
 """Of the ceiling's height over the camera to the camera's over the floor."""
+RATIO_SIGMA = 0.05
+"""Of the ratio's logarithm, with which a fit begins."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Columns:
     """Ceiling over camera to camera over floor, as these columns say."""
     ratio_spread: float
     """Robust relative spread of the columns' ratios: how well floor and ceiling agree."""
+    ratio_sigma: float = RATIO_SIGMA
 
 
 def columns_of(evidence: BoundaryEvidence, count: int = COLUMNS) -> Columns:
@@ -59,15 +62,11 @@ def columns_of(evidence: BoundaryEvidence, count: int = COLUMNS) -> Columns:
     ceiling, ceiling_sigma = _resampled(evidence.ceiling_rad, evidence.ceiling_sigma_rad, count)
     ratio, spread = height_ratio(floor, floor_sigma, ceiling, ceiling_sigma)
     return Columns(
-        azimuth_rad=((np.arange(count) + 0.5) / count - 0.5) * (2 * math.pi),
-        floor=np.tan(floor),
-        floor_sigma=floor_sigma / np.cos(floor) ** 2,
-        ceiling=np.tan(ceiling),
+        azimuth_rad=((np.arange(count) + 0.5) / count - 0.5) * (2 * math.pi), floor=np.tan(floor),
+        floor_sigma=floor_sigma / np.cos(floor) ** 2, ceiling=np.tan(ceiling),
         ceiling_sigma=ceiling_sigma / np.cos(ceiling) ** 2,
-        corner=_largest(np.asarray(evidence.corner, np.float64), count),
-        ratio=ratio,
-        ratio_spread=spread,
-    )
+        corner=_largest(np.asarray(evidence.corner, np.float64), count), ratio=ratio, ratio_spread=spread,
+    )  # fmt: skip
 
 
 def check_boundary(evidence: BoundaryEvidence) -> None:

@@ -18,6 +18,7 @@ from processing.ground.room_model import RoomModel, geometry_problems
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.room.columns import Columns, columns_of
 from processing.room.confidence import Diagnostics, check_picture, confidence_of, diagnose, doubts, wall_confidences
+from processing.room.held import Held
 from processing.room.hypotheses import ClassTable, Hypothesis, class_entropy, hypotheses, overhead_share
 from processing.room.outline import Outline
 from processing.room.refine import Refined, refine, unrefined
@@ -94,6 +95,7 @@ def estimate_room(
     camera_height_m: float = 1.6,
     manhattan_rad: float | None = None,
     quality: str = "standard",
+    held: Held | None = None,
 ) -> RoomEstimate:
     """Return the room that an upright panorama shows.
 
@@ -109,6 +111,8 @@ def estimate_room(
         Azimuth of the walls (`processing.room.level.find_upright`); None: estimated from the boundaries.
     quality
         ``draft``: no refinement on the picture. ``standard``, ``reference``.
+    held
+        What stays where somebody has placed it; the rest is estimated around it.
 
     Raises
     ------
@@ -134,11 +138,13 @@ def estimate_room(
             f"only {100 * overhead:.0f} % of what is overhead may be a ceiling", likely="the picture is taken outdoors"
         )
     columns = columns_of(evidence.boundary)
+    columns = columns if held is None else held.on(columns)
     turned = walls_azimuth(columns) if manhattan_rad is None else manhattan_rad
     ranked = ranked_hypotheses(columns, evidence, turned)
-    chosen, refined = _chosen(image, evidence, ranked, columns, camera_height_m, quality)
+    chosen, refined = _chosen(image, evidence, ranked, columns, camera_height_m, (quality, held))
     room = _model(refined.polygon, refined.outline, camera_height_m)
     assert room is not None
+    room = room if held is None else held.exact(room)
     loss = ClassTable(evidence).loss(refined.polygon, refined.outline.ratio)
     seen = {"overhead": overhead, "blank": blank, "entropy": class_entropy(evidence)}
     found = diagnose(columns, (ranked, chosen), refined, loss=loss, **seen)
@@ -184,9 +190,10 @@ def _chosen(
     ranked: list[Hypothesis],
     columns: Columns,
     camera_height_m: float,
-    quality: str,
+    how: tuple[str, Held | None],
 ) -> tuple[Hypothesis, Refined]:
     """Return the hypothesis that the picture's edges, too, speak for, and what they make of it."""
+    quality, held = how
     standing = [h for h in ranked if _model(h.fit.polygon, h.fit.outline, camera_height_m) is not None]
     if not standing:
         raise NoRoomError(
@@ -199,7 +206,7 @@ def _chosen(
     few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
     tried = []
     for one in few:
-        found = refine(image, evidence, one.fit, columns)
+        found = refine(image, evidence, one.fit, columns, held)
         # As it was where the edges would make a room that cannot stand.
         stands = _model(found.polygon, found.outline, camera_height_m) is not None
         tried.append((one, found if stands else unrefined(one.fit, "they make no room")))

@@ -31,7 +31,6 @@ CAP = 3.0
 BROKEN = 1e3
 """Residual of an outline that is no room."""
 AZIMUTH_SIGMA_RAD = math.radians(0.7)
-RATIO_SIGMA = 0.05
 CHANGE_SIGMA = 0.5
 """Of the logarithm of distances: a weak tie that keeps walls which few columns see."""
 MOST_ROUNDS = 12
@@ -77,7 +76,7 @@ def fitted(outline: Outline, columns: Columns, *, rounds: int = MOST_ROUNDS) -> 
     count = len(outline.walls)
     distances = np.maximum(np.abs(values[2 : 2 + count]), 0.3) * CHANGE_SIGMA
     free = np.full(len(values) - 2 - count, 0.3)
-    start, scale = values.copy(), np.concatenate([[AZIMUTH_SIGMA_RAD, RATIO_SIGMA], distances, free])
+    start, scale = values.copy(), np.concatenate([[AZIMUTH_SIGMA_RAD, columns.ratio_sigma], distances, free])
     polygon = polygon_of(outline)
     if polygon is None:
         return None

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.room.columns import Columns
+from processing.room.held import Held
 from processing.room.hypotheses import Fit, fitted
 from processing.room.outline import Outline
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -194,14 +195,16 @@ def unrefined(fit: Fit, why: str) -> Refined:
     return Refined(fit.polygon, fit.outline, skipped=(f"edges in the picture: {why}",))
 
 
-def refine(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit, columns: Columns) -> Refined:
-    """Return a fitted room with its walls on the picture's edges; as it was where there are none."""
+def refine(
+    image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit, columns: Columns, held: Held | None = None
+) -> Refined:
+    """Return a fitted room with its walls on the picture's edges (not what is held); as it was where there are none."""
     if not fit.outline.walls:
         return unrefined(fit, "the room is a bare polygon")
     sight = _look(image, evidence, fit)
     moves = _moves(sight, len(fit.polygon))
     measured, found = _measured(sight, moves, fit, columns)
-    again = fitted(fit.outline, measured)
+    again = fitted(fit.outline, measured if held is None else held.on(measured))
     if again is None:
         return unrefined(fit, "they make no room")
     count = np.bincount(sight.wall, weights=(found[0] | found[1]), minlength=len(fit.polygon))
@@ -216,14 +219,10 @@ def refine(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: 
     floor_strength = sight.floor.at(floor + around).max(axis=0) * sight.floor_clear
     ceiling_strength = sight.ceiling.at(ceiling + around).max(axis=0) * sight.ceiling_clear
     return Refined(
-        again.polygon,
-        again.outline,
-        edges=len(seen) - len(without),
-        floor_share=float(found[0].mean()),
-        ceiling_share=float(found[1].mean()),
-        strength=float(floor_strength.mean() + ceiling_strength.mean()),
+        again.polygon, again.outline, edges=len(seen) - len(without), floor_share=float(found[0].mean()),
+        ceiling_share=float(found[1].mean()), strength=float(floor_strength.mean() + ceiling_strength.mean()),
         skipped=skipped,
-    )
+    )  # fmt: skip
 
 
 def _look(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit) -> _Sight:

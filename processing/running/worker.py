@@ -39,7 +39,13 @@ class Warm:
 
     def answer(self, asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         """Do what is asked; raises `ParameterError` for what is not known, and what the work raises."""
-        verbs = {"emptied": self._emptied, "staged": self._staged, "light": self._light, "glare": self._glare}
+        verbs = {
+            "emptied": self._emptied,
+            "room": self._room,
+            "staged": self._staged,
+            "light": self._light,
+            "glare": self._glare,
+        }
         verb, begin_s = verbs.get(str(asked.get("do"))), time.perf_counter()
         if verb is None:
             raise ParameterError("no such request", where="preview")
@@ -50,6 +56,15 @@ class Warm:
         image = self._previews.emptied()
         facts = {"size_px": list(image.rgb.shape[1::-1]), "media": "image/jpeg"}
         return facts, shown_jpeg(image.rgb, look_of(self._session, image), WIDTH_PX)
+
+    def _room(self, asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        """Return the room estimated again around what the one that is sent holds."""
+        from processing.ground.room_model import RoomModel, check_room, room_text
+        from processing.running.room_anew import room_around
+
+        check_room(asked["room"])
+        found = room_around(self._session, RoomModel.model_validate_json(json.dumps(asked["room"])))
+        return {"media": "application/json"}, room_text(found).encode()
 
     def _staged(self, asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         """Return the room with furniture where it is asked to stand, lit by the captured light."""

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from processing.errors import SegmenterError
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.tables import table_of
 from processing.segmentation.evidence import SceneClass
 from station.session import strict_json
 
@@ -40,36 +41,18 @@ _LETTERS: Table = {
 """What is outdoors is seen through a window; what moves is furniture, what stays a fixture."""
 
 
-def _table(text: str) -> Table:
-    """Return the classes "name:letter, ..." in index order."""
-    pairs = (entry.split(":") for entry in " ".join(text.split()).split(", "))
+def _table(name: str) -> Table:
+    """Return the classes "name:letter, ..." of a data set in index order."""
+    pairs = (entry.split(":") for entry in " ".join(table_of(__package__, "classes")[name].split()).split(", "))
     return {name: _LETTERS[letter] for name, letter in pairs}
 
 
-ADE20K_TABLE = _table("""
-    wall:w, building:o, sky:o, floor:f, tree:o, ceiling:c, road:o, bed:m, windowpane:o, grass:o, cabinet:m, sidewalk:o,
-    person:m, earth:o, door:d, table:m, mountain:o, plant:m, curtain:x, chair:m, car:o, water:o, painting:x, sofa:m,
-    shelf:m, house:o, sea:o, mirror:x, rug:x, field:o, armchair:m, seat:m, fence:o, desk:m, rock:o, wardrobe:m, lamp:m,
-    bathtub:x, railing:x, cushion:m, base:m, box:m, column:w, signboard:x, chest of drawers:m, counter:x, sand:o,
-    sink:x, skyscraper:o, fireplace:x, refrigerator:m, grandstand:o, path:o, stairs:x, runway:o, case:m, pool table:m,
-    pillow:m, screen door:d, stairway:x, river:o, bridge:o, bookcase:m, blind:x, coffee table:m, toilet:x, flower:m,
-    book:m, hill:o, bench:m, countertop:x, stove:x, palm:o, kitchen island:x, computer:m, swivel chair:m, boat:o, bar:x,
-    arcade machine:m, hovel:o, bus:o, towel:m, light:x, truck:o, tower:o, chandelier:x, awning:o, streetlight:o,
-    booth:x, television:m, airplane:o, dirt track:o, apparel:m, pole:x, land:o, bannister:x, escalator:x, ottoman:m,
-    bottle:m, buffet:m, poster:x, stage:x, van:o, ship:o, fountain:o, conveyer belt:m, canopy:o, washer:m, plaything:m,
-    swimming pool:o, stool:m, barrel:m, basket:m, waterfall:o, tent:o, bag:m, minibike:o, cradle:m, oven:x, ball:m,
-    food:m, step:x, tank:m, trade name:x, microwave:m, pot:m, animal:m, bicycle:m, lake:o, dishwasher:x, screen:m,
-    blanket:m, sculpture:m, hood:x, sconce:x, vase:m, traffic light:o, tray:m, ashcan:m, fan:x, pier:o, crt screen:m,
-    plate:m, monitor:m, bulletin board:x, shower:x, radiator:x, glass:m, clock:x, flag:x
-""")
+ADE20K_TABLE = _table("ade20k")
 """Cabinets and shelves are furniture, though some are built in: what is missed stays in the picture for good."""
 ADE20K = tuple(ADE20K_TABLE)
 """The 150 names, index 0..149 (dataset label minus 1: label 0 is "other")."""
 
-VOC_TABLE = _table("""
-    background:-, aeroplane:o, bicycle:m, bird:o, boat:o, bottle:m, bus:o, car:o, cat:m, chair:m, cow:o, diningtable:m,
-    dog:m, horse:o, motorbike:o, person:m, pottedplant:m, sheep:o, sofa:m, train:o, tvmonitor:m
-""")
+VOC_TABLE = _table("voc")
 """VOC knows no floor, wall or window: its background is anything but furniture."""
 VOC = tuple(VOC_TABLE)
 """The 21 names, index 0..20."""

@@ -8,7 +8,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +32,12 @@ from benchmarks.whole.studio import (
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room
 from processing.pictures.masks import read_mask, write_mask
 from processing.running.choices import read_choices
+from processing.segmentation.evidence import SceneEvidence, write_evidence
 from station.session.session import Side, WarningRecord
 from station.session.store import SessionStore
 from studio.server import STATIC
 from tests.processing.relighting.lit_sessions import lit_session
+from tests.processing.room.evidence import boundary_of, classes_of
 from tests.station.session.sessions import STOPS_S, frame_record, manifest
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -184,6 +186,30 @@ def test_a_doors_edges_go_to_those_of_the_picture(opened: Opened) -> None:
             assert abs(found.head_m - door.head_m) < near
     opened.page.keyboard.up("Shift")
     wait(lambda: room_of(session).openings[0].start_m != found.start_m)
+
+
+def test_the_rest_is_estimated_around_what_was_moved(opened: Opened) -> None:
+    """One wall is moved to the truth; where boundaries are off elsewhere it is no worse; one undo takes that back."""
+    floor = ((3.4, -1.8), (3.4, 2.4), (-2.3, 2.4), (-2.3, -1.8))
+    session = make_session(opened.folder, "around", TRUTH.model_copy(update={"floor": floor, "openings": ()}), TRUTH)
+    boundary = boundary_of(TRUTH)
+    far = np.arange(256) < 40  # to the left and behind, as if that wall were nearer
+    boundary = replace(boundary, floor_rad=np.where(far, 1.1 * boundary.floor_rad, boundary.floor_rad))
+    write_evidence(session / "stages" / "room" / "evidence.npz", SceneEvidence(classes_of(TRUTH), "", boundary))
+    page = opened.page
+    screen(page, session.name, "room")
+    page.get_by_role("button", name="Estimate the rest again").click()
+    page.get_by_text("Move what is wrong first").wait_for()
+    page.locator(".wall").first.focus()
+    for _ in range(12):
+        page.keyboard.press("Shift+ArrowLeft")
+    wait(lambda: (session / "room.json").exists() and abs(room_of(session).floor[1][0] - 2.2) < 1e-6)
+    page.get_by_role("button", name="Estimate the rest again").click()
+    page.get_by_text("held: wall").wait_for()
+    assert iou(room_of(session), TRUTH) > 0.97
+    assert sum(x == 2.2 for x, _ in room_of(session).floor) == 2
+    page.keyboard.press("Control+z")
+    wait(lambda: not room_of(session).held)
 
 
 def test_what_cannot_be_is_not_saved_and_says_why(opened: Opened) -> None:

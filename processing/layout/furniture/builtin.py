@@ -14,17 +14,16 @@ from __future__ import annotations
 
 import ast
 import math
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib.resources import files
 from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from processing.errors import CatalogueError, ItemError
+from processing.ground.tables import table_of
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import FurnitureModel, Size
 from processing.layout.furniture.styles import style_named
@@ -126,7 +125,7 @@ def _designs() -> dict[str, Any]:
     found: dict[str, Any] = {}
     shared: dict[str, str] = {}
     for name in ("seats", "cases", "tables", "decor"):
-        table = tomllib.loads((files("processing.layout.furniture") / f"{name}.toml").read_text("utf-8"))
+        table = dict(table_of(__package__, name))
         shared |= table.pop("shared", {})
         found |= table
     return {**found, "shared": shared}

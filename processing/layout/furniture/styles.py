@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 from processing.errors import ItemError
+from processing.ground.tables import table_of
 from processing.layout.furniture import model
 from processing.layout.furniture.model import Colour, Material
 
@@ -41,9 +40,8 @@ class Style:
         return material(self.roles.get(role, role))
 
 
-@cache
 def _tables() -> dict[str, Any]:
-    return tomllib.loads((files("processing.layout.furniture") / "styles.toml").read_text("utf-8"))
+    return table_of(__package__, "styles")
 
 
 @cache

@@ -18,6 +18,7 @@ from PIL import Image
 
 from processing.errors import CatalogueError, ModelFileError
 from processing.ground.arrays import Floats
+from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model, design_of
 from processing.layout.furniture.model import FurnitureModel, Part, Size
@@ -29,21 +30,6 @@ if TYPE_CHECKING:
     from processing.layout.models.catalogue_folder import FileSource
 
 
-RULES = (
-    # The first category one of whose names ("|" between them) has all its words in the model's; longer ones go first.
-    ("kitchen", "kitchen"), ("bathroom", "bathroom|bath|toilet"), ("bunk bed", "bunk"),
-    ("nightstand", "bedside|nightstand|night stand|cabinet bed"), ("single bed", "bed single"),
-    ("king bed", "bed king"), ("bed", "bed"), ("tv stand", "tv stand|television cabinet|tv cabinet"),
-    ("tv", "television|tv"), ("bookshelf", "bookcase|bookshelf|shelves|shelf"), ("books", "books"),
-    ("wardrobe", "wardrobe|closet"), ("ottoman", "ottoman|footstool"), ("stool", "stool"), ("bench", "bench"),
-    ("pillow", "pillow"), ("floor lamp", "lamp floor"), ("lamp", "lamp"),
-    ("desk chair", "desk chair|office chair|swivel chair"),
-    ("armchair", "armchair|lounge chair|lounge design chair|relax chair"), ("sofa", "sofa|couch|loveseat"),
-    ("dining table", "dining table"), ("coffee table", "coffee table|tea table"),
-    ("side table", "side table|corner table"), ("desk", "desk"), ("dining chair", "chair"), ("dining table", "table"),
-    ("chest", "sideboard|dresser|drawer|drawers|chest|cupboard"), ("cabinet", "cabinet"), ("rug", "rug|carpet"),
-    ("plant", "plant"),
-)  # fmt: skip
 OTHER = "other"
 APART = {"desklamp": "desk lamp", "bedside": "bedside", "nightstand": "nightstand"}
 """Words that are written as one and are two."""
@@ -57,7 +43,11 @@ def category_of(name: str) -> str:
     words |= {"plant" for word in words if word.endswith("plant")} | {
         "bed" for word in words if re.match(r"bed(with|double)", word)
     }
-    named = (category for category, names in RULES if any(words.issuperset(n.split()) for n in names.split("|")))
+    named = (
+        category
+        for category, names in table_of(__package__, "categories")["words"]
+        if any(words.issuperset(n.split()) for n in names.split("|"))
+    )
     return next(named, OTHER)
 
 
@@ -297,14 +287,10 @@ def _trimesh(part: Part) -> Any:
     m = part.material
     picture = None if m.texture is None else Image.fromarray(m.texture)
     look = visuals.material.PBRMaterial(
-        name=m.name,
-        baseColorFactor=[*(float(c) for c in m.base_colour), float(m.opacity)],
-        baseColorTexture=picture,
-        roughnessFactor=float(m.roughness),
-        metallicFactor=float(m.metallic),
-        doubleSided=m.two_sided,
+        name=m.name, baseColorFactor=[*(float(c) for c in m.base_colour), float(m.opacity)], baseColorTexture=picture,
+        roughnessFactor=float(m.roughness), metallicFactor=float(m.metallic), doubleSided=m.two_sided,
         alphaMode="BLEND" if m.opacity < 1 else "OPAQUE",
-    )
+    )  # fmt: skip
     uv = part.texture_coordinates()
     visual = visuals.TextureVisuals(uv=np.zeros((len(part.vertices), 2)) if uv is None else uv, material=look)
     return trimesh.Trimesh(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import CatalogueError, ModelFileError
+from processing.ground.tables import table_of
 from processing.layout.furniture.model import FurnitureModel, Part, Size
 from processing.layout.furniture.solids import Solid, part_of
 from processing.layout.items import KINDS, OTHER_NAMES
@@ -284,22 +285,6 @@ def stretched(model: FurnitureModel, size_m: Size) -> FurnitureModel:
 
 LICENCE = "3D-FUTURE terms of use (non-commercial research, by agreement)"
 MAX_INFO_BYTES = 256 * 2**20
-CATEGORIES = {
-    "king-size bed": "king bed", "single bed": "single bed", "kids bed": "single bed", "bunk bed": "bunk bed",
-    "bed frame": "bed", "double bed": "bed", "nightstand": "nightstand", "wardrobe": "wardrobe",
-    "drawer chest / corner cabinet": "chest", "children cabinet": "chest",
-    "sideboard / side cabinet / console table": "chest",
-    "bookcase / jewelry armoire": "bookshelf", "shelf": "bookshelf", "tv stand": "tv stand",
-    "coffee table": "coffee table",
-    "corner/side table": "side table", "round end table": "side table", "dining table": "dining table", "desk": "desk",
-    "dressing table": "desk", "dining chair": "dining chair", "lounge chair / cafe chair / office chair": "armchair",
-    "classic chinese chair": "dining chair", "dressing chair": "stool", "folding chair": "dining chair",
-    "armchair": "armchair", "three-seat / multi-seat sofa": "sofa", "three-seat / multi-person sofa": "sofa",
-    "loveseat sofa": "sofa", "l-shaped sofa": "sofa", "lazy sofa": "armchair", "chaise longue sofa": "sofa",
-    "two-seat sofa": "sofa", "footstool / sofastool / bed end stool / stool": "ottoman", "barstool": "stool",
-    "floor lamp": "floor lamp", "wine cabinet": "cabinet", "shoe cabinet": "chest",
-}  # fmt: skip
-"""The data set's own category names (lower case) in our terms; others go by their words."""
 
 
 def future_sources(path: Path) -> list[FileSource]:
@@ -346,6 +331,6 @@ def _of_list(info: Path, root: Path) -> list[FileSource]:
 def _future_category(row: dict[str, Any]) -> str:
     for key in ("category", "super-category"):
         said = str(row.get(key) or "").strip().lower()
-        if said in CATEGORIES:
-            return CATEGORIES[said]
+        if found := table_of(__package__, "categories")["future"].get(said):
+            return str(found)
     return category_of(f"{row.get('category') or ''} {row.get('super-category') or ''}")

@@ -21,6 +21,8 @@ export interface Room {
   openings: Opening[];
   confidence: number;
   note: string;
+  /** What a new estimate keeps: "ceiling", "wall 2"; none: all in which it differs from the first estimate. */
+  held?: string[];
 }
 
 export interface Piece {

@@ -5,7 +5,7 @@ import { button, h, note, svg } from "./dom";
 import { Edges } from "./edges";
 import { ARROWS, draggable, Plan } from "./plan";
 import {
-  area, onLevel, onWall, onWallAt, type Ray, ray, round, wall, withCorner, withMore, withOpening, withoutCorner, withWall,
+  area, holding, onLevel, onWall, onWallAt, type Ray, ray, round, wall, withCorner, withMore, withOpening, withoutCorner, withWall,
 } from "./rooms";
 import type { Screen } from "./screens";
 import { Turns, Undo } from "./undo";
@@ -26,6 +26,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
   const bar = h("div", { class: "bar" },
     button("Undo", () => undo.back(room), { "data-part": "undo" }), button("Redo", () => undo.again(room)),
     button("Add window", () => add("window")), button("Add door", () => add("door")), button("Add corner", more),
+    button("Estimate the rest again", () => void anew(), { "data-part": "anew", title: "What you have moved stays; the other walls, and windows and doors that you have not touched, are estimated around it" }),
     button("As estimated", () => void forget()),
   );
   const view = new PanoramaView(stage, { wheel: true, field: 110 });
@@ -47,7 +48,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     overlay();
     drawPlan();
     const sure = corrected ? "corrected by hand" : `estimated, confidence ${room.confidence.toFixed(2)}`;
-    facts.textContent = `${area(room.floor).toFixed(2)} m², walls in metres, ${room.ceiling_height_m.toFixed(2)} m high, ${room.openings.length} windows and doors · ${sure}`;
+    facts.textContent = `${area(room.floor).toFixed(2)} m², walls in metres, ${room.ceiling_height_m.toFixed(2)} m high, ${room.openings.length} windows and doors · ${sure}${room.held?.length ? ` · held: ${room.held.map((name) => name.replace(/\d+/, (n) => String(Number(n) + 1))).join(", ")}` : ""}`;
   }
 
   /** Save; where it cannot stand it stays on the screen, and the server says why. */
@@ -83,6 +84,21 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     await api.forget(session.name, "room");
     await refresh();
     note("As estimated again");
+  }
+
+  /** Estimate what has not been placed by hand around what has. */
+  async function anew(): Promise<void> {
+    if (!corrected) return note("Move what is wrong first: it stays, and the rest is estimated around it");
+    const asked = room;
+    const control = bar.querySelector<HTMLButtonElement>("[data-part=anew]")!;
+    control.disabled = true;
+    try {
+      const found = (await (await api.live(session.name, "room", { room: asked })).json()) as Room;
+      if (room === asked) change({ ...found, source: "given", confidence: 1 });
+    } catch (error) {
+      note((error as Error).message, true);
+    }
+    control.disabled = false;
   }
 
   function change(changed: Room): void {
@@ -179,12 +195,12 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     room.floor.forEach((corner, i) => {
       handle(ray(room, corner, 0), `Corner ${i + 1} at the floor`, "floor", dragging((event, start) => {
         const place = onLevel(...view.directionAt(event), -start.camera_height_m);
-        return place && withCorner(start, i, place, event.shiftKey);
+        return place && holding(withCorner(start, i, place, event.shiftKey), `corner ${i}`);
       }));
       handle(ray(room, corner, top), `Corner ${i + 1} at the ceiling: height`, "ceiling", dragging((event, start) => {
         const slope = Math.tan((view.directionAt(event)[1] * Math.PI) / 180);
         const height = round(start.camera_height_m + Math.hypot(...corner) * slope);
-        return height > start.camera_height_m + 0.05 ? withOpening({ ...start, ceiling_height_m: height }, -1, {}) : null;
+        return height > start.camera_height_m + 0.05 ? holding(withOpening({ ...start, ceiling_height_m: height }, -1, {}), "ceiling") : null;
       }));
     });
   }
@@ -220,16 +236,16 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
     room.floor.forEach((_, i) => {
       const { from, to, length } = wall(room, i);
-      const edge = svg("line", { class: "wall", x1: from[0], y1: -from[1], x2: to[0], y2: -to[1], tabindex: 0, role: "button", "aria-label": `Wall ${i + 1}, ${length.toFixed(2)} m` });
+      const edge = svg("line", { class: room.held?.includes(`wall ${i}`) ? "wall held" : "wall", x1: from[0], y1: -from[1], x2: to[0], y2: -to[1], tabindex: 0, role: "button", "aria-label": `Wall ${i + 1}, ${length.toFixed(2)} m` });
       draggable(edge, (down) => {
         const begin = plan.at(down);
         return dragging((event, start) => {
           const here = plan.at(event);
           const { along } = wall(start, i);
-          return withWall(start, i, (here[0] - begin[0]) * along[1] - (here[1] - begin[1]) * along[0]);
+          return holding(withWall(start, i, (here[0] - begin[0]) * along[1] - (here[1] - begin[1]) * along[0]), `wall ${i}`);
         })();
       });
-      keys(edge, `wall ${i}`, ([x, y]) => withWall(room, i, x * wall(room, i).along[1] - y * wall(room, i).along[0]));
+      keys(edge, `wall ${i}`, ([x, y]) => holding(withWall(room, i, x * wall(room, i).along[1] - y * wall(room, i).along[0]), `wall ${i}`));
       const [[mx, my], { along }] = [onWall(room, i, length / 2), wall(room, i)];
       const [tx, ty] = [mx + along[1] * 5 * scale, my - along[0] * 3.5 * scale]; // outside
       element.append(edge, svg("text", { x: tx, y: -ty, "font-size": 3 * scale }, length.toFixed(2)));
@@ -251,9 +267,9 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     });
     element.append(svg("circle", { class: "camera", r: 1.3 * scale, cx: 0, cy: 0 }));
     room.floor.forEach(([x, y], i) => {
-      const mark = svg("circle", { class: "corner", cx: x, cy: -y, r: 2 * scale, tabindex: 0, role: "button", "aria-label": `Corner ${i + 1}`, "data-corner": i });
-      draggable(mark, dragging((event, start) => withCorner(start, i, plan.at(event), event.shiftKey)));
-      keys(mark, `corner ${i}`, ([dx, dy]) => withCorner(room, i, [x + dx, y + dy], true));
+      const mark = svg("circle", { class: room.held?.includes(`corner ${i}`) ? "corner held" : "corner", cx: x, cy: -y, r: 2 * scale, tabindex: 0, role: "button", "aria-label": `Corner ${i + 1}`, "data-corner": i });
+      draggable(mark, dragging((event, start) => holding(withCorner(start, i, plan.at(event), event.shiftKey), `corner ${i}`)));
+      keys(mark, `corner ${i}`, ([dx, dy]) => holding(withCorner(room, i, [x + dx, y + dy], true), `corner ${i}`));
       element.append(mark);
     });
     const focused = chosen;
@@ -279,7 +295,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     refresh,
     undo: () => undo.back(room),
     redo: () => undo.again(room),
-    command: `daylit room ${session.path} --edit`,
+    command: `daylit room ${session.path} --edit; daylit room ${session.path} --around`,
     close: () => view.dispose(),
     run: { until: "remove", text: "Empty the room with this shape" },
   };

@@ -86,19 +86,32 @@ export function withMore(room: Room, index: number): Room {
     const shift = o.wall === index && later ? half : 0;
     return { ...o, wall: o.wall + (later ? 1 : 0), start_m: o.start_m - shift, end_m: o.end_m - shift };
   });
-  return tidy({ ...room, floor, openings });
+  return tidy({ ...room, floor, openings, ...renumbered(room, (_, one) => one + Number(one > index)) });
 }
 
 /** The room without a corner; what was in its second wall is left out. */
 export function withoutCorner(room: Room, corner: number): Room {
   if (room.floor.length <= 3) return room;
   const openings = room.openings.filter((o) => o.wall !== corner).map((o) => ({ ...o, wall: o.wall > corner ? o.wall - 1 : o.wall }));
-  return tidy({ ...room, floor: room.floor.filter((_, i) => i !== corner), openings });
+  return tidy({ ...room, floor: room.floor.filter((_, i) => i !== corner), openings, ...renumbered(room, (_, one) => (one === corner ? -1 : one - Number(one > corner))) });
 }
 
 export function withOpening(room: Room, index: number, changed: Partial<Opening>): Room {
   return tidy({ ...room, openings: room.openings.map((o, i) => (i === index ? { ...o, ...changed, confidence: 1 } : o)) });
 }
+
+/** The room with more of it held, where it says what is. */
+export const holding = (room: Room, ...names: string[]): Room => (room.held?.length ? { ...room, held: [...new Set([...room.held, ...names])] } : room);
+
+/** What is held, of walls and corners with other numbers; -1: gone. */
+const renumbered = ({ held }: Room, to: (part: string, index: number) => number): { held?: string[] } => held ? {
+  held: held.flatMap((name) => {
+    const [part, index] = name.split(" ") as [string, string?];
+    if (index === undefined) return [name];
+    const now = to(part, Number(index));
+    return now < 0 ? [] : [`${part} ${now}`];
+  }),
+} : {};
 
 export const round = (metres: number): number => Math.round(metres * 1000) / 1000;
 
