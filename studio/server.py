@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import secrets
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+from starlette import responses
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import (
-    FileResponse,
-    JSONResponse,
-    PlainTextResponse,
-    RedirectResponse,
-    Response,
-    StreamingResponse,
-)
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -40,6 +36,8 @@ STATIC = Path(__file__).parent / "static"
 COOKIE = "daylit"
 MOST_BYTES = 64 << 20
 """Of an upload: a painted mask of full size has a hundredth (chosen)."""
+MOST_IMPORT_BYTES = 4 << 30
+"""Of what is imported (chosen: as much as a zip of a browser's own can hold)."""
 LOOK_S = 0.4
 """From one look at a session's stamp to the next (chosen: people wait for it, the disk does not)."""
 POLICY = (
@@ -53,7 +51,6 @@ HEADERS = [
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 ]
-Handler = Callable[[Request], Awaitable[Response]]
 
 
 class Door:
@@ -109,12 +106,13 @@ class Guard:
             return PlainTextResponse("unknown host", 421)
         if request.method not in ("GET", "HEAD") and request.headers.get("origin") != f"http://{host}":
             return PlainTextResponse("another origin", 403)
-        if int(request.headers.get("content-length") or 0) > MOST_BYTES:
+        most = MOST_IMPORT_BYTES if request.url.path == "/api/import" else MOST_BYTES
+        if int(request.headers.get("content-length") or 0) > most:
             return PlainTextResponse("too large", 413)
         if request.url.path == "/" and (token := request.query_params.get("token")):
             cookie = self._door.admit(token)
             if cookie:
-                answer = RedirectResponse("/", 303)
+                answer = responses.RedirectResponse("/", 303)
                 answer.set_cookie(COOKIE, cookie, httponly=True, samesite="strict", path="/")
                 return answer
         if not self._door.known(request.cookies.get(COOKIE)):
@@ -135,9 +133,17 @@ class Studio:
         """Return the session that the address names."""
         return seen.session_at(self.folder, request.path_params["name"])
 
+    def answer(self, read: Callable[[Path], Any]) -> Callable[[Request], Awaitable[Response]]:
+        """Return what answers with what is read of a session."""
+
+        async def handler(request: Request) -> Response:
+            return JSONResponse(await run_in_threadpool(read, self.session(request)))
+
+        return handler
+
     async def index(self, _request: Request) -> Response:
         """Return the page."""
-        return FileResponse(STATIC / "index.html")
+        return responses.FileResponse(STATIC / "index.html")
 
     async def cards(self, _request: Request) -> Response:
         """Return the folder's sessions."""
@@ -149,15 +155,22 @@ class Studio:
         await self.jobs.start(self.folder, strict_json.loads(await _body(request)))
         return JSONResponse(self.jobs.state(self.folder))
 
+    async def bring(self, request: Request) -> Response:
+        """Take a session's zip, or a panorama, into the folder."""
+        name = request.query_params.get("name", "")
+        if not re.fullmatch(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]{0,119}", name):
+            raise ParameterError("no name of a file", where="import", advice="give it a plain name")
+        with tempfile.TemporaryDirectory(prefix=".import-", dir=self.folder) as place:
+            with (path := Path(place) / name).open("wb") as file:
+                async for part in _parts(request, MOST_IMPORT_BYTES):
+                    file.write(part)
+            return JSONResponse({"name": (await run_in_threadpool(seen.brought, path, self.folder)).name})
+
     async def overview(self, request: Request) -> Response:
         """Return what there is of a session."""
         session = self.session(request)
         found = await run_in_threadpool(seen.overview, session)
         return JSONResponse({**found, "path": str(session), "job": self.jobs.state(session)})
-
-    async def designs(self, request: Request) -> Response:
-        """Return the designs that pieces may have, by category."""
-        return JSONResponse(await run_in_threadpool(seen.designs, self.session(request)))
 
     async def picture(self, request: Request) -> Response:
         """Return a panorama of the room."""
@@ -175,13 +188,8 @@ class Studio:
     async def frame(self, request: Request) -> Response:
         """Return a frame, small."""
         file = request.query_params.get("file", "")
-        return Response(
-            await run_in_threadpool(screens.frame_jpeg, self.session(request), file, 480), media_type="image/jpeg"
-        )
-
-    async def capture(self, request: Request) -> Response:
-        """Return what a capture has brought so far."""
-        return JSONResponse(await run_in_threadpool(seen.capture_state, self.session(request)))
+        data = await run_in_threadpool(screens.frame_jpeg, self.session(request), file, 480)
+        return Response(data, media_type="image/jpeg")
 
     async def file(self, request: Request) -> Response:
         """Return a result as a file; the report as the page that it is."""
@@ -189,7 +197,7 @@ class Studio:
         path = (session / "stages" / inner).resolve()
         if not path.is_relative_to((session / "stages").resolve()) or not path.is_file():
             return PlainTextResponse("no such file", 404)
-        return FileResponse(path, filename=path.name)
+        return responses.FileResponse(path, filename=path.name)
 
     async def correction(self, request: Request) -> Response:
         """Read, write or forget the room, the mask or the arrangement."""
@@ -211,11 +219,9 @@ class Studio:
     async def judge(self, request: Request) -> Response:
         """Return the rules that an arrangement breaks, while a piece is dragged."""
         session, places = self.session(request), strict_json.loads(await _body(request))
-
-        def verdict() -> list[str]:
-            return seen.broken(seen.plan_of(session), seen.moved(session, places).arrangements[0])
-
-        return JSONResponse({"broken": await run_in_threadpool(verdict)})
+        found = await run_in_threadpool(seen.moved, session, places)
+        broken = await run_in_threadpool(lambda: seen.broken(seen.plan_of(session), found.arrangements[0]))
+        return JSONResponse({"broken": broken})
 
     async def live(self, request: Request) -> Response:
         """Return a preview: the emptied room, another light, a region's figures, glare at a seat."""
@@ -242,7 +248,7 @@ class Studio:
     async def events(self, request: Request) -> Response:
         """Send the session's stamp and its run whenever one of them changes."""
         session = self.session(request)
-        return StreamingResponse(self._changes(request, session), media_type="text/event-stream")
+        return responses.StreamingResponse(self._changes(request, session), media_type="text/event-stream")
 
     async def _changes(self, request: Request, session: Path) -> AsyncIterator[str]:
         last = ""
@@ -273,17 +279,20 @@ def _file_of(session: Path, name: str, data: bytes) -> bytes:
 
 async def _body(request: Request) -> bytes:
     """Return what was sent, up to `MOST_BYTES`."""
-    found = bytearray()
+    return b"".join([part async for part in _parts(request, MOST_BYTES)])
+
+
+async def _parts(request: Request, most: int) -> AsyncIterator[bytes]:
     async for part in request.stream():
-        found += part
-        if len(found) > MOST_BYTES:
+        most -= len(part)
+        if most < 0:
             raise ParameterError("too large", where="upload")
-    return bytes(found)
+        yield part
 
 
 async def _error_answer(_request: Request, error: Exception) -> Response:
     if isinstance(error, DaylitError):
-        status = 409 if isinstance(error, seen.StaleError) else 404 if error.code.startswith("SES") else 400
+        status = 409 if isinstance(error, seen.StaleError) else 404 if error.code == "SES-001" else 400
         return JSONResponse({"error": error.to_dict()}, status)
     return JSONResponse({"error": {"code": "USE-001", "message": f"what was sent cannot be read: {error}"[:200]}}, 400)
 
@@ -292,24 +301,24 @@ def make_app(folder: Path, door: Door) -> Starlette:
     """Return the application over a folder of sessions."""
     studio = Studio(folder)
     base = "/api/sessions/{name}"
-    corrected = "/{what:str}"
     routes = [
         Route("/", studio.index),
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
         Route("/api/sessions", studio.cards),
+        Route("/api/import", studio.bring, methods=["POST"]),
         Route("/api/capture", studio.begin, methods=["POST"]),
         Route(base, studio.overview),
         Route(base + "/picture", studio.picture),
         Route(base + "/viewer", studio.viewer),
         Route(base + "/frame", studio.frame),
-        Route(base + "/capture", studio.capture),
-        Route(base + "/designs", studio.designs),
+        Route(base + "/capture", studio.answer(seen.capture_state)),
+        Route(base + "/designs", studio.answer(seen.designs)),
         Route(base + "/judge", studio.judge, methods=["POST"]),
         Route(base + "/live/{what:str}", studio.live, methods=["POST"]),
         Route(base + "/run", studio.run, methods=["POST", "DELETE"]),
         Route(base + "/events", studio.events),
         Route(base + "/files/{path:path}", studio.file),
-        Route(base + "/correction" + corrected, studio.correction, methods=["GET", "PUT", "DELETE"]),
+        Route(base + "/correction/{what:str}", studio.correction, methods=["GET", "PUT", "DELETE"]),
     ]
     errors: dict[Any, Any] = dict.fromkeys((DaylitError, ValueError, KeyError), _error_answer)
     return Starlette(routes=routes, middleware=[Middleware(Guard, door=door)], exception_handlers=errors)

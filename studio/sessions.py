@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import LayoutError, ParameterError
-from processing.ground.room_model import check_room, read_room, room_text
+from processing.ground.room_model import RoomModel, check_room, room_text
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.running.choices import forget, read_choices, remember
 from processing.running.results import RESULT_NAME
@@ -39,11 +39,8 @@ class StaleError(ParameterError, code="USE-005"):
 
 def session_at(folder: Path, name: str) -> Path:
     """Return the session's folder; whatever is no name of a folder there that holds a session is refused."""
-    if (
-        not re.fullmatch(r"[^/\\\x00]{1,255}", name)
-        or name in (".", "..")
-        or not (folder / name / MANIFEST_NAME).is_file()
-    ):
+    plain = re.fullmatch(r"[^/\\\x00]{1,255}", name) and name not in (".", "..")
+    if not plain or not (folder / name / MANIFEST_NAME).is_file():
         raise SessionNotFoundError("there is no such session", where=name[:80])
     return folder / name
 
@@ -60,15 +57,18 @@ def _card(session: Path) -> dict[str, Any]:
     except Exception as error:  # noqa: BLE001 (one damaged session must not hide the others)
         return {"name": session.name, "title": session.name, "taken": "", "status": "damaged", "missing": [str(error)]}
     return {
-        "name": session.name,
-        "title": manifest.name,
-        "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC",
-        "status": manifest.status.value,
-        "missing": list(manifest.missing),
-        "simulated": manifest.simulated,
-        "frames": len(manifest.frames),
-        "stages": stages(session),
-    }
+        "name": session.name, "title": manifest.name, "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC",
+        "status": manifest.status.value, "missing": list(manifest.missing), "simulated": manifest.simulated,
+        "frames": len(manifest.frames), "stages": stages(session),
+    }  # fmt: skip
+
+
+def brought(file: Path, folder: Path) -> Path:
+    """Return the session that a file makes in the folder: a zip (`daylit import`), or a panorama's picture."""
+    from processing.running.panorama_session import panorama_session
+    from station.frames.packed import take_packed
+
+    return take_packed(file, folder) if file.suffix.lower() == ".zip" else panorama_session(file, folder)
 
 
 def stages(session: Path) -> list[str]:
@@ -134,8 +134,6 @@ def drop(session: Path, name: str) -> None:
 
 def room_bytes(data: Any) -> bytes:
     """Return a corrected room as its file; raises `RoomError` naming all that is wrong with it."""
-    from processing.ground.room_model import RoomModel
-
     if isinstance(data, dict):
         data = {**data, "source": "given", "confidence": 1.0}
     check_room(data)
@@ -167,8 +165,7 @@ def plan_of(session: Path) -> Any:
     data, _ = current(session, ROOM)
     if not data:
         raise ParameterError("the session has no room yet", where=session.name, advice="process it until room")
-    chosen = read_choices(session).value(session, "room")
-    room, _ = with_door(read_room(chosen or session / ESTIMATED[ROOM]))
+    room, _ = with_door(RoomModel.model_validate_json(data))
     return from_room_model(room, name="room", keep_camera_free=True)
 
 
@@ -205,9 +202,8 @@ def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
         moved_ = found.model_copy(update={"arrangements": arrangements})
         return Arrangements.model_validate_json(moved_.model_dump_json())
     except (TypeError, ValueError, KeyError) as error:
-        raise ParameterError(
-            f"places are [x, y, theta, design] by the piece's id: {str(error)[:80]}", where="furnish"
-        ) from error
+        said = f"places are [x, y, theta, design] by the piece's id: {str(error)[:80]}"
+        raise ParameterError(said, where="furnish") from error
 
 
 def designs(session: Path) -> dict[str, dict[str, Any]]:

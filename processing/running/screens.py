@@ -39,8 +39,10 @@ def look_of(session: Path, image: Any) -> Any:
 def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
     """Return a panorama of the room as JPEG, at most ``width_px`` wide; "Card": see `CARD`."""
     if state == "Card":
-        frames = [one.file for one in load_manifest(session).frames if one.side == "indoor" and not one.is_raw]
-        found = [p for name in (CARD, *frames[len(frames) // 2 :][:1]) if (p := session / name).is_file()]
+        manifest = load_manifest(session)
+        frames = [one.file for one in manifest.frames if one.side == "indoor" and not one.is_raw]
+        given = [] if manifest.panorama is None else [manifest.panorama.file]
+        found = [p for name in (CARD, *frames[len(frames) // 2 :][:1], *given) if (p := session / name).is_file()]
         return small_jpeg(found[0], width_px) if found else picture_jpeg(session, "Photograph", width_px)
     path = picture_of(session, state)
     if path is None:

@@ -34,13 +34,9 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
 @click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
 @click.option(
-    "--reading",
-    "readings",
-    type=click.FloatRange(min=0, max=1e10),
-    multiple=True,
-    metavar="CD_M2",
+    "--reading", "readings", type=click.FloatRange(min=0, max=1e10), multiple=True, metavar="CD_M2",
     help="Luminance of the meter's target; twice: before, after.",
-)
+)  # fmt: skip
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
@@ -51,10 +47,13 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 def import_session(**options: Any) -> int:
     """Make a session of ROOM from folders of JPEGs, one a camera; the folders are left as they are.
 
+    ROOM may be a zip file: of a session, which is then in --into, or of folders called indoor and outdoor.
+
     \b
     Examples:
       daylit import coda-320 --indoor theta --outdoor canon --reading 34.63
       daylit import attic --indoor attic --shutter 4,1,1/4,1/15 --site 40.44,-79.99 --heading 120
+      daylit import kitchen.zip
       daylit import --dataset Cali-HDR --table summary.csv --zone America/New_York --site 40.44,-79.99
     """
     from station.capture.bracket import parse_shutter
@@ -68,23 +67,24 @@ def import_session(**options: Any) -> int:
         return import_tree(options)
     if options["room"] is None:
         raise UsageError("which room?", where="import", advice="daylit import ROOM --indoor FOLDER")
+    if options["room"].endswith(".zip"):
+        from station.frames.packed import take_packed
+
+        session = str(take_packed(Path(options["room"]), options["into"]))
+        return answer({"ok": True, "session": session}, [session], as_json=options["as_json"])
     if given := [name for name in ("table", "only", "dry_run") if options[name]]:
         raise UsageError(f"--{given[0].replace('_', '-')} goes with --dataset", where="import", advice="leave it out")
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
     heading_deg = options["heading"]
     request = ImportRequest(
-        room=options["room"],
-        folders={side: folder for side, folder in folders.items() if folder is not None},
+        room=options["room"], folders={side: folder for side, folder in folders.items() if folder is not None},
         into=options["into"],
         shutter_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
-        readings_cd_m2=options["readings"],
-        site=parse_site(options["site"]),
+        readings_cd_m2=options["readings"], site=parse_site(options["site"]),
         heading_rad=None if heading_deg is None else math.radians(heading_deg % 360),
-        target=parse_target(options["target"]),
-        camera_zone_min=parse_zone(options["zone"]),
-        strict=options["strict"],
+        target=parse_target(options["target"]), camera_zone_min=parse_zone(options["zone"]), strict=options["strict"],
         raw=options["raw"],
-    )
+    )  # fmt: skip
     report = run_import(request)
     if options["as_json"]:
         click.echo(json.dumps(summary(report)))
@@ -276,16 +276,11 @@ def _request(options: dict[str, Any]) -> DatasetRequest:
         text = f"{given[0].replace('_', '-')} says something of one room only"
         raise UsageError(text, where="--dataset", advice="leave it out, or import one room")
     return DatasetRequest(
-        root=options["dataset"],
-        into=options["into"],
-        table=options["table"],
+        root=options["dataset"], into=options["into"], table=options["table"],
         lost_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
-        site=parse_site(options["site"]),
-        zone=_zone(options["zone"]),
-        only=options["only"],
-        raw=options["raw"],
+        site=parse_site(options["site"]), zone=_zone(options["zone"]), only=options["only"], raw=options["raw"],
         strict=options["strict"],
-    )
+    )  # fmt: skip
 
 
 def _zone(text: str | None) -> ZoneInfo | int | None:

@@ -100,7 +100,10 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
 
 def listen(page: Any, complaints: list[str]) -> None:
     page.set_default_timeout(PATIENCE_MS)
-    page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
+    page.on(
+        "console",
+        lambda line: complaints.append(f"{line.text} {line.location['url']}") if line.type == "error" else None,
+    )
     page.on("pageerror", lambda error: complaints.append(str(error)))
 
 
@@ -142,8 +145,7 @@ def test_ceiling_dragged_in_the_panorama(opened: Opened) -> None:
         opened.page.wait_for_timeout(30)
     for _ in range(8):
         opened.page.keyboard.press("ArrowUp")
-    wait(lambda: mark.bounding_box() is not None)
-    box = mark.bounding_box()
+    box = box_of(mark)
     before = room_of(opened.session).ceiling_height_m
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     opened.page.mouse.move(x, y)
@@ -170,8 +172,7 @@ def test_a_doors_edges_go_to_those_of_the_picture(opened: Opened) -> None:
         opened.page.keyboard.press("ArrowLeft")
         opened.page.wait_for_timeout(30)
     for key, near in (("", 0.012), ("Shift", None)):
-        wait(lambda: mark.bounding_box() is not None)  # drawn anew after each change
-        box = mark.bounding_box()
+        box = box_of(mark)
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         if key:
             opened.page.keyboard.down(key)
@@ -433,6 +434,49 @@ def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None
     page.locator(".card", has_text="hall 3").wait_for()
 
 
+def test_pictures_zips_and_folders_are_imported_and_others_refused(opened: Opened, tmp_path: Path) -> None:
+    page, names = opened.page, {path.name for path in opened.folder.iterdir()}
+    Image.fromarray(np.full((64, 128, 3), 128, np.uint8)).save(tmp_path / "attic <i>.png")
+    Image.fromarray(np.full((64, 100, 3), 128, np.uint8)).save(tmp_path / "narrow.png")
+    (tmp_path / "words.zip").write_bytes(b"no archive")
+
+    def bring(file: str) -> None:
+        page.goto(f"{opened.base}/#/")
+        page.locator(".drop input").set_input_files(tmp_path / file)
+
+    for file, words in (("narrow.png", "Not imported: "), ("words.zip", "cannot be unpacked")):
+        bring(file)
+        page.get_by_text(words).wait_for()
+        page.reload()
+    assert {path.name for path in opened.folder.iterdir()} == names, "nothing is left of them"
+    bring("attic <i>.png")
+    page.get_by_text("One panorama").wait_for()
+    assert page.locator("h1").inner_text() == "attic <i>"
+    # A folder that is dropped: its files as the browser shows them, zipped there.
+    made = opened.fresh("dropped")
+    moved = made.rename(tmp_path / made.name)
+    inside = {p.relative_to(tmp_path).as_posix(): list(p.read_bytes()) for p in moved.rglob("*") if p.is_file()}
+    page.goto(f"{opened.base}/#/")
+    page.locator(".drop").wait_for()
+    page.evaluate(_DROP, [made.name, inside])
+    wait(lambda: (made / "session.json").exists())
+    again = {p.relative_to(opened.folder).as_posix(): list(p.read_bytes()) for p in made.rglob("*") if p.is_file()}
+    assert again == inside
+    until(page, f"() => location.hash.includes('{made.name}/capture')")
+
+
+_DROP = """([name, files]) => {
+  const entries = Object.entries(files).map(([path, bytes]) => ({
+    isFile: true, fullPath: `/${path}`, file: (done) => done(new File([new Uint8Array(bytes)], path.split("/").at(-1))),
+  }));
+  const turns = [entries, []];
+  const folder = { isFile: false, name, createReader: () => ({ readEntries: (done) => done(turns.shift()) }) };
+  const event = new Event("drop", { cancelable: true });
+  event.dataTransfer = { items: [{ webkitGetAsEntry: () => folder }] };
+  document.querySelector(".drop").dispatchEvent(event);
+}"""
+
+
 def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
     session = opened.fresh("run")
     screen(opened.page, session.name, "room")
@@ -448,7 +492,7 @@ def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
 def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
     opened.page.set_viewport_size({"width": width, "height": 844})
     script = AXE.read_text("utf-8")
-    for kind in ("", "room", "remove", "furnish", "light", "results"):
+    for kind in ("", "capture", "room", "remove", "furnish", "light", "results"):
         opened.page.goto(f"{opened.base}/#/")
         if kind:
             screen(opened.page, (opened.lit if kind == "light" else opened.session).name, kind)
@@ -502,6 +546,11 @@ def test_strangers_are_turned_away(opened: Opened) -> None:
         assert asked(opened, f"/api/sessions/{evil}/room", own) in (400, 404), evil
     for path in ("..%2f..%2fsession.json", "room%2f..%2f..%2fsession.json", "%2fetc%2fpasswd"):
         assert asked(opened, f"/api/sessions/{name}/files/{path}", own) == 404, path
+    for evil in ("..%2fx.zip", ".hidden.zip", "a%00.zip", "", "x" * 300):
+        assert asked(opened, f"/api/import?name={evil}", own, b"PK", "POST") == 400, evil
+    assert asked(opened, "/api/import?name=a.exe", own, b"MZ", "POST") == 400
+    large = {**own, "Content-Length": str(5 << 30)}
+    assert asked(opened, "/api/import?name=a.zip", large, b"", "POST") == 413
     before = (opened.session / "mask.png").read_bytes()
     for what, data in (
         ("room", b"{"),
@@ -529,8 +578,8 @@ def bomb() -> bytes:
     )
 
 
-def asked(opened: Opened, path: str, headers: dict[str, str], data: bytes | None = None) -> int:
-    request = urllib.request.Request(opened.base + path, data, headers, method="PUT" if data is not None else "GET")
+def asked(opened: Opened, path: str, headers: dict[str, str], data: bytes | None = None, method: str = "PUT") -> int:
+    request = urllib.request.Request(opened.base + path, data, headers, method="GET" if data is None else method)
     try:
         with urllib.request.urlopen(request, timeout=30) as answer:
             return int(answer.status)
@@ -541,6 +590,13 @@ def asked(opened: Opened, path: str, headers: dict[str, str], data: bytes | None
 def click(page: Any, across: float, down: float) -> None:
     box = page.locator("main canvas").bounding_box()
     page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
+
+
+def box_of(mark: Any) -> Any:
+    """Where a mark is, which is drawn anew after each change."""
+    found: list[Any] = []
+    wait(lambda: found.append(mark.bounding_box()) or found[-1] is not None)
+    return found[-1]
 
 
 def wait(done: Any, limit_s: float = 30) -> None:

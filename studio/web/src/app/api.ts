@@ -71,7 +71,7 @@ export interface Frame {
 export interface Capture {
   status: string;
   missing: string[];
-  bracket: { stops_s: number[] };
+  bracket: { mode: string; stops_s: number[] };
   devices: { role: string; model: string; simulated: boolean }[];
   frames: Frame[];
   readings: { luminance_cd_m2?: number; when: string; status: string }[];
@@ -125,6 +125,9 @@ async function corrected<T>(answer: Response, read: (answer: Response) => Promis
 export const api = {
   capturing: async (room: string, simulate: string | null): Promise<void> =>
     void (await ask("/api/capture", { method: "POST", body: JSON.stringify({ room, simulate }) })),
+  /** Take a file into the folder; its session's name. */
+  bring: async (name: string, file: Blob): Promise<string> =>
+    ((await (await ask(`/api/import?name=${encodeURIComponent(name)}`, { method: "POST", body: file })).json()) as { name: string }).name,
   sessions: async (): Promise<{ folder: string; sessions: Card[]; job: Job | null }> => (await ask("/api/sessions")).json(),
   overview: async (session: string): Promise<Overview> => (await ask(at(session))).json(),
   capture: async (session: string): Promise<Capture> => (await ask(at(session, "/capture"))).json(),

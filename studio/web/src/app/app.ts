@@ -1,5 +1,6 @@
 // The frame around the screens: where one is, what runs, undo, and the command line that does the same.
 import { api, type Card, type Job, type Overview } from "./api";
+import { dropZone } from "./bring";
 import { button, h, note } from "./dom";
 import type { Screen } from "./screens";
 
@@ -45,9 +46,9 @@ async function sessions(mine: number): Promise<void> {
   const found = await api.sessions();
   if (mine !== opening) return;
   const cards = found.sessions.map(card);
-  main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", {}, "There is no session here yet: capture or import one."));
   const command = new Text("");
-  main.append(starter(found.folder, found.sessions, command));
+  const news = h("div", { class: "news" }, starter(found.folder, found.sessions, command), dropZone(found.folder, (text) => (command.data = text)));
+  main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", { class: "empty" }, "There is no session here yet: capture a room, or import a panorama."), news);
   below.replaceChildren(h("p", {}, "On the command line: ", h("code", {}, command)));
 }
 
@@ -88,10 +89,9 @@ function starter(folder: string, known: Card[], command: Text): HTMLElement {
 
 function card(one: Card): HTMLElement {
   const stages = one.stages ?? [];
-  const first = one.status !== "complete" ? "capture" : stages.includes("render") ? "results" : "room";
-  const picture = stages.includes("calibrate")
-    ? h("img", { src: api.picture(one.name, "Card", 640, ""), alt: "", loading: "lazy" })
-    : h("div", { class: "blank" });
+  const first = one.status !== "complete" || !stages.length ? "capture" : stages.includes("render") ? "results" : "room";
+  const picture: HTMLElement = one.status === "damaged" ? h("div", { class: "blank" })
+    : h("img", { src: api.picture(one.name, "Card", 640, ""), alt: "", loading: "lazy", error: () => picture.replaceWith(h("div", { class: "blank" })) });
   const state = one.status === "complete" ? (stages.includes("report") ? "processed" : stages.length ? `processed until ${["report", "render", "arrange", "remove", "detect", "room", "calibrate", "merge", "verify"].find((s) => stages.includes(s))}` : "captured") : one.status;
   return h("li", { class: "card" }, h("a", { href: `#/${encodeURIComponent(one.name)}/${first}` }, picture, h("strong", {}, one.title)),
     h("p", {}, [one.taken, state, one.simulated ? "simulated" : ""].filter(Boolean).join(" · ")),
@@ -128,7 +128,7 @@ async function session(name: string, kind: string, mine: number): Promise<void> 
 
 /** Show the screens that there are results for; return the wanted one, else the first. */
 function tabs(found: Overview, kind: string): string | undefined {
-  const there = [...(found.stages ?? []), found.frames || found.status !== "complete" ? "frames" : ""];
+  const there = [...(found.stages ?? []), "frames"];
   const open = Object.entries(SCREENS).filter(([, one]) => there.includes(one.needs));
   const chosen = open.some(([id]) => id === kind) ? kind : open[0]?.[0];
   const links = open.map(([id, one]) =>

@@ -42,15 +42,16 @@ export async function captureScreen(session: Overview): Promise<Screen> {
 
   function show(now: Capture): void {
     const complete = now.status === "complete";
-    verdict.textContent = complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "it is being captured"}`;
+    const one = now.bracket.mode === "panorama";
+    verdict.textContent = one ? "One panorama: no brackets, no meter" : complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "it is being captured"}`;
     verdict.classList.toggle("bad", !complete);
     const readings = now.readings.map((one) => `${one.when}: ${one.luminance_cd_m2 === undefined ? one.status : `${one.luminance_cd_m2.toPrecision(4)} cd/m²`}`);
     const clipped = now.frames.filter((one) => (one.statistics?.clipped_frac ?? 0) > 0.5).length;
     facts.replaceChildren(
       ...now.devices.map((one) => fact(one.role, `${one.model}${one.simulated ? " (simulated)" : ""}`)),
-      fact("Meter", readings.join(", ") || "no reading yet"),
+      ...(one ? [] : [fact("Meter", readings.join(", ") || "no reading yet")]),
       ...(now.drift_frac === undefined ? [] : [fact("Drift of the light", `${(100 * now.drift_frac).toFixed(1)} %`)]),
-      fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`),
+      ...(one ? [] : [fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
       ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));
     for (const one of [...now.frames].sort((a, b) => a.side.localeCompare(b.side) || a.stop - b.stop)) {
       const seconds = now.bracket.stops_s[one.stop];
@@ -66,7 +67,8 @@ export async function captureScreen(session: Overview): Promise<Screen> {
   const refresh = async (): Promise<void> => show(await api.capture(session.name));
   await refresh();
   return {
-    element: h("section", { class: "wide" }, verdict, facts, frames),
+    element: h("section", { class: "wide" }, verdict, facts, frames,
+      session.frames ? null : h("img", { class: "whole", src: api.picture(session.name, "Card", 2048, session.stamp), alt: "The panorama as it was imported", error: (event: Event) => (event.target as Element).remove() })),
     refresh,
     run: { until: "report", text: "Process this session" },
     command: session.status === "complete" ? `daylit verify ${session.path}` : `daylit capture --resume ${session.path}`,
