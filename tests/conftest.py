@@ -1,6 +1,6 @@
 """For all tests: Hypothesis draws the same examples in every run, new ones where DAYLIT_TORTURE=1; one cache of worlds.
 
-A run that fails by chance tells a user nothing about what he changed; the long runs look for new examples.
+A run that fails by chance tells a user nothing about what he changed; the long runs look for new ones, and for more.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ sys.dont_write_bytecode = False
 gc.set_threshold(100_000, 20, 100)
 """Chosen: at Python's own 700 a quarter of the collection and half of reading sources goes into looking for garbage."""
 
-settings.register_profile("same", derandomize=True)
+settings.register_profile("same", derandomize=True, max_examples=30)
 settings.register_profile("new", print_blob=True)
 settings.load_profile("new" if LONG else "same")
 
@@ -43,7 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Give all workers, and later runs, one folder for simulated worlds: what one has made, none makes again.
 
     Worlds are what tests start from, not what they test: they are kept by the content of what makes them, and those of
-    another content go when they were not used for a week.
+    another content go when they were not used for a week. The long runs make all of them anew.
     """
     if hasattr(config, "workerinput"):
         return

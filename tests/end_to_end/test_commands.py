@@ -178,8 +178,8 @@ def test_two_stations_on_one_session_exclude_each_other(tmp_path: Path) -> None:
 
 @pytest.mark.timeout(1800)
 def test_demo_ends_with_a_report(tmp_path: Path) -> None:
-    """The whole of it, staging too, with pictures of an eighth the size."""
-    with started("demo", "--world", "room", "--size", "small", cwd=tmp_path) as process:
+    """The whole of it, staging too, in draft quality with pictures of an eighth the size."""
+    with started("demo", "--quick", "--world", "room", "--size", "small", cwd=tmp_path) as process:
         out, err = process.communicate(timeout=1700)
     assert process.returncode == 0, err
     assert len(list((tmp_path / "demo").glob("*_room/indoor/*.jpg"))) == 9

@@ -23,6 +23,7 @@ from mocks.optics.pictures import RenderedShots
 from mocks.optics.sensor import Exposure, ToneCurve
 from mocks.worlds.light import UniformWorld, direction_of
 from mocks.worlds.world import open_world
+from tests.conftest import LONG
 from tests.mocks.optics.test_pictures import request_for
 
 CAMERAS = [THETA_Z1, CANON_5D2]
@@ -114,7 +115,8 @@ def expected_value(curve: ToneCurve, full_well_e, read_noise_e, balance, exposur
 
 
 @pytest.mark.parametrize("optics", CAMERAS, ids=NAMES)
-@pytest.mark.parametrize("shutter_s", TRUE_S)
+@pytest.mark.sweep
+@pytest.mark.parametrize("shutter_s", TRUE_S if LONG else [4, 1 / 15, 1 / 250, 1 / 8000])
 def test_uniform_100_gives_the_frames_of_the_exposure_equation(tmp_path, optics, shutter_s):
     """Six rings of each frame, each channel: the mean is the equation's, through fall-off, filter, veil, noise,
     clipping and tone curve, to 5 standard errors."""

@@ -11,6 +11,9 @@ from mocks.rooms.finish import draw_finish, draw_floor
 from mocks.rooms.materials import RENTAL, linear, plain, scaled, turned, veneer
 from mocks.rooms.model import Finish, Material, Use
 from mocks.rooms.textures.catalogue import tile
+from tests.conftest import LONG
+
+pytestmark = pytest.mark.sweep
 
 
 def finish_of(seed: int, use: Use = Use.LIVING) -> Finish:
@@ -27,13 +30,13 @@ def reflectance(material: Material) -> float:
 
 @pytest.fixture(scope="module")
 def finishes() -> list[Finish]:
-    return [finish_of(seed, list(Use)[seed % 5]) for seed in range(35)]
+    return [finish_of(seed, list(Use)[seed % 5]) for seed in range(35 if LONG else 20)]
 
 
 @pytest.fixture(scope="module")
 def floors() -> list[Material]:
     rng = np.random.default_rng(11)
-    return [draw_floor(rng, RENTAL, Use.LIVING) for _ in range(150)]
+    return [draw_floor(rng, RENTAL, Use.LIVING) for _ in range(150 if LONG else 80)]
 
 
 @pytest.mark.parametrize("use", list(Use))

@@ -14,6 +14,7 @@ from mocks.rooms.furniture.small import blade, leaf
 from mocks.rooms.model import ADE20K, NO_CLASS, Item, Part, Role, Use
 from processing.ground.mesh import Mesh, merge
 from processing.ground.shapes import ball, beam, cylinder, lathe, pad, pillow, rounded_box, tube
+from tests.conftest import LONG
 
 SIZES_M = {
     "bed": (1.68, 2.12, 1.0),
@@ -126,10 +127,11 @@ def test_every_kind_is_tried_here() -> None:
     assert set(SIZES_M) == set(MODELS)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("kind", MODELS)
 def test_models_are_sound_and_keep_to_their_size(kind: str) -> None:
     size, slack = np.array(SIZES_M[kind]), TOLERANCE_M.get(kind, 0.02)
-    for seed in range(6):
+    for seed in range(6 if LONG else 2):
         parts = built(kind, seed)
         for part in parts:
             assert_sound(part.mesh)

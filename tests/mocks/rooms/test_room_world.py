@@ -9,9 +9,10 @@ import pytest
 
 from mocks.optics.picture_cache import PictureCache
 from mocks.rooms import world as world_module
+from mocks.rooms.light import light as light_module
 from mocks.rooms.light.engine import irradiance_at
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.light.light import components, lightings
+from mocks.rooms.light.light import QUALITIES, Quality, components, lightings
 from mocks.rooms.light.sunlight import enters, sun_share
 from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role, Use
@@ -209,6 +210,8 @@ def test_description_is_plain_json(world):
 
 def test_light_is_kept_and_found_again(world, tmp_path, monkeypatch):
     cache = PictureCache(tmp_path)
+    monkeypatch.setattr(light_module, "ENVIRONMENT_ROWS", 16)
+    monkeypatch.setitem(QUALITIES, "sketch", Quality(16, 2))
     room = make_room(1, Use.EMPTY, sky="overcast", lamps_on=False)
     geometry = Geometry(room.parts())
     first = baked_light(room, geometry, "sketch", cache)
@@ -234,8 +237,6 @@ def test_an_overcast_room_has_no_sun_component():
 
 def test_noise_does_not_become_gloss(monkeypatch):
     """Two equally bright noisy pictures, matte and glossy: their difference is no light."""
-    from mocks.rooms.light import light as light_module
-
     room = make_room(1, Use.EMPTY, sky="overcast", lamps_on=False)
     shiny = replace(room.finish, floor=replace(room.finish.floor, roughness=0.2))
     room = replace(room, finish=shiny)

@@ -15,6 +15,7 @@ from mocks.rooms.plan.forms import door_swing, openings_of
 from mocks.rooms.room import draw_plan
 from mocks.rooms.shell import shell_parts
 from mocks.rooms.shell.openings import window_panes
+from tests.conftest import LONG
 from tests.mocks.rooms.leaks import missed, rays_inside, through
 
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))
@@ -52,16 +53,17 @@ def parts_of(seed: int) -> tuple[Part, ...]:
     return tuple(shell_parts(plan_of(seed), FINISH))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("first", [0, 10, 20, 30, 40])
 def test_light_leaves_through_panes_and_nowhere_else(first: int) -> None:
-    left = 0
-    for seed in range(first, first + 10):
-        origins, ways = rays_inside(plan_of(seed), seed, 6000)
+    left, count, rays = 0, 10 if LONG else 4, 6000 if LONG else 3000
+    for seed in range(first, first + count):
+        origins, ways = rays_inside(plan_of(seed), seed, rays)
         out = missed(parts_of(seed), origins, ways)
         panes = np.any([through(pane, origins, ways) for pane in window_panes(plan_of(seed))], axis=0)
         assert not np.any(out & ~panes), seed
         left += int(out.sum())
-    assert left > 10 * 6000 * 0.005
+    assert left > count * rays * 0.005
 
 
 def test_a_corner_and_the_edge_of_a_reveal_let_no_light_through() -> None:
@@ -98,8 +100,9 @@ def test_panes_are_clear_glass_in_the_outer_face_and_look_outside() -> None:
     assert 0.6 < area / (1.4 * 1.2) < 0.9
 
 
+@pytest.mark.sweep
 def test_meshes_are_well_formed() -> None:
-    for seed in range(30):
+    for seed in range(30 if LONG else 12):
         for part in parts_of(seed):
             mesh = part.mesh
             corners = mesh.vertices[mesh.faces]

@@ -12,7 +12,7 @@ import pytest
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
 from mocks.rooms.light.transport import Lighting, load_scene
 from mocks.rooms.model import Material, Part, Role, Use
-from mocks.rooms.room import make_room
+from mocks.rooms.room import draw_plan, make_room
 from mocks.rooms.sky.daylight import Moment, sun_of
 from mocks.rooms.sky.sky import SUN_RADIUS_RAD, Sky
 from mocks.rooms.truth import equirectangular
@@ -60,7 +60,7 @@ def test_3_heading_turns_the_compass(heading_deg):
 
 def test_4_polygons_turn_left():
     for seed in range(20):
-        plan = make_room(seed, Use.EMPTY).plan
+        plan = draw_plan(np.random.default_rng(seed), Use.EMPTY)
         x, y = np.array(plan.polygon).T
         assert (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() > 0
         along, inward = plan.wall_axes(0)

@@ -7,6 +7,7 @@ import pytest
 
 from mocks.optics.camera import CANON_5D2, ND3_TINT, THETA_Z1, image_rows, scene_rows
 from mocks.worlds.light import BrightDisc, UniformWorld, direction_of
+from tests.conftest import LONG
 
 
 class Sun(UniformWorld):
@@ -53,12 +54,19 @@ def flux_of(optics, direction, size):
     return total / (1e9 * 2 * math.pi * (1 - math.cos(math.radians(0.265))))
 
 
+def some(values, number):
+    """All of the values in a long run; in short half of them, others by a number that comes with them."""
+    start = int(number) % len(values)
+    return values if LONG else [*values, *values][start : start + (len(values) + 1) // 2]
+
+
+@pytest.mark.sweep
 @pytest.mark.parametrize("elevation_deg", [5, 15, 30, 45, 60, 75, 89])
 def test_suns_energy_is_kept_through_the_fisheye(elevation_deg):
     """To 0.5 % at each elevation, whatever the azimuth and the size of the picture."""
-    for azimuth_deg in (0, 37, 135, 260):
+    for azimuth_deg in some((0, 37, 135, 260), elevation_deg):
         direction = direction_of(math.radians(azimuth_deg), math.radians(elevation_deg))
-        for size in ((351, 234), (702, 468), (1404, 936)):
+        for size in some(((351, 234), (702, 468), (1404, 936)), azimuth_deg):
             assert flux_of(CANON_5D2, direction, size) == pytest.approx(1, abs=0.005)
 
 
@@ -69,12 +77,13 @@ def test_suns_energy_is_kept_at_full_size(elevation_deg, azimuth_deg):
     assert flux_of(THETA_Z1, direction, THETA_Z1.full_size) == pytest.approx(1, abs=0.005)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("elevation_deg", [-89.9, -40, 0, 30, 75, 89.7, 90])
 def test_suns_energy_is_kept_in_the_panorama(elevation_deg):
     """Poles and seam included (azimuth 180 degrees is the left and the right edge)."""
-    for azimuth_deg in (0, 180, 179.8, -100):
+    for azimuth_deg in some((0, 180, 179.8, -100), elevation_deg):
         direction = direction_of(math.radians(azimuth_deg), math.radians(elevation_deg))
-        for size in ((420, 210), (840, 420), (1680, 840)):
+        for size in some(((420, 210), (840, 420), (1680, 840)), azimuth_deg):
             assert flux_of(THETA_Z1, direction, size) == pytest.approx(1, abs=0.005)
 
 

@@ -16,6 +16,7 @@ from processing.figures.views import eye_view
 from processing.pictures.images import LuminanceImage
 from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, directions, solid_angles
+from tests.conftest import LONG
 
 
 def panorama(level: np.ndarray) -> LuminanceImage:
@@ -116,7 +117,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", CASES if LONG else ["from the side", "the sun"])
 def test_evalglare_finds_the_same(tmp_path: Path, name: str) -> None:
     pyradiance = pytest.importorskip("pyradiance", reason="an oracle of the bench extra")
     tool = Path(pyradiance.__file__).parent / "bin" / "evalglare"

@@ -16,7 +16,7 @@ from processing.sphere import Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 SUN = Sun((0.0, -0.8, 0.6), (80_000.0, 70_000.0, 60_000.0))
-VIEW = Perspective(320, 240, 0.4, pitch_rad=-1.2)
+VIEW = Perspective(160, 120, 0.2, pitch_rad=-1.2)
 
 
 def sunny(*parts, bars: bool = False) -> Scene:

@@ -15,9 +15,13 @@ from processing.sphere import (
     solid_angles,
 )
 from processing.sphere.resampling import padded_sphere, resample, resample_labels, resample_uncertainty
+from tests.conftest import LONG
 from tests.processing.sphere.sphere_pictures import fisheye, geometries, one_of_each, smooth
 
-PAIRS = list(itertools.permutations(one_of_each(), 2))
+NAMES = list(one_of_each())
+PAIRS = list(itertools.permutations(NAMES, 2))
+if not LONG:  # each as a source and as a target, twice
+    PAIRS = [(a, b) for a, b in PAIRS if (NAMES.index(b) - NAMES.index(a)) % len(NAMES) in (1, 3)]
 ROOM = one_of_each(96)
 SUN = np.array([math.sin(0.55) * math.cos(0.9), math.cos(0.55) * math.cos(0.9), math.sin(0.9)])
 
@@ -29,6 +33,7 @@ def sun(geometry):
     return np.where(seen, np.where(near < 0.04, 1.6e9, 1.0), 0.0).astype(np.float32)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_the_sun_keeps_its_illuminance(source, target):
     there, back = ROOM[source], ROOM[target]
@@ -41,6 +46,7 @@ def test_the_sun_keeps_its_illuminance(source, target):
     assert moved.max() <= 1.6e9
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_a_constant_stays_that_constant(source, target):
     there, back = one_of_each(40)[source], one_of_each(55)[target]

@@ -22,6 +22,7 @@ from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import LensError
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, directions, solid_angles
+from tests.conftest import LONG
 from tests.processing.calibration.outdoor.sky_pictures import (
     correct_outdoor,
     in_cd_m2,
@@ -67,7 +68,8 @@ def test_the_suns_energy_passes_the_projection(view: OutdoorView, elevation_deg:
     assert after.sum() == pytest.approx(before.sum(), rel=2e-3)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.sweep
+@pytest.mark.parametrize("seed", range(3 if LONG else 1))
 def test_boxes_stand_for_cells_where_light_is_even(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     """Against exact overlaps everywhere: the same marks, and light within the stated error."""
     rng = np.random.default_rng(seed)

@@ -106,8 +106,7 @@ def test_moved_pixels_and_blocks_are_left_out() -> None:
     assert fit.rejected["moved"] > 0.001
 
 
-@pytest.mark.parametrize("frame", [0, 4, 8])
-@pytest.mark.parametrize("factor", [0.5, 1.26])
+@pytest.mark.parametrize(("frame", "factor"), [(0, 0.5), (4, 1.26), (8, 0.5)])
 def test_a_wrong_time_is_named_and_put_right(frame: int, factor: float) -> None:
     times = list(made().true_s)
     times[frame] *= factor

@@ -14,6 +14,7 @@ from processing.calibration.scale.photometry import compare_illuminance, illumin
 from processing.errors import ParameterError
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective, directions, solid_angles
+from tests.conftest import LONG
 from tests.processing.pictures.picture_strategies import luminance_image
 
 SIZE = 200
@@ -82,6 +83,7 @@ def test_uncertainty_by_parts() -> None:
     assert found.uncertainty_lx == pytest.approx(math.hypot(found.pixels_lx, found.scale_lx))
 
 
+@pytest.mark.sweep
 def test_pixel_part_is_that_of_independent_errors() -> None:
     """Against the spread of the illuminance over pictures with such errors drawn."""
     rng = np.random.default_rng(5)
@@ -91,7 +93,7 @@ def test_pixel_part_is_that_of_independent_errors() -> None:
         illuminance_lx(
             replace(image, rgb=(image.rgb * (1 + 0.2 * rng.standard_normal((16, 32, 1)))).clip(0).astype(np.float32))
         ).value_lx
-        for _ in range(400)
+        for _ in range(400 if LONG else 100)
     ]
     assert illuminance_lx(image).pixels_lx == pytest.approx(np.std(drawn), rel=0.12)
 
