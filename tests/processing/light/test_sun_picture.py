@@ -16,7 +16,8 @@ from processing.sphere import Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 SUN = Sun((0.0, -0.8, 0.6), (80_000.0, 70_000.0, 60_000.0))
-VIEW = Perspective(160, 120, 0.2, pitch_rad=-1.2)
+VIEW = Perspective(320, 240, 0.4, pitch_rad=-1.2)
+MIDDLE = Perspective(160, 120, 0.2, pitch_rad=-1.2)
 
 
 def sunny(*parts, bars: bool = False) -> Scene:
@@ -35,7 +36,7 @@ LEGS = tuple(box((x, 0.3, 0.3), (0.03, 0.03, 0.6)) for x in (-0.15, -0.05, 0.05,
 @pytest.mark.parametrize("scene", [sunny(), sunny(*LEGS), sunny(bars=True)], ids=["bare", "legs", "bars"])
 def test_blocks_give_the_light_that_every_pixel_gives(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage.of(scene, 0.5)
-    sight = sight_of(stage, VIEW, EYE)
+    sight = sight_of(stage, MIDDLE, EYE)
     assert sun._block_px(sight) > 1
     quick = sun_of(stage, sight, 16, 0)
     monkeypatch.setattr(sun, "MOST_STEP", 1)

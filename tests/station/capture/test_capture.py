@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import itertools
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,6 +35,7 @@ from station.errors import SessionError, UsageError
 from station.session.session import SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
 from station.session.verify import verify_session
+from tests.conftest import LONG
 from tests.station.capture.fake_camera import SIZE, FakeCamera
 
 STOPS_S = (0.25, 1 / 15, 1 / 60, 1 / 250)
@@ -167,8 +169,15 @@ RECOVERABLE: list[Callable[[], DeviceError]] = [
 STATES = ["set_shutter", "arm", "release", "poll_exposure", "read_chunk", "finish_frame"]
 
 
-@pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("error", RECOVERABLE, ids=lambda make: type(make()).__name__)
+CASES = list(itertools.product(STATES, RECOVERABLE))
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("state", "error"),
+    CASES if LONG else CASES[::4],  # of the short ones, too, each state and each error is one
+    ids=lambda case: case if isinstance(case, str) else type(case()).__name__,
+)
 def test_every_fault_in_every_state_is_recovered(tmp_path: Path, state: str, error: Callable[[], DeviceError]) -> None:
     cameras = [FakeCamera(SystemClock(), failures={(state, 2): error()}), FakeCamera(SystemClock())]
     manifest, path, _ = run(make_rig(*cameras), tmp_path)

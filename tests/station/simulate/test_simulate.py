@@ -211,8 +211,8 @@ def test_a_session_at_night_is_refused_before_anything_is_made(tmp_path: Path) -
 
 def test_a_generated_room_with_its_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The meter reads, and the truth says, the same luminance."""
-    monkeypatch.setitem(light.QUALITIES, "draft", light.Quality(48, 16))
-    monkeypatch.setattr(light, "ENVIRONMENT_ROWS", 64)
+    monkeypatch.setitem(light.QUALITIES, "draft", light.Quality(24, 16))
+    monkeypatch.setattr(light, "ENVIRONMENT_ROWS", 32)
     name, row = "2023-06-22T1058Z_coda-334", "90,20230622,coda_334,6:58,4.47,,2116,167°S,,YES"
     asked = request(tmp_path, row, truth=True, truth_rows=128, use="empty")
     summary = simulate(asked)
