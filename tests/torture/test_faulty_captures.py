@@ -21,7 +21,7 @@ from tests.torture.ptp.faults import single_faults
 from tests.torture.ptp.flavours import FLAVOURS
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
-CAPTURES, PARTS = (240, 2) if LONG else (6, 2)
+CAPTURES, PARTS = (240, 2) if LONG else (2, 2)
 SEED = 20230519
 
 pytestmark = [pytest.mark.torture, pytest.mark.timeout(3600 if LONG else 120)]
@@ -92,7 +92,7 @@ def test_drawn_faults(part: int, tmp_path: Path) -> None:
 def test_abandoned_at_every_event(first: int, tmp_path: Path) -> None:
     """A capture without faults tells some 45 events."""
     campaign = Campaign(f"abandoned at event {first + 1}, {first + 3}, ...")
-    for number in range(first + 1 if LONG else 17 + first, 45, 2 if LONG else 16):
+    for number in range(first + 1 if LONG else 17 + first, 45, 2 if LONG else 32):
         trouble = Trouble({}, (), number)
         folder = tmp_path / str(number)
         folder.mkdir()

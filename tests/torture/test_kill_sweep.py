@@ -108,7 +108,7 @@ def test_kill_at_every_call(fast_folder: Path) -> None:
         sweep = Sweep(server, fast_folder)
         names = call_names(server, sweep.fresh("whole"))
         assert check_complete(fast_folder / "whole") == []
-        for nth, moment in points(names, 1 if LONG else 4):
+        for nth, moment in points(names, 1 if LONG else 8):
             folder = sweep.fresh(f"{nth}-{moment}")
             acks = sweep.kill(folder, nth, moment)
             copy = fast_folder / "reopened"
@@ -127,7 +127,7 @@ def test_kill_at_every_call(fast_folder: Path) -> None:
         notes=f"{len(names)} calls; before, torn write, after; each reopened and resumed",
     )
     assert sweep.problems == []
-    assert sweep.killed == sweep.injected >= (300 if LONG else 70)
+    assert sweep.killed == sweep.injected >= (300 if LONG else 35)
 
 
 @pytest.mark.torture
@@ -137,7 +137,7 @@ def test_kill_at_every_call_of_the_resume(fast_folder: Path) -> None:
     with ForkServer() as server:
         sweep = Sweep(server, fast_folder)
         names = call_names(server, sweep.fresh("whole"))
-        for first, moment in points(names, 19 if LONG else 101, offset=5):
+        for first, moment in points(names, 19 if LONG else 151, offset=5):
             state = sweep.fresh("state")
             acks = sweep.kill(state, first, moment)
             probe = fast_folder / "probe"
@@ -161,4 +161,4 @@ def test_kill_at_every_call_of_the_resume(fast_folder: Path) -> None:
         notes="capture killed, resume killed, resumed again",
     )
     assert sweep.problems == []
-    assert sweep.killed == sweep.injected >= (300 if LONG else 30)
+    assert sweep.killed == sweep.injected >= (300 if LONG else 20)
