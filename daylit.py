@@ -152,7 +152,10 @@ class LazyGroup(click.Group):
                 formatter.write_dl([(name, entry.help) for name, entry in section.items()])
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True}
+
+
+@click.group(cls=LazyGroup, context_settings=_HELP)
 @click.version_option(package_name="daylit", prog_name="daylit")
 def cli() -> None:
     """Capture rooms and skies in absolute luminance; stage them under measured daylight.

@@ -14,7 +14,7 @@ from station.commands.views import FOLDER
 
 @click.command()
 @click.argument("folder", type=FOLDER, default="sessions")
-@click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any free one.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8321, help="0: any free one.")
 @click.option("--phone", is_flag=True, help="Listen on the local network, too, and print a second link, for a phone.")
 @click.option("--open/--no-open", "show", default=True, help="Open the browser.")
 @click.option("--json", "as_json", is_flag=True, help="Print the links as one JSON object.")

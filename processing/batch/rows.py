@@ -16,9 +16,12 @@ from datetime import datetime, tzinfo
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from processing.batch.run import BatchReport
 from processing.batch.work import Outcome
 from processing.calibration.outdoor.sun_place import zone_at
+from processing.ground.polygons import signed_area
 from processing.pictures.writing import write_bytes
 from processing.running.choices import read_choices
 from station.session.session import SessionManifest, Side
@@ -124,13 +127,11 @@ def _room(path: Path) -> dict[str, str]:
     if not room:
         return {}
     corners = room["floor"]
-    turned = [*corners[1:], corners[0]]
-    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(corners, turned, strict=True)) / 2
     kinds = [opening["kind"] for opening in room.get("openings", ())]
     return {
         "room_confidence": _number(room.get("confidence")),
         "walls": str(len(corners)),
-        "floor_m2": _number(area),
+        "floor_m2": _number(signed_area(np.array(corners))),
         "ceiling_m": _number(room["ceiling_height_m"]),
         "windows": str(kinds.count("window")),
         "doors": str(kinds.count("door")),

@@ -218,10 +218,7 @@ def load_profile(path: Path) -> RigProfile:
     try:
         return RigProfile.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        keys = "; ".join(
-            f"{'.'.join(str(part)[:60] for part in one['loc'])}: {one['msg']}"
-            for one in error.errors(include_url=False, include_input=False, include_context=False)[:5]
-        )
+        keys = "; ".join(strict_json.faults_of(error)[:5])
         raise ProfileError(keys, where=where, advice="correct these keys, or run daylit rig calibrate again") from error
 
 

@@ -60,8 +60,8 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Sessions at once on this computer.")
 @click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler elsewhere, such as tcp://10.0.0.5:8786.")
 @click.option(
-    "--session-timeout", type=click.FloatRange(1, 1e6), default=7200.0, show_default=True, metavar="SECONDS",
-    help="A session that takes longer is ended and listed.",
+    "--session-timeout", type=click.FloatRange(1, 1e6), default=7200.0, metavar="SECONDS",
+    help="A session that takes longer is ended and listed."
 )  # fmt: skip
 @click.option("--zone", metavar="NAME", help="Of dates and times in the table (default: each session's).")
 @click.option("--into", type=FOLDER, help="For the table (default: FOLDER; of a URL: here).")
@@ -154,18 +154,12 @@ def dataset() -> None:
 @click.argument("folder", type=FILE)
 @click.option("--name", required=True, help="What the data set is called.")
 @click.option("--licence", required=True, help="SPDX identifier (CC-BY-4.0) or address.")
-@click.option("--creator", default="", help="Who made it.")
-@click.option("--cite", default="", help="How to cite it.")
-@click.option("--url", default="", help="Where it can be found.")
-@click.option("--release", default="1.0.0", show_default=True, help="Version of the data set.")
-@click.option("--date", default="", metavar="YYYY-MM-DD", help="Of publication.")
-@click.option(
-    "--split",
-    default="70,15,15",
-    show_default=True,
-    metavar="A,B,C",
-    help="Per cent of rooms to train, validate, test.",
-)
+@click.option("--creator", default="", show_default=False, help="Who made it.")
+@click.option("--cite", default="", show_default=False, help="How to cite it.")
+@click.option("--url", default="", show_default=False, help="Where it can be found.")
+@click.option("--release", default="1.0.0", help="Version of the data set.")
+@click.option("--date", default="", show_default=False, metavar="YYYY-MM-DD", help="Of publication.")
+@click.option("--split", default="70,15,15", metavar="A,B,C", help="Per cent of rooms to train, validate, test.")
 @click.option("--zone", metavar="NAME", help="Of dates and times in the index (default: each session's).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about: str) -> int:

@@ -58,7 +58,7 @@ GENERATED = "bedroom-7-clear"
 )
 @click.option("--quick", is_flag=True, help="In a hurry: quarter size, faster than life, draft quality.")
 @click.option("--set", "furniture", metavar="NAME", help="Furniture to stage: bedroom, living, ..., none; else auto.")
-@click.option("--into", type=FOLDER, default=Path("demo"), show_default=True, help="Folder of sessions.")
+@click.option("--into", type=FOLDER, default=Path("demo"), help="Folder of sessions.")
 @click.option("--capture-only", is_flag=True, help="End with the verified session.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
 def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:

@@ -105,7 +105,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
 @click.argument("what")
 @_FOLDER
 @_STYLE
-@click.option("--rank", type=click.IntRange(min=1), default=1, show_default=True, help="Which arrangement of the file.")
+@click.option("--rank", type=click.IntRange(min=1), default=1, help="Which arrangement of the file.")
 @click.option("--size", metavar="W,D,H", help="Of one model, in metres.")
 @click.option("--into", "output", type=NO_FOLDER, help="GLB; default: the model's name.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
@@ -166,15 +166,13 @@ def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) 
 @click.argument("room", type=FILE)
 @click.option("--items", metavar="LIST", help='Such as "bed, 2 nightstand, desk".')
 @click.option("--set", "set_name", metavar="NAME", help="bedroom, living, dining or office instead of a list.")
-@click.option(
-    "--rules", default="standard", show_default=True, help="comfort, standard, tight, accessible, or your own."
-)
+@click.option("--rules", default="standard", help="comfort, standard, tight, accessible, or your own.")
 @click.option("--rules-file", type=FILE, help="Your edited copy of the rules.")
 @click.option(
-    "--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, show_default=True,
-    help="How many alternatives.",
+    "--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7,
+    help="How many alternatives."
 )  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another draw.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Another draw.")
 @click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="A piece that stands already.")
 @click.option(
     "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="The paper's form; see below."

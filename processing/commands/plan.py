@@ -37,7 +37,7 @@ class Moment(NamedTuple):
 @click.option("--date", metavar="DATE", help="Such as 2023-06-21; default: today.")
 @click.option(
     "--window", "windows", type=float, multiple=True, metavar="DEG",
-    help="Compass azimuth a window faces, besides walls.",
+    help="Compass azimuth a window faces, besides walls."
 )  # fmt: skip
 @click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")

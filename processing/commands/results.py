@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--at", metavar="LON,LAT", multiple=True, help="Degrees: right of the centre, up (repeatable).")
-@click.option(
-    "--radius", type=float, default=1.0, show_default=True, metavar="DEGREES", help="Of what lies around a place."
-)
+@click.option("--radius", type=float, default=1.0, metavar="DEGREES", help="Of what lies around a place.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) -> int:
     """Say what FILE (EXR, Radiance HDR, JPEG, PNG) holds: unit, range, metadata; with --at, the value at a place.
@@ -76,11 +74,7 @@ def _place_lines(place: dict[str, Any]) -> list[str]:
 @click.command()
 @click.argument("session", type=FILE)
 @click.option(
-    "--what",
-    default="jpeg,hdr,gltf",
-    show_default=True,
-    metavar="KINDS",
-    help="Some of jpeg, hdr, exr, gltf, glare, with commas between.",
+    "--what", default="jpeg,hdr,gltf", metavar="KINDS", help="Some of jpeg, hdr, exr, gltf, glare, with commas between."
 )
 @click.option("--into", type=FOLDER, help="Default: SESSION's name + -export.")
 @click.option("--no-label", is_flag=True, help="Staged JPEGs without the visible label (their metadata still say so).")

@@ -33,7 +33,7 @@ def rig() -> None:
     "--corners", multiple=True, metavar="SIDE:X,Y,...", help="The chart's four corners in the frames, pixels."
 )
 @click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, thirds or halves (of stops).")
-@click.option("--half-field", type=click.FloatRange(45, 110), default=90.0, show_default=True, help="Degrees, fisheye.")
+@click.option("--half-field", type=click.FloatRange(45, 110), default=90.0, help="Degrees, fisheye.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     """Find the rig's response curves, noise, lens data and k2 from SESSIONS; write a profile for `daylit process`.

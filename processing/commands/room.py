@@ -135,7 +135,9 @@ def _facts(room_: RoomModel | None) -> dict[str, Any]:
     """Return what helps to see whether it is the right room."""
     if room_ is None:
         return {}
-    corners = room_.floor
-    pairs = zip(corners, (*corners[1:], corners[0]), strict=True)
-    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in pairs) / 2
-    return {"walls": len(corners), "area_m2": round(area, 4), "openings": len(room_.openings)}
+    import numpy as np
+
+    from processing.ground.polygons import signed_area
+
+    area_m2 = round(signed_area(np.array(room_.floor)), 4)
+    return {"walls": len(room_.floor), "area_m2": area_m2, "openings": len(room_.openings)}

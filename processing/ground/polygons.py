@@ -9,6 +9,12 @@ from processing.errors import SceneError
 from processing.ground.arrays import Doubles, Flags
 
 
+def signed_area(ring: Doubles) -> float:
+    """Return the area in m2 of a ring (N, 2) in metres, positive where it runs counter-clockwise."""
+    x, y = ring[:, 0], ring[:, 1]
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
 def inside(outline: Doubles, points: Doubles) -> Flags:
     """Return which ``points`` (N, 2) lie inside a simple polygon (K, 2), either way round; its border is outside."""
     return np.asarray(shapely.contains_xy(shapely.Polygon(outline), points[:, 0], points[:, 1]), bool)

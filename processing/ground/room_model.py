@@ -175,8 +175,7 @@ def room_problems(data: Any) -> tuple[RoomModel | None, list[str]]:
     try:
         room = RoomModel.model_validate_json(json.dumps(data))
     except ValidationError as exc:
-        errors = exc.errors(include_url=False, include_input=False, include_context=False)
-        return None, [f"{'.'.join(str(part)[:60] for part in e['loc'])}: {e['msg']}" for e in errors]
+        return None, strict_json.faults_of(exc)
     return room, [*geometry_problems(room), *([STARTER] if room.source == "starter" else [])]
 
 

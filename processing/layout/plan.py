@@ -20,6 +20,7 @@ from shapely.ops import nearest_points
 
 from processing.errors import PlanError
 from processing.ground.arrays import Doubles
+from processing.ground.polygons import signed_area
 from processing.ground.room_model import OpeningKind, RoomModel
 
 TOUCHING_M = 1e-9
@@ -39,12 +40,6 @@ class Repaired:
     turned: bool
     """The ring was given the other way round, so that edges run backwards now."""
     notes: tuple[str, ...]
-
-
-def signed_area(ring: Doubles) -> float:
-    """Return the area in m2 of a ring (N, 2) in metres, positive where it runs counter-clockwise."""
-    x, y = ring[:, 0], ring[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def repaired_ring(points: Doubles, *, where: str, clockwise: bool = False) -> Repaired:

@@ -24,8 +24,9 @@ from pydantic import ValidationError
 
 from processing.errors import LayoutFileError, RoomError
 from processing.ground.arrays import Doubles
+from processing.ground.polygons import signed_area
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems, read_json
-from station.session.strict_json import StrictJsonError, loads
+from station.session.strict_json import StrictJsonError, faults_of, loads
 
 # Openings given by two places of the plan: which wall they are in, and where along it.
 OFF_WALL_M = 0.15
@@ -222,8 +223,7 @@ def _room(floor: Doubles, camera_m: float, ceiling_m: float, openings: tuple[Ope
             note=f"read from a {source} layout",
         )
     except ValidationError as exc:
-        first = exc.errors(include_url=False, include_input=False, include_context=False)[0]
-        raise LayoutFileError(first["msg"], where=".".join(str(p) for p in first["loc"])) from exc
+        raise LayoutFileError(faults_of(exc)[0]) from exc
     problems = geometry_problems(room)
     if problems:
         raise LayoutFileError("; ".join(problems[:3]), likely="corners out of order, or another scale")
@@ -233,9 +233,7 @@ def _room(floor: Doubles, camera_m: float, ceiling_m: float, openings: tuple[Ope
 def _clockwise_to_counter(floor: Doubles) -> Doubles:
     """Return corners counter-clockwise, without a repeated last one."""
     corners = floor[:-1] if len(floor) > 3 and np.allclose(floor[0], floor[-1]) else floor
-    following = np.roll(corners, -1, axis=0)
-    area = (corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum()
-    return corners if area > 0 else corners[::-1]
+    return corners if signed_area(corners) > 0 else corners[::-1]
 
 
 def _text(path: Path) -> str:

@@ -26,7 +26,7 @@ from processing.running.reads import Parts, Reads
 from processing.running.result_store import Building
 from processing.running.results import FileRecord, RunRecord, StageResult
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from station.session import durable
+from station.session import durable, strict_json
 
 MAX_JSON_BYTES = 64 << 20
 WRITTEN = True
@@ -83,9 +83,7 @@ def _typed(artifact: Artifact, value: object, path: Path) -> BaseModel:
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as exc:
-        first = exc.errors(include_url=False, include_input=False, include_context=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        text = f"not a valid {artifact.name}: {place + ': ' if place else ''}{first['msg']}"
+        text = f"not a valid {artifact.name}: {strict_json.faults_of(exc)[0]}"
         raise ProcessingError(text, where=str(path), advice="correct the file") from exc
 
 

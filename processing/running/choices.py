@@ -34,6 +34,7 @@ from processing.running.result_store import STAGES
 from processing.stages.contract import Quality
 from processing.stages.parameters import WORDS, Option
 from station.errors import SchemaTooNewError, UsageError
+from station.session import strict_json
 from station.session.durable import SessionLock
 from station.session.folder import Folder, file_sha256, open_session, write_file
 from station.session.session import SafeText
@@ -263,8 +264,7 @@ def _read(root: Folder) -> Choices:
             )
         choices = Choices.model_validate(found)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        raise ChoicesError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", where=where, advice=advice) from error
+        raise ChoicesError(strict_json.faults_of(error)[0], where=where, advice=advice) from error
     except (ValueError, RecursionError) as error:
         raise ChoicesError(f"is no TOML: {str(error)[:200]}", where=where, advice=advice) from error
     for name, one in choices.chosen.items():

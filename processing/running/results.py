@@ -121,9 +121,7 @@ def parse_result(raw: bytes) -> StageResult:
     try:
         result = StageResult.model_validate(data)
     except ValidationError as exc:
-        first = exc.errors(include_url=False, include_input=False, include_context=False)[0]
-        where = ".".join(str(part)[:60] for part in first["loc"])
-        raise ValueError(f"{where}: {first['msg']}") from exc
+        raise ValueError(strict_json.faults_of(exc)[0]) from exc
     problem = result.problem() or ("" if result_bytes(result) == raw else "is not as it was written")
     if problem:
         raise ValueError(problem)

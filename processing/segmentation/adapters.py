@@ -177,9 +177,7 @@ def read_contract(path: Path) -> NetworkContract:
     except strict_json.StrictJsonError as exc:
         raise SegmenterError(str(exc), where=str(path), advice="correct the file") from exc
     except ValidationError as exc:
-        first = exc.errors(include_url=False, include_context=False, include_input=False)[0]
-        key = ".".join(str(part)[:60] for part in first["loc"]) or "contract"
-        raise SegmenterError(f"{key}: {first['msg']}", where=str(path), advice="correct this key") from exc
+        raise SegmenterError(strict_json.faults_of(exc)[0], where=str(path), advice="correct this key") from exc
     contract.matrix  # noqa: B018 (names without a meaning are reported now, not in the middle of a run)
     return contract
 

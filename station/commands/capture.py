@@ -26,23 +26,21 @@ _RATE = click.FloatRange(0.1, 50)
 @click.command()
 @click.argument("rooms", nargs=-1)
 @click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--into", type=FOLDER, default=Path("sessions"), show_default=True, help="Folder of sessions.")
+@click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
 @click.option(
     "--simulate",
     metavar="WORLD",
     help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed; "
     "-clear, -overcast), chart, uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE, replayed from --record.",
 )
-@click.option("--size", type=_SIZE, default="full", show_default=True, help="Picture size of simulated cameras.")
-@click.option(
-    "--rate", type=_RATE, default=1.0, show_default=True, help="How much faster than life simulated time runs."
-)
+@click.option("--size", type=_SIZE, default="full", help="Picture size of simulated cameras.")
+@click.option("--rate", type=_RATE, default=1.0, help="How much faster than life simulated time runs.")
 @click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Nine stops, or only those the scene needs.")
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
 @click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="One camera only.")
 @click.option(
     "--reading", "readings", type=float, multiple=True, metavar="CD_M2",
-    help="Luminance typed from the display; twice: before, after.",
+    help="Luminance typed from the display; twice: before, after."
 )  # fmt: skip
 @click.option("--no-meter", is_flag=True, help="Without a meter; the session is marked so.")
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
@@ -52,7 +50,7 @@ _RATE = click.FloatRange(0.1, 50)
 @click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
 @click.option(
     "--resume", "resume_path", type=FILE, metavar="SESSION",
-    help="Complete a partial session with its own rig, cameras and meter (--rig: with another).",
+    help="Complete a partial session with its own rig, cameras and meter (--rig: with another)."
 )  # fmt: skip
 @click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")

@@ -175,12 +175,10 @@ def meter() -> None:
 
 
 @meter.command()
-@click.option("--port", default="auto", show_default=True, help="Serial port, e.g. /dev/ttyUSB0 or COM3.")
-@click.option("--dialect", default="ls160", show_default=True, help="ls160 (assumed), ls100, cs100a, or a file.")
-@click.option("--samples", type=click.IntRange(1, 50), default=3, show_default=True)
-@click.option(
-    "--timeout", "timeout_s", type=click.FloatRange(0.1, 120), default=20.0, show_default=True, help="Seconds."
-)
+@click.option("--port", default="auto", help="Serial port, e.g. /dev/ttyUSB0 or COM3.")
+@click.option("--dialect", default="ls160", help="ls160 (assumed), ls100, cs100a, or a file.")
+@click.option("--samples", type=click.IntRange(1, 50), default=3)
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.1, 120), default=20.0, help="Seconds.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bool) -> int:
     """Take one reading (mean of some samples, with their spread).
@@ -210,7 +208,7 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
 
 @meter.command()
 @click.argument("transcript", type=FILE)
-@click.option("--port", default="auto", show_default=True, help="Serial port, e.g. /dev/ttyACM0 or COM3.")
+@click.option("--port", default="auto", help="Serial port, e.g. /dev/ttyACM0 or COM3.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of lines on the screen.")
 def probe(transcript: Path, port: str, *, as_json: bool) -> int:
     """Ask a meter the questions of all its siblings, write TRANSCRIPT, to be sent in, and say which dialect fits.

@@ -29,19 +29,19 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--table", type=NO_FOLDER, help="CSV with its readings (--dataset).")
 @click.option("--only", metavar="TEXT", default="", help="Only brackets with this in their name (--dataset).")
 @click.option("--dry-run", is_flag=True, help="Say what would become of a --dataset, and end.")
-@click.option("--raw/--no-raw", default=True, show_default=True, help="Copy the raw file beside each JPEG, too.")
+@click.option("--raw/--no-raw", default=True, help="Copy the raw file beside each JPEG, too.")
 @click.option("--indoor", type=_FOLDER, help="Folder with the JPEGs of the room.")
 @click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
 @click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
 @click.option(
     "--reading", "readings", type=click.FloatRange(min=0, max=1e10), multiple=True, metavar="CD_M2",
-    help="Luminance of the meter's target; twice: before, after.",
+    help="Luminance of the meter's target; twice: before, after."
 )  # fmt: skip
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
 @click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's); --dataset: or its name.")
-@click.option("--into", type=FOLDER, default=Path("sessions"), show_default=True, help="Folder of sessions.")
+@click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
 @click.option("--strict", is_flag=True, help="Make no session if any file is refused.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def import_session(**options: Any) -> int:

@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     type=click.Choice(["bedroom", "living", "dining", "office", "empty"]),
     help="What all rooms are for (default: by the scene's name, else drawn).",
 )
-@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
+@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full")
 @click.option(
-    "--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard", show_default=True,
-    help="Work that goes into the rooms' light.",
+    "--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard",
+    help="Work that goes into the rooms' light."
 )  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, show_default=True, help="Other rooms.")
-@click.option("--truth/--no-truth", default=True, show_default=True, help="Save what is true of each room.")
+@click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Other rooms.")
+@click.option("--truth/--no-truth", default=True, help="Save what is true of each room.")
 @click.option(
-    "--truth-rows", type=click.IntRange(min=16, max=4096), default=512, show_default=True,
-    help="Height of its pictures; they are twice as wide.",
+    "--truth-rows", type=click.IntRange(min=16, max=4096), default=512,
+    help="Height of its pictures; they are twice as wide."
 )  # fmt: skip
 @click.option("--clouds", is_flag=True, help="Clouds pass while the brackets are taken.")
 @click.option("--json", "as_json", is_flag=True, help="One summary object.")

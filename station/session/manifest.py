@@ -40,11 +40,8 @@ def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _reasons(exc: ValidationError) -> str:
-    shown = []
-    for error in exc.errors(include_url=False, include_input=False, include_context=False)[:5]:
-        shown.append(f"{'.'.join(str(part)[:60] for part in error['loc'])}: {error['msg']}")
-    more = exc.error_count() - len(shown)
-    return "; ".join(shown) + (f"; and {more} more" if more > 0 else "")
+    faults = strict_json.faults_of(exc)
+    return "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
 
 
 def manifest_of(data: Any, where: str) -> SessionManifest:

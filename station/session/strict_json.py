@@ -5,13 +5,23 @@ from __future__ import annotations
 import json
 import math
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 # Chosen: a manifest is five levels deep; 19 digits hold 64 bits.
 MAX_DEPTH = 50
 MAX_DIGITS = 19  # of the largest 64-bit integer
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 _BRACKET = re.compile(rb"[\[\]{}]")
+
+
+def faults_of(error: ValidationError) -> list[str]:
+    """Return all that a model finds wrong with a file's values, each with its key first where one is to blame."""
+    faults = error.errors(include_url=False, include_input=False, include_context=False)
+    keys = (".".join(str(part)[:60] for part in one["loc"]) for one in faults)
+    return [f"{key}: {one['msg']}" if key else one["msg"] for key, one in zip(keys, faults, strict=True)]
 
 
 class StrictJsonError(ValueError):
