@@ -114,6 +114,7 @@ class Description:
 def croissant(about: Description, index_bytes: int, index_sha256: str) -> dict[str, Any]:
     """Return the metadata as JSON-LD."""
     licence = about.licence if "://" in about.licence else f"https://spdx.org/licenses/{about.licence}.html"
+    index = {**_TABLE["index"], "contentSize": f"{index_bytes} B", "sha256": index_sha256}
     found: dict[str, Any] = {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -123,8 +124,8 @@ def croissant(about: Description, index_bytes: int, index_sha256: str) -> dict[s
         "license": licence,
         "url": about.url or f"urn:daylit:dataset:{about.name.replace(' ', '-')}",
         "version": about.version,
-        "distribution": [_index_file(index_bytes, index_sha256), *_pictures()],
-        "recordSet": [_sessions()],
+        "distribution": [index, *_TABLE["pictures"]],
+        "recordSet": [{**_TABLE["sessions"], "field": [_field(column) for column in COLUMNS]}],
     }
     if about.date:
         found["datePublished"] = about.date
@@ -135,57 +136,13 @@ def croissant(about: Description, index_bytes: int, index_sha256: str) -> dict[s
     return found
 
 
-def _index_file(size_bytes: int, sha256: str) -> dict[str, Any]:
+def _field(column: str) -> dict[str, Any]:
+    kind = "sc:Float" if column in _NUMBERS else "sc:Integer" if column in _WHOLE else "sc:Text"
     return {
-        "@type": "cr:FileObject",
-        "@id": "index",
-        "name": INDEX_NAME,
-        "contentUrl": INDEX_NAME,
-        "contentSize": f"{size_bytes} B",
-        "encodingFormat": "text/csv",
-        "sha256": sha256,
-    }
-
-
-def _pictures() -> list[dict[str, Any]]:
-    kinds = {
-        "indoor-frames": ("image/jpeg", "**/indoor/*.jpg", "frames of the indoor bracket as the camera gave them"),
-        "outdoor-frames": ("image/jpeg", "**/outdoor/*.jpg", "frames of the outdoor bracket"),
-        "room-pictures": ("image/x-exr", "**/stages/calibrate/indoor.exr", "room, linear RGB in cd/m2"),
-        "sky-pictures": ("image/x-exr", "**/stages/calibrate/outdoor.exr", "sky, linear RGB in cd/m2"),
-        "manifests": ("application/json", "**/session.json", "what was captured, how and when"),
-    }
-    return [
-        {
-            "@type": "cr:FileSet",
-            "@id": name,
-            "name": name,
-            "description": what,
-            "encodingFormat": encoding,
-            "includes": pattern,
-        }
-        for name, (encoding, pattern, what) in kinds.items()
-    ]
-
-
-def _sessions() -> dict[str, Any]:
-    fields = []
-    for column in COLUMNS:
-        kind = "sc:Float" if column in _NUMBERS else "sc:Integer" if column in _WHOLE else "sc:Text"
-        fields.append(
-            {
-                "@type": "cr:Field",
-                "@id": f"sessions/{column}",
-                "name": column,
-                "description": MEANING.get(column, column.replace("_", " ")),
-                "dataType": kind,
-                "source": {"fileObject": {"@id": "index"}, "extract": {"column": column}},
-            }
-        )
-    return {
-        "@type": "cr:RecordSet",
-        "@id": "sessions",
-        "name": "sessions",
-        "key": {"@id": "sessions/folder"},
-        "field": fields,
+        "@type": "cr:Field",
+        "@id": f"sessions/{column}",
+        "name": column,
+        "description": MEANING.get(column, column.replace("_", " ")),
+        "dataType": kind,
+        "source": {"fileObject": {"@id": "index"}, "extract": {"column": column}},
     }

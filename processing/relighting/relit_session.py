@@ -39,7 +39,8 @@ from processing.running.artifacts import MAX_JSON_BYTES
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import resample
 from processing.stages.furnishing import furniture_parts
-from station.session.session import MANIFEST_NAME, SessionManifest
+from station.session.session import SessionManifest
+from station.session.store import load_manifest
 
 MEASURED = "outdoor picture"
 """How the stage materials says that the light outdoors was measured, not guessed from inside."""
@@ -75,7 +76,7 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     Raises `RelightError` where the stages that are needed have not run, and what reading their files raises.
     """
     stages = session / "stages"
-    manifest = _manifest(session)
+    manifest = load_manifest(session)
     scene_path = stages / "materials" / "scene.npz"
     if not scene_path.is_file():
         raise RelightError(
@@ -93,13 +94,6 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     return SessionRoom(
         manifest, scene, picture, (0.0, 0.0, height_m), staged, facts.get("outdoors", MEASURED) == MEASURED
     )
-
-
-def _manifest(session: Path) -> SessionManifest:
-    path = session / MANIFEST_NAME
-    if not path.is_file():
-        raise RelightError("no session here", where=session.name, advice=f"give a folder with {MANIFEST_NAME}")
-    return SessionManifest.model_validate_json(path.read_bytes())
 
 
 def _json(path: Path) -> dict[str, Any]:
