@@ -25,6 +25,7 @@ from processing.relighting.relit_session import contact_sheet, display_of_day, r
 from processing.running.choices import forget
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
+from station.errors import SessionNotFoundError
 from tests.processing.light.rooms import box_room
 from tests.processing.relighting.lit_sessions import lit_session
 
@@ -114,7 +115,7 @@ def test_requests_that_cannot_be(session, arguments, words) -> None:
 
 
 def test_what_is_not_there_is_named(session, tmp_path) -> None:
-    with pytest.raises(RelightError, match="no session"):
+    with pytest.raises(SessionNotFoundError):
         run(relight, tmp_path, "--at", "2023-05-19T19:00Z")
     with pytest.raises(RelightError, match="no staged alternative 2"):
         run(relight, session, "--at", "2023-05-19T19:00Z", "--staged", 2)
