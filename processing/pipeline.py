@@ -117,7 +117,7 @@ STAGES: tuple[Stage, ...] = (
         reads=("heading_rad", "camera_height_m", "readings"), makes=(Artifact("light_figures", "json"),),
     ),
     Stage(
-        "detect", 11, "detect furniture and sunlight", "processing.stages.detect:run", ("calibrate", "room"), NETWORK,
+        "detect", 12, "detect furniture and sunlight", "processing.stages.detect:run", ("calibrate", "room"), NETWORK,
         reads=("site", "heading_rad", "frames"),
         makes=(
             Artifact("target", "mask", fits="processing.stages.upright:check_mask_size"),

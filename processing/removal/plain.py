@@ -255,11 +255,11 @@ def _confidence(clean: Flags, hole: Flags) -> Floats:
 
 # Where a filling meets what is seen, both have one tone: what it is off by at the rim runs out into the hole.
 
-RIM_TEXELS, ALONG_M = 2.0, 0.05
-"""Neighbourhood in which the tones of both sides are compared, and along the rim (chosen)."""
-MOST_STEP, MOST_COLOUR = 0.9, 0.4
-"""Tone, and of it that no light makes (colour), from which what is seen is another thing (chosen by looking)."""
-FADE_M = (0.5, 0.15)
+RIM_TEXELS, LEAST_NEAR, ALONG_M = (1.5, 8.0), 0.02, 0.04
+"""Neighbourhoods in which the tones of both sides are compared, across the rim and along it (chosen)."""
+MOST_STEP, MOST_SHADE, MOST_COLOUR = 0.9, 0.4, 0.5
+"""Tone, darker by tone, and colour, which no light makes, from which what is seen is another thing (by looking)."""
+FADE_M = (0.5, 0.1)
 """On which the step runs out where what is seen is brighter (glow), and darker (shade, which is to go; chosen)."""
 
 
@@ -270,12 +270,19 @@ def seamless(values: Floats, fit: Flags, hole: Flags, px_per_m: float, most_rise
     if most_rise:
         level = known_mean(tone, fit | hole, RISE_M / 2 * px_per_m)[0]
         tone = tone + rising_light(level, fit, fit, hole, px_per_m, most_rise)[..., None]
-    (seen, near), (made, _) = (known_mean(tone, side, RIM_TEXELS) for side in (fit, hole))
-    step = seen - made
-    colour = np.abs(step - grey(step)[..., None]).max(axis=-1)
-    rim = hole & (near > 0.1) & (colour < MOST_COLOUR) & (np.abs(step).max(axis=-1) < MOST_STEP)
+    # Texels between both show a bit of either; as wide as they are, as wide are the neighbourhoods.
+    beside = hole & cv2.dilate((~hole).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    gap = cv2.distanceTransform((~fit).astype(np.uint8), cv2.DIST_L2, 5)[beside]
+    reach = float(np.clip(0.7 * np.quantile(gap, 0.2), *RIM_TEXELS)) if len(gap) else RIM_TEXELS[0]
+    (seen, near), (made, _) = (known_mean(tone, side, reach) for side in (fit, hole))
+    step, rim = seen - made, np.zeros_like(hole)
+    # What is seen is the surface where it is much as the filling, or as most of what is seen.
+    for off in (step, seen - (np.median(tone[fit], axis=0) if fit.any() else made)):
+        colour = np.abs(off - grey(off)[..., None]).max(axis=-1)
+        rim |= hole & (near > LEAST_NEAR) & (colour < MOST_COLOUR) & (np.abs(grey(off)) < MOST_STEP)
+    rim &= grey(step) > -MOST_SHADE
     away = cv2.distanceTransform((~rim).astype(np.uint8), cv2.DIST_L2, 5)
-    step = known_mean(step, rim, max(ALONG_M * px_per_m, RIM_TEXELS))[0]
+    step = known_mean(step, rim, max(ALONG_M * px_per_m, reach))[0]
     bright = np.maximum(step, 0)
     fading = [np.exp(-away / np.float32(fade_m * px_per_m))[..., None] for fade_m in FADE_M]
     more = spread(bright, rim) * fading[0] + spread(step - bright, rim) * fading[1]
