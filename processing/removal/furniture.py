@@ -162,18 +162,18 @@ LONE_CONTRAST, LONE_RING = 24.0, 0.8
 """As `LYING_CONTRAST`, shade apart; share of what is around that must be floor: skirting is no thing (chosen)."""
 
 
-def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Flags) -> Flags:
+def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Flags | Floats) -> Flags:
     """Return a mask (H, W) with the small things that touch it, whole: segments of colour unlike what is around them.
 
     A lamp, a vase or a screen on removed furniture would be left in the air. So are those that lie on the floor by
-    themselves where something is ``likely`` (H, W). ``barred`` (H, W): what stays.
+    themselves where something is ``likely`` (H, W), a probability. ``barred`` (H, W): what stays.
     """
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
     labels = np.asarray(cutter.processImage(rgb8), np.int32)
     colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
     found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
     poles = np.zeros_like(mask)
-    found |= _lone(labels, colours, floor & likely & ~found & ~barred, floor)
+    found |= _lone(labels, colours, floor & (likely > LONE_SHARE) & ~found & ~barred, floor)
     for _ in range(LAYERS):
         near = np.unique(labels[(grown(found, TOUCH_RAD) | poles) & ~found & ~barred])
         for label in near[~tried[near]]:
@@ -249,7 +249,7 @@ def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:
     weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
     size = np.bincount(labels.ravel(), weight.ravel(), count + 1)
     before = np.bincount(labels.ravel(), (weight * near_floor).ravel(), count + 1)
-    foot, feet = _feet(labels, near_floor, count)
+    foot, feet = lower_ends(labels, near_floor, count)
     stands = (before >= ON_FLOOR_SHARE * size) | (foot >= FOOT_SHARE * np.maximum(feet, 1))
     stands &= (before > 0) & (size >= LEAST_SR)
     stands[0] = False
@@ -269,8 +269,9 @@ def islands_in(mask: Flags, never: Flags) -> Flags:
     return np.asarray(small[labels], bool)
 
 
-def _feet(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:
-    """Return, for each component, how many columns' lowest pixels lie before the floor, and how many columns it has."""
+def lower_ends(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:
+    """Return, for each of the components (H, W), how many of its lower ends lie ``near_floor`` (H, W), and how many
+    there are."""
     below = np.vstack([labels[1:], np.zeros((1, labels.shape[1]), labels.dtype)])
     contour = (labels > 0) & (below != labels)
     feet = np.bincount(labels[contour], minlength=count + 1)

@@ -8,17 +8,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Bytes, Flags, Floats, Int32s
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import LONE_SHARE, TOUCH_RAD, FurnitureFound, find_furniture, islands_in, with_things
+from processing.removal.furniture import TOUCH_RAD, FurnitureFound, find_furniture, islands_in, lower_ends, with_things
 from processing.removal.shadows import ShadowFound, find_shadows, find_wall_shade
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
@@ -34,7 +33,7 @@ CURTAIN_RAD = math.radians(1.5)
 """From a window, where fixtures are its curtains (chosen)."""
 FLAT = 0.75
 """Of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)."""
-BELOW_RAD, MOST_FEET, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.6, 0.12, math.radians(0.8)
+BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.6, 0.12, math.radians(0.8)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
 BLOCKED = 0.5
@@ -146,7 +145,7 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
-    likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0) > LONE_SHARE
+    likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), flat)
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
@@ -175,12 +174,12 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
 
 
 def _with_things(
-    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Flags], flat: Flags
+    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Floats], flat: Flags
 ) -> FurnitureFound:
     """Return furniture with what stands on it and whole rugs below; curtains belong to windows, pictures to walls.
 
-    ``things``: where fixtures surely are, and where something may lie on the floor, (H, W) each. ``flat`` (H, W): where
-    the floor, or what lies flat on it, is seen by the network's distances.
+    ``things``: where fixtures surely are, and the probability of things, (H, W) each. ``flat`` (H, W): where the floor,
+    or what lies flat on it, is seen by the network's distances.
     """
     count, labels = components(things[0])
     stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)
@@ -188,27 +187,19 @@ def _with_things(
     stays[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = False
     lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
     rugs = (~stays & lies)[labels] & (labels > 0)
-    stays[np.unique(labels[beside])] = True
-    on = _standing(labels, count, found.mask) & ~(beside | rugs)
-    stays[np.unique(labels[on])] = stays[0] = False
+    free = np.ones(count + 1, bool)
+    free[np.unique(labels[beside])] = free[0] = False
+    # What stands on furniture, such as a picture on a chest, goes whole with it.
+    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
+    on, ends = lower_ends(labels, grown(found.mask, BELOW_RAD), count)
+    stands = free & (on > MOST_ENDS * ends) & (size < STANDING_SR)
+    on, stays = stands[labels] & ~rugs, (stays | ~free) & ~stands
+    stays[0] = False
     barred = beside | stays[labels] | (maps.plane == CEILING)
     furniture = found.mask | grown(on, FRAME_RAD)
     mask = with_things(furniture, shown, maps.plane == FLOOR, barred, things[1]) | (rugs & ~beside)
     added = mask & ~found.mask
     return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
-
-
-def _standing(labels: Int32s, count: int, furniture: Flags) -> Flags:
-    """Return those parts (H, W) of 1 to ``count`` that have furniture right below them: a picture on a chest."""
-    reach = round(BELOW_RAD / math.pi * len(labels))
-    below = cv2.dilate(furniture.astype(np.uint8), np.ones((2 * reach + 1, 1), np.uint8))[reach:]
-    below = np.vstack([below, np.zeros((reach, below.shape[1]), np.uint8)]) > 0
-    ends = (labels > 0) & (labels != np.vstack([labels[1:], labels[-1:]]))
-    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel(), count + 1)
-    feet, on = np.bincount(labels[ends], minlength=count + 1), np.bincount(labels[ends & below], minlength=count + 1)
-    stands = (on > MOST_FEET * np.maximum(feet, 1)) & (size < STANDING_SR)
-    stands[0] = False
-    return np.asarray(stands[labels])
 
 
 def _board(rgb: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:

@@ -70,7 +70,7 @@ def test_nothing_rises_where_nothing_is_known_or_missing() -> None:
     np.testing.assert_array_equal(away_from(~hole, hole, 1000.0), ~hole, err_msg="too little is far away")
 
 
-@pytest.mark.parametrize("tone", [0.4, -0.4])
+@pytest.mark.parametrize("tone", [0.4, -0.3])
 def test_glow_and_shade_go_on_beyond_the_rim_and_run_out(tone: float) -> None:
     hole = np.zeros((120, 160), bool)
     hole[60:, :] = True
@@ -80,7 +80,7 @@ def test_glow_and_shade_go_on_beyond_the_rim_and_run_out(tone: float) -> None:
     np.testing.assert_array_equal(done[~hole], filled[~hole])
     assert abs(float(np.log(done[61] / filled[59]).mean())) < 0.05, "one tone at the rim"
     away = np.log(done[100] / 100).mean() / tone
-    assert abs(away - np.exp(-1 / (0.5 if tone > 0 else 0.15))) < 0.05, "glow runs out on half a metre, shade sooner"
+    assert abs(away - np.exp(-1 / (0.5 if tone > 0 else 0.1))) < 0.05, "glow runs out on half a metre, shade sooner"
 
 
 def test_another_thing_beside_the_rim_does_not_run_into_the_hole() -> None:
@@ -88,7 +88,7 @@ def test_another_thing_beside_the_rim_does_not_run_into_the_hole() -> None:
     hole[60:, :] = True
     for thing in ((300.0, 100.0, 100.0), (10.0, 10.0, 10.0)):
         filled = np.full((120, 160, 3), 100.0, np.float32)
-        filled[~hole] = thing
+        filled[40:60] = thing
         np.testing.assert_allclose(seamless(filled, ~hole, hole, 40.0, 0.0), filled, rtol=1e-6)
 
 

@@ -77,6 +77,16 @@ def test_a_rug_that_furniture_stands_on_goes_whole_and_an_island_stays() -> None
     assert not whole[far].any(), "nothing stands on it"
 
 
+def test_a_picture_on_a_chest_goes_whole_and_a_mirror_or_a_curtain_beside_stays() -> None:
+    chest, picture, mirror = box(150, 175, 240, 280), box(130, 148, 250, 262), box(100, 148, 276, 300)
+    found = FurnitureFound(chest, chest.astype(np.float32), 0, 0.0)
+    whole = _with_things(found, shown(grey_room()), MAPS, NONE, (picture | mirror, NONE), NONE).mask
+    assert whole[picture].all()
+    assert not (whole & mirror).any(), "most of its lower edge hangs free"
+    beside = _with_things(found, shown(grey_room()), MAPS, box(120, 170, 262, 300), (picture, NONE), NONE).mask
+    assert not (beside & picture).any(), "what hangs at a window is its curtain"
+
+
 def test_what_is_large_is_the_building_and_stays() -> None:
     table, pillar = box(150, 175, 240, 280), box(80, 150, 256, 270)
     light = grey_room()
