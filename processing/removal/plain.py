@@ -259,7 +259,7 @@ RIM_TEXELS, LEAST_NEAR, ALONG_M = (1.5, 8.0), 0.02, 0.04
 """Neighbourhoods in which the tones of both sides are compared, across the rim and along it (chosen)."""
 MOST_STEP, MOST_SHADE, MOST_COLOUR = 0.9, 0.4, 0.5
 """Tone, darker by tone, and colour, which no light makes, from which what is seen is another thing (by looking)."""
-FADE_M = (0.5, 0.1)
+FADE_M = (0.5, 0.2)
 """On which the step runs out where what is seen is brighter (glow), and darker (shade, which is to go; chosen)."""
 
 
