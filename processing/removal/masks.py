@@ -191,8 +191,8 @@ def _with_things(
     free[np.unique(labels[beside])] = free[0] = False
     # What stands on furniture, such as a picture on a chest, goes whole with it.
     size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
-    on, ends = lower_ends(labels, grown(found.mask, BELOW_RAD), count)
-    stands = free & (on > MOST_ENDS * ends) & (size < STANDING_SR)
+    near, ends = lower_ends(labels, grown(found.mask, BELOW_RAD), count)
+    stands = free & (near > MOST_ENDS * ends) & (size < STANDING_SR)
     on, stays = stands[labels] & ~rugs, (stays | ~free) & ~stands
     stays[0] = False
     barred = beside | stays[labels] | (maps.plane == CEILING)
