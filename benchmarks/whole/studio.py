@@ -47,6 +47,8 @@ FULL = 13
 ROOMS, QUICK_ROOMS = 12, 2
 WRONG_M = 0.45
 """By which two corners of an estimate are off."""
+MOST_REAL = 12
+"""Real pictures whose rooms are corrected, where the shared data are there."""
 MOVES = 12
 """Of the mouse in a drag."""
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -61,6 +63,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
     count = QUICK_ROOMS if quick else ROOMS
+    real: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="daylit-studio-") as place, sync_playwright() as started:
         folder = Path(place)
         truths = {f"room {number}": truth(number) for number in seeds("test", count, seed)}
@@ -86,9 +89,12 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
                 screen(page, large.name, "results")
                 page.wait_for_selector(".viewer.ready")
             full_size_s, tab_mb = time.perf_counter() - begin_s, renderer_mb()
+        if not quick:
+            real = _real_rooms(browser)
         browser.close()
     return {
-        "metrics": {
+        "metrics": real
+        | {
             "corner_iou_gain": round(float(np.median(gains)), 4),
             "drag_ms": round(float(np.median(drags)), 2),
             "preview_s": round(preview_s, 2),
@@ -100,12 +106,38 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             "tab_mb": round(tab_mb),
             "rooms": count,
         },
-        "units": {"corner_iou_gain": "IoU", "rooms": ""},
+        "units": {"corner_iou_gain": "IoU", "rooms": ""}
+        | {key: "" for key in real if key.endswith(("rooms", "actions", "share"))},
         "notes": [
             "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it",
             "full_size_s: until a panorama of full size is on the screen with its numbers; server and tab meanwhile",
         ],
     }
+
+
+def _real_rooms(browser: Any) -> dict[str, float]:
+    """Return what rooms of real pictures take until they are acceptable: medians, of the studio and of a file."""
+    from benchmarks.whole import studio_rooms
+
+    with tempfile.TemporaryDirectory(prefix="daylit-studio-") as place:
+        made = studio_rooms.sessions(Path(place), MOST_REAL)
+        with served(Path(place)) as (links, _):
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            page.set_default_timeout(PATIENCE_MS)
+            page.goto(links[0])
+            page.wait_for_selector("#screen[data-ready]")
+            found = [
+                studio_rooms.corrected(page, session, truth, sys.modules[__name__]) for session, truth in made.values()
+            ]
+    if not found:
+        return {"real_rooms": 0}
+    actions, seconds, by_file, file_s, _, after = (np.array(column) for column in zip(*found, strict=True))
+    return {
+        "real_rooms": len(found), "real_room_actions": float(np.median(actions)),
+        "real_room_s": round(float(np.median(seconds)), 1), "real_room_file_actions": float(np.median(by_file)),
+        "real_room_file_s": round(float(np.median(file_s)), 1),
+        "real_acceptable_share": round(float((after >= studio_rooms.LEAST_IOU).mean()), 3),
+    }  # fmt: skip
 
 
 def truth(number: int) -> RoomModel:
@@ -319,6 +351,8 @@ def pictures(session: Path, into: Path) -> None:
         page.wait_for_selector("#screen[data-ready]")
         for kind in ("room", "remove", "furnish", "light"):
             screen(page, session.name, kind)
+            if kind == "furnish":
+                page.wait_for_selector("[data-part=lit][data-seconds]", timeout=PATIENCE_MS)
             if kind == "light":
                 page.wait_for_selector(".viewer.ready", timeout=PATIENCE_MS)
                 page.locator(".seat").focus()

@@ -421,6 +421,9 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
 def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None:
     page = opened.page
     page.goto(f"{opened.base}/#/")
+    page.get_by_role("button", name="Check the instruments").click()
+    page.locator("[data-part=doctor]", has_text="frame checker").wait_for()
+    page.locator("button:enabled", has_text="Check the instruments").wait_for()
     page.get_by_label("Name of the room").fill("--into")
     page.get_by_role("button", name="Start a capture").click()
     page.get_by_text("begin a room's name").wait_for()

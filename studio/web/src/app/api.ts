@@ -72,7 +72,7 @@ export interface Capture {
   status: string;
   missing: string[];
   bracket: { mode: string; stops_s: number[] };
-  devices: { role: string; model: string; simulated: boolean }[];
+  devices: { role: string; model: string; simulated: boolean; clock_offset_s?: number; lens?: string; nd_filter?: string }[];
   frames: Frame[];
   readings: { luminance_cd_m2?: number; when: string; status: string }[];
   drift_frac?: number;
@@ -123,8 +123,8 @@ async function corrected<T>(answer: Response, read: (answer: Response) => Promis
 }
 
 export const api = {
-  capturing: async (room: string, simulate: string | null): Promise<void> =>
-    void (await ask("/api/capture", { method: "POST", body: JSON.stringify({ room, simulate }) })),
+  capturing: async (asked: { room: string; simulate: string | null } | { check: true }): Promise<void> =>
+    void (await ask("/api/capture", { method: "POST", body: JSON.stringify(asked) })),
   /** Take a file into the folder; its session's name. */
   bring: async (name: string, file: Blob): Promise<string> =>
     ((await (await ask(`/api/import?name=${encodeURIComponent(name)}`, { method: "POST", body: file })).json()) as { name: string }).name,

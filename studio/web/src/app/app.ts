@@ -59,14 +59,32 @@ function starter(folder: string, known: Card[], command: Text): HTMLElement {
     h("option", { value: "" }, "this computer's rig"), h("option", { value: "room" }, "simulated: a room"), h("option", { value: "uniform:100" }, "simulated: an even light"));
   const words = h("p", { class: "facts", "data-part": "capturing", role: "status" });
   const start = button("Start a capture", () => void begin(), { class: "main" });
+  const check = button("Check the instruments", () => void look(), { title: "What is connected, with battery, card and clock: daylit doctor" });
+  const said = h("pre", { hidden: true, tabindex: 0, "data-part": "doctor" });
   const world = (): string | null => rig.value || null;
   function say(): void {
     command.data = `daylit capture ${room.value ? JSON.stringify(room.value) : "ROOM"} --into ${folder}${world() ? ` --simulate ${world()} --size quarter --rate 4` : ""}`;
   }
+  async function look(): Promise<void> {
+    check.disabled = true;
+    command.data = "daylit doctor";
+    try {
+      await api.capturing({ check: true });
+      for (let job: Job | null = null; said.isConnected && (!job || job.running); ) {
+        ({ job } = await api.sessions());
+        said.hidden = false;
+        said.textContent = job?.lines.join("\n") || "Looking at what is connected …";
+        await new Promise((done) => setTimeout(done, 500));
+      }
+    } catch (error) {
+      note((error as Error).message, true);
+    }
+    check.disabled = false;
+  }
   async function begin(): Promise<void> {
     start.disabled = true;
     try {
-      await api.capturing(room.value.trim(), world());
+      await api.capturing({ room: room.value.trim(), simulate: world() });
       while (start.isConnected) {
         const { sessions: now, job } = await api.sessions();
         const fresh = now.find((one) => !known.some((old) => old.name === one.name));
@@ -84,7 +102,7 @@ function starter(folder: string, known: Card[], command: Text): HTMLElement {
     start.disabled = false;
   }
   say();
-  return h("section", { class: "bar starter" }, h("h2", {}, "New"), room, rig, start, words);
+  return h("section", { class: "bar starter" }, h("h2", {}, "Capture"), room, rig, start, check, words, said);
 }
 
 function card(one: Card): HTMLElement {

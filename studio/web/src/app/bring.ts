@@ -4,7 +4,7 @@ import { button, h, note } from "./dom";
 
 const MOST_BYTES = 4 * 2 ** 30;
 const PICTURES = [".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".avif", ".heic", ".exr", ".hdr"];
-const WORDS = "Drop a panorama, or a session's folder or zip, here: frames alone in folders called indoor and outdoor";
+const WORDS = "Drop a panorama here, or a session as its folder or zip. Brackets: a folder that holds indoor and outdoor.";
 
 interface Found {
   path: string;

@@ -6,6 +6,8 @@ import type { Screen } from "./screens";
 const BINS = 64;
 const exposure = (seconds: number): string => (seconds >= 0.4 ? `${seconds} s` : `1/${Math.round(1 / seconds)} s`);
 
+const clock = (offset?: number): string => (offset === undefined ? "" : Math.abs(offset) < 1 ? "clock right" : `clock ${Math.abs(offset).toFixed(0)} s ${offset > 0 ? "fast" : "slow"}`);
+
 /** A histogram of a frame's brightest channel; the last bin is what is clipped. */
 function histogram(image: HTMLImageElement, onto: HTMLCanvasElement): void {
   const small = h("canvas", { width: 160, height: Math.max(1, Math.round((160 * image.naturalHeight) / image.naturalWidth)) });
@@ -42,13 +44,15 @@ export async function captureScreen(session: Overview): Promise<Screen> {
 
   function show(now: Capture): void {
     const complete = now.status === "complete";
+    const stops = now.bracket.stops_s;
     const one = now.bracket.mode === "panorama";
     verdict.textContent = one ? "One panorama: no brackets, no meter" : complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "it is being captured"}`;
     verdict.classList.toggle("bad", !complete);
     const readings = now.readings.map((one) => `${one.when}: ${one.luminance_cd_m2 === undefined ? one.status : `${one.luminance_cd_m2.toPrecision(4)} cd/m²`}`);
     const clipped = now.frames.filter((one) => (one.statistics?.clipped_frac ?? 0) > 0.5).length;
     facts.replaceChildren(
-      ...now.devices.map((one) => fact(one.role, `${one.model}${one.simulated ? " (simulated)" : ""}`)),
+      ...now.devices.map((one) => fact(one.role, [`${one.model}${one.simulated ? " (simulated)" : ""}`, one.lens, one.nd_filter, clock(one.clock_offset_s)].filter(Boolean).join(" · "))),
+      ...(stops.length ? [fact("Plan", `${stops.length} stops a side, ${exposure(Math.max(...stops))} to ${exposure(Math.min(...stops))}: the shutters are open for ${stops.reduce((sum, s) => sum + s, 0).toFixed(0)} s`)] : []),
       ...(one ? [] : [fact("Meter", readings.join(", ") || "no reading yet")]),
       ...(now.drift_frac === undefined ? [] : [fact("Drift of the light", `${(100 * now.drift_frac).toFixed(1)} %`)]),
       ...(one ? [] : [fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
@@ -71,6 +75,6 @@ export async function captureScreen(session: Overview): Promise<Screen> {
       session.frames ? null : h("img", { class: "whole", src: api.picture(session.name, "Card", 2048, session.stamp), alt: "The panorama as it was imported", error: (event: Event) => (event.target as Element).remove() })),
     refresh,
     run: { until: "report", text: "Process this session" },
-    command: session.status === "complete" ? `daylit verify ${session.path}` : `daylit capture --resume ${session.path}`,
+    command: session.status === "complete" ? `daylit process ${session.path}` : `daylit capture --resume ${session.path}`,
   };
 }

@@ -40,14 +40,18 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     button("Undo", () => undo.back(places), { "data-part": "undo" }), button("Redo", () => undo.again(places)),
     button("Turn (R)", () => turn(TURN)), button("Take away", away), button("As arranged", () => void forget()));
   const list = h("ul", { class: "pieces" });
-  const stage = h("div", { class: "stage preview", role: "application", "aria-label": "Preview: drag or arrow keys to look around" });
+  const stage = h("div", { class: "stage preview opening", role: "application", "aria-label": "Preview: drag or arrow keys to look around" });
   const said = h("p", { class: "facts", "data-part": "lit", role: "status" }, "Working out the room's light: the first time takes some seconds …");
   const view = new PanoramaView(stage, { wheel: true, field: 115 });
   const middle = [0, 1].map((k) => pieces.reduce((sum, one) => sum + one.t_m[k]!, 0)) as Point;
   view.look(Math.atan2(...middle) / RAD, -14);
   const empty = new Image();
   empty.src = api.picture(session.name, session.states.includes("Emptied") ? "Emptied" : "Photograph", 2048, session.stamp);
-  empty.decode().then(() => said.dataset.seconds ?? view.picture(empty, false), () => undefined);
+  empty.decode().then(() => said.dataset.seconds ?? show(empty), () => undefined);
+  const show = (picture: TexImageSource): void => {
+    view.picture(picture, false);
+    stage.classList.remove("opening");
+  };
 
   plan.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
   room.floor.forEach(([x, y], i) => {
@@ -120,7 +124,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     try {
       const answer = await api.live(session.name, "staged", { places: asked });
       const picture = await createImageBitmap(await answer.blob());
-      view.picture(picture, false);
+      show(picture);
       said.classList.remove("bad");
       said.dataset.seconds = String((performance.now() - begin) / 1000);
       said.dataset.worked = String(factsOf<{ seconds: number }>(answer).seconds);

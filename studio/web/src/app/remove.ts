@@ -293,7 +293,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
     refresh,
     undo: () => undo.back(mask),
     redo: () => undo.again(mask),
-    command: `daylit process ${session.path} --mask mask.png --until remove`,
+    command: `daylit process ${session.path} --mask ${session.path}/mask.png --until remove`,
     run: { until: "remove", text: "Empty the room" },
   };
 }

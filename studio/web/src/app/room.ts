@@ -19,7 +19,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
   let chosen = "";
   const turns = new Turns();
   const undo = new Undo<Room>((state) => void keep(state));
-  const stage = h("div", { class: "stage", role: "application", "aria-label": "Panorama: drag to look around, drag the marks to correct the room" });
+  const stage = h("div", { class: "stage opening", role: "application", "aria-label": "Panorama: drag to look around, drag the marks to correct the room" });
   const lines = svg("svg", { class: "overlay" });
   const plans = h("div", { class: "plans" });
   const facts = h("p", { class: "facts", "data-part": "facts" });
@@ -38,6 +38,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
   let edges: Edges | null = null;
   picture.decode().then(() => {
     view.picture(picture, false);
+    stage.classList.remove("opening");
     edges = new Edges(picture);
   }, () => note("The picture cannot be shown", true));
 
