@@ -33,9 +33,18 @@ def test_every_kernel_of_the_list_is_one_and_its_types_can_be_made() -> None:
         module, _, attribute = name.partition(":")
         kernel = getattr(importlib.import_module(module), attribute)
         for signature in signatures:
+            assert _fields_fit(signature), f"{name}: a NamedTuple has other fields now (benchmarks.whole.kernel_list)"
             made = [kernels._type(one) for one in signature]
             assert [described(one) for one in made] == signature, name
             assert len(made) == len(kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]), name
+
+
+def _fields_fit(described_type: object) -> bool:
+    if isinstance(described_type, dict) and "named" in described_type:
+        if len(kernels._named(described_type["named"])._fields) != len(described_type["tuple"]):
+            return False
+    parts = described_type.get("tuple", []) if isinstance(described_type, dict) else described_type
+    return not isinstance(parts, list) or all(_fields_fit(one) for one in parts)
 
 
 def test_types_are_the_same_after_a_file() -> None:
