@@ -33,7 +33,6 @@ def process(
     session, and what a stage raises; the results of the stages before it stand.
     """
     check_table(stages)
-    limit_libraries()
     plan = requests.planned(request, stages)
     load_manifest(session)
     meter = Meter()
@@ -196,6 +195,7 @@ class PipelineRun:
         self, stage: Stage, later: tuple[Stage, ...], meter: Meter, former: StageResult | None, *, first_only: bool
     ) -> StageResult:
         """Make a result, put it in its place and keep in memory what later stages want."""
+        limit_libraries()
         answers, static, reads = self._inputs.answers(stage), self._inputs.ingredients(stage), self._reads(stage)
         with self._store.building(stage.name) as building:
             folder, common = building.folder.path, {key: static.get(key) for key in ("version", "files", "data")}

@@ -11,12 +11,13 @@ import os
 import shutil
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from processing.errors import ModelError
-from processing.segmentation.adapters import ADE20K, NetworkContract
-from processing.segmentation.segmenters import TfliteSegmenter
 from station.session.folder import file_sha256
+
+if TYPE_CHECKING:
+    from processing.segmentation.segmenters import TfliteSegmenter
 
 DOWNLOAD_TIMEOUT_S = 30.0
 """Without a byte, after which a download is given up (chosen)."""
@@ -32,7 +33,6 @@ class KnownModel(NamedTuple):
     sha256: str
     licence: str
     what: str
-    contract: NetworkContract
 
 
 ADE20K_DEEPLAB = KnownModel(
@@ -44,22 +44,7 @@ ADE20K_DEEPLAB = KnownModel(
     sha256="2d58c681d81b5e181816b81cc815b82edf3daad905b4d7d35afade80aee93b5f",
     licence="Apache-2.0 (MLCommons mobile_models); trained on ADE20K, whose pictures are for research",
     what="DeepLab v3+ with MobileNetV2, ADE20K's 31 commonest classes: furniture and windows of real rooms",
-    contract=NetworkContract(
-        name="DeepLab v3+ MobileNetV2 ADE20K (MLPerf Mobile 0.7)",
-        input="MobilenetV2/MobilenetV2/input",
-        layout="NHWC",
-        input_type="uint8",
-        input_range=255,
-        size_px=512,
-        classes=("other", *ADE20K[:31]),
-        # Lamps, cushions, desks and chests are among the others, and so are radiators and switches.
-        meanings={"other": ("furniture", "fixture")},
-        output="logits",
-        outputs=("logits/semantic/BiasAdd",),
-        output_stride=4,
-    ),
 )
-"""Its labels are those of MLPerf Mobile 0.7: 0 for all others, then ADE20K's first 31."""
 KNOWN_MODELS = (ADE20K_DEEPLAB,)
 
 
@@ -176,5 +161,23 @@ def segmenter_file(asked: Path | None) -> Path | None:
 
 
 def open_installed(path: Path) -> TfliteSegmenter:
-    """Return the network of an installed model's file."""
-    return TfliteSegmenter(path, ADE20K_DEEPLAB.contract, threads=1)
+    """Return the network of an installed model's file: MLPerf Mobile 0.7 labels, 0 for all but ADE20K's first 31."""
+    # What stages only need to name the file must not wait for their libraries.
+    from processing.segmentation.adapters import ADE20K, NetworkContract
+    from processing.segmentation.segmenters import TfliteSegmenter
+
+    contract = NetworkContract(
+        name="DeepLab v3+ MobileNetV2 ADE20K (MLPerf Mobile 0.7)",
+        input="MobilenetV2/MobilenetV2/input",
+        layout="NHWC",
+        input_type="uint8",
+        input_range=255,
+        size_px=512,
+        classes=("other", *ADE20K[:31]),
+        # Lamps, cushions, desks and chests are among the others, and so are radiators and switches.
+        meanings={"other": ("furniture", "fixture")},
+        output="logits",
+        outputs=("logits/semantic/BiasAdd",),
+        output_stride=4,
+    )
+    return TfliteSegmenter(path, contract, threads=1)
