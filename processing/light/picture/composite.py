@@ -89,7 +89,7 @@ def differential(
     # The same places, on furniture too, so that both meet the same chance.
     same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
     before = irradiance_of(bare.stage, small, same, seed, wraps=True, lights=bare.lights)
-    first = next(iter(lights))
+    first = min(lights)
     pair = (bare.lights[first], lights[first])
     mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
     change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)

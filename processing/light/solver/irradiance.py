@@ -15,6 +15,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.threads import side_by_side
 from processing.light.solver.sight import Sight
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
@@ -117,7 +118,7 @@ def irradiance_of(
     halves, start_s = _Halves(), time.process_time()
     while True:
         seeds = [(seed * 1000 + halves.rounds) * 2 + half for half in range(2)]
-        halves.add([_half(stage, sight, solid, effort, one, lights) for one in seeds])
+        halves.add(side_by_side(lambda one: _half(stage, sight, solid, effort, one, lights), seeds))
         noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
         noisy = [without_fireflies(one, other) for one, other in (noisy, noisy[::-1])]
         error = relative_error(noisy[0], noisy[1], sight, blurred=effort.clean)

@@ -75,18 +75,63 @@ def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples
         origins, rays = np.empty((2, *shape, 3), np.float32)
         weight = np.empty(shape, np.float32)
         pane_rays(points[part], normals[part], shifts[part], rectangle, origins, rays, weight)
-        ahead = np.flatnonzero(weight.ravel() > 0)
-        starts, ways = origins.reshape(-1, 3)[ahead], rays.reshape(-1, 3)[ahead]
-        hits = stage.tracer.cast(starts, ways)
-        there = np.flatnonzero(
-            (hits.triangle >= 0) & (patches.owner[hits.triangle] == PANE) & (patches.item[hits.triangle] == number)
-        )
-        direction, ahead = ways[there], ahead[there]
-        cell = np.zeros(len(there), np.intp)
-        if pane.clear.size > 1:
-            row, column = pane.cells(starts[there] + hits.distance_m[there, None] * direction)
-            cell = row * pane.clear.shape[1] + column
-        yield _PaneRays(start + ahead // samples, direction, weight.ravel()[ahead] / np.float32(samples), cell)
+        starts, ways = origins.reshape(-1, 3), rays.reshape(-1, 3)
+        ahead = np.empty(len(ways), np.int64)
+        ahead = ahead[: _ahead_first(weight.ravel(), starts, ways, ahead)]
+        count = len(ahead)
+        hits = stage.tracer.cast(starts[:count], ways[:count])
+        met = (hits.triangle, hits.distance_m, patches.owner, patches.item)
+        cell = np.empty(count, np.int64)
+        count = _arrived(met, number, (starts, ways, ahead), rectangle, pane.clear.shape, cell)
+        ahead = ahead[:count]
+        shares = weight.ravel()[ahead] / np.float32(samples)
+        yield _PaneRays(start + ahead // samples, ways[:count], shares, cell[:count])
+
+
+@compiled
+def _ahead_first(weight, starts, ways, ahead) -> int:  # type: ignore[no-untyped-def]
+    """Move rays (N, 3) of some ``weight`` (N,) to the front, write to ``ahead`` which they were; return how many."""
+    count = 0
+    for i in range(weight.shape[0]):
+        if weight[i] > 0:
+            ahead[count] = i
+            for c in range(3):
+                starts[count, c], ways[count, c] = starts[i, c], ways[i, c]
+            count += 1
+    return count
+
+
+@compiled
+def _arrived(met, number, rays, rectangle, grid, cell) -> int:  # type: ignore[no-untyped-def]
+    """Move the rays that meet pane ``number`` to the front, and write where on its ``grid`` to ``cell``; return how
+    many.
+
+    ``met``: triangles (N,) and distances (N,), owners and items of triangles; ``rays``: starts (N, 3), ways (N, 3) and
+    which they were (N,); ``rectangle`` (3, 3): corner, across, up.
+    """
+    (triangle, distance, owner, item), (starts, ways, ahead) = met, rays
+    along, down = np.float64(0), np.float64(0)
+    for c in range(3):
+        along += rectangle[1, c] ** 2
+        down += rectangle[2, c] ** 2
+    count = 0
+    for i in range(triangle.shape[0]):
+        t = triangle[i]
+        if t < 0 or owner[t] != PANE or item[t] != number:
+            continue
+        u = v = 0.0
+        for c in range(3):
+            offset = starts[i, c] + distance[i] * ways[i, c] - rectangle[0, c]
+            u += offset * rectangle[1, c]
+            v += offset * rectangle[2, c]
+        row = min(max(math.floor((1 - v / down) * grid[0]), 0), grid[0] - 1)
+        column = min(max(math.floor(u / along * grid[1]), 0), grid[1] - 1)
+        cell[count] = row * grid[1] + column
+        ahead[count] = ahead[i]
+        for c in range(3):
+            ways[count, c] = ways[i, c]
+        count += 1
+    return count
 
 
 def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:

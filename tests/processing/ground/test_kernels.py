@@ -39,12 +39,11 @@ def test_every_kernel_of_the_list_is_one_and_its_types_can_be_made() -> None:
             assert len(made) == len(kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]), name
 
 
-def _fields_fit(described_type: object) -> bool:
-    if isinstance(described_type, dict) and "named" in described_type:
-        if len(kernels._named(described_type["named"])._fields) != len(described_type["tuple"]):
-            return False
-    parts = described_type.get("tuple", []) if isinstance(described_type, dict) else described_type
-    return not isinstance(parts, list) or all(_fields_fit(one) for one in parts)
+def _fields_fit(one: object) -> bool:
+    parts = one.get("tuple", []) if isinstance(one, dict) else one
+    named = one.get("named") if isinstance(one, dict) else None
+    whole = named is None or len(kernels._named(named)._fields) == len(parts)
+    return whole and (not isinstance(parts, list) or all(map(_fields_fit, parts)))
 
 
 def test_types_are_the_same_after_a_file() -> None:
