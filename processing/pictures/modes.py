@@ -20,6 +20,8 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity, 
 from processing.sphere import Equirectangular, directions
 
 KEY = "shared_modes"
+ROWS_AT_ONCE = 256
+"""Of which directions are worked out; chosen: 50 MB of the largest frames."""
 Kind = Literal["level", "seam", "axis", "whole"]
 LEVEL_SHIFT = 20
 """Bits of a float32, dropped: what is left steps by an eighth of an octave."""
@@ -130,10 +132,13 @@ def shared_error(image: LuminanceImage, levels: Doubles, bands: Callable[[], Ite
     by_place = [mode for mode in modes if mode.kind != "level"]
     found = [levels @ _by_bits(np.array(m.places), np.array(m.values)) for m in modes if m.kind == "level"]
     sums = np.zeros(len(by_place))
-    for rows, weights in bands() if by_place else ():
-        luminance = luminance_cd_m2(image.rgb[rows])
-        parts = weights * (image.validity[rows] == Validity.VALID) * luminance
-        sums += [np.vdot(parts, relative_error(mode, image, luminance, rows)) for mode in by_place]
+    for whole, weights in bands() if by_place else ():
+        for start in range(whole.start, whole.stop, ROWS_AT_ONCE):
+            rows = slice(start, min(start + ROWS_AT_ONCE, whole.stop))
+            luminance = luminance_cd_m2(image.rgb[rows])
+            valid = image.validity[rows] == Validity.VALID
+            parts = weights[start - whole.start : rows.stop - whole.start] * valid * luminance
+            sums += [np.vdot(parts, relative_error(mode, image, luminance, rows)) for mode in by_place]
     return math.hypot(*found, *sums.tolist())
 
 

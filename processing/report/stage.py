@@ -59,13 +59,15 @@ def run(context: StageContext) -> StageOutput:
 def report_data(context: StageContext) -> ReportData:
     """Return what the page shows, from the session, the stages' summaries and their artifacts."""
     facts = context.artifact("calibrate", "calibration")
+    # First what is of one picture each, then all states side by side: so each is read from the disk once.
+    details = _sections(context, facts)
     lead, staging = staging_sections(context)
     return ReportData(
         title=context.session.name, facts=session_facts(context.session),
         summary=(*_summary(facts), *_shape(context)),
         stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
         warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))), lead=lead,
-        sections=(*staging, *_sections(context, facts)), files=_files(context),
+        sections=(*staging, *details), files=_files(context),
         made_with=f"daylit {version('daylit')}", unit=context.artifact("calibrate", "indoor").unit,
     )  # fmt: skip
 
