@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks.kept_rows import Rows
 from benchmarks.light.albedo import outdoors_of_room, picture
 from benchmarks.light.relight_photo import photographs
-from benchmarks.light.render_scenes import _box
+from benchmarks.light.render_scenes import _box, sky_outdoors
 from benchmarks.paired import Cost, cost_of
 from benchmarks.seeds import seeds
 from benchmarks.truth_rooms import QUALITY, room_model_of, truth_list, truth_of
@@ -40,7 +40,6 @@ from processing.calibration.outdoor.sun_place import Place
 from processing.light.picture.render import render
 from processing.light.picture.viewpoint import seen_from
 from processing.light.scene.albedo import albedo_of_room
-from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Outdoors, Scene, Vector, plain, shell_of
 from processing.light.solver.basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.irradiance import Effort

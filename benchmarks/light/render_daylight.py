@@ -12,8 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.light import analytic as _analytic
-from benchmarks.light.render_scenes import room_model
-from processing.light.scene.outdoor import sky_outdoors
+from benchmarks.light.render_scenes import room_model, sky_outdoors
 from processing.light.scene.scene import Outdoors, Pane, Scene, shell_of
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.light.render_scenes import _box
+from benchmarks.light.render_scenes import _box, sky_outdoors
 from benchmarks.truth_rooms import room_model_of, truth_list
 from mocks.rooms.room import make_room
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain, shell_of
 
 KINDS = ("sun", "overcast", "lamps")

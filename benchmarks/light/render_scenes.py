@@ -4,20 +4,36 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from processing.ground.arrays import Doubles
 from processing.ground.mitsuba_variants import load_mitsuba, usable_variant
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
-from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.outdoor import GROUND_ALBEDO, with_ground
 from processing.light.scene.patches import surface_triangles
 from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain, shell_of
-from processing.sphere import Perspective
+from processing.sphere import Equirectangular, Perspective, directions
 
 EYE = (0.0, 0.0, 1.6)
 COLOURS = {"floor": 0.3, "ceiling": 0.8}
 WALLS = 0.6
+
+
+def sky_outdoors(
+    radiance: Callable[[Doubles], Doubles],
+    *,
+    rows: int = 256,
+    ground_albedo: float = GROUND_ALBEDO,
+    sun: Sun | None = None,
+) -> Outdoors:
+    """Return the light of a sky: a function of unit directions above the horizon to cd/m2, both of shape (..., 3)."""
+    rays, _ = directions(Equirectangular(2 * rows, rows))
+    above = np.broadcast_to(rays[..., 2:] > 0, rays.shape)
+    sky = np.where(above, radiance(rays * np.where(above, 1, [1, 1, -1])), 0.0).astype(np.float32)
+    return Outdoors(with_ground(sky, above[..., 0], sun, ground_albedo), sun)
 
 
 def room_model(width_m: float, depth_m: float, height_m: float, window: tuple[float, ...] | None) -> RoomModel:

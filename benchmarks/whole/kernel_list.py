@@ -44,15 +44,11 @@ def described(one: Any) -> Described:
     """Return a Numba type as JSON."""
     if isinstance(one, types.Array):
         return {"array": [str(one.dtype), one.ndim, one.layout, bool(one.mutable)]}
-    if isinstance(one, types.Literal):
-        return {"value": one.literal_value}
     if isinstance(one, types.NamedTuple | types.NamedUniTuple):
         made = one.instance_class
         return {"named": f"{made.__module__}:{made.__qualname__}", "tuple": [described(part) for part in one.types]}
     if isinstance(one, types.BaseTuple):
         return {"tuple": [described(part) for part in one.types]}
-    if isinstance(one, types.Omitted):
-        return {"omitted": one.value}
     return str(one)
 
 

@@ -118,9 +118,5 @@ def _type(text: Described) -> Any:
     if "array" in text:
         dtype, dimensions, layout, writable = text["array"]
         return types.Array(_type(dtype), dimensions, layout, readonly=not writable)
-    if "value" in text:
-        return types.literal(text["value"])
-    if "omitted" in text:
-        return types.Omitted(text["omitted"])
     parts = [_type(part) for part in text["tuple"]]
     return types.BaseTuple.from_types(parts, _named(text["named"]) if "named" in text else None)

@@ -6,7 +6,6 @@ A fisheye sees no ground: below the horizon the picture is filled with ground of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -93,20 +92,6 @@ def _sun_apart(image: LuminanceImage, weights: Floats) -> tuple[Floats, Sun | No
     rgb = image.rgb.copy()
     rgb[part] = rest
     return rgb, found
-
-
-def sky_outdoors(
-    radiance: Callable[[Doubles], Doubles],
-    *,
-    rows: int = 256,
-    ground_albedo: float = GROUND_ALBEDO,
-    sun: Sun | None = None,
-) -> Outdoors:
-    """Return the light of a sky: a function of unit directions above the horizon to cd/m2, both of shape (..., 3)."""
-    rays, _ = directions(Equirectangular(2 * rows, rows))
-    above = np.broadcast_to(rays[..., 2:] > 0, rays.shape)
-    sky = np.where(above, radiance(rays * np.where(above, 1, [1, 1, -1])), 0.0).astype(np.float32)
-    return Outdoors(with_ground(sky, above[..., 0], sun, ground_albedo), sun)
 
 
 def with_ground(panorama: Floats, known: np.ndarray, sun: Sun | None, albedo: float) -> Floats:

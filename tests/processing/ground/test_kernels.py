@@ -52,7 +52,6 @@ def test_types_are_the_same_after_a_file() -> None:
         types.boolean,
         types.Array(types.float32, 2, "C"),
         named,
-        types.literal(3),
         types.UniTuple(types.int64, 2),
     ):
         assert kernels._type(json.loads(json.dumps(described(one)))) == one

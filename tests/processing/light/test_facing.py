@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.light.render_scenes import sky_outdoors
 from processing.ground.room_model import Opening, OpeningKind
 from processing.light.picture.render import render
 from processing.light.scene.facing import facing_sunlight, outdoors_facing, turned
-from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Outdoors, Sun
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage

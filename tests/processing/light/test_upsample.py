@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.light.scene.outdoor import sky_outdoors, without_sun
+from benchmarks.light.render_scenes import sky_outdoors
+from processing.light.scene.outdoor import without_sun
 from processing.light.scene.room_light import gloss_factor
 from processing.light.scene.scene import Sun
 from processing.light.solver.sight import sight_of
