@@ -26,8 +26,8 @@ Share = Annotated[float, Field(ge=0, le=1)]
 CEILING = "ceiling"
 Part = Annotated[str, Field(pattern=rf"^({CEILING}|(wall|corner) \d\d?)$")]
 
-MIN_WALL_M = 0.02
-MIN_AREA_M2 = 1.0
+MIN_WALL_M = 0.02  # chosen: shorter ones are slips of an editor
+MIN_AREA_M2 = 1.0  # chosen: less is no room
 MIN_CAMERA_GAP_M = 0.05
 """Of the camera from every wall."""
 SLACK_M = 0.002

@@ -20,7 +20,7 @@ Side: TypeAlias = Literal["front", "back", "left", "right"]
 Placement: TypeAlias = Literal["wall", "free", "on"]
 """`wall`: back to a wall where one is free; `free`: anywhere; `on`: on top of another item (a TV on its stand)."""
 MAX_SIZE_M = 6.0  # chosen: longer than any piece sold
-RUG_HEIGHT_M = 0.03
+RUG_HEIGHT_M = 0.03  # chosen: what people walk over
 
 
 @dataclass(frozen=True)

@@ -109,10 +109,10 @@ Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""
 Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
 
-DEFAULT_HEIGHT_M = 2.4
-DEFAULT_SILL_M = 0.9
-DEFAULT_HEAD_M = 2.1
-DOOR_HEAD_M = 2.1
+DEFAULT_HEIGHT_M = 2.4  # chosen: usual in homes
+DEFAULT_SILL_M = 0.9  # chosen: usual in homes
+DEFAULT_HEAD_M = 2.1  # chosen: usual in homes
+DOOR_HEAD_M = 2.1  # chosen: usual in homes
 SLACK_M = 0.05
 """By so much may an opening stick out over the end of its edge; it is cut there, and that is said."""
 

@@ -302,7 +302,7 @@ def _basis(stage: Stage, room: SessionRoom, folder: Path, effort: Effort) -> tup
 
 
 MARGIN_PX, TEXT_PX = 8, 22
-FRAME_MS = 500
+FRAME_MS = 500  # chosen: half a second a picture
 _INK, _PAPER = (30, 30, 34), (250, 250, 248)
 
 

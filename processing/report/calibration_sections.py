@@ -23,6 +23,7 @@ from processing.report.plots import (
     cct_picture,
     contact_sheet,
     empty_figure,
+    every_nth,
     frame_usage_plot,
     luminance_picture,
     residual_plot,
@@ -35,7 +36,6 @@ from processing.sphere import Equirectangular
 from station.session.session import FrameRecord, Side, shutter_label
 
 SPOT_RAD = math.radians(1 / 3)
-WIDTH_PX = 1200
 ANYWHERE_DEG = 180.0
 """Uncertainty of a north that nobody knows."""
 _PLANES = {
@@ -149,8 +149,8 @@ def thumbnail(path: Path) -> Bytes:
 
 def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Picture]:
     luminance = luminance_cd_m2(image.rgb)
-    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
-    small = display.shown(image.rgb[step // 2 :: step, step // 2 :: step])
+    rows = every_nth(image.rgb)
+    small = display.shown(image.rgb[rows, rows])
     wide = isinstance(image.geometry, Equirectangular)
     found = [
         Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),
@@ -172,7 +172,6 @@ def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Pictur
     found.append(Picture(f"{name}: correlated colour temperature", temperature, "false colours of CCT", wide=wide))
     marked = (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any())
     if marked:
-        rows = slice(step // 2, None, step)
         ghost = None if image.ghost is None else image.ghost[rows, rows]
         overlay = validity_overlay(small, image.validity[rows, rows], ghost)
         found.append(Picture(f"{name}: validity", png_bytes(overlay), "clipped, dark, repaired, moved", wide=wide))

@@ -30,6 +30,13 @@ _COVERAGE = 2.0
 
 
 CCT_RANGE_K = (2000.0, 20000.0)
+PAGE_WIDTH_PX = 1200  # chosen: a page's width
+
+
+def every_nth(picture: Floats) -> slice:
+    """Return which rows and columns of a picture (H, W, 3) a page shows, so that it is `PAGE_WIDTH_PX` wide at most."""
+    step = max(1, -(-picture.shape[1] // PAGE_WIDTH_PX))
+    return slice(step // 2, None, step)
 
 
 def response_plot(log2_exposure: Doubles, sigma_log2: Doubles, low: Sequence[int], high: Sequence[int]) -> bytes:

@@ -15,11 +15,10 @@ from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import jpeg_bytes
 from processing.report.data import Picture, Quantity, Section, Table
-from processing.report.plots import plan_plot
+from processing.report.plots import every_nth, plan_plot
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map, surface_maps
 
-WIDTH_PX = 1200
 TINTS = {"furniture": (230, 40, 40), "tripod": (220, 0, 220), "sunlight": (250, 210, 0), "shadow": (40, 90, 240)}
 """sRGB by mask."""
 _NAMES = {
@@ -39,8 +38,7 @@ def detect_section(
     ``masks``: by name, (H, W) each, those that were found; ``facts``: the stage's metrics.
     """
     fitting = {name: mask for name, mask in masks.items() if mask.shape == image.rgb.shape[:2]}
-    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
-    rows = slice(step // 2, None, step)
+    rows = every_nth(image.rgb)
     shown = tinted(display.shown(image.rgb[rows, rows]), {name: mask[rows, rows] for name, mask in fitting.items()})
     shares = facts.get("shares", {})
     quantities = [
@@ -94,8 +92,7 @@ def remove_section(
     ``filled``: (H, W); ``facts``: the stage's metrics; ``log_lift`` (H, W): natural logarithm of what changed the
     luminance of each pixel that stayed, None: nothing did.
     """
-    step = max(1, -(-after.rgb.shape[1] // WIDTH_PX))
-    rows = slice(step // 2, None, step)
+    rows = every_nth(after.rgb)
     outlined = display.shown(after.rgb[rows, rows])
     outlined[_rim(filled[rows, rows])] = RIM_RGB
     pictures = [Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True)]
@@ -165,8 +162,8 @@ def room_section(
 
 def drawn(image: LuminanceImage, room: RoomModel, display: Display) -> Bytes:
     """Return a small panorama (H, W, 3) sRGB, edges of walls, floor and ceiling in green, of openings in orange."""
-    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
-    rgb8 = display.shown(image.rgb[step // 2 :: step, step // 2 :: step])
+    rows = every_nth(image.rgb)
+    rgb8 = display.shown(image.rgb[rows, rows])
     geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])
     plane, opening = plane_map(room, geometry), surface_maps(room, geometry).opening
     out = rgb8.copy()

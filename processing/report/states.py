@@ -73,7 +73,7 @@ LARGEST_ERROR = math.expm1(STEP / 2)
 """Relative: 0.05 %."""
 LEAST = 1e-6
 """cd/m2 of code 1; what is darker is stored as this."""
-NO_VALUE = 0
+NO_VALUE = 0  # codes of values start at 1
 _MOST = 65535  # of 16 bits
 
 UNCERTAINTY_LOW, UNCERTAINTY_HIGH = 1e-4, 10.0
@@ -124,7 +124,7 @@ MAP_WIDTH_PX = 1024
 """Of what the probe reads."""
 VIEWER_WIDTHS_PX = ((2, 4096), (5, 3072), (99, 2048))
 """Most states, and the width of their pictures then: the page stays one that can be sent."""
-PANORAMA_WIDTH_PX = 1800
+PANORAMA_WIDTH_PX = 1800  # chosen: a screen's width
 VIEW_PX = (1500, 1000)
 FIELD_DEG = 95.0
 """Horizontal: what a photographer's wide lens shows."""

@@ -30,7 +30,7 @@ from station.session.strict_json import StrictJsonError, faults_of, loads
 
 # Openings given by two places of the plan: which wall they are in, and where along it.
 OFF_WALL_M = 0.15
-SHORTEST_M = 0.05
+SHORTEST_M = 0.05  # chosen: less is an error of drawing
 
 
 def opening_on_wall(

@@ -21,7 +21,7 @@ from processing.surfaces.maps import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import unwrap
 
 MOST_PX_PER_M, LEAST_PX_PER_M = 120.0, 30.0
-LARGEST_TEXELS = 2_000_000
+LARGEST_TEXELS = 2_000_000  # chosen: 24 MB of float32 RGB
 WIDEST_PX = 3360
 """Of the panorama that walls are taken from: all that `MOST_PX_PER_M` asks for where they are 4.5 m away or nearer."""
 EDGE_STOPS = 0.25

@@ -123,7 +123,7 @@ TURNS_PX = {"draft": (0,), "standard": (0, 134), "reference": (0, 71, 134, 205)}
 which the network's answer only turns along."""
 LEAST_CONTRAST = 0.004
 """Of what the network is shown (0..1): a picture that varies less says nothing."""
-LEAST_LATITUDE_RAD = 0.01
+LEAST_LATITUDE_RAD = 0.01  # chosen: keeps distances finite
 _OUTPUTS = ("probabilities", "columns", "details")  # (2, H, W): skirting's share, log distance in camera heights
 
 

@@ -78,7 +78,7 @@ class SceneEvidence:
         return np.asarray(self.probabilities[list(classes)].sum(axis=0), dtype=np.float32)
 
 
-FORMAT = 2
+FORMAT = 2  # raised when the file's arrays change
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
 LARGEST_PIXELS = 8 << 20
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, SyntaxError)

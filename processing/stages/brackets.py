@@ -18,7 +18,7 @@ from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from station.session.session import DeviceRecord, FrameRecord, SessionManifest, Side
 
 DECODERS = 2  # chosen: threads of a small computer
-COARSE_PX = 800
+COARSE_PX = 800  # chosen: shows enough for a check
 PANORAMA_CAMERAS = ("THETA", "INSTA360")
 """In the model that EXIF names."""
 USUAL_CIRCLE = (0.5, 0.5, 1 / 3)

@@ -171,7 +171,7 @@ def _warnings(found: GivenPanorama, asked: CalibrateParameters) -> list[str]:
 # The indoor half: fall-off of the panorama's lenses, then k1.
 
 
-ASPECT_TOLERANCE = 0.02
+ASPECT_TOLERANCE = 0.02  # chosen: a row cut off a panorama is within it
 
 
 def calibrate_indoor(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Point: TypeAlias = tuple[float, float]
 INCHES_PER_M = 100 / 96
 """An SVG has 96 pixels an inch: 100 a metre."""
-PNG_PX_PER_M = 110
+PNG_PX_PER_M = 110  # chosen: a room of 8 m fits a screen
 POINTS_PER_M = 72 * INCHES_PER_M
 HALO = "#fdfcfa"
 """Colour around letters, so that they are read on top of lines."""
@@ -125,8 +125,8 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
 
 Drawn: TypeAlias = list[Shape]
 INK = "#33383d"
-FINE = 0.010
-THIN = 0.006
+FINE = 0.010  # chosen: lines of plans, in metres of the room
+THIN = 0.006  # chosen: lines within a piece
 WOOD, CLOTH, LINEN, GREEN, DARK, PALE = "#ead9bf", "#cfd6dc", "#f4f1ea", "#c9dcc0", "#4a4f55", "#e6e3dc"
 
 

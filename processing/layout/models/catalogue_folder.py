@@ -23,10 +23,10 @@ from processing.layout.models.mesh_pose import Given, Sound, posed, repaired
 
 MAX_FILES = 20_000  # chosen: beyond any catalogue; a home folder named by mistake ends here
 MAX_DEPTH = 4  # folders; chosen: category, maker, model and its file
-MOST_STRETCH = 2.0
-MOST_DISTORTION = 1.6
+MOST_STRETCH = 2.0  # chosen: beyond it a model is another piece
+MOST_DISTORTION = 1.6  # chosen: beyond it shapes look squeezed
 CREASE_RAD = np.radians(40.0)
-MAX_SIZE_M = 12.0
+MAX_SIZE_M = 12.0  # chosen: larger ones are in another unit
 VAGUE = ("dining chair", "dining table")
 """What mere chairs and tables are taken for."""
 _LICENCES = (

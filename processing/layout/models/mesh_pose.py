@@ -122,7 +122,7 @@ _USUAL: dict[str, Size] = {
 ANY: Size = (0.7, 0.6, 0.8)
 FAR = 1.3
 """Mean difference of the sizes' logarithms to the usual ones from which a unit is not believed (3.7 times)."""
-MOST_UNEVEN = 1.6
+MOST_UNEVEN = 1.6  # chosen, as `MOST_DISTORTION`
 OFTEN_WIDE = ("sofa", "tv", "tv stand", "desk", "wardrobe", "bookshelf", "chest")
 LONG = ("single bed", "bed")
 BACKED = ("sofa", "armchair", "dining chair", "desk chair", "bed", "single bed", "king bed")

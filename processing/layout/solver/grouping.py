@@ -31,12 +31,12 @@ ROLES = {
     "armchair": "seat", "dining table": "dining", "nightstand": "night", "wardrobe": "tall", "bookshelf": "tall",
     "chest": "low", "coffee table": "table", "rug": "rug",
 }  # fmt: skip
-HUNG_TV_M = 1.0
+HUNG_TV_M = 1.0  # chosen: the eyes of people who sit
 END_TO_WALL = -0.6
 """Bonus of a desk with an end to the wall."""
 SIDEWAYS_BED = -2.5
 """Bonus of a bed with a side to the wall, and so mostly with its head in the room: a last resort."""
-LAST_SPLIT = 3
+LAST_SPLIT = 3  # chosen: three ways to break a group up
 
 
 @dataclass(frozen=True)

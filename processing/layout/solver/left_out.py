@@ -25,7 +25,7 @@ from processing.layout.solver.units import Unit
 
 HALVINGS = 7
 """The missing width is found to 1/128 of the piece's."""
-LEAST_WIDTH_M = 0.05
+LEAST_WIDTH_M = 0.05  # chosen: narrower than any piece
 _RULES = {
     "window": ("window free", "nothing taller than the sill stands before a window"),
     "door": ("door free", "doors and the floor before them stay free"),

@@ -33,7 +33,7 @@ MOST_PLACES = 4000
 """Places of one unit that are looked at, at most."""
 MOST_LEVELS = 14
 """Pieces that a place may be level with, at most."""
-SAME_PLACE_M = 1e-3
+SAME_PLACE_M = 1e-3  # chosen: a millimetre
 
 
 class Variants(NamedTuple):
