@@ -9,6 +9,7 @@ import pytest
 
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.catalogue import KINDS, Tile, mean_albedo, pattern, tile
+from tests.conftest import LONG
 
 OAK = (0.38, 0.245, 0.135)
 COLOURS = {
@@ -76,9 +77,11 @@ def test_a_tile_repeats_without_a_seam(texture, made):
         assert across <= usual + 1e-4
 
 
+@pytest.mark.sweep
 def test_the_same_parameters_give_the_same_tile_and_another_seed_another(texture, made):
     assert np.array_equal(tile(texture).albedo, made.albedo)
-    assert not np.array_equal(tile(sample(texture.kind, 4)).albedo, made.albedo)
+    if LONG or KINDS.index(texture.kind) % 4 == 0:
+        assert not np.array_equal(tile(sample(texture.kind, 4)).albedo, made.albedo)
 
 
 def test_the_mean_is_that_of_the_tile(texture, made):
@@ -131,7 +134,8 @@ def test_laid_floors_and_prints_are_nearly_periodic(pattern, period_m):
     assert there > 0.08
 
 
-@pytest.mark.parametrize("kind", ["planks", "herringbone", "tiles", "blocks"])
+@pytest.mark.sweep
+@pytest.mark.parametrize("kind", ["planks", "herringbone", "tiles", "blocks"] if LONG else ["herringbone", "tiles"])
 def test_no_two_tiles_of_a_floor_are_the_same(kind):
     laid = tile(sample(kind))
     assert at(correlation(laid), laid, laid.size_m[0] / 2, laid.size_m[1] / 2) < 0.95
