@@ -176,3 +176,12 @@ def test_the_command_makes_checks_and_never_overwrites(tmp_path: Path, capsys: p
     for wrong in ([], ["--edit", "--check", str(other)], ["--check", str(other), "--from", str(other)]):
         assert daylit.main(["room", str(session), *wrong]) == 2
     assert daylit.main(["room", str(tmp_path / "none"), "--edit"]) == 4
+
+
+def test_every_wrong_key_is_named() -> None:
+    """What the model finds, not the first of it only."""
+    room, problems = room_problems(
+        {"floor": "here", "camera_height_m": -1.0, "ceiling_height_m": 2.5, "source": "given"}
+    )
+    assert room is None
+    assert {problem.partition(":")[0] for problem in problems} >= {"floor", "camera_height_m"}
