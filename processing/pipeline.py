@@ -173,7 +173,7 @@ STAGES: tuple[Stage, ...] = (
         skip_rule="processing.stages.render:nothing_to_render", trades=("quality", "max_error", "time_budget"),
     ),
     Stage(
-        "stills", 2, "frame stills", "processing.report.stills:run",
+        "stills", 3, "frame stills", "processing.report.stills:run",
         ("calibrate", "room", "remove", "arrange", "render"), reads=("name",),
         makes=(
             Artifact("display", "json"), Artifact("stills", "json"),

@@ -46,7 +46,8 @@ APART_RAD = math.radians(30)
 """Between two frames' axes: nearer, they are one picture."""
 MARGIN = 0.015
 """Of the picture's width, around a piece that counts as whole."""
-PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0
+PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 1.5
+"""Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 AGAIN = 0.3
 """Of the worth of what an earlier frame shows."""
 ENOUGH = 0.55
@@ -97,7 +98,8 @@ def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) ->
     seen = [_seen(frame, things, room) for frame in candidates]
     pieces = np.array([thing.name != "window" for thing in things], bool)
     bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
-    own = np.array([_composition(frame, room) for frame in candidates]) - BARE * bare
+    plain = np.array([_plain_share(frame, things, room) for frame in candidates])
+    own = np.array([_composition(frame, room) for frame in candidates]) - BARE * bare - PLAIN * plain
     chosen: list[int] = []
     shown = np.zeros(len(things))
     while len(chosen) < most:
@@ -201,6 +203,16 @@ def _seen(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> Doubles:
         out = x[front].min() > 1 or x[front].max() < -1 or y[front].max() < -high or y[front].min() > high
         states[k] = 1.0 if whole else 0.0 if out else -1.0
     return states
+
+
+def _plain_share(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> float:
+    """Return the share of the picture's columns in which neither a piece nor a window is seen."""
+    columns, plain = np.linspace(-0.95, 0.95, 39), np.ones(39, bool)
+    for thing in things:
+        x, _, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
+        if (ahead > 0.05).any():
+            plain &= (columns < x[ahead > 0.05].min()) | (columns > x[ahead > 0.05].max())
+    return float(plain.mean())
 
 
 def _worth(states: Doubles, things: Sequence[_Thing], shown: Doubles) -> float:

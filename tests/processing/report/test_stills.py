@@ -17,7 +17,20 @@ from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity
-from processing.report.stills import FEWEST, LENSES_MM, MOST, NEAR_M, aimed, frames_of, run, with_aimed
+from processing.report.stills import (
+    FEWEST,
+    LENSES_MM,
+    MOST,
+    NEAR_M,
+    Frame,
+    _pieces,
+    _plain_share,
+    _windows,
+    aimed,
+    frames_of,
+    run,
+    with_aimed,
+)
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
 from tests.processing.report.made_up import context, results
@@ -53,6 +66,15 @@ def test_frames_are_level_of_the_trades_lenses_apart_and_show_main_pieces_whole(
     assert "bed" in frames[0].shows
     assert "chair" in {name for frame in frames for name in frame.shows}
     assert frames_of(ROOM, ITEMS) == frames
+
+
+def test_columns_of_plain_wall_count_against_a_frame() -> None:
+    """Pieces and the window are to the left: to the right there is bare wall; the wardrobe's side comes before it."""
+    things = [*_pieces(ITEMS), *_windows(ROOM)]
+    assert _plain_share(Frame(math.radians(150), 24.0, 0.0), things, ROOM) == 1.0
+    shares = [_plain_share(frame, things, ROOM) for frame in frames_of(ROOM, ITEMS)]
+    assert shares[0] < 0.35
+    assert sorted(shares)[1] < 0.35
 
 
 def test_frames_that_were_aimed_come_first_and_others_look_elsewhere() -> None:
