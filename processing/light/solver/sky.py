@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Floats, Indices, Int64s, UInt16s
 from processing.light.scene.scene import Outdoors, Pane, transmittance_table
@@ -67,6 +68,7 @@ def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples
     """Yield the rays, of ``samples`` from each point to one pane, that nothing stops on their way."""
     pane, patches = stage.scene.panes[number], stage.patches
     rectangle = np.array([pane.corner_m, pane.across_m, pane.up_m], np.float64)
+    lengths2 = np.square(rectangle).sum(axis=1)
     shifts = random((*key, number), len(normals), 2)
     at_once = max(1, RAYS_AT_ONCE // samples)
     for start in range(0, len(normals), at_once):
@@ -77,12 +79,10 @@ def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples
         pane_rays(points[part], normals[part], shifts[part], rectangle, origins, rays, weight)
         starts, ways = origins.reshape(-1, 3), rays.reshape(-1, 3)
         ahead = np.empty(len(ways), np.int64)
-        ahead = ahead[: _ahead_first(weight.ravel(), starts, ways, ahead)]
-        count = len(ahead)
+        count = _ahead_first(weight.ravel(), starts, ways, ahead)
         hits = stage.tracer.cast(starts[:count], ways[:count])
-        met = (hits.triangle, hits.distance_m, patches.owner, patches.item)
-        cell = np.empty(count, np.int64)
-        count = _arrived(met, number, (starts, ways, ahead), rectangle, pane.clear.shape, cell)
+        met, cell = (hits.triangle, hits.distance_m, patches.owner, patches.item), np.empty(count, np.int64)
+        count = _arrived(met, number, (starts, ways, ahead), (rectangle, lengths2), pane.clear.shape, cell)
         ahead = ahead[:count]
         shares = weight.ravel()[ahead] / np.float32(samples)
         yield _PaneRays(start + ahead // samples, ways[:count], shares, cell[:count])
@@ -102,18 +102,14 @@ def _ahead_first(weight, starts, ways, ahead) -> int:  # type: ignore[no-untyped
 
 
 @compiled
-def _arrived(met, number, rays, rectangle, grid, cell) -> int:  # type: ignore[no-untyped-def]
+def _arrived(met, number, rays, place, grid, cell) -> int:  # type: ignore[no-untyped-def]
     """Move the rays that meet pane ``number`` to the front, and write where on its ``grid`` to ``cell``; return how
     many.
 
     ``met``: triangles (N,) and distances (N,), owners and items of triangles; ``rays``: starts (N, 3), ways (N, 3) and
-    which they were (N,); ``rectangle`` (3, 3): corner, across, up.
+    which they were (N,); ``place``: the pane's corner, across and up (3, 3), m, and their squared lengths (3,).
     """
-    (triangle, distance, owner, item), (starts, ways, ahead) = met, rays
-    along, down = np.float64(0), np.float64(0)
-    for c in range(3):
-        along += rectangle[1, c] ** 2
-        down += rectangle[2, c] ** 2
+    (triangle, distance, owner, item), (starts, ways, ahead), (rectangle, lengths2) = met, rays, place
     count = 0
     for i in range(triangle.shape[0]):
         t = triangle[i]
@@ -124,8 +120,8 @@ def _arrived(met, number, rays, rectangle, grid, cell) -> int:  # type: ignore[n
             offset = starts[i, c] + distance[i] * ways[i, c] - rectangle[0, c]
             u += offset * rectangle[1, c]
             v += offset * rectangle[2, c]
-        row = min(max(math.floor((1 - v / down) * grid[0]), 0), grid[0] - 1)
-        column = min(max(math.floor(u / along * grid[1]), 0), grid[1] - 1)
+        row = min(max(math.floor((1 - v / lengths2[2]) * grid[0]), 0), grid[0] - 1)
+        column = min(max(math.floor(u / lengths2[1] * grid[1]), 0), grid[1] - 1)
         cell[count] = row * grid[1] + column
         ahead[count] = ahead[i]
         for c in range(3):
@@ -193,7 +189,8 @@ def _add_outdoors(rays, picture, glass, out):  # type: ignore[no-untyped-def]
 
 def sky_rays(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> SkyRays:
     """Return where ``samples`` rays from each point to each pane end: ``points`` (N, K, 3), ``normals`` (N, 3)."""
-    panes, parts = stage.scene.panes, [_no_rays()]
+    panes, kinds = stage.scene.panes, (np.int64, np.uint16, np.uint16, np.float32)
+    parts: list[tuple[npt.NDArray[Any], ...]] = [tuple(np.empty(0, kind) for kind in kinds)]
     for number, pane in enumerate(panes):
         veil = pane.veil_cd_m2.reshape(-1, 3).mean(axis=1) / max(float(veil_means(pane).mean()), 1e-20)
         clear = pane.clear.ravel()
@@ -212,10 +209,6 @@ def sky_rays(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
     return SkyRays(
         first, cell[order].astype(np.uint16), tint[order].astype(np.uint16), weight[order].astype(np.float32)
     )
-
-
-def _no_rays() -> tuple[Int64s, UInt16s, UInt16s, Floats]:
-    return (np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16), np.empty(0, np.float32))
 
 
 def sky_cell(rays: Floats) -> UInt16s:
