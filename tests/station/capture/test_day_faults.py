@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import daylit
+from drivers.camera import ExposureProgress
 from drivers.clock import SteadyClock, SystemClock
 from drivers.errors import DeviceBusyError, DeviceTimeoutError
 from station.capture.bracket import PAPER_STOPS_S, estimate_bracket, light_drift, plan_bracket, typical_cost
@@ -57,8 +58,17 @@ class ArmedCamera(FakeCamera):
         super().release()
 
 
+@dataclass
 class SlowToRecover(FakeCamera):
-    """Needs a while, and is busy before."""
+    """Breaks once, when its partner's button is held; then needs a while."""
+
+    partner: ArmedCamera | None = None
+
+    def poll_exposure(self) -> ExposureProgress:
+        if self.partner and self.partner.armed_s is not None:
+            self.partner = None
+            raise DeviceTimeoutError("no picture within 30 s")
+        return super().poll_exposure()
 
     def recover(self) -> None:
         self.clock.sleep(0.4)
@@ -67,9 +77,8 @@ class SlowToRecover(FakeCamera):
 
 def test_the_partner_of_a_camera_that_breaks_is_let_go(tmp_path: Path) -> None:
     clock = SystemClock()
-    slow = {("poll_exposure", 90): DeviceTimeoutError("no picture within 30 s")}  # its partner is set up ahead by then
-    late = SlowToRecover(clock, readout_s=0.3, failures=slow)
     partner = ArmedCamera(clock)
+    late = SlowToRecover(clock, readout_s=0.3, partner=partner)
     manifest, _, events = run(make_rig(late, partner), tmp_path)
     assert manifest.status == "complete"
     assert not manifest.rejected
