@@ -29,14 +29,20 @@ def typed_error(number: int | None, message: str, where: str) -> DeviceError:
         return ProtocolViolationError(message, where=where, likely="the camera sent more than a packet", errno=number)
     if number in (errno.EACCES, errno.EPERM):
         return DevicePermissionError(
-            message, where=where, likely="no udev rule gives you the camera",
-            advice="install drivers/udev/70-daylit.rules, then replug the camera", errno=number,
-        )  # fmt: skip
+            message,
+            where=where,
+            likely="no udev rule gives you the camera",
+            advice="install drivers/udev/70-daylit.rules, then replug the camera",
+            errno=number,
+        )
     # EIO is what Linux gives while a cable is being pulled; only opening the link anew helps against any of the rest.
     return DeviceLostError(
-        message, where=where, likely="the cable was pulled or the camera switched off",
-        advice="check cable and power, then resume", errno=number,
-    )  # fmt: skip
+        message,
+        where=where,
+        likely="the cable was pulled or the camera switched off",
+        advice="check cable and power, then resume",
+        errno=number,
+    )
 
 
 def open_error(error: Exception, name: str) -> DeviceError:

@@ -105,10 +105,17 @@ class SerialLink:
         """
         try:
             port = serial.serial_for_url(
-                name, baudrate=settings.baud, bytesize=settings.data_bits, parity=_PARITY[settings.parity],
-                stopbits=settings.stop_bits, timeout=POLL_S, write_timeout=STALL_S, rtscts=settings.rts_handshake,
-                exclusive=True if os.name == "posix" else None, do_not_open=True,
-            )  # fmt: skip
+                name,
+                baudrate=settings.baud,
+                bytesize=settings.data_bits,
+                parity=_PARITY[settings.parity],
+                stopbits=settings.stop_bits,
+                timeout=POLL_S,
+                write_timeout=STALL_S,
+                rtscts=settings.rts_handshake,
+                exclusive=True if os.name == "posix" else None,
+                do_not_open=True,
+            )
             port.open()
             _refuse_parity_errors(port)
             _keep_others_out(port, keep=True)

@@ -81,9 +81,13 @@ class Jobs:
         job = Job(command, log)
         self._jobs[session] = job
         job.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "daylit", *command), stdout=log, stderr=log, stdin=DEVNULL,
-            start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )  # fmt: skip
+            *(sys.executable, "-m", "daylit", *command),
+            stdout=log,
+            stderr=log,
+            stdin=DEVNULL,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
 
     def stop(self, session: Path) -> None:
         """End a run: the results of the stages before stand."""

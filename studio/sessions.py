@@ -57,10 +57,15 @@ def _card(session: Path) -> dict[str, Any]:
     except Exception as error:  # noqa: BLE001 (one damaged session must not hide the others)
         return {"name": session.name, "title": session.name, "taken": "", "status": "damaged", "missing": [str(error)]}
     return {
-        "name": session.name, "title": manifest.name, "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC",
-        "status": manifest.status.value, "missing": list(manifest.missing), "simulated": manifest.simulated,
-        "frames": len(manifest.frames), "stages": stages(session),
-    }  # fmt: skip
+        "name": session.name,
+        "title": manifest.name,
+        "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC",
+        "status": manifest.status.value,
+        "missing": list(manifest.missing),
+        "simulated": manifest.simulated,
+        "frames": len(manifest.frames),
+        "stages": stages(session),
+    }
 
 
 def brought(file: Path, folder: Path) -> Path:

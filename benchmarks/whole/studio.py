@@ -133,11 +133,13 @@ def _real_rooms(browser: Any) -> dict[str, float]:
         return {"real_rooms": 0}
     actions, seconds, by_file, file_s, _, after = (np.array(column) for column in zip(*found, strict=True))
     return {
-        "real_rooms": len(found), "real_room_actions": float(np.median(actions)),
-        "real_room_s": round(float(np.median(seconds)), 1), "real_room_file_actions": float(np.median(by_file)),
+        "real_rooms": len(found),
+        "real_room_actions": float(np.median(actions)),
+        "real_room_s": round(float(np.median(seconds)), 1),
+        "real_room_file_actions": float(np.median(by_file)),
         "real_room_file_s": round(float(np.median(file_s)), 1),
         "real_acceptable_share": round(float((after >= studio_rooms.LEAST_IOU).mean()), 3),
-    }  # fmt: skip
+    }
 
 
 def truth(number: int) -> RoomModel:

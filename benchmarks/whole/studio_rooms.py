@@ -70,9 +70,13 @@ def corrected(page: Any, session: Path, truth: RoomModel, browser: Any) -> Corre
     gone = max(0, len(before.floor) - len(truth.floor))
     numbers = 2 * (len(changed) + gone) + (user.raised > 0)
     return Corrected(
-        user.actions, user.seconds, numbers + 2 if numbers else 0, numbers * NUMBER_S + 2 * OPEN_S if numbers else 0.0,
-        browser.iou(before, truth), browser.iou(_room(session), truth),
-    )  # fmt: skip
+        user.actions,
+        user.seconds,
+        numbers + 2 if numbers else 0,
+        numbers * NUMBER_S + 2 * OPEN_S if numbers else 0.0,
+        browser.iou(before, truth),
+        browser.iou(_room(session), truth),
+    )
 
 
 def _room(session: Path) -> RoomModel:

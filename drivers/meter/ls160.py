@@ -109,9 +109,12 @@ class KonicaMinoltaMeter:
             raise self._refusal(answer, line.name)
         found = dict(answer.groups)
         return MeterIdentity(
-            model=found.get("model", self._dialect.title), serial=found.get("serial", ""), dialect=self._dialect.name,
-            dialect_verified=self._dialect.verified, port=line.name,
-        )  # fmt: skip
+            model=found.get("model", self._dialect.title),
+            serial=found.get("serial", ""),
+            dialect=self._dialect.name,
+            dialect_verified=self._dialect.verified,
+            port=line.name,
+        )
 
     def _refusal(self, answer: Answer, where: str) -> DeviceError:
         """Return the error of a greeting that failed."""
@@ -185,11 +188,17 @@ class KonicaMinoltaMeter:
         self, answer: Answer, n_samples: int = 1, spread_frac: float = 0.0, mean_cd_m2: float | None = None
     ) -> MeterReading:
         return MeterReading(
-            status=answer.status, luminance_cd_m2=mean_cd_m2 if answer.ok else None, raw=answer.raw,
-            taken_utc=self._clock.utc_now(), taken_monotonic_s=self._clock.monotonic_s(), dialect=self._dialect.name,
-            dialect_verified=self._dialect.verified, n_samples=n_samples, spread_frac=spread_frac,
+            status=answer.status,
+            luminance_cd_m2=mean_cd_m2 if answer.ok else None,
+            raw=answer.raw,
+            taken_utc=self._clock.utc_now(),
+            taken_monotonic_s=self._clock.monotonic_s(),
+            dialect=self._dialect.name,
+            dialect_verified=self._dialect.verified,
+            n_samples=n_samples,
+            spread_frac=spread_frac,
             detail=answer.detail,
-        )  # fmt: skip
+        )
 
 
 def _last_digit(value_text: str) -> float:

@@ -195,11 +195,16 @@ class SimulatedCanon5D2(CanonBody):
             shutter_s=SHUTTER_TIMES_S.get(number(codes.CanonProp.SHUTTER_SPEED), AUTO_SHUTTER_S),
             iso=codes.ISO_CODES.get(number(codes.CanonProp.ISO_SPEED), AUTO_ISO),
             f_number=float(codes.APERTURE_CODES.get(number(codes.CanonProp.APERTURE), AUTO_F_NUMBER)),
-            color_temperature_k=kelvin, width_px=width_px, height_px=height_px,
-            taken_local=self.local_now().replace(tzinfo=None, microsecond=0), sequence=self.shot_count + 1,
-            manufacturer="Canon", model=self.identity.model, serial=self.options.serial,
+            color_temperature_k=kelvin,
+            width_px=width_px,
+            height_px=height_px,
+            taken_local=self.local_now().replace(tzinfo=None, microsecond=0),
+            sequence=self.shot_count + 1,
+            manufacturer="Canon",
+            model=self.identity.model,
+            serial=self.options.serial,
             firmware=self.identity.version,
-        )  # fmt: skip
+        )
 
     def _size_px(self, size: int) -> tuple[int, int]:
         """Return the pixels of size code 0 L, 1 M, 2 S, in proportion to the large picture of the options."""

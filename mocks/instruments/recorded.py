@@ -64,11 +64,17 @@ class Recording:
         """Return the camera's USB identity and DeviceInfo, with a firmware and a serial number put in."""
         info = self.raw["device_info"]
         return DeviceIdentity(
-            usb_id=tuple(self.raw["usb_id"]), endpoints=tuple(self.raw["endpoints"]),
-            interrupt_packet_bytes=interrupt_packet_bytes, vendor_extension=tuple(info["vendor_extension"]),
-            manufacturer=info["manufacturer"], model=info["model"], version=version or info["version"], serial=serial,
-            serial_on_usb=serial_on_usb, **{name: self.codes(name) for name in CODE_LISTS},
-        )  # fmt: skip
+            usb_id=tuple(self.raw["usb_id"]),
+            endpoints=tuple(self.raw["endpoints"]),
+            interrupt_packet_bytes=interrupt_packet_bytes,
+            vendor_extension=tuple(info["vendor_extension"]),
+            manufacturer=info["manufacturer"],
+            model=info["model"],
+            version=version or info["version"],
+            serial=serial,
+            serial_on_usb=serial_on_usb,
+            **{name: self.codes(name) for name in CODE_LISTS},
+        )
 
     def codes(self, name: str, where: str = "device_info") -> tuple[int, ...]:
         """Return one of the lists of DeviceInfo (see `CODE_LISTS`), or of a Canon's ``device_info_ex``."""

@@ -120,9 +120,14 @@ class SimulatedThetaZ1(SimulatedCamera):
         storage = Storage(recorded["id"], recorded["type"], recorded["capacity_bytes"])
         store = ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100RICOH"))
         super().__init__(
-            identity, shots, clock, timing=timing, memory=CameraMemory(store, PropertyTable(table)), faults=faults,
+            identity,
+            shots,
+            clock,
+            timing=timing,
+            memory=CameraMemory(store, PropertyTable(table)),
+            faults=faults,
             seed=seed,
-        )  # fmt: skip
+        )
         self.rules |= {
             Operation.INITIATE_CAPTURE: Rule(self._initiate_capture, 0, 2),
             Operation.RESET_DEVICE_PROP_VALUE: Rule(self._reset_prop_value, 1, 1),
@@ -296,11 +301,17 @@ class SimulatedThetaZ1(SimulatedCamera):
         return ShotRequest(
             shutter_s=AUTO_EXPOSURE_S if automatic else numerator / denominator,
             iso=AUTO_ISO if iso == ricoh_codes.ISO_AUTO else iso,
-            f_number=AUTO_F_NUMBER if f_text == "auto" else float(f_text), color_temperature_k=kelvin,
-            width_px=int(width), height_px=int(height),
-            taken_local=self.local_now().replace(tzinfo=None, microsecond=0), sequence=self.shot_count + 1,
-            manufacturer="RICOH", model="RICOH THETA Z1", serial=self.options.serial, firmware=self.options.firmware,
-        )  # fmt: skip
+            f_number=AUTO_F_NUMBER if f_text == "auto" else float(f_text),
+            color_temperature_k=kelvin,
+            width_px=int(width),
+            height_px=int(height),
+            taken_local=self.local_now().replace(tzinfo=None, microsecond=0),
+            sequence=self.shot_count + 1,
+            manufacturer="RICOH",
+            model="RICOH THETA Z1",
+            serial=self.options.serial,
+            firmware=self.options.firmware,
+        )
 
     def picture_ready(self, settings: ShotRequest, faults: tuple[Fault, ...]) -> None:
         """Store JPEG (and DNG) and send ObjectAdded for each, then CaptureComplete."""

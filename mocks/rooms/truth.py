@@ -102,17 +102,22 @@ def truth_pictures(world: RoomWorld, rows: int = 512) -> TruthPictures:
     albedo, sunlit = _means(world.view, rows)
     empty_albedo, empty_sunlit = _means(empty.view, rows)
     return TruthPictures(
-        luminance_rgb=_mean_radiance(world, rows), empty_rgb=_mean_radiance(empty, rows), albedo=albedo,
+        luminance_rgb=_mean_radiance(world, rows),
+        empty_rgb=_mean_radiance(empty, rows),
+        albedo=albedo,
         empty_albedo=empty_albedo,
         depth_m=_placed(surface, surface.hits.distance_m, np.float32(np.inf), flat.shape[0]).reshape(shape),
         normal=_placed(surface, surface.normal, np.float32(0), flat.shape[0]).reshape(*shape, 3),
         ade=picture([p.ade for p in parts], WINDOWPANE, np.int16),
         instance=picture([p.instance for p in parts], 0, np.int16),
         wall=picture([p.wall for p in parts], NOTHING, np.int16),
-        surface=picture([names.index(p.surface) for p in parts], NOTHING, np.int16), surface_names=names,
+        surface=picture([names.index(p.surface) for p in parts], NOTHING, np.int16),
+        surface_names=names,
         furniture=picture([p.role in removed for p in parts], False, bool),
-        tripod=picture([p.instance in tripods for p in parts], False, bool), sunlit=sunlit, empty_sunlit=empty_sunlit,
-    )  # fmt: skip
+        tripod=picture([p.instance in tripods for p in parts], False, bool),
+        sunlit=sunlit,
+        empty_sunlit=empty_sunlit,
+    )
 
 
 def point_lights(room: Room, *, samples: int = 4096, grid_m: float = 1.0) -> list[PointLight]:

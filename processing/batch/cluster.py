@@ -155,10 +155,16 @@ def _here(workers: int, scratch: Path) -> Any:
 
     local_cluster: Any = distributed.LocalCluster
     return local_cluster(
-        n_workers=workers, threads_per_worker=1, processes=True, host=LOOPBACK, dashboard_address=f"{LOOPBACK}:0",
-        worker_dashboard_address=f"{LOOPBACK}:0", memory_limit=0, local_directory=str(scratch),
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host=LOOPBACK,
+        dashboard_address=f"{LOOPBACK}:0",
+        worker_dashboard_address=f"{LOOPBACK}:0",
+        memory_limit=0,
+        local_directory=str(scratch),
         silence_logs=logging.CRITICAL,
-    )  # fmt: skip
+    )
 
 
 def _quiet(library: str) -> None:

@@ -62,18 +62,30 @@ class ResponseRecord(Model):
         return cls(
             log2_exposure=_rows(curve.log2_exposure),
             sigma_log2=_rows(np.nan_to_num(curve.sigma_log2, nan=_UNKNOWN_STOPS, posinf=_UNKNOWN_STOPS)),
-            low=tuple(map(int, curve.low)), high=tuple(map(int, curve.high)), gauge_code=int(curve.gauge_code),
-            sigma_code=int(curve.sigma_code), balance_sigma=tuple(map(float, curve.balance_sigma)),
-            method=curve.method, n_samples=int(curve.n_samples), residual_stops=float(curve.residual_stops),
-        )  # fmt: skip
+            low=tuple(map(int, curve.low)),
+            high=tuple(map(int, curve.high)),
+            gauge_code=int(curve.gauge_code),
+            sigma_code=int(curve.sigma_code),
+            balance_sigma=tuple(map(float, curve.balance_sigma)),
+            method=curve.method,
+            n_samples=int(curve.n_samples),
+            residual_stops=float(curve.residual_stops),
+        )
 
     def curve(self) -> ResponseCurve:
         """Return the curve; the same numbers that were recorded."""
         return ResponseCurve(
-            log2_exposure=np.array(self.log2_exposure), sigma_log2=np.array(self.sigma_log2), low=self.low,
-            high=self.high, gauge_code=self.gauge_code, sigma_code=self.sigma_code, balance_sigma=self.balance_sigma,
-            method=self.method, n_samples=self.n_samples, residual_stops=self.residual_stops,
-        )  # fmt: skip
+            log2_exposure=np.array(self.log2_exposure),
+            sigma_log2=np.array(self.sigma_log2),
+            low=self.low,
+            high=self.high,
+            gauge_code=self.gauge_code,
+            sigma_code=self.sigma_code,
+            balance_sigma=self.balance_sigma,
+            method=self.method,
+            n_samples=self.n_samples,
+            residual_stops=self.residual_stops,
+        )
 
     def digest(self) -> str:
         """Return the SHA-256 of the curve's numbers: which curve a scale factor was measured with."""
@@ -162,11 +174,16 @@ class LensRecord(Model):
         """Return the record of a lens."""
         wide, high = lens.circle.size_px
         return cls(
-            mapping=lens.mapping, half_field_rad=lens.half_field_rad, polynomial=lens.polynomial,
-            centre_x=lens.circle.centre_px[0] / wide, centre_y=lens.circle.centre_px[1] / high,
-            radius=lens.circle.radius_px / wide, size_px=(wide, high), sigma=lens.circle.sigma_px / wide,
+            mapping=lens.mapping,
+            half_field_rad=lens.half_field_rad,
+            polynomial=lens.polynomial,
+            centre_x=lens.circle.centre_px[0] / wide,
+            centre_y=lens.circle.centre_px[1] / high,
+            radius=lens.circle.radius_px / wide,
+            size_px=(wide, high),
+            sigma=lens.circle.sigma_px / wide,
             source=lens.source,
-        )  # fmt: skip
+        )
 
     def lens(self) -> LensModel:
         """Return the lens."""

@@ -60,9 +60,12 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Sessions at once on this computer.")
 @click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler elsewhere, such as tcp://10.0.0.5:8786.")
 @click.option(
-    "--session-timeout", type=click.FloatRange(1, 1e6), default=7200.0, metavar="SECONDS",
-    help="A session that takes longer is ended and listed."
-)  # fmt: skip
+    "--session-timeout",
+    type=click.FloatRange(1, 1e6),
+    default=7200.0,
+    metavar="SECONDS",
+    help="A session that takes longer is ended and listed.",
+)
 @click.option("--zone", metavar="NAME", help="Of dates and times in the table (default: each session's).")
 @click.option("--into", type=FOLDER, help="For the table (default: FOLDER; of a URL: here).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
@@ -92,9 +95,13 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
 
         raise ParameterError("--workers is of this computer's own cluster: leave it out with --cluster")
     request = BatchRequest(
-        folder, _arguments(asked), asked["workers"] or usual_workers(), asked["cluster"], asked["session_timeout"],
+        folder,
+        _arguments(asked),
+        asked["workers"] or usual_workers(),
+        asked["cluster"],
+        asked["session_timeout"],
         asked["zone"] and str(zone_named(asked["zone"])),
-    )  # fmt: skip
+    )
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, lambda *event: view.show(event))
     table, values = write_table(asked["into"] or Path("." if is_url(folder) else folder), report)

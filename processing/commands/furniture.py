@@ -168,10 +168,7 @@ def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) 
 @click.option("--set", "set_name", metavar="NAME", help="bedroom, living, dining or office instead of a list.")
 @click.option("--rules", default="standard", help="comfort, standard, tight, accessible, or your own.")
 @click.option("--rules-file", type=FILE, help="Your edited copy of the rules.")
-@click.option(
-    "--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7,
-    help="How many alternatives."
-)  # fmt: skip
+@click.option("--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, help="How many alternatives.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Another draw.")
 @click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="A piece that stands already.")
 @click.option(

@@ -235,9 +235,13 @@ def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
     return Arrangement(
         rank=rank,
         items=tuple(placed_item(s) for s in poses.with_reached_sides(candidate.placed, task.judge, task.rules)),
-        score=candidate.score, scores=candidate.scores, rule_set=task.rules.name, meets=tuple(meets),
-        not_placed=tuple(refused), differs_by=chosen.differs_by,
-    )  # fmt: skip
+        score=candidate.score,
+        scores=candidate.scores,
+        rule_set=task.rules.name,
+        meets=tuple(meets),
+        not_placed=tuple(refused),
+        differs_by=chosen.differs_by,
+    )
 
 
 def _too_tall(item: Item, plan: FloorPlan) -> NotPlaced:
@@ -256,8 +260,15 @@ def placed_item(stand: Stand) -> PlacedItem:
     """Return a piece as data."""
     spec = stand.item.spec
     return PlacedItem(
-        id=stand.item.id, category=spec.category, model=spec.model or spec.category, size_m=spec.size_m,
-        base_m=spec.base_m, theta_rad=stand.theta_rad, t_m=(stand.x_m, stand.y_m, spec.base_m), group=stand.group,
-        edge=stand.edge, use_zones_m=tuple(tuple(round(v, 6) for v in zone) for zone in stand.zones),
+        id=stand.item.id,
+        category=spec.category,
+        model=spec.model or spec.category,
+        size_m=spec.size_m,
+        base_m=spec.base_m,
+        theta_rad=stand.theta_rad,
+        t_m=(stand.x_m, stand.y_m, spec.base_m),
+        group=stand.group,
+        edge=stand.edge,
+        use_zones_m=tuple(tuple(round(v, 6) for v in zone) for zone in stand.zones),
         pinned=stand.pinned,
-    )  # fmt: skip
+    )

@@ -122,9 +122,14 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
     if any(o.start_m < end_m for o in taken):
         return room, ""
     door = Opening(
-        kind=OpeningKind.PASSAGE, wall=wall, start_m=max(0.0, end_m - DOOR_M), end_m=end_m, sill_m=0.0,
-        head_m=min(2.0, room.ceiling_height_m), confidence=0.0,
-    )  # fmt: skip
+        kind=OpeningKind.PASSAGE,
+        wall=wall,
+        start_m=max(0.0, end_m - DOOR_M),
+        end_m=end_m,
+        sill_m=0.0,
+        head_m=min(2.0, room.ceiling_height_m),
+        confidence=0.0,
+    )
     text = (
         f"no door was found in this room: one is assumed at the start of wall {wall} (correct it: daylit room --edit)"
     )

@@ -287,6 +287,10 @@ def from_room_model(
             swing: Swing = "sliding" if o.kind is OpeningKind.PASSAGE else "unknown"
             doors.append(Door(o.wall, o.start_m, o.end_m, swing=swing))
     return make_plan(
-        room.floor, ceiling_height_m=room.ceiling_height_m, doors=doors, windows=[*windows, *hung],
-        keep_free=[(0.0, 0.0)] if keep_camera_free else [], name=name,
-    )  # fmt: skip
+        room.floor,
+        ceiling_height_m=room.ceiling_height_m,
+        doors=doors,
+        windows=[*windows, *hung],
+        keep_free=[(0.0, 0.0)] if keep_camera_free else [],
+        name=name,
+    )

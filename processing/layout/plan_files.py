@@ -47,10 +47,15 @@ def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
             raise PlanError(f"'{key}' is no list of at most {MAX_CORNERS}", where=where)
     doors, windows, notes = _openings(openings, where)
     return make_plan(
-        polygon, holes=holes, ceiling_height_m=_number(data, "height_m", where, DEFAULT_HEIGHT_M), doors=doors,
-        windows=windows, keep_free=[_point(point, where) for point in keep_free], name=str(data.get("id", where)),
+        polygon,
+        holes=holes,
+        ceiling_height_m=_number(data, "height_m", where, DEFAULT_HEIGHT_M),
+        doors=doors,
+        windows=windows,
+        keep_free=[_point(point, where) for point in keep_free],
+        name=str(data.get("id", where)),
         notes=notes,
-    )  # fmt: skip
+    )
 
 
 def plan_to_mapping(plan: FloorPlan) -> dict[str, Any]:

@@ -216,9 +216,13 @@ def _photograph(path: Path) -> GivenPanorama:
     slope = np.maximum(1 / 12.92, 2.4 / 1.055 * light ** np.float32(1.4 / 2.4))
     rounding = slope / (top * math.sqrt(12)) / light
     image = LuminanceImage(
-        rgb=rgb, uncertainty=np.asarray(np.hypot(rounding, TONE_CURVE_UNCERTAINTY), np.float32), validity=validity,
-        geometry=Equirectangular(rgb.shape[1], rgb.shape[0]), scale_uncertainty=0.0, absolute=False,
-    )  # fmt: skip
+        rgb=rgb,
+        uncertainty=np.asarray(np.hypot(rounding, TONE_CURVE_UNCERTAINTY), np.float32),
+        validity=validity,
+        geometry=Equirectangular(rgb.shape[1], rgb.shape[0]),
+        scale_uncertainty=0.0,
+        absolute=False,
+    )
     source = f"{8 * codes.itemsize}-bit {path.suffix[1:].upper()}, through the inverse of the sRGB curve"
     return GivenPanorama(image, source, WHITE, _share(validity == Validity.CLIPPED), (*said, *notes))
 

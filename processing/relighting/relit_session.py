@@ -158,10 +158,14 @@ def seen_picture(
 ) -> LuminanceImage:
     """Return what is seen from ``eye_m`` of what ``image`` shows from the camera; what was rendered is doubted more."""
     return replace(
-        image, rgb=found.rgb, uncertainty=np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED)),
-        validity=np.full(found.seen.shape, Validity.VALID, np.uint8), geometry=geometry, ghost=None,
+        image,
+        rgb=found.rgb,
+        uncertainty=np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED)),
+        validity=np.full(found.seen.shape, Validity.VALID, np.uint8),
+        geometry=geometry,
+        ghost=None,
         attributes={**image.attributes, "seen_from_m": list(eye_m)},
-    )  # fmt: skip
+    )
 
 
 def check_sky(room: SessionRoom) -> None:

@@ -83,9 +83,14 @@ def lifted(
     reflectance *= gain
     change += np.log(gain).mean(axis=-1)
     done = empty_room(
-        replace(image, rgb=reflectance), target, room, sunlight=sunlight, foreign=foreign, quality=quality,
+        replace(image, rgb=reflectance),
+        target,
+        room,
+        sunlight=sunlight,
+        foreign=foreign,
+        quality=quality,
         filler=filler,
-    )  # fmt: skip
+    )
     made, rgb = done.image.rgb, image.rgb.copy()
     stays = ~target & (image.validity == Validity.VALID)
     for rows, lift, light in _bands(planes, maps.plane, glass):

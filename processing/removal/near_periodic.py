@@ -227,6 +227,12 @@ class _Job:
             density = np.asarray(cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
         box = max(7, round(manner.box_px * scale))
         return solve_weights(
-            small, seen, lack & ~seen, offsets * scale, (inside[0], inside[1]), box_px=box, guesses=manner.guesses,
+            small,
+            seen,
+            lack & ~seen,
+            offsets * scale,
+            (inside[0], inside[1]),
+            box_px=box,
+            guesses=manner.guesses,
             density=density,
-        )  # fmt: skip
+        )

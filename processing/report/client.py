@@ -84,14 +84,18 @@ def client_data(context: StageContext, lab: ReportData) -> ClientData:
     plan = context.optional_artifact("arrange", "plan-1")
     days = [w for s in lab.sections if s.title == "Times of day" for w in s.widgets if isinstance(w, Cards)]
     return ClientData(
-        title=context.session.site.name or context.session.name, facts=_facts(context.session),
+        title=context.session.site.name or context.session.name,
+        facts=_facts(context.session),
         stills=tuple(_still(folder, one) for one in stills),
-        notices=_notices(context, room, [one["state"] for one in stills]), compared=_compared(folder, stills),
+        notices=_notices(context, room, [one["state"] for one in stills]),
+        compared=_compared(folder, stills),
         tour=_tour(viewers[0]) if viewers else None,
         plan=_Plan(plan.read_bytes()) if isinstance(plan, Path) else None,
-        measures=() if room is None else _measures(room), day=days[0] if days else None,
-        downloads=_downloads(context.session_path, stills), made_with=lab.made_with,
-    )  # fmt: skip
+        measures=() if room is None else _measures(room),
+        day=days[0] if days else None,
+        downloads=_downloads(context.session_path, stills),
+        made_with=lab.made_with,
+    )
 
 
 def _facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:

@@ -63,13 +63,17 @@ def report_data(context: StageContext) -> ReportData:
     details = _sections(context, facts)
     lead, staging = staging_sections(context)
     return ReportData(
-        title=context.session.name, facts=session_facts(context.session),
+        title=context.session.name,
+        facts=session_facts(context.session),
         summary=(*_summary(facts), *_shape(context)),
         stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
-        warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))), lead=lead,
-        sections=(*staging, *details), files=_files(context),
-        made_with=f"daylit {version('daylit')}", unit=context.artifact("calibrate", "indoor").unit,
-    )  # fmt: skip
+        warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))),
+        lead=lead,
+        sections=(*staging, *details),
+        files=_files(context),
+        made_with=f"daylit {version('daylit')}",
+        unit=context.artifact("calibrate", "indoor").unit,
+    )
 
 
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:

@@ -189,10 +189,16 @@ def viewer(states: Sequence[State], look: Look) -> Viewer:
     ramp = np.geomspace(low, high, _COLOURS, endpoint=False)[None] * (high / low) ** (0.5 / _COLOURS)
     wide = next(width for most, width in VIEWER_WIDTHS_PX if len(states) <= most)
     return Viewer(
-        tuple(viewer_state(state, look, wide) for state in states), MIDDLE, (low, high),
-        tuple(legend_ticks(low, high, 14)), false_colour(ramp, low, high).tobytes(), first.unit,
-        math.degrees(look.yaw_rad), look.label, None if look.room is None else _ruled(look.room),
-    )  # fmt: skip
+        tuple(viewer_state(state, look, wide) for state in states),
+        MIDDLE,
+        (low, high),
+        tuple(legend_ticks(low, high, 14)),
+        false_colour(ramp, low, high).tobytes(),
+        first.unit,
+        math.degrees(look.yaw_rad),
+        look.label,
+        None if look.room is None else _ruled(look.room),
+    )
 
 
 def _ruled(room: RoomModel) -> dict[str, object]:
@@ -209,10 +215,16 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
     share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
     height, width = luminance.shape
     return ViewerState(
-        state.name, _jpeg(codes, state, look, panorama=True), packed(luminance_codes(luminance)),
-        packed(uncertainty_codes(share)), packed(_map(image.validity)), (width, height),
-        (image.rgb.shape[1], image.rgb.shape[0]), state.file, state.staged,
-    )  # fmt: skip
+        state.name,
+        _jpeg(codes, state, look, panorama=True),
+        packed(luminance_codes(luminance)),
+        packed(uncertainty_codes(share)),
+        packed(_map(image.validity)),
+        (width, height),
+        (image.rgb.shape[1], image.rgb.shape[0]),
+        state.file,
+        state.staged,
+    )
 
 
 def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:

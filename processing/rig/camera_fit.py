@@ -90,10 +90,16 @@ def read_side(path: Path, side: Side) -> SessionSide | None:
         raise BracketError(f"only one {side} frame", where=str(path), advice="capture a bracket of several times")
     device = next((d for d in manifest.devices if d.role == side.value), None)
     return SessionSide(
-        path=path, side=side, session_id=manifest.session_id, created_utc=manifest.created_utc,
-        records=tuple(records), state=camera_state(device, records), target=manifest.target,
-        readings=manifest.readings, circle_frac=stated_circle(manifest.rig) if side is Side.OUTDOOR else None,
-    )  # fmt: skip
+        path=path,
+        side=side,
+        session_id=manifest.session_id,
+        created_utc=manifest.created_utc,
+        records=tuple(records),
+        state=camera_state(device, records),
+        target=manifest.target,
+        readings=manifest.readings,
+        circle_frac=stated_circle(manifest.rig) if side is Side.OUTDOOR else None,
+    )
 
 
 def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], half_field_rad: float) -> LensModel:
@@ -154,12 +160,17 @@ class CameraFit:
     def profile(self, chart: SessionSide, now: datetime) -> CameraProfile:
         """Return the camera's part of the profile."""
         return CameraProfile(
-            side=self.side, state=chart.state, created_utc=now, sessions=self.sessions,
-            response=ResponseRecord.of(self.response.curve), noise=NoiseRecord.of(self.response.noise),
-            shutter=self.shutter, vignetting=VignettingRecord.of(self.vignetting) if self.vignetting else None,
+            side=self.side,
+            state=chart.state,
+            created_utc=now,
+            sessions=self.sessions,
+            response=ResponseRecord.of(self.response.curve),
+            noise=NoiseRecord.of(self.response.noise),
+            shutter=self.shutter,
+            vignetting=VignettingRecord.of(self.vignetting) if self.vignetting else None,
             lens=LensRecord.of(self.lens) if self.lens else None,
             nd=NdRecord.of(self.filter) if self.filter else None,
-        )  # fmt: skip
+        )
 
     def _geometry(self, taken: SessionSide) -> Geometry:
         wide, high = taken.size_px

@@ -62,11 +62,15 @@ def columns_of(evidence: BoundaryEvidence, count: int = COLUMNS) -> Columns:
     ceiling, ceiling_sigma = _resampled(evidence.ceiling_rad, evidence.ceiling_sigma_rad, count)
     ratio, spread = height_ratio(floor, floor_sigma, ceiling, ceiling_sigma)
     return Columns(
-        azimuth_rad=((np.arange(count) + 0.5) / count - 0.5) * (2 * math.pi), floor=np.tan(floor),
-        floor_sigma=floor_sigma / np.cos(floor) ** 2, ceiling=np.tan(ceiling),
+        azimuth_rad=((np.arange(count) + 0.5) / count - 0.5) * (2 * math.pi),
+        floor=np.tan(floor),
+        floor_sigma=floor_sigma / np.cos(floor) ** 2,
+        ceiling=np.tan(ceiling),
         ceiling_sigma=ceiling_sigma / np.cos(ceiling) ** 2,
-        corner=_largest(np.asarray(evidence.corner, np.float64), count), ratio=ratio, ratio_spread=spread,
-    )  # fmt: skip
+        corner=_largest(np.asarray(evidence.corner, np.float64), count),
+        ratio=ratio,
+        ratio_spread=spread,
+    )
 
 
 def check_boundary(evidence: BoundaryEvidence) -> None:

@@ -124,12 +124,19 @@ def diagnose(
     other = np.degrees((columns.ceiling_sigma / (1 + columns.ceiling**2)).mean())
     walls = shapely.LinearRing(refined.polygon)
     return Diagnostics(
-        misfit=float(np.sqrt((found**2).mean())), unexplained=float((found >= CAP).any(axis=0).mean()),
-        sigma_deg=float((sigma + other) / 2), ratio_spread=columns.ratio_spread,
-        rival=_rival(*among, refined.polygon), loss=loss, entropy=entropy, overhead=overhead, blank=blank,
-        nearest=float(walls.distance(shapely.Point(0, 0))), edges=(refined.floor_share + refined.ceiling_share) / 2,
+        misfit=float(np.sqrt((found**2).mean())),
+        unexplained=float((found >= CAP).any(axis=0).mean()),
+        sigma_deg=float((sigma + other) / 2),
+        ratio_spread=columns.ratio_spread,
+        rival=_rival(*among, refined.polygon),
+        loss=loss,
+        entropy=entropy,
+        overhead=overhead,
+        blank=blank,
+        nearest=float(walls.distance(shapely.Point(0, 0))),
+        edges=(refined.floor_share + refined.ceiling_share) / 2,
         corners=float(len(refined.polygon)),
-    )  # fmt: skip
+    )
 
 
 def _rival(ranked: list[Hypothesis], chosen: Hypothesis, polygon: Doubles) -> float:

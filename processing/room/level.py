@@ -75,9 +75,14 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
     rotation, note = _decided(vertical, tilt, sigma, support) if turn else (np.eye(3), "left as it is: as asked")
     ahead = rotation @ axes.rows[1]
     return Upright(
-        rotation=rotation, tilt_rad=tilt, manhattan_rad=_quarter(math.atan2(ahead[0], ahead[1])), sigma_rad=sigma,
-        support=support, manhattan_support=squareness, note=note,
-    )  # fmt: skip
+        rotation=rotation,
+        tilt_rad=tilt,
+        manhattan_rad=_quarter(math.atan2(ahead[0], ahead[1])),
+        sigma_rad=sigma,
+        support=support,
+        manhattan_support=squareness,
+        note=note,
+    )
 
 
 def _decided(vertical: Doubles, tilt: float, sigma: float, support: float) -> tuple[Doubles, str]:

@@ -305,10 +305,14 @@ def _opening(one: Candidate, room: RoomModel, outside: float | None) -> Opening:
     if kind is OpeningKind.DOOR and u1 - u0 > WIDEST_DOOR_M:
         kind = OpeningKind.PASSAGE
     return Opening(
-        kind=kind, wall=view.wall, start_m=max(0.0, length - u1), end_m=min(length, length - u0),
+        kind=kind,
+        wall=view.wall,
+        start_m=max(0.0, length - u1),
+        end_m=min(length, length - u0),
         sill_m=max(0.0, height - v1 + (BOARD_M if v1 < height and not one.field.kind.to_floor else 0.0)),
-        head_m=min(height - v0, room.ceiling_height_m), confidence=_confidence(one, outside),
-    )  # fmt: skip
+        head_m=min(height - v0, room.ceiling_height_m),
+        confidence=_confidence(one, outside),
+    )
 
 
 def _confidence(one: Candidate, outside: float | None) -> float:

@@ -219,10 +219,14 @@ def refine(
     floor_strength = sight.floor.at(floor + around).max(axis=0) * sight.floor_clear
     ceiling_strength = sight.ceiling.at(ceiling + around).max(axis=0) * sight.ceiling_clear
     return Refined(
-        again.polygon, again.outline, edges=len(seen) - len(without), floor_share=float(found[0].mean()),
-        ceiling_share=float(found[1].mean()), strength=float(floor_strength.mean() + ceiling_strength.mean()),
+        again.polygon,
+        again.outline,
+        edges=len(seen) - len(without),
+        floor_share=float(found[0].mean()),
+        ceiling_share=float(found[1].mean()),
+        strength=float(floor_strength.mean() + ceiling_strength.mean()),
         skipped=skipped,
-    )  # fmt: skip
+    )
 
 
 def _look(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit) -> _Sight:

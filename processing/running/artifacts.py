@@ -206,10 +206,16 @@ def make_result(stage: Stage, context: StageContext, work: Work) -> Made:
     made = [artifact for artifact in stage.makes if output.artifacts.get(artifact.name) is not None]
     in_memory = _write(made, output.artifacts, work.building, context.folder)
     result = _result(
-        stage, work, artifacts={artifact.name: file_name(artifact) for artifact in made}, files=work.records(made),
-        parts=work.parts.records, left_out=dict(output.left_out), metrics=dict(output.metrics),
-        warnings=output.warnings, honoured=dict(output.honoured),
-    )  # fmt: skip
+        stage,
+        work,
+        artifacts={artifact.name: file_name(artifact) for artifact in made},
+        files=work.records(made),
+        parts=work.parts.records,
+        left_out=dict(output.left_out),
+        metrics=dict(output.metrics),
+        warnings=output.warnings,
+        honoured=dict(output.honoured),
+    )
     return Made(result, in_memory, output.unfinished)
 
 

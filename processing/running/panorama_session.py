@@ -34,14 +34,24 @@ def panorama_session(
     height, width = given.image.rgb.shape[:2]
     kind = panorama_format(path)
     record = PanoramaRecord(
-        file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS.get(kind, kind)}", format=kind, size_bytes=len(data),
-        sha256=hashlib.sha256(data).hexdigest(), width_px=width, height_px=height, given_name=path.name[:200],
-    )  # fmt: skip
+        file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS.get(kind, kind)}",
+        format=kind,
+        size_bytes=len(data),
+        sha256=hashlib.sha256(data).hexdigest(),
+        width_px=width,
+        height_px=height,
+        given_name=path.name[:200],
+    )
     clock = clock or SystemClock()
     manifest = SessionManifest(
-        session_id=uuid4().hex, name=_name(path), created_utc=clock.utc_now(), site=site or Site(),
-        heading_rad=heading_rad, bracket=BracketRecord(mode="panorama", stops_s=(), sides=()), readings_planned=0,
-    )  # fmt: skip
+        session_id=uuid4().hex,
+        name=_name(path),
+        created_utc=clock.utc_now(),
+        site=site or Site(),
+        heading_rad=heading_rad,
+        bracket=BracketRecord(mode="panorama", stops_s=(), sides=()),
+        readings_planned=0,
+    )
     with SessionStore.create(into, manifest, clock=clock) as store:
         _put(store.path, record, data)
         store.update(panorama=record)

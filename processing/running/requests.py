@@ -249,11 +249,18 @@ def make_context(
     request = inputs.request
     trades = trade_values(stage, request)
     return StageContext(
-        session=visible_part(inputs.manifest, stage.reads), session_path=inputs.path, folder=folder,
-        parameters=parameters(stage, request).noting(reads.note_parameter), fetch=fetch, summary=summary,
-        quality=quality_of(stage, request), max_error=request.max_error if "max_error" in trades else None,
-        time_budget_s=request.time_budget_s if "time_budget" in trades else None, progress=progress, parts=parts,
-    )  # fmt: skip
+        session=visible_part(inputs.manifest, stage.reads),
+        session_path=inputs.path,
+        folder=folder,
+        parameters=parameters(stage, request).noting(reads.note_parameter),
+        fetch=fetch,
+        summary=summary,
+        quality=quality_of(stage, request),
+        max_error=request.max_error if "max_error" in trades else None,
+        time_budget_s=request.time_budget_s if "time_budget" in trades else None,
+        progress=progress,
+        parts=parts,
+    )
 
 
 def _digests(files: Mapping[str, Path]) -> dict[str, str]:

@@ -37,9 +37,12 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
     azimuth = facts.get("metrics", {}).get("walls_azimuth_deg")
     held = Held.of(room, read_room(stages / "room" / "room.json"))
     found = estimate_room(
-        image, evidence, camera_height_m=room.camera_height_m,
-        manhattan_rad=None if azimuth is None else math.radians(azimuth), held=held,
-    )  # fmt: skip
+        image,
+        evidence,
+        camera_height_m=room.camera_height_m,
+        manhattan_rad=None if azimuth is None else math.radians(azimuth),
+        held=held,
+    )
     sky = stages / "calibrate" / "outdoor.exr"
     outdoor = read_exr(sky) if sky.is_file() else None
     openings = find_openings_in_sun(

@@ -201,9 +201,15 @@ class PipelineRun:
             folder, common = building.folder.path, {key: static.get(key) for key in ("version", "files", "data")}
             parts = Parts(former, self._store.path(stage.name), folder, common, reads, first_only)
             context = requests.make_context(
-                self._inputs, stage, folder, fetch=self._fetcher(stage, reads), summary=self._summaries(stage, reads),
-                progress=self._progress(stage, later, meter), reads=reads, parts=parts,
-            )  # fmt: skip
+                self._inputs,
+                stage,
+                folder,
+                fetch=self._fetcher(stage, reads),
+                summary=self._summaries(stage, reads),
+                progress=self._progress(stage, later, meter),
+                reads=reads,
+                parts=parts,
+            )
             work = Work(static, reads, parts, building, self._memory)
             made = answer_result(stage, answers, context, work) if answers else make_result(stage, context, work)
             if made.unfinished:

@@ -95,10 +95,14 @@ def segment_around(
     skipped = len(views) - len(chosen)
     note = f"{skipped} of {len(views)} views show neither floor nor furniture and were left to {wide} wide views"
     return SceneEvidence(
-        probabilities=np.ascontiguousarray(_stitched(segmented, target, first)), source=segmenter.name,
-        boundary=first.boundary if first else None, views_used=len(segmented), views_skipped=skipped,
-        notes=(note,) if skipped else (), reach=first.reach if first else None,
-    )  # fmt: skip
+        probabilities=np.ascontiguousarray(_stitched(segmented, target, first)),
+        source=segmenter.name,
+        boundary=first.boundary if first else None,
+        views_used=len(segmented),
+        views_skipped=skipped,
+        notes=(note,) if skipped else (),
+        reach=first.reach if first else None,
+    )
 
 
 FUSED_VIEWS = ViewPlan(rings=((8, 0.0), (6, math.radians(-35))), skip=False)

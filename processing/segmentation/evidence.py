@@ -124,11 +124,15 @@ def read_evidence(path: Path) -> SceneEvidence:
         if found[0].size > LARGEST_PIXELS or not np.isfinite(found).all():
             raise SegmenterError("holds probabilities that cannot be", where=str(path), advice="make it anew")
         return SceneEvidence(
-            probabilities=found / np.maximum(found.sum(axis=0), 1e-3), source=str(facts["source"]),
-            boundary=None if boundary is None else _boundary(boundary), views_used=int(facts["views_used"]),
-            views_skipped=int(facts["views_skipped"]), notes=tuple(str(note) for note in facts["notes"]),
-            networks=int(facts["networks"]), reach=reach,
-        )  # fmt: skip
+            probabilities=found / np.maximum(found.sum(axis=0), 1e-3),
+            source=str(facts["source"]),
+            boundary=None if boundary is None else _boundary(boundary),
+            views_used=int(facts["views_used"]),
+            views_skipped=int(facts["views_skipped"]),
+            notes=tuple(str(note) for note in facts["notes"]),
+            networks=int(facts["networks"]),
+            reach=reach,
+        )
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
         raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc
 

@@ -41,10 +41,15 @@ def run(context: StageContext) -> StageOutput:
     sun = upright.sun_direction(context.session)
     possible, why = _sun_possible(context, sun, asked)
     found = find_masks(
-        image, evidence, room, sun_direction=sun if possible else None, sun_possible=possible,
-        sun_seen=upright.sky_shows_sun(context) is True, meter_target=_meter_target(context),
+        image,
+        evidence,
+        room,
+        sun_direction=sun if possible else None,
+        sun_possible=possible,
+        sun_seen=upright.sky_shows_sun(context) is True,
+        meter_target=_meter_target(context),
         margin_rad=math.radians(asked.margin_deg),
-    )  # fmt: skip
+    )
     return _output(_corrected(found, asked, context), evidence, why, asked.margin_deg)
 
 

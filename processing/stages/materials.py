@@ -55,9 +55,14 @@ def run(context: StageContext) -> StageOutput:
         outdoors, source, warnings = light_outdoors(context, image, room)
     context.progress(0.1, "albedo")
     found = albedo_of_room(
-        image, room, outdoors, reveal_m=REVEAL_M if asked.reveal_m is None else asked.reveal_m, filled=empty.filled,
-        rows=rows, effort=EFFORT,
-    )  # fmt: skip
+        image,
+        room,
+        outdoors,
+        reveal_m=REVEAL_M if asked.reveal_m is None else asked.reveal_m,
+        filled=empty.filled,
+        rows=rows,
+        effort=EFFORT,
+    )
     context.progress(0.95, "writing")
     write_scene(context.folder / "scene.npz", found.scene)
     return StageOutput(

@@ -83,11 +83,16 @@ def _wall(corners: Doubles, wall: int, ceiling_height_m: float) -> Plane:
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
     return Plane(
-        index=FIRST_WALL + wall, name=f"wall-{wall}", origin_m=np.array([*end, ceiling_height_m]),
-        u_axis=np.array([-along[0], -along[1], 0.0]), v_axis=np.array([0.0, 0.0, -1.0]),
-        normal=np.array([-along[1], along[0], 0.0]), width_m=length, height_m=ceiling_height_m,
+        index=FIRST_WALL + wall,
+        name=f"wall-{wall}",
+        origin_m=np.array([*end, ceiling_height_m]),
+        u_axis=np.array([-along[0], -along[1], 0.0]),
+        v_axis=np.array([0.0, 0.0, -1.0]),
+        normal=np.array([-along[1], along[0], 0.0]),
+        width_m=length,
+        height_m=ceiling_height_m,
         outline_m=np.array([[0.0, 0.0], [length, 0.0], [length, ceiling_height_m], [0.0, ceiling_height_m]]),
-    )  # fmt: skip
+    )
 
 
 TOUCH = 1e-9

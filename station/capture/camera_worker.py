@@ -201,10 +201,17 @@ class CameraWorker:
         announced_utc = self._clock.utc_now()
         for frame in frames:
             shot = events.Shot(
-                side=self.side, stop=order.stop, frame=frame, asked_s=order.shutter_s, shutter=self._shutter,
-                released_utc=released_utc, released_s=released_s, announced_utc=announced_utc, retakes=order.retakes,
+                side=self.side,
+                stop=order.stop,
+                frame=frame,
+                asked_s=order.shutter_s,
+                shutter=self._shutter,
+                released_utc=released_utc,
+                released_s=released_s,
+                announced_utc=announced_utc,
+                retakes=order.retakes,
                 repeats=order.repeats,
-            )  # fmt: skip
+            )
             self._backlog.append(_Transfer(shot))
         self._put(events.Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))
 

@@ -294,10 +294,14 @@ class Capture:
         intakes = {side: self._intake(side, notices) for side in sides}
         try:
             self._conductor = Conductor(
-                self._plan, {side: self._worker(side, intakes[side]) for side in sides}, notices, self.store,
-                self._rig.clock, limits=self._rig.file.limits,
+                self._plan,
+                {side: self._worker(side, intakes[side]) for side in sides},
+                notices,
+                self.store,
+                self._rig.clock,
+                limits=self._rig.file.limits,
                 hooks=Hooks(self._start_last_reading, lambda: doubts(intakes, self._plan.stops_s)),
-            )  # fmt: skip
+            )
             self._conductor.paused = self._paused
             if self._stop_asked:
                 self._conductor.ask_stop()
@@ -317,10 +321,13 @@ class Capture:
     def _worker(self, side: Side, intake: Intake) -> CameraWorker:
         camera, table = self._rig.cameras[side], self._rig.file.cameras()[side]
         worker = CameraWorker(
-            camera, table.settings(), intake, self._rig.clock,
+            camera,
+            table.settings(),
+            intake,
+            self._rig.clock,
             release_lag_s=camera.release_lag_s if table.release_lag_s is None else table.release_lag_s,
             delete_after=table.delete_after,
-        )  # fmt: skip
+        )
         intake.on_safe = worker.order
         return worker
 

@@ -34,11 +34,18 @@ TYPED_RANGE_CD_M2 = (1e-3, 1e7)
 def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
     """Return the record of a reading, whatever its status."""
     return ReadingRecord(
-        when=when, status=str(reading.status), luminance_cd_m2=reading.luminance_cd_m2, taken_utc=reading.taken_utc,
-        taken_monotonic_s=reading.taken_monotonic_s, raw=reading.raw[:500], dialect=reading.dialect,
-        dialect_verified=reading.dialect_verified, n_samples=reading.n_samples, spread_frac=reading.spread_frac,
+        when=when,
+        status=str(reading.status),
+        luminance_cd_m2=reading.luminance_cd_m2,
+        taken_utc=reading.taken_utc,
+        taken_monotonic_s=reading.taken_monotonic_s,
+        raw=reading.raw[:500],
+        dialect=reading.dialect,
+        dialect_verified=reading.dialect_verified,
+        n_samples=reading.n_samples,
+        spread_frac=reading.spread_frac,
         detail=reading.detail[:500],
-    )  # fmt: skip
+    )
 
 
 def check_typed(luminance_cd_m2: float) -> None:
@@ -116,10 +123,16 @@ class ReadingTaker:
             luminance_cd_m2 = self._typed[0 if when == "before" else -1]
             check_typed(luminance_cd_m2)
             return ReadingRecord(
-                when=when, status=str(ReadingStatus.TYPED), luminance_cd_m2=luminance_cd_m2,
-                taken_utc=self._rig.clock.utc_now(), taken_monotonic_s=self._rig.clock.monotonic_s(),
-                raw=f"{luminance_cd_m2:g}", dialect="typed", dialect_verified=True, detail="typed from the display",
-            )  # fmt: skip
+                when=when,
+                status=str(ReadingStatus.TYPED),
+                luminance_cd_m2=luminance_cd_m2,
+                taken_utc=self._rig.clock.utc_now(),
+                taken_monotonic_s=self._rig.clock.monotonic_s(),
+                raw=f"{luminance_cd_m2:g}",
+                dialect="typed",
+                dialect_verified=True,
+                detail="typed from the display",
+            )
         meter, table = self._rig.meter, self._rig.file.meter
         if meter is None or table is None:
             raise UsageError("the rig has no meter", where="meter", advice="add [meter] to the rig file")
@@ -268,23 +281,40 @@ class Intake:
     def _expected(self, shot: Shot) -> ExpectedFrame:
         width_px, height_px = self._table.size_px
         return ExpectedFrame(
-            exposure_s=shot.shutter.nominal_s, iso=self._table.iso, f_number=self._table.f_number, width_px=width_px,
-            height_px=height_px, taken_after_utc=shot.released_utc, taken_before_utc=shot.announced_utc,
+            exposure_s=shot.shutter.nominal_s,
+            iso=self._table.iso,
+            f_number=self._table.f_number,
+            width_px=width_px,
+            height_px=height_px,
+            taken_after_utc=shot.released_utc,
+            taken_before_utc=shot.announced_utc,
             clock_offset_s=self._clock_offset_s,
             light_expected=self.side is Side.INDOOR and not self._table.nd_filter,
             image_circle=self._table.image_circle,
-        )  # fmt: skip
+        )
 
 
 def _frame_record(shot: Shot, facts: FrameFacts, stored: StoredFrame) -> FrameRecord:
     return FrameRecord(
-        side=shot.side, stop=shot.stop, file=stored.file, format=shot.frame.format.value,
-        size_bytes=stored.size_bytes, sha256=stored.sha256, asked_s=shot.asked_s, camera_s=shot.shutter.nominal_s,
-        exif_s=facts.exif.exposure_s, iso=facts.exif.iso, f_number=facts.exif.f_number, width_px=facts.width_px,
-        height_px=facts.height_px, taken_utc=shot.released_utc, release_monotonic_s=shot.released_s,
+        side=shot.side,
+        stop=shot.stop,
+        file=stored.file,
+        format=shot.frame.format.value,
+        size_bytes=stored.size_bytes,
+        sha256=stored.sha256,
+        asked_s=shot.asked_s,
+        camera_s=shot.shutter.nominal_s,
+        exif_s=facts.exif.exposure_s,
+        iso=facts.exif.iso,
+        f_number=facts.exif.f_number,
+        width_px=facts.width_px,
+        height_px=facts.height_px,
+        taken_utc=shot.released_utc,
+        release_monotonic_s=shot.released_s,
         camera_name=shot.frame.name[:200],
-        statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None, retakes=shot.retakes,
-    )  # fmt: skip
+        statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
+        retakes=shot.retakes,
+    )
 
 
 def doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> dict[tuple[Side, int], str]:

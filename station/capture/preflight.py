@@ -219,9 +219,14 @@ def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
         text = f"dialect {identity.dialect} is ASSUMED: nobody has confirmed it on the instrument yet"
         checks.append(Check(Level.WARN, "meter", text, advice="send in a transcript: daylit meter probe"))
     device = DeviceRecord(
-        role="meter", kind=rig.meter.kind, model=identity.model[:200], serial=identity.serial[:200],
-        simulated=rig.simulated, dialect=identity.dialect, dialect_verified=identity.dialect_verified,
-    )  # fmt: skip
+        role="meter",
+        kind=rig.meter.kind,
+        model=identity.model[:200],
+        serial=identity.serial[:200],
+        simulated=rig.simulated,
+        dialect=identity.dialect,
+        dialect_verified=identity.dialect_verified,
+    )
     return Findings(tuple(checks), (device,))
 
 

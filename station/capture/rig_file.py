@@ -70,9 +70,13 @@ class CameraTable(_Table):
         """Return what the driver is asked to set."""
         width_px, height_px = self.size_px
         return CameraSettings(
-            iso=self.iso, f_number=self.f_number, color_temperature_k=self.color_temperature_k, width_px=width_px,
-            height_px=height_px, keep_raw=self.keep_raw,
-        )  # fmt: skip
+            iso=self.iso,
+            f_number=self.f_number,
+            color_temperature_k=self.color_temperature_k,
+            width_px=width_px,
+            height_px=height_px,
+            keep_raw=self.keep_raw,
+        )
 
 
 class MeterTable(_Table):
@@ -160,9 +164,14 @@ class RigFile(_Table):
 
 PAPER_INDOOR = CameraTable(kind="theta_z1", iso=100, f_number=5.6, size_px=(6720, 3360))
 PAPER_OUTDOOR = CameraTable(
-    kind="canon_5d2", iso=200, f_number=16, size_px=(5616, 3744), lens="EF 8-15mm f/4L FISHEYE USM at 8 mm",
-    nd_filter="ND 3.0", image_circle=(0.5, 0.5, 0.314),
-)  # fmt: skip
+    kind="canon_5d2",
+    iso=200,
+    f_number=16,
+    size_px=(5616, 3744),
+    lens="EF 8-15mm f/4L FISHEYE USM at 8 mm",
+    nd_filter="ND 3.0",
+    image_circle=(0.5, 0.5, 0.314),
+)
 PAPER_RIG = RigFile(indoor=PAPER_INDOOR, outdoor=PAPER_OUTDOOR, meter=MeterTable(dialect="ls160"))
 """The rig of the paper: its cameras, settings and stops."""
 

@@ -39,9 +39,13 @@ _RATE = click.FloatRange(0.1, 50)
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
 @click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="One camera only.")
 @click.option(
-    "--reading", "readings", type=float, multiple=True, metavar="CD_M2",
-    help="Luminance typed from the display; twice: before, after."
-)  # fmt: skip
+    "--reading",
+    "readings",
+    type=float,
+    multiple=True,
+    metavar="CD_M2",
+    help="Luminance typed from the display; twice: before, after.",
+)
 @click.option("--no-meter", is_flag=True, help="Without a meter; the session is marked so.")
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
 @click.option("--every", metavar="60m", help="A bracket of ROOM again and again, so far apart; until --until.")
@@ -49,9 +53,12 @@ _RATE = click.FloatRange(0.1, 50)
 @click.option("--rooms", "rooms_path", type=FILE, help="File of rooms, one a line, in order.")
 @click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
 @click.option(
-    "--resume", "resume_path", type=FILE, metavar="SESSION",
-    help="Complete a partial session with its own rig, cameras and meter (--rig: with another)."
-)  # fmt: skip
+    "--resume",
+    "resume_path",
+    type=FILE,
+    metavar="SESSION",
+    help="Complete a partial session with its own rig, cameras and meter (--rig: with another).",
+)
 @click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")
@@ -143,10 +150,13 @@ def _request(room: str, options: dict[str, Any]) -> CaptureRequest:
     from station.capture.capture import CaptureRequest
 
     return CaptureRequest(
-        room=room, into=options["into"], mode=options["bracket"],
+        room=room,
+        into=options["into"],
+        mode=options["bracket"],
         stops_s=tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else (),
-        typed_readings=options["readings"], target=parse_target(options["target"]),
-    )  # fmt: skip
+        typed_readings=options["readings"],
+        target=parse_target(options["target"]),
+    )
 
 
 def parse_target(text: str | None) -> MeterTarget | None:

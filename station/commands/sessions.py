@@ -34,9 +34,13 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
 @click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
 @click.option(
-    "--reading", "readings", type=click.FloatRange(min=0, max=1e10), multiple=True, metavar="CD_M2",
-    help="Luminance of the meter's target; twice: before, after."
-)  # fmt: skip
+    "--reading",
+    "readings",
+    type=click.FloatRange(min=0, max=1e10),
+    multiple=True,
+    metavar="CD_M2",
+    help="Luminance of the meter's target; twice: before, after.",
+)
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
@@ -77,14 +81,18 @@ def import_session(**options: Any) -> int:
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
     heading_deg = options["heading"]
     request = ImportRequest(
-        room=options["room"], folders={side: folder for side, folder in folders.items() if folder is not None},
+        room=options["room"],
+        folders={side: folder for side, folder in folders.items() if folder is not None},
         into=options["into"],
         shutter_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
-        readings_cd_m2=options["readings"], site=parse_site(options["site"]),
+        readings_cd_m2=options["readings"],
+        site=parse_site(options["site"]),
         heading_rad=None if heading_deg is None else math.radians(heading_deg % 360),
-        target=parse_target(options["target"]), camera_zone_min=parse_zone(options["zone"]), strict=options["strict"],
+        target=parse_target(options["target"]),
+        camera_zone_min=parse_zone(options["zone"]),
+        strict=options["strict"],
         raw=options["raw"],
-    )  # fmt: skip
+    )
     report = run_import(request)
     if options["as_json"]:
         click.echo(json.dumps(summary(report)))
@@ -276,11 +284,16 @@ def _request(options: dict[str, Any]) -> DatasetRequest:
         text = f"{given[0].replace('_', '-')} says something of one room only"
         raise UsageError(text, where="--dataset", advice="leave it out, or import one room")
     return DatasetRequest(
-        root=options["dataset"], into=options["into"], table=options["table"],
+        root=options["dataset"],
+        into=options["into"],
+        table=options["table"],
         lost_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
-        site=parse_site(options["site"]), zone=_zone(options["zone"]), only=options["only"], raw=options["raw"],
+        site=parse_site(options["site"]),
+        zone=_zone(options["zone"]),
+        only=options["only"],
+        raw=options["raw"],
         strict=options["strict"],
-    )  # fmt: skip
+    )
 
 
 def _zone(text: str | None) -> ZoneInfo | int | None:

@@ -35,15 +35,19 @@ if TYPE_CHECKING:
 )
 @click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full")
 @click.option(
-    "--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard",
-    help="Work that goes into the rooms' light."
-)  # fmt: skip
+    "--quality",
+    type=click.Choice(["draft", "standard", "reference"]),
+    default="standard",
+    help="Work that goes into the rooms' light.",
+)
 @click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Other rooms.")
 @click.option("--truth/--no-truth", default=True, help="Save what is true of each room.")
 @click.option(
-    "--truth-rows", type=click.IntRange(min=16, max=4096), default=512,
-    help="Height of its pictures; they are twice as wide."
-)  # fmt: skip
+    "--truth-rows",
+    type=click.IntRange(min=16, max=4096),
+    default=512,
+    help="Height of its pictures; they are twice as wide.",
+)
 @click.option("--clouds", is_flag=True, help="Clouds pass while the brackets are taken.")
 @click.option("--json", "as_json", is_flag=True, help="One summary object.")
 def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:

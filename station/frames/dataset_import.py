@@ -149,12 +149,20 @@ def _request_of(pair: Pair, plan: DatasetPlan, request: DatasetRequest) -> Impor
         filtered = row is None or row.nd_filter.upper() != "NO"
         devices[Side.OUTDOOR] = {"lens": LENS, "nd_filter": ND_FILTER if filtered else ""}
     return ImportRequest(
-        room=pair.main.name, folders={side: b.folder for side, b in sides.items()},
-        files={side: b.files for side, b in sides.items()}, into=request.into,
-        readings_cd_m2=(row.luminance_cd_m2,) if row and row.luminance_cd_m2 is not None else (), site=request.site,
-        camera_zone_min=_minutes_east(request.zone, pair.main.day), devices=devices, kinds=KINDS,
-        notes=tuple(_notes(pair, row)), raw=request.raw, lost_s=request.lost_s, whole=True,
-    )  # fmt: skip
+        room=pair.main.name,
+        folders={side: b.folder for side, b in sides.items()},
+        files={side: b.files for side, b in sides.items()},
+        into=request.into,
+        readings_cd_m2=(row.luminance_cd_m2,) if row and row.luminance_cd_m2 is not None else (),
+        site=request.site,
+        camera_zone_min=_minutes_east(request.zone, pair.main.day),
+        devices=devices,
+        kinds=KINDS,
+        notes=tuple(_notes(pair, row)),
+        raw=request.raw,
+        lost_s=request.lost_s,
+        whole=True,
+    )
 
 
 def _minutes_east(zone: ZoneInfo | int | None, day: str) -> int | None:

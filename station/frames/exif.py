@@ -149,14 +149,19 @@ def read_exif(block: bytes | mmap.mmap) -> ExifRecord:
     pointer = main.get(_EXIF_DIRECTORY)
     exif = main if pointer is None else reader.directory(reader.integers(pointer)[0]).entries
     return ExifRecord(
-        exposure_s=_seconds(reader, exif.get(_EXPOSURE_TIME)), f_number=_rational(reader, exif.get(_F_NUMBER)),
-        iso=_iso(reader, exif.get(_ISO)), taken_local=_taken(reader, exif),
+        exposure_s=_seconds(reader, exif.get(_EXPOSURE_TIME)),
+        f_number=_rational(reader, exif.get(_F_NUMBER)),
+        iso=_iso(reader, exif.get(_ISO)),
+        taken_local=_taken(reader, exif),
         offset_min=parse_offset(_text(reader, exif, _TAKEN_OFFSET) or _text(reader, exif, _OFFSET)),
-        make=_text(reader, main, _MAKE), model=_text(reader, main, _MODEL), serial=_text(reader, exif, _SERIAL),
+        make=_text(reader, main, _MAKE),
+        model=_text(reader, main, _MODEL),
+        serial=_text(reader, exif, _SERIAL),
         white_balance=_integer(reader, exif.get(_WHITE_BALANCE)),
-        orientation=_integer(reader, main.get(_ORIENTATION)), width_px=_integer(reader, exif.get(_WIDTH)),
+        orientation=_integer(reader, main.get(_ORIENTATION)),
+        width_px=_integer(reader, exif.get(_WIDTH)),
         height_px=_integer(reader, exif.get(_HEIGHT)),
-    )  # fmt: skip
+    )
 
 
 def _text(reader: TiffReader, entries: Mapping[int, Entry], tag: int) -> str:

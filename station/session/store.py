@@ -136,9 +136,12 @@ class SessionStore:
             self._need_journal()
             folder = self._folders[side]
         return FramePart(
-            folder, side, name, move=lambda temporary, final: self._commit(folder, temporary, final),
+            folder,
+            side,
+            name,
+            move=lambda temporary, final: self._commit(folder, temporary, final),
             set_aside=lambda temporary, final, reason: self._reject(folder, temporary, final, reason),
-        )  # fmt: skip
+        )
 
     def add_frame(self, record: FrameRecord) -> None:
         """Acknowledge a committed frame: when this returns, no crash loses it.
@@ -266,10 +269,13 @@ class SessionStore:
             journal.append(kind, record.model_dump(mode="json"))
         aside = self._set_aside_orphans()
         self.recovery = Recovery(
-            torn_bytes=len(memory.journal.torn) if memory.journal else 0, swept=tuple(swept), set_aside=aside,
+            torn_bytes=len(memory.journal.torn) if memory.journal else 0,
+            swept=tuple(swept),
+            set_aside=aside,
             restored=tuple(f"{kind} {getattr(r, 'file', '') or ''}".strip() for kind, r in memory.unjournalled),
-            damaged=self._damaged(), manifest=memory.manifest_problem,
-        )  # fmt: skip
+            damaged=self._damaged(),
+            manifest=memory.manifest_problem,
+        )
         if memory.manifest_problem:
             recovery.keep_damaged_manifest(self._root, self._folders[REJECTED])
             self.save_manifest()

@@ -135,10 +135,17 @@ def _read_row(line: int, row: dict[str, str], faults: list[str]) -> Condition | 
     if len(faults) > before or index is None or day is None or scene is None or indoor is None or heading is None:
         return None
     return Condition(
-        line=line, index=index, scene=scene, local=datetime.combine(day, indoor),
-        outdoor_local=datetime.combine(day, outdoor) if outdoor is not None else None, luminance_cd_m2=luminance,
-        illuminance_lux=illuminance, heading_deg=heading, nd_filter=bool(filtered), lamps_on=bool(lamps),
-    )  # fmt: skip
+        line=line,
+        index=index,
+        scene=scene,
+        local=datetime.combine(day, indoor),
+        outdoor_local=datetime.combine(day, outdoor) if outdoor is not None else None,
+        luminance_cd_m2=luminance,
+        illuminance_lux=illuminance,
+        heading_deg=heading,
+        nd_filter=bool(filtered),
+        lamps_on=bool(lamps),
+    )
 
 
 def _twice(found: list[Condition]) -> list[str]:

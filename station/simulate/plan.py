@@ -181,14 +181,23 @@ def _conditioned(request: DatasetRequest, condition: Condition, folder: str) -> 
     from mocks.rooms.room import scene_room
 
     room = scene_room(
-        condition.scene, _moment(condition), use=request.use, seed=request.seed, lamps_on=condition.lamps_on,
+        condition.scene,
+        _moment(condition),
+        use=request.use,
+        seed=request.seed,
+        lamps_on=condition.lamps_on,
         illuminance_lux=condition.illuminance_lux,
-    )  # fmt: skip
+    )
     outdoor = _zoned(condition.outdoor_local) if condition.outdoor_local else None
     return Planned(
-        condition.index, condition.scene, folder, _zoned(condition.local), room, outdoor_local=outdoor,
+        condition.index,
+        condition.scene,
+        folder,
+        _zoned(condition.local),
+        room,
+        outdoor_local=outdoor,
         nd_filter=condition.nd_filter,
-    )  # fmt: skip
+    )
 
 
 def _zoned(local: datetime) -> datetime:

@@ -245,19 +245,28 @@ def _draw_style(rng: np.random.Generator, height_m: float) -> WindowStyle:
     sill = float(rng.uniform(*SILLS_M[kind]))
     old = height_m > 2.75 and rng.random() < 0.6
     return WindowStyle(
-        kind=kind, sill_m=round(sill, 3), head_m=round(head, 3), frame_m=round(float(rng.uniform(0.045, 0.075)), 3),
+        kind=kind,
+        sill_m=round(sill, 3),
+        head_m=round(head, 3),
+        frame_m=round(float(rng.uniform(0.045, 0.075)), 3),
         depth_m=round(float(rng.uniform(0.28, 0.45) if old else rng.uniform(0.2, 0.36)), 3),
         panes_up=int(rng.choice([2, 3])) if old and kind != "high" else int(rng.choice([1, 2], p=[0.85, 0.15])),
         pane_m=0.75 if old else float(rng.uniform(0.95, 1.25)),
-    )  # fmt: skip
+    )
 
 
 def _window(wall: int, start_m: float, width_m: float, style: WindowStyle) -> Window:
     return Window(
-        wall=wall, start_m=round(start_m, 3), width_m=round(width_m, 3), sill_m=style.sill_m,
-        height_m=round(style.head_m - style.sill_m, 3), depth_m=style.depth_m, frame_m=style.frame_m,
-        panes_across=max(1, min(4, round(width_m / style.pane_m))), panes_up=style.panes_up,
-    )  # fmt: skip
+        wall=wall,
+        start_m=round(start_m, 3),
+        width_m=round(width_m, 3),
+        sill_m=style.sill_m,
+        height_m=round(style.head_m - style.sill_m, 3),
+        depth_m=style.depth_m,
+        frame_m=style.frame_m,
+        panes_across=max(1, min(4, round(width_m / style.pane_m))),
+        panes_up=style.panes_up,
+    )
 
 
 def _in_facet(plan: Plan, wall: int, style: WindowStyle) -> Window:

@@ -312,9 +312,14 @@ def draw_sky(rng: np.random.Generator, moment: Moment, kind: Kind | None = None)
     cover = {"clear": (0.0, 0.12), "intermediate": (0.3, 0.75), "overcast": (0.4, 1.0)}[chosen]
     upstairs = bool(rng.random() < 0.35)
     return Sky(
-        kind=chosen, sun_azimuth_rad=azimuth_rad, sun_elevation_rad=elevation_rad,
-        cie_type=int(rng.choice(CIE_TYPES[chosen])), turbidity=round(float(rng.uniform(1.8, 2.7)), 2),
+        kind=chosen,
+        sun_azimuth_rad=azimuth_rad,
+        sun_elevation_rad=elevation_rad,
+        cie_type=int(rng.choice(CIE_TYPES[chosen])),
+        turbidity=round(float(rng.uniform(1.8, 2.7)), 2),
         sun_share={"clear": 1.0, "intermediate": round(veil, 2), "overcast": 0.0}[chosen],
-        cloud_cover=round(float(rng.uniform(*cover)), 2), sun_distance_au=round(sun_distance_au(moment), 5),
-        eye_height_m=4.9 if upstairs else 2.1, seed=int(rng.integers(2**31)),
-    )  # fmt: skip
+        cloud_cover=round(float(rng.uniform(*cover)), 2),
+        sun_distance_au=round(sun_distance_au(moment), 5),
+        eye_height_m=4.9 if upstairs else 2.1,
+        seed=int(rng.integers(2**31)),
+    )

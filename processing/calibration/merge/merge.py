@@ -166,9 +166,13 @@ class _Job:
             return None
         order = self.order
         return merge_tables(
-            self.curve or linear_curve(), self.noise, order.times_s, order.time_sigma, self.options.error_bound(),
+            self.curve or linear_curve(),
+            self.noise,
+            order.times_s,
+            order.time_sigma,
+            self.options.error_bound(),
             JPEG_TOP_CODE if self.coded else 254,
-        )  # fmt: skip
+        )
 
     def samples(self) -> MergeTables | LinearSamples:
         return self.tables() or linear_samples(self.noise, self.order.times_s, self.order.time_sigma)
@@ -220,9 +224,14 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
         curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
     processed = agreement.neighbours > PROCESSED_CORRELATION
     return replace(
-        job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation, processed=processed,
+        job,
+        order=order,
+        curve=curve,
+        noise=scaled,
+        correlation=agreement.correlation,
+        processed=processed,
         wander=agreement.wander,
-    )  # fmt: skip
+    )
 
 
 def _contradictions(agreement: Consistency, job: _Job) -> list[str]:

@@ -44,9 +44,15 @@ class LensModel:
         """Return the geometry of this camera's pictures of a size (None: that of the circle)."""
         circle = self.circle if size_px is None else self.circle.scaled(size_px)
         return Fisheye(
-            circle.size_px[0], circle.size_px[1], self.mapping, circle.radius_px, self.half_field_rad,
-            circle.centre_px, top_azimuth_rad, self.polynomial,
-        )  # fmt: skip
+            circle.size_px[0],
+            circle.size_px[1],
+            self.mapping,
+            circle.radius_px,
+            self.half_field_rad,
+            circle.centre_px,
+            top_azimuth_rad,
+            self.polynomial,
+        )
 
     def angle(self, r: npt.ArrayLike) -> Doubles:
         """Return the angle from the axis (rad) at distances r of 0..1 (radii). Both of any one shape."""

@@ -111,9 +111,14 @@ def window_at(image: RelativeImage | LuminanceImage, row: int, column: int) -> W
     part = (rows, columns)
     inside = (image.validity[part] != Validity.OUTSIDE) & seen
     return Window(
-        rows, columns, ways, _pixel_sr(ways, seen), luminance_cd_m2(image.rgb[part]).astype(np.float64), inside,
+        rows,
+        columns,
+        ways,
+        _pixel_sr(ways, seen),
+        luminance_cd_m2(image.rgb[part]).astype(np.float64),
+        inside,
         image.validity[part] == Validity.CLIPPED,
-    )  # fmt: skip
+    )
 
 
 def _field(image: RelativeImage | LuminanceImage) -> Flags:

@@ -92,20 +92,29 @@ def recover_response(
     sigma = np.stack([curve_sigma(one, MIDDLE_CODE) for one in channels])
     sizes = np.concatenate([np.abs(fit.weighed.residual[fit.kept]) for fit in channels])
     curve = ResponseCurve(
-        np.stack([one.log2 - one.log2[gauge] for one in channels]), sigma, three(low), three(high), gauge_code=gauge,
-        sigma_code=MIDDLE_CODE, balance_sigma=three(sigma[:, gauge].tolist()),
+        np.stack([one.log2 - one.log2[gauge] for one in channels]),
+        sigma,
+        three(low),
+        three(high),
+        gauge_code=gauge,
+        sigma_code=MIDDLE_CODE,
+        balance_sigma=three(sigma[:, gauge].tolist()),
         n_samples=sum(data.n_samples for data in samples.channels),
         residual_stops=1.4826 * float(np.median(sizes)) if sizes.size else 0.0,
         modes=_curve_modes(channels, MIDDLE_CODE),
-    )  # fmt: skip
+    )
     times = tuple(float(t) for t in np.exp2(fit.log2_times))
     return ResponseFit(
         curve,
         _noise_model([one.noise.pixel for one in channels], [float(np.exp2(-one.log2[gauge])) for one in channels]),
-        times, fit.estimate.sigma if estimate_times else tuple(0.0 for _ in times),
-        {"moved": _moved_share(samples, channels)}, _warnings(samples, fit, gauge, free_times=estimate_times),
-        fit.wrong_times, tuple(one.held_out for one in channels), fit.estimate.rule if fit.estimate.decided else None,
-    )  # fmt: skip
+        times,
+        fit.estimate.sigma if estimate_times else tuple(0.0 for _ in times),
+        {"moved": _moved_share(samples, channels)},
+        _warnings(samples, fit, gauge, free_times=estimate_times),
+        fit.wrong_times,
+        tuple(one.held_out for one in channels),
+        fit.estimate.rule if fit.estimate.decided else None,
+    )
 
 
 def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:

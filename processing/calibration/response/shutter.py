@@ -147,9 +147,13 @@ def estimate_times(
     # What the frames would change and is not changed is doubt.
     sigma = np.hypot(np.sqrt(np.diag(covariance)), 0.0 if off_rule else extra) * math.log(2.0)
     return TimeEstimate(
-        tuple(float(t) for t in np.exp2(total)), tuple(float(s) for s in sigma), rule,
-        {name: round(value - chi2[best], 3) for name, value in chi2.items()}, decided, off_rule,
-    )  # fmt: skip
+        tuple(float(t) for t in np.exp2(total)),
+        tuple(float(s) for s in sigma),
+        rule,
+        {name: round(value - chi2[best], 3) for name, value in chi2.items()},
+        decided,
+        off_rule,
+    )
 
 
 def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles) -> tuple[Doubles, Doubles]:

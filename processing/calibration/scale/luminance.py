@@ -126,10 +126,14 @@ def scale_from_reading(
         warnings.append(f"the light changed by {measured.drift_frac:+.1%} from the first reading to the last")
     return ScaleFactor(
         value=measured.luminance_cd_m2 / displayed,
-        relative_uncertainty=math.sqrt(math.fsum(u * u for u in parts.values())), parts=parts,
-        n_pixels=found.n_effective, displayed=displayed, measured=measured.luminance_cd_m2,
-        drift_frac=measured.drift_frac, warnings=tuple(warnings),
-    )  # fmt: skip
+        relative_uncertainty=math.sqrt(math.fsum(u * u for u in parts.values())),
+        parts=parts,
+        n_pixels=found.n_effective,
+        displayed=displayed,
+        measured=measured.luminance_cd_m2,
+        drift_frac=measured.drift_frac,
+        warnings=tuple(warnings),
+    )
 
 
 def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> LuminanceImage:
@@ -137,10 +141,14 @@ def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> Lu
     anchor = math.log2(scale.measured) if scale.measured else None
     modes = [mode.moved(math.log2(scale.value), anchor) for mode in modes_of(image)]
     return LuminanceImage(
-        rgb=np.asarray(image.rgb * np.float32(scale.value)), uncertainty=image.uncertainty, validity=image.validity,
-        geometry=image.geometry, scale_uncertainty=scale.relative_uncertainty, ghost=image.ghost,
+        rgb=np.asarray(image.rgb * np.float32(scale.value)),
+        uncertainty=image.uncertainty,
+        validity=image.validity,
+        geometry=image.geometry,
+        scale_uncertainty=scale.relative_uncertainty,
+        ghost=image.ghost,
         attributes=with_modes({**image.attributes, **attributes}, modes),
-    )  # fmt: skip
+    )
 
 
 def combined(first: ScaleFactor, second: ScaleFactor) -> ScaleFactor:

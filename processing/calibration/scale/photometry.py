@@ -95,10 +95,15 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
         for code in (Validity.CLIPPED, Validity.DARK, Validity.REPAIRED)
     }
     return Illuminance(
-        value_lx=value, uncertainty_lx=math.hypot(pixels, shared, doubtful, scale), pixels_lx=pixels,
-        shared_lx=shared, doubtful_lx=doubtful, scale_lx=scale, invalid_shares=shares,
+        value_lx=value,
+        uncertainty_lx=math.hypot(pixels, shared, doubtful, scale),
+        pixels_lx=pixels,
+        shared_lx=shared,
+        doubtful_lx=doubtful,
+        scale_lx=scale,
+        invalid_shares=shares,
         unseen_share=min(1.0, max(0.0, 1 - seen / math.pi)),
-    )  # fmt: skip
+    )
 
 
 @nb.njit(cache=True, nogil=True)

@@ -287,10 +287,14 @@ def _trimesh(part: Part) -> Any:
     m = part.material
     picture = None if m.texture is None else Image.fromarray(m.texture)
     look = visuals.material.PBRMaterial(
-        name=m.name, baseColorFactor=[*(float(c) for c in m.base_colour), float(m.opacity)], baseColorTexture=picture,
-        roughnessFactor=float(m.roughness), metallicFactor=float(m.metallic), doubleSided=m.two_sided,
+        name=m.name,
+        baseColorFactor=[*(float(c) for c in m.base_colour), float(m.opacity)],
+        baseColorTexture=picture,
+        roughnessFactor=float(m.roughness),
+        metallicFactor=float(m.metallic),
+        doubleSided=m.two_sided,
         alphaMode="BLEND" if m.opacity < 1 else "OPAQUE",
-    )  # fmt: skip
+    )
     uv = part.texture_coordinates()
     visual = visuals.TextureVisuals(uv=np.zeros((len(part.vertices), 2)) if uv is None else uv, material=look)
     return trimesh.Trimesh(

@@ -357,10 +357,14 @@ def _material(visual: Any, notes: list[str], *, textured: bool) -> Material:
     roughness, metallic = (getattr(pbr, key, None) for key in ("roughnessFactor", "metallicFactor"))
     r, g, b = (float(c) for c in colour)
     return Material(
-        name, (r, g, b), float(np.clip(0.6 if roughness is None else roughness, 0.05, 1)),
-        float(np.clip(0.0 if metallic is None else metallic, 0, 1)), texture, None,
+        name,
+        (r, g, b),
+        float(np.clip(0.6 if roughness is None else roughness, 0.05, 1)),
+        float(np.clip(0.0 if metallic is None else metallic, 0, 1)),
+        texture,
+        None,
         opacity=float(coded[3]) if coded[3] > 0.02 else 1.0,
-    )  # fmt: skip
+    )
 
 
 def _texture(image: Any, notes: list[str]) -> Bytes | None:

@@ -132,9 +132,13 @@ def _stopped_by_room(item: Item, room: _Look) -> NotPlaced:
 def _reason(item: Item, rule: str, obstacle: str, missing_m: float | None, why: str) -> NotPlaced:
     short = f"; {missing_m:.2f} m of width are missing" if missing_m is not None else ""
     return NotPlaced(
-        id=item.id, category=item.spec.category, rule=rule, obstacle=obstacle,
-        missing_m=None if missing_m is None else round(missing_m, 3), reason=f"{why}{short}",
-    )  # fmt: skip
+        id=item.id,
+        category=item.spec.category,
+        rule=rule,
+        obstacle=obstacle,
+        missing_m=None if missing_m is None else round(missing_m, 3),
+        reason=f"{why}{short}",
+    )
 
 
 def _missing_m(look: _Look, item: Item) -> float | None:

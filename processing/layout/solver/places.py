@@ -155,12 +155,16 @@ def unit_table(unit: Unit, field: Field) -> UnitTable:
     which, line = np.nonzero(counts >= 0)
     used = counts[which, line]
     return UnitTable(
-        variants, lines, np.stack([which, line, np.cumsum(used) - used, used], axis=1).astype(np.int64),
-        fixed[which, line][np.arange(KEPT_INTERVALS) < used[:, None]], np.array([0, len(which)], dtype=np.int64),
+        variants,
+        lines,
+        np.stack([which, line, np.cumsum(used) - used, used], axis=1).astype(np.int64),
+        fixed[which, line][np.arange(KEPT_INTERVALS) < used[:, None]],
+        np.array([0, len(which)], dtype=np.int64),
         np.array([ROLE.get(unit.role, ROLE["small"])], dtype=np.int64),
         np.array([[ROLE[unit.keeps_to], unit.keeps_within_m] if unit.keeps_to else [-1.0, 0.0]]),
-        np.array([unit.loss]), np.array([-1.0 if unit.role == "rug" else unit.footprint_m2]),
-    )  # fmt: skip
+        np.array([unit.loss]),
+        np.array([-1.0 if unit.role == "rug" else unit.footprint_m2]),
+    )
 
 
 def joined(tables: Sequence[UnitTable]) -> UnitTable:
@@ -371,8 +375,14 @@ def make_work(room: Room, table: UnitTable) -> Work:
     rows = 4 + len(table.roles) * table.variants.rects.shape[1]
     blocked = room.walk.blocked
     return Work(
-        np.zeros(MOST_PLACES, dtype=np.int64), np.zeros(MOST_PLACES), np.zeros(MOST_PLACES),
-        np.zeros((KEPT_INTERVALS + rows * table.variants.rects.shape[1] + 4, 2)), np.zeros((2 * KEPT_INTERVALS, 2)),
-        np.zeros(MOST_LEVELS + 1), np.zeros(24), np.zeros_like(blocked),
-        np.zeros((2, *blocked.shape), dtype=np.uint64), np.zeros((rows, 4, 2)),
-    )  # fmt: skip
+        np.zeros(MOST_PLACES, dtype=np.int64),
+        np.zeros(MOST_PLACES),
+        np.zeros(MOST_PLACES),
+        np.zeros((KEPT_INTERVALS + rows * table.variants.rects.shape[1] + 4, 2)),
+        np.zeros((2 * KEPT_INTERVALS, 2)),
+        np.zeros(MOST_LEVELS + 1),
+        np.zeros(24),
+        np.zeros_like(blocked),
+        np.zeros((2, *blocked.shape), dtype=np.uint64),
+        np.zeros((rows, 4, 2)),
+    )

@@ -272,9 +272,13 @@ def in_room(stand: Stand, frame: Frame) -> Stand:
     x, y, theta = frame.back((stand.x_m, stand.y_m, stand.theta_rad))
     edge = None if stand.edge is None else frame.edge_back(stand.edge)
     return replace(
-        stand, x_m=round(x, 6) + 0.0, y_m=round(y, 6) + 0.0, theta_rad=round(theta, 9) + 0.0, edge=edge,
+        stand,
+        x_m=round(x, 6) + 0.0,
+        y_m=round(y, 6) + 0.0,
+        theta_rad=round(theta, 9) + 0.0,
+        edge=edge,
         zones=_mirrored_zones(stand, frame),
-    )  # fmt: skip
+    )
 
 
 def _mirrored_zones(stand: Stand, frame: Frame) -> tuple[Rect, ...]:

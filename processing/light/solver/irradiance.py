@@ -221,9 +221,13 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     # The denoiser expects values about 1.
     scale = np.float32(max(float(irradiance.mean()), 1e-20))
     clean = pyoidn.denoise(
-        padded(irradiance / scale), albedo=padded(guide), normal=padded(normal), hdr=True, clean_aux=True,
+        padded(irradiance / scale),
+        albedo=padded(guide),
+        normal=padded(normal),
+        hdr=True,
+        clean_aux=True,
         quality=quality,
-    )  # fmt: skip
+    )
     clean = np.maximum(np.asarray(clean)[:, side : side + irradiance.shape[1]], 0) * scale
     there = nearness > 0
     kept = clean[there].mean(axis=0, dtype=np.float64)

@@ -50,9 +50,15 @@ class Sight:
     def some(self, pixels: np.ndarray) -> Sight:
         """Return what some pixels (K,) see, as one row."""
         return Sight(
-            (1, len(pixels)), self.rays[pixels], self.label[pixels], self.pane[pixels], self.distance_m[pixels],
-            self.point[pixels], self.normal[pixels], self.triangle[pixels],
-        )  # fmt: skip
+            (1, len(pixels)),
+            self.rays[pixels],
+            self.label[pixels],
+            self.pane[pixels],
+            self.distance_m[pixels],
+            self.point[pixels],
+            self.normal[pixels],
+            self.triangle[pixels],
+        )
 
 
 def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
