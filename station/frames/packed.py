@@ -12,11 +12,14 @@ from pathlib import Path, PurePosixPath
 
 from station.errors import IntegrityError, SessionExistsError
 from station.frames.importer import ImportRequest, import_session
+from station.session import durable
 from station.session.session import MANIFEST_NAME, Side
 from station.session.store import load_manifest
 
 MOST_FILES, MOST_BYTES, MOST_DEEP = 10_000, 32 << 30, 8
 """Chosen: a day of full-size brackets with their results."""
+MOST_RATIO, FREE_BYTES = 50, 1 << 26
+"""By which more than so much is packed at most; chosen: frames hardly shrink, journals to a tenth, bombs to nothing."""
 _NAME = re.compile(r"[^\x00-\x1f\\:]{1,200}")
 _JUNK = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|\._)")
 
@@ -47,18 +50,20 @@ def _unpack(archive: Path, into: Path) -> None:
     try:
         with zipfile.ZipFile(archive) as packed:
             files = [one for one in packed.infolist() if not one.is_dir() and not _JUNK.search(one.filename)]
-            if len(files) > MOST_FILES or sum(one.file_size for one in files) > MOST_BYTES:
-                raise IntegrityError(f"more than {MOST_FILES} files, or {MOST_BYTES >> 30} GiB", where=archive.name)
+            most = min(MOST_BYTES, max(FREE_BYTES, MOST_RATIO * archive.stat().st_size))
+            if len(files) > MOST_FILES or sum(one.file_size for one in files) > most:
+                raise IntegrityError(f"more than {MOST_FILES} files, or {most >> 20} MiB", where=archive.name)
             for one in files:
                 path = PurePosixPath(one.filename)
                 link = one.external_attr >> 28 not in (0, 8)  # the file's kind, where it was packed on Unix
                 strange = path.is_absolute() or ".." in path.parts or not all(map(_NAME.fullmatch, path.parts))
-                if strange or link or len(path.parts) > MOST_DEEP:
+                if strange or link or len(path.parts) > MOST_DEEP or (target := into / path).exists():
                     raise IntegrityError(f"it holds {one.filename[:80]!r}", where=archive.name, likely="not a session")
-                (target := into / path).parent.mkdir(parents=True, exist_ok=True)
-                with packed.open(one) as source, target.open("xb") as file:
-                    shutil.copyfileobj(source, file)
-                    os.fsync(file.fileno())
+                with durable.disk_errors(target, "unpacking"), packed.open(one) as source:
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    with target.open("xb") as file:
+                        shutil.copyfileobj(source, file)
+                        os.fsync(file.fileno())
         into.mkdir(exist_ok=True)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, FileExistsError) as error:
         raise IntegrityError(f"cannot be unpacked: {str(error)[:100]}", where=archive.name, likely="damaged") from error

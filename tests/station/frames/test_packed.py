@@ -93,8 +93,10 @@ def test_links_bombs_and_damage_are_refused(
     (tmp_path / "text.zip").write_bytes(b"no archive at all")
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as made:
         made.writestr("a.jpg", bytes(1 << 20))
-    monkeypatch.setattr(packed, "MOST_BYTES", 1 << 19)
-    for name in ("link", "cut", "text", "bomb"):
+    monkeypatch.setattr(packed, "FREE_BYTES", 1 << 19)
+    monkeypatch.setattr(packed, "MOST_FILES", 4)
+    archive(tmp_path / "many.zip", {f"{k}.txt": b"" for k in range(5)})
+    for name in ("link", "cut", "text", "bomb", "many"):
         with pytest.raises(IntegrityError):
             take_packed(tmp_path / f"{name}.zip", tmp_path / "into")
     for name, inside in (("empty", {}), ("words", {"notes.txt": b"hello"})):
