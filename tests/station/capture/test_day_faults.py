@@ -60,12 +60,12 @@ class ArmedCamera(FakeCamera):
 
 @dataclass
 class SlowToRecover(FakeCamera):
-    """Breaks once, when its partner's button is held; then needs a while."""
+    """Breaks once, when its partner is armed ahead for the next stop; then needs a while."""
 
     partner: ArmedCamera | None = None
 
     def poll_exposure(self) -> ExposureProgress:
-        if self.partner and self.partner.armed_s is not None:
+        if self.partner and self.partner.calls["arm"] > self.calls["arm"]:
             self.partner = None
             raise DeviceTimeoutError("no picture within 30 s")
         return super().poll_exposure()
