@@ -1,23 +1,7 @@
 """Errors of daylit, as a tree; each says what happened, where, why it is likely, and what to do.
 
-::
-
-    DaylitError                       base of every error a user can meet
-    └─ DeviceError                    exit 3: something is wrong with an instrument or its link
-       ├─ DeviceNotFoundError         not plugged in, switched off, or another model
-       ├─ DeviceClaimedError          another program holds it (named where the system says)
-       ├─ DevicePermissionError       the operating system refuses access
-       ├─ DeviceLostError             it was there and is gone (unplugged, switched off)     → reconnect
-       ├─ DeviceTimeoutError          no answer within the limit                             → retry
-       ├─ DeviceBusyError             it answered "busy" until the limit                     → retry
-       ├─ LinkStallError              an endpoint halted                                     → clear, retry
-       ├─ ProtocolViolationError      an answer that the protocol does not allow             → resynchronise
-       ├─ OperationRefusedError       a well-formed refusal (response code kept)
-       ├─ SettingRefusedError         a setting reads back as something else
-       ├─ StoreFullError              the card is full, locked or missing
-       ├─ BatteryLowError             too little charge to finish a bracket
-       ├─ ExposureFailedError         the shutter was asked to open and no picture came
-       └─ UnsupportedError            the instrument cannot do what was asked
+The classes below are the tree: `DaylitError`, then `DeviceError` (exit 3) and its kinds; docs/reference/errors.md lists
+all of daylit with their codes.
 
 ``retryable`` says whether the same call may work later without a person doing anything.
 """

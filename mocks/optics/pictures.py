@@ -47,18 +47,11 @@ class _Shot:
 class RenderedShots:
     """The pictures of one simulated camera (a `mocks.instruments.exposures.ShotSource`).
 
-    Parameters
-    ----------
-    world, optics
-        What is looked at, and through what.
-    seed
-        Of the noise; every stop has noise of its own.
-    cache
-        Where pictures are kept; by default the user's cache folder, 2 GB at most.
-    workers
-        Processes that render, 0 to render in this one.
-    on_progress
-        Called with steps done and steps in all while rendering (some seconds for a full-size image).
+    ``world``, ``optics``: what is looked at, and through what.
+    ``seed``: of the noise; every stop has noise of its own.
+    ``cache``: where pictures are kept; by default the user's cache folder, 2 GB at most.
+    ``workers``: processes that render, 0 to render in this one.
+    ``on_progress``: called with steps done and steps in all while rendering (some seconds for a full-size image).
     """
 
     def __init__(

@@ -52,20 +52,11 @@ def export(
 ) -> Exported:
     """Write a session's results into a folder.
 
-    Parameters
-    ----------
-    what
-        Some of `KINDS`. jpeg: in the one display of the room, with panorama tags; staged ones
-        carry the label and IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
-    heading_rad
-        Compass azimuth of the panorama's centre, for viewers with a compass.
-    label
-        Whether staged pictures show that they are staged; their metadata always say so.
-
-    Raises
-    ------
-    ParameterError
-        An unknown kind, or a session that has not been processed.
+    ``what``: some of `KINDS`. jpeg: in the one display of the room, with panorama tags; staged ones carry the label and
+      IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
+    ``heading_rad``: compass azimuth of the panorama's centre, for viewers with a compass.
+    ``label``: whether staged pictures show that they are staged; their metadata always say so.
+    Raises `ParameterError`: an unknown kind, or a session that has not been processed.
     """
     unknown = set(what) - set(KINDS)
     if unknown or not what:

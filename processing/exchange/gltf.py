@@ -219,19 +219,10 @@ def scene_glb(
 ) -> bytes:
     """Return a scene as GLB: the room and each piece of furniture a node with its parts, the sun, and a camera.
 
-    Parameters
-    ----------
-    max_texture_px
-        Longest side of a texture; larger ones are averaged down.
-    lit
-        By surface name, an sRGB picture (H, W, 3) laid out as its albedo: shown instead of it, unlit.
-    eye_m
-        Where the panorama's camera stood, our frame; None: no camera is written.
-
-    Raises
-    ------
-    ParameterError
-        A texture size below 1, or a picture of a surface that is not there.
+    ``max_texture_px``: longest side of a texture; larger ones are averaged down.
+    ``lit``: by surface name, an sRGB picture (H, W, 3) laid out as its albedo: shown instead of it, unlit.
+    ``eye_m``: where the panorama's camera stood, our frame; None: no camera is written.
+    Raises `ParameterError`: a texture size below 1, or a picture of a surface that is not there.
     """
     if max_texture_px < 1:
         raise ParameterError(f"textures of {max_texture_px} px", advice="give at least 1")

@@ -149,15 +149,8 @@ def _cells(rays: Doubles) -> tuple[Indices, Indices]:
 def glare_of(spots: BrightSpots, vertical_lx: float, azimuth_rad: float) -> Glare:
     """Return the glare for someone upright who looks level towards an azimuth (from +y towards +x).
 
-    Parameters
-    ----------
-    vertical_lx
-        Illuminance at the eye, on a plane facing that way.
-
-    Raises
-    ------
-    ParameterError
-        An illuminance that is negative or no number.
+    ``vertical_lx``: illuminance at the eye, on a plane facing that way.
+    Raises `ParameterError`: an illuminance that is negative or no number.
     """
     if not (math.isfinite(vertical_lx) and vertical_lx >= 0):
         raise ParameterError(f"an illuminance of {vertical_lx} lx")

@@ -40,24 +40,13 @@ def arrange(
 ) -> Arrangements:
     """Return up to `n` different arrangements, best first, none of which breaks a hard rule.
 
-    Parameters
-    ----------
-    plan, items
-        From `make_plan` or `plan_files`, and `parse_items`, `set_items` or `number_items`.
-    rules
-        A rule set, or its name in `book`.
-    n, seed
-        How many alternatives, and which draw: the same seed gives the same bytes.
-    pins
-        Pieces that stand already, by item id: (x, y, theta) in the room's frame.
-    book
-        Rule sets and weights; the built-in ones by default.
-
-    Raises
-    ------
-    NoDoorError, RoomTooSmallError, ItemError, PinError
-        See docs/reference/arrangement.md. An item that finds no place is no error: it is in `not_placed`, with the
-        reason.
+    ``plan``, ``items``: from `make_plan` or `plan_files`, and `parse_items`, `set_items` or `number_items`.
+    ``rules``: a rule set, or its name in `book`.
+    ``n``, ``seed``: how many alternatives, and which draw: the same seed gives the same bytes.
+    ``pins``: pieces that stand already, by item id: (x, y, theta) in the room's frame.
+    ``book``: rule sets and weights; the built-in ones by default.
+    Raises `NoDoorError`, `RoomTooSmallError`, `ItemError`, `PinError`: see docs/reference/arrangement.md. An item that
+    finds no place is no error: it is in `not_placed`, with the reason.
     """
     book = book or built_in_rules()
     rules = book.named(rules) if isinstance(rules, str) else rules

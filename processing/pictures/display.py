@@ -160,14 +160,9 @@ def display_of(
 ) -> Display:
     """Return how a room is shown, from its panorama (H, W, 3), linear, any scale.
 
-    Parameters
-    ----------
-    board_rgb
-        Colour (3,) of the white board (`spot_colour`), any scale.
-    panes
-        (H, W): where one looks out of a window; None where no windows are known.
-    balanced
-        The picture is a camera's own, with white as it should be.
+    ``board_rgb``: colour (3,) of the white board (`spot_colour`), any scale.
+    ``panes`` (H, W): where one looks out of a window; None where no windows are known.
+    ``balanced``: the picture is a camera's own, with white as it should be.
     """
     white, source = (np.ones(3), "given") if balanced else _white(rgb, board_rgb, panes)
     step = max(1, rgb.shape[1] // 1024)

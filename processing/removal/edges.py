@@ -39,12 +39,8 @@ GUIDE_EPS = 1e-4
 def snapped(probability: Floats, rgb8: Bytes) -> Floats:
     """Return (H, W) in 0..1: the share of graph cuts that take a pixel for inside.
 
-    Parameters
-    ----------
-    probability
-        (H, W), of a whole panorama.
-    rgb8
-        (H, W, 3), sRGB.
+    ``probability`` (H, W), of a whole panorama.
+    ``rgb8`` (H, W, 3), sRGB.
 
     Where no window has enough of it, what is above one half stays as it is.
     """

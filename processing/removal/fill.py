@@ -164,29 +164,15 @@ def empty_room(
 ) -> Emptied:
     """Return the panorama with the target filled.
 
-    Parameters
-    ----------
-    image
-        Equirectangular and upright.
-    target
-        (H, W): what is to be removed, with its shadow.
-    sunlight
-        (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target`` says so,
-        and goes on in holes that it runs into elsewhere.
-    foreign
-        (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it is, and
-        floors are not filled from it.
-    quality
-        draft, standard or reference: how fine textures may be; `Quick`: of a preview.
-
-    Raises
-    ------
-    ParameterError
-        Sizes that do not fit; a picture that is not equirectangular; an unknown quality.
-    RoomError
-        The room cannot stand.
-    RemovalError
-        A target that covers all that is seen.
+    ``image``: equirectangular and upright.
+    ``target`` (H, W): what is to be removed, with its shadow.
+    ``sunlight`` (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target``
+      says so, and goes on in holes that it runs into elsewhere.
+    ``foreign`` (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it
+      is, and floors are not filled from it.
+    ``quality``: draft, standard or reference: how fine textures may be; `Quick`: of a preview.
+    Raises `ParameterError`: sizes that do not fit; a picture that is not equirectangular; an unknown quality;
+    `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen.
     """
     geometry = _checked(image, target, sunlight, foreign, quality)
     provenance = np.zeros(target.shape, np.uint8)

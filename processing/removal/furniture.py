@@ -67,18 +67,11 @@ def find_furniture(
 ) -> FurnitureFound:
     """Return the furniture of an upright panorama.
 
-    Parameters
-    ----------
-    probabilities
-        (8, H, W).
-    maps
-        Of the room, at the same size.
-    rgb8
-        (H, W, 3), sRGB.
-    floor_filter
-        False: keep what hangs on walls too.
-    whole
-        Complete things to the borders of their colours: for evidence that two networks share.
+    ``probabilities`` (8, H, W).
+    ``maps``: of the room, at the same size.
+    ``rgb8`` (H, W, 3), sRGB.
+    ``floor_filter``: False: keep what hangs on walls too.
+    ``whole``: complete things to the borders of their colours: for evidence that two networks share.
     """
     # The probability (H, W) of furniture: the network's, what the room says, and unusual colours. Weights are a
     # logistic regression on simulated rooms of validation seeds and real rooms that may be looked at

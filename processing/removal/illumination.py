@@ -203,17 +203,11 @@ def _row(size: int, places: tuple[np.intp | int, ...], values: tuple[float, ...]
 def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles | None, *, bend: float = 1.0) -> Floats:
     """Return (h, w, 3): the slow part of the tone, mean 0 over the known pixels, continued through the hole.
 
-    Parameters
-    ----------
-    tone
-        (H, W, 3): natural logarithm of light; only what is ``known`` (H, W) counts.
-    hole
-        (H, W): there the light is clamped to the range that it has around.
-    steps_px
-        (2, 2): the lattice's two steps (dx, dy), if the pattern has a lattice: pixels one step apart then give the
-        light and the tones themselves only its mean. None: the tones give all.
-    bend
-        Resistance to bending, relative to the usual one.
+    ``tone`` (H, W, 3): natural logarithm of light; only what is ``known`` (H, W) counts.
+    ``hole`` (H, W): there the light is clamped to the range that it has around.
+    ``steps_px`` (2, 2): the lattice's two steps (dx, dy), if the pattern has a lattice: pixels one step apart then give
+      the light and the tones themselves only its mean. None: the tones give all.
+    ``bend``: resistance to bending, relative to the usual one.
     """
     if not known.any():
         return np.zeros(tone.shape, np.float32)

@@ -74,27 +74,16 @@ def find_masks(
 ) -> Masks:
     """Return the masks of an upright, equirectangular panorama.
 
-    Parameters
-    ----------
-    evidence
-        Of any size.
-    sun_direction
-        Azimuth (from +y towards +x) and elevation in rad; None: looked for.
-    sun_possible
-        False: no direct sun is looked for (an overcast sky, as the outdoor picture shows).
-    sun_seen
-        The outdoor picture shows the sun; without it, and without its direction, only unmistakable patches count.
-    meter_target
-        Where the meter looked: longitude and latitude in rad in this picture; the board there goes with its stand.
-    margin_rad
-        By which the target reaches over what was found, 0 to 0.2.
-
-    Raises
-    ------
-    ParameterError
-        Another geometry, a picture below 16 rows, a margin out of range.
-    RoomError
-        The room cannot stand.
+    ``evidence``: of any size.
+    ``sun_direction``: azimuth (from +y towards +x) and elevation in rad; None: looked for.
+    ``sun_possible``: False: no direct sun is looked for (an overcast sky, as the outdoor picture shows).
+    ``sun_seen``: the outdoor picture shows the sun; without it, and without its direction, only unmistakable patches
+      count.
+    ``meter_target``: where the meter looked: longitude and latitude in rad in this picture; the board there goes with
+      its stand.
+    ``margin_rad``: by which the target reaches over what was found, 0 to 0.2.
+    Raises `ParameterError`: another geometry, a picture below 16 rows, a margin out of range; `RoomError`: the room
+    cannot stand.
     """
     geometry = _checked(image, evidence, margin_rad)
     rows = min(WORKING_ROWS, geometry.height_px)

@@ -86,20 +86,13 @@ def find_sunlight(
 ) -> SunFound:
     """Return direct sunlight on a room's planes.
 
-    Parameters
-    ----------
-    luminance
-        (H, W), linear, any unit.
-    points_m, plane
-        (H, W, 3) and (H, W): what each pixel sees of the empty room.
-    usable
-        (H, W): floor and walls, nothing before them, no opening.
-    weight
-        (H, W): solid angles.
-    sun
-        Azimuth (from +y towards +x) and elevation in rad, or None: not known; then only what is unmistakable is taken.
-    seen
-        Whether the sky was seen to have a sun: then patches need not be unmistakable.
+    ``luminance`` (H, W), linear, any unit.
+    ``points_m``, ``plane`` (H, W, 3) and (H, W): what each pixel sees of the empty room.
+    ``usable`` (H, W): floor and walls, nothing before them, no opening.
+    ``weight`` (H, W): solid angles.
+    ``sun``: azimuth (from +y towards +x) and elevation in rad, or None: not known; then only what is unmistakable is
+      taken.
+    ``seen``: whether the sky was seen to have a sun: then patches need not be unmistakable.
     """
     none = np.zeros(luminance.shape, bool)
     if sun is not None and sun[1] <= 0:

@@ -99,27 +99,14 @@ def estimate_room(
 ) -> RoomEstimate:
     """Return the room that an upright panorama shows.
 
-    Parameters
-    ----------
-    image
-        Upright, equirectangular; edges are refined in it at its full size.
-    evidence
-        With boundaries.
-    camera_height_m
-        Sets the scale.
-    manhattan_rad
-        Azimuth of the walls (`processing.room.level.find_upright`); None: estimated from the boundaries.
-    quality
-        ``draft``: no refinement on the picture. ``standard``, ``reference``.
-    held
-        What stays where somebody has placed it; the rest is estimated around it.
-
-    Raises
-    ------
-    NoRoomError
-        Black, cropped, outdoors, or boundaries that no room explains.
-    ParameterError
-        No boundaries, a camera height out of range, a picture looking another way than longitude 0.
+    ``image``: upright, equirectangular; edges are refined in it at its full size.
+    ``evidence``: with boundaries.
+    ``camera_height_m``: sets the scale.
+    ``manhattan_rad``: azimuth of the walls (`processing.room.level.find_upright`); None: estimated from the boundaries.
+    ``quality``: ``draft``: no refinement on the picture. ``standard``, ``reference``.
+    ``held``: what stays where somebody has placed it; the rest is estimated around it.
+    Raises `NoRoomError`: black, cropped, outdoors, or boundaries that no room explains; `ParameterError`: no
+    boundaries, a camera height out of range, a picture looking another way than longitude 0.
     """
     if not (math.isfinite(camera_height_m) and 0.1 <= camera_height_m < 20):
         raise ParameterError(f"a camera height of {camera_height_m} m", advice="give 0.1 to 20")

@@ -81,17 +81,10 @@ def read_layout(
 ) -> RoomModel:
     """Return the room in another program's file.
 
-    Parameters
-    ----------
-    camera_height_m
-        Sets the scale; None: the file's own (PanoAnnotator), else 1.6 m.
-    panorama
-        Of a ZInD file, which picture's room: its name or a part of it that only one has.
-
-    Raises
-    ------
-    LayoutFileError
-        Cannot be read, is damaged, or is no room; names the key, the line or what is wrong with the room.
+    ``camera_height_m``: sets the scale; None: the file's own (PanoAnnotator), else 1.6 m.
+    ``panorama``: of a ZInD file, which picture's room: its name or a part of it that only one has.
+    Raises `LayoutFileError`: cannot be read, is damaged, or is no room; names the key, the line or what is wrong with
+    the room.
     """
     try:
         if layout_format == "horizonnet":

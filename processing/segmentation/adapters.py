@@ -64,10 +64,7 @@ KNOWN: Mapping[str, tuple[tuple[str, ...], Table]] = {"ade20k": (ADE20K, ADE20K_
 def class_matrix(names: Sequence[str], table: Table) -> Floats:
     """Return (len(names), len(SceneClass)): row n spreads class n's probability over ours; rows sum to 1.
 
-    Raises
-    ------
-    SegmenterError
-        A name that the table does not know; all such are named.
+    Raises `SegmenterError`: a name that the table does not know; all such are named.
     """
     unknown = [name for name in names if not table.get(name)]
     if unknown:
@@ -199,10 +196,8 @@ def network_input(contract: NetworkContract, view_rgb8: Bytes) -> Array:
 def scene_probabilities(contract: NetworkContract, outputs: Sequence[Array], size_px: tuple[int, int]) -> Floats:
     """Return (H', W', len(SceneClass)) of one view of height and width ``size_px``; each pixel sums to 1.
 
-    Raises
-    ------
-    SegmenterError
-        An output of another shape, number of classes or stride than declared, or values that cannot be.
+    Raises `SegmenterError`: an output of another shape, number of classes or stride than declared, or values that
+    cannot be.
     """
     given = [np.asarray(output) for output in outputs]
     if contract.output == "argmax":

@@ -60,19 +60,9 @@ def segment_around(
 ) -> SceneEvidence:
     """Return evidence (rows, 2 rows) of an upright panorama from a network for perspective pictures.
 
-    Parameters
-    ----------
-    image
-        Equirectangular, upright; linear light, or sRGB uint8 (H, W, 3).
-    first
-        Evidence that is known already and takes the place of the coarse pass.
-
-    Raises
-    ------
-    ParameterError
-        A picture that is no whole panorama.
-    SegmenterError
-        What the network cannot do.
+    ``image``: equirectangular, upright; linear light, or sRGB uint8 (H, W, 3).
+    ``first``: evidence that is known already and takes the place of the coarse pass.
+    Raises `ParameterError`: a picture that is no whole panorama; `SegmenterError`: what the network cannot do.
     """
     panorama = Panorama(_srgb(image))
     size_px = segmenter.size_px if plan.size_px is None or segmenter.fixed_size else plan.size_px

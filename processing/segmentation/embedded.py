@@ -43,12 +43,8 @@ _BAND_ROWS = 256
 def network_picture(rgb: npt.ArrayLike) -> Floats:
     """Return the network's view (256, 512, 3), 0..1, of an equirectangular picture (H, W, 3) of linear RGB.
 
-    A black picture stays black. The result does not depend on the picture's scale.
-
-    Raises
-    ------
-    ParameterError
-        Values that are not finite or below 0, another shape, fewer than 8 x 4 pixels.
+    A black picture stays black. The result does not depend on the picture's scale. Raises `ParameterError`: values that
+    are not finite or below 0, another shape, fewer than 8 x 4 pixels.
     """
     picture = np.asarray(rgb)
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.shape[0] < 4 or picture.shape[1] < 8:
@@ -142,22 +138,13 @@ def scene_evidence(
 ) -> SceneEvidence:
     """Return classes and distances of 128 x 256 pixels and boundaries of 256 columns of an upright panorama.
 
-    Parameters
-    ----------
-    quality
-        draft, standard, reference: 1, 2 or 4 turns.
-    model
-        A network trained anew by `training` (its JSON beside it); None: the shipped one.
+    ``quality``: draft, standard, reference: 1, 2 or 4 turns.
+    ``model``: a network trained anew by `training` (its JSON beside it); None: the shipped one.
 
-    A picture that shows nothing (black, or of one tone) gives uniform classes and no boundary, and a note.
-
-    Raises
-    ------
-    ParameterError
-        Another geometry than a whole equirectangular picture with longitude 0 in its middle; values that are not
-        finite or below 0; an unknown quality.
-    SegmenterError
-        The network's file or page is missing, damaged, changed or of another kind.
+    A picture that shows nothing (black, or of one tone) gives uniform classes and no boundary, and a note. Raises
+    `ParameterError`: another geometry than a whole equirectangular picture with longitude 0 in its middle; values that
+    are not finite or below 0; an unknown quality; `SegmenterError`: the network's file or page is missing, damaged,
+    changed or of another kind.
     """
     if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad != 0.0:
         raise ParameterError(

@@ -108,10 +108,7 @@ def write_evidence(path: Path, evidence: SceneEvidence) -> None:
 def read_evidence(path: Path) -> SceneEvidence:
     """Read what `write_evidence` wrote.
 
-    Raises
-    ------
-    SegmenterError
-        The file is missing, damaged, or holds what evidence cannot be.
+    Raises `SegmenterError`: the file is missing, damaged, or holds what evidence cannot be.
     """
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:

@@ -101,10 +101,7 @@ def add_model(path: Path) -> tuple[KnownModel, Path]:
 def get_model(model: KnownModel, *, url: str | None = None) -> Path:
     """Download a model, check it and keep it; nothing is fetched where it is there already.
 
-    Raises
-    ------
-    ModelError
-        The server does not answer, or gives another file.
+    Raises `ModelError`: the server does not answer, or gives another file.
     """
     there = installed(model)
     if there is not None:

@@ -28,16 +28,11 @@ def open_session(
 ) -> Any:
     """Return onnxruntime's session of a network in a file, or of its bytes.
 
-    Parameters
-    ----------
-    data
-        Bytes where the caller has checked what they are. Weights in files beside the network are not read: only what
-        is given is opened.
-    refused
-        Makes the caller's typed error of what is wrong: raised for a file that cannot be read, is larger than 2 GiB,
-        or is no network.
-    repeatable
-        Ask for kernels that give the same answer each time, though they may be slower.
+    ``data``: bytes where the caller has checked what they are. Weights in files beside the network are not read: only
+      what is given is opened.
+    ``refused``: makes the caller's typed error of what is wrong: raised for a file that cannot be read, is larger than
+      2 GiB, or is no network.
+    ``repeatable``: ask for kernels that give the same answer each time, though they may be slower.
     """
     import onnxruntime as ort
 
@@ -200,10 +195,7 @@ def open_segmenter(
 ) -> OnnxSegmenter | TfliteSegmenter:
     """Return the network in a file (.onnx or .tflite); its contract lies beside it as NAME.json unless given.
 
-    Raises
-    ------
-    SegmenterError
-        No such file, of another kind, a contract that cannot be right or is not kept.
+    Raises `SegmenterError`: no such file, of another kind, a contract that cannot be right or is not kept.
     """
     ending = path.suffix.lower()
     if ending not in (".onnx", ".tflite"):

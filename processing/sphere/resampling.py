@@ -114,29 +114,17 @@ def resample(
 ) -> tuple[Floats, Floats]:
     """Return a picture in another geometry and how much of each pixel is covered.
 
-    Parameters
-    ----------
-    rgb
-        (H, W) or (H, W, C) of the source's size; finite.
-    method
-        ``area``: exact overlaps, keeps energy, never rings. ``bilinear``, ``cubic``: samples at pixel centres; cubic
-        is held within the range of the 16 pixels around, and is linear beside invalid ones.
-    weights
-        (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies in the
-        field counts, pixels cut by a fisheye's edge too.
-    near
-        (H, W), of ``area``: where overlaps must be exact; None: everywhere. Elsewhere weights must be 1, and cells are
-        taken for boxes of the same widths, which is exact where light changes evenly.
+    ``rgb`` (H, W) or (H, W, C) of the source's size; finite.
+    ``method``: ``area``: exact overlaps, keeps energy, never rings. ``bilinear``, ``cubic``: samples at pixel centres;
+      cubic is held within the range of the 16 pixels around, and is linear beside invalid ones.
+    ``weights`` (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies
+      in the field counts, pixels cut by a fisheye's edge too.
+    ``near`` (H, W), of ``area``: where overlaps must be exact; None: everywhere. Elsewhere weights must be 1, and cells
+      are taken for boxes of the same widths, which is exact where light changes evenly.
 
-    Returns
-    -------
-    The picture, float32 (h, w) or (h, w, C), 0 where nothing is known, and the coverage, float32 (h, w) in 0..1: the
-    share of the pixel that valid source pixels cover (``area``), or the weight found at its centre.
-
-    Raises
-    ------
-    ParameterError
-        Sizes that do not fit, values that are not finite, weights outside 0..1, an unknown method.
+    Returns the picture, float32 (h, w) or (h, w, C), 0 where nothing is known, and the coverage, float32 (h, w) in
+    0..1: the share of the pixel that valid source pixels cover (``area``), or the weight found at its centre. Raises
+    `ParameterError`: sizes that do not fit, values that are not finite, weights outside 0..1, an unknown method.
     """
     picture, flat = _checked(rgb, source)
     known = _checked_weights(weights, source)

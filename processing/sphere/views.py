@@ -154,14 +154,9 @@ def stitch_views(
 ) -> tuple[Floats, Floats]:
     """Return the panorama (H, W) or (H, W, C) that views show together, and its coverage (H, W).
 
-    Parameters
-    ----------
-    pictures
-        One a view, (h, w) or (h, w, C) with the same C: light, masks or class probabilities; finite.
-    weights
-        (h, w) a view, 0..1: what its pixels are worth (0: not used).
-    cubic
-        Cubic instead of linear interpolation, held within the pixels around; only without ``weights``.
+    ``pictures``: one a view, (h, w) or (h, w, C) with the same C: light, masks or class probabilities; finite.
+    ``weights`` (h, w) a view, 0..1: what its pixels are worth (0: not used).
+    ``cubic``: cubic instead of linear interpolation, held within the pixels around; only without ``weights``.
 
     The coverage is 1 where views see, less where their pixels are worth less, and 0, as the picture, where none sees.
     """

@@ -59,18 +59,12 @@ def glazed(room: RoomModel) -> list[Opening]:
 def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> tuple[Floats, Int32s]:
     """Return how far inside a window's beam places lie, and which window it is.
 
-    Parameters
-    ----------
-    points_m
-        Of shape (..., 3), on the room's surfaces.
-    sun
-        (3,), unit, towards the sun.
+    ``points_m``: of shape (..., 3), on the room's surfaces.
+    ``sun`` (3,), unit, towards the sun.
 
-    Returns
-    -------
-    Signed distance (m) in the window's plane from its edge, (...), positive in the beam, `OUTSIDE` where no window
-    faces the sun; and the index among `glazed` (-1: none). Other walls that stand in the way are not looked at: the
-    beam of a window that another wing of the room hides is none (``wall_between``).
+    Returns signed distance (m) in the window's plane from its edge, (...), positive in the beam, `OUTSIDE` where no
+    window faces the sun; and the index among `glazed` (-1: none). Other walls that stand in the way are not looked at:
+    the beam of a window that another wing of the room hides is none (``wall_between``).
     """
     points = np.asarray(points_m, dtype=np.float64)
     direction = np.asarray(sun, dtype=np.float64)

@@ -259,21 +259,11 @@ def unwrap(
 ) -> Texture:
     """Return a plane as the panorama shows it, rectified.
 
-    Parameters
-    ----------
-    picture
-        (H, W) or (H, W, C) float32 of the geometry's size, upright, finite.
-    mask
-        (H, W): what hides the plane (furniture, tripod); no texel takes anything from these pixels.
+    ``picture`` (H, W) or (H, W, C) float32 of the geometry's size, upright, finite.
+    ``mask`` (H, W): what hides the plane (furniture, tripod); no texel takes anything from these pixels.
 
     Texels coarser than the panorama's pixels are means of up to 64 samples; finer ones are linear between pixels.
-
-    Raises
-    ------
-    ParameterError
-        Sizes that do not fit.
-    RoomError
-        The room cannot stand.
+    Raises `ParameterError`: sizes that do not fit; `RoomError`: the room cannot stand.
     """
     light = _checked(picture, geometry)
     check_stands(room)

@@ -105,14 +105,9 @@ def mitsuba() -> Any:
 def environment_emitter(map_rgb: Floats) -> dict[str, Any]:
     """Return sky and land as a Mitsuba emitter.
 
-    Parameters
-    ----------
-    map_rgb
-        Radiance, shape (H, 2 H, 3): an equirectangular picture with +y at its centre, +x to the right of it, z up, and
-        pixel centres at half integers.
+    ``map_rgb``: radiance, shape (H, 2 H, 3): an equirectangular picture with +y at its centre, +x to the right of it, z
+      up, and pixel centres at half integers.
 
-    Notes
-    -----
     Mitsuba interpolates between texels whose rows begin and end exactly at the poles. Every pixel's light is shared
     among the two rows beside it in the proportion in which their interpolation covers it, so that the light of the
     whole sphere is kept exactly, for any picture, and a uniform one stays uniform.

@@ -162,16 +162,10 @@ def with_last_places(
 ) -> list[Stand]:
     """Return the pieces placed, with those of `left` for which there is a place that the judge passes.
 
-    Parameters
-    ----------
-    placed
-        What stands, pinned pieces too, in the field's frame.
-    left
-        What was left out; what is worth most is tried first.
-    bare
-        The room without any piece.
-    passes
-        Whether the judge passes all these pieces together.
+    ``placed``: what stands, pinned pieces too, in the field's frame.
+    ``left``: what was left out; what is worth most is tried first.
+    ``bare``: the room without any piece.
+    ``passes``: whether the judge passes all these pieces together.
     """
     all_placed = list(placed)
     *_, last = packings(left, bare.rules)

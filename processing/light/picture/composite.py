@@ -70,13 +70,9 @@ def differential(
 ) -> Staged:
     """Return the photograph (H, 2 H, 3) of a room with furniture added.
 
-    Parameters
-    ----------
-    room
-        The empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`); made ready once
-        (`Bare.of`) it serves several pictures.
-    sunless
-        (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
+    ``room``: the empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`); made ready
+      once (`Bare.of`) it serves several pictures.
+    ``sunless`` (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
     """
     geometry = _panorama(photograph)
     if not parts:

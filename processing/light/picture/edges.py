@@ -54,12 +54,8 @@ def smooth_edges(
 ) -> Floats:
     """Return a band's picture (H, W, 3) with smooth edges of furniture.
 
-    Parameters
-    ----------
-    sight
-        What the band's pixels see; its first row is row ``first_row`` of a panorama of ``rows``.
-    photograph, shown
-        (H, W, 3): the band without furniture, and with it, stairs and all.
+    ``sight``: what the band's pixels see; its first row is row ``first_row`` of a panorama of ``rows``.
+    ``photograph``, ``shown`` (H, W, 3): the band without furniture, and with it, stairs and all.
     """
     row, column = np.nonzero(edge_pixels(sight))
     out = shown.copy()

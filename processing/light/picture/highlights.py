@@ -265,12 +265,8 @@ def mirrors_of(
 ) -> Mirrors | None:
     """Return what furniture and floor mirror; None where nothing does.
 
-    Parameters
-    ----------
-    bare, full
-        The room without and with furniture; of its light maps (``lights``) likewise.
-    photograph
-        (H, 2 H, 3): of the room without furniture.
+    ``bare``, ``full``: the room without and with furniture; of its light maps (``lights``) likewise.
+    ``photograph`` (H, 2 H, 3): of the room without furniture.
     """
     floors = [k for k, surface in enumerate(bare.scene.surfaces) if surface.gloss > 0]
     if not floors and not any(is_glossy(part.material) for part in full.scene.parts):

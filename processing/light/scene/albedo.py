@@ -92,24 +92,12 @@ def albedo_of_room(
 ) -> RoomAlbedo:
     """Return the albedo of a room's surfaces.
 
-    Parameters
-    ----------
-    panorama
-        The emptied room, upright, equirectangular, in cd/m2.
-    outdoors
-        The light outside at the same moment; None: nobody knows, the windows light as they look from inside. Where the
-        light in the room is known already, that: it is not gathered anew.
-    filled
-        (H, W): pixels that removal filled in; they light the room but show no albedo of their own.
-    rows
-        Height of the albedo picture; the panorama is brought to it, keeping energy.
-
-    Raises
-    ------
-    AlbedoError
-        A picture without light, or of no whole panorama.
-    RoomError
-        The room cannot stand.
+    ``panorama``: the emptied room, upright, equirectangular, in cd/m2.
+    ``outdoors``: the light outside at the same moment; None: nobody knows, the windows light as they look from inside.
+      Where the light in the room is known already, that: it is not gathered anew.
+    ``filled`` (H, W): pixels that removal filled in; they light the room but show no albedo of their own.
+    ``rows``: height of the albedo picture; the panorama is brought to it, keeping energy.
+    Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
     effort = effort or Effort(pixel_samples=32)
     rgb, valid = brought_to(panorama, rows, filled)

@@ -92,21 +92,10 @@ def furnished_light(
 ) -> FurnishedLight:
     """Return the light in a room with and without what stands in it.
 
-    Parameters
-    ----------
-    panorama
-        The furnished room, upright, equirectangular, in cd/m2.
-    outdoors
-        The light outside at the same moment; None: the windows light as they look from inside.
-    rows
-        Height of the pictures returned.
-
-    Raises
-    ------
-    AlbedoError
-        A picture without light, or of no whole panorama.
-    RoomError
-        The room cannot stand.
+    ``panorama``: the furnished room, upright, equirectangular, in cd/m2.
+    ``outdoors``: the light outside at the same moment; None: the windows light as they look from inside.
+    ``rows``: height of the pictures returned.
+    Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
     rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
     mask, gone = _reduced(old.mask, rows), _reduced(old.target, rows)
@@ -354,14 +343,9 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
     place's reflectance nearest to that of the plane far from furniture. So no rug is bleached beyond what the light
     explains.
 
-    Parameters
-    ----------
-    luminance, without_lx
-        (H, W): of the furnished picture, cd/m2; illuminance in the empty room, lx.
-    seen
-        (H, W) bool: pixels that count.
-    maps
-        Of the room, of the same size.
+    ``luminance``, ``without_lx`` (H, W): of the furnished picture, cd/m2; illuminance in the empty room, lx.
+    ``seen`` (H, W) bool: pixels that count.
+    ``maps``: of the room, of the same size.
     """
     sigma = GUARD_RAD / math.pi * len(log_ratio)
     shown = np.log(np.maximum(math.pi * luminance / np.maximum(without_lx, 1e-6), 1e-4))

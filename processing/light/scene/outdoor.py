@@ -37,19 +37,10 @@ def outdoors_of(
 ) -> Outdoors:
     """Return the light of a calibrated outdoor picture (a fisheye that looks up, or a panorama).
 
-    Parameters
-    ----------
-    rows
-        Height of the panorama it is brought to, keeping energy.
-    ground_albedo
-        Of what the picture does not see below the horizon.
-    sun
-        Whether to look for the sun and keep it apart.
-
-    Raises
-    ------
-    SceneError
-        Nothing of the sky is seen.
+    ``rows``: height of the panorama it is brought to, keeping energy.
+    ``ground_albedo``: of what the picture does not see below the horizon.
+    ``sun``: whether to look for the sun and keep it apart.
+    Raises `SceneError`: nothing of the sky is seen.
     """
     weights = (image.validity != Validity.OUTSIDE).astype(np.float32)
     source, rgb, found = image.geometry, image.rgb, None

@@ -190,14 +190,9 @@ def find_lamps(
 ) -> tuple[Floats, list[Lamp]]:
     """Return what pixels give off by themselves (N, 3) cd/m2, and the lamps.
 
-    Parameters
-    ----------
-    rgb, irradiance
-        (N, 3): radiance and irradiance of the pixels of a panorama.
-    usual
-        (N, 3): the usual albedo of each pixel's surface.
-    usable
-        (N,): pixels that the sun does not reach, seen and not filled in.
+    ``rgb``, ``irradiance`` (N, 3): radiance and irradiance of the pixels of a panorama.
+    ``usual`` (N, 3): the usual albedo of each pixel's surface.
+    ``usable`` (N,): pixels that the sun does not reach, seen and not filled in.
     """
     weights = np.asarray(LUMINANCE_WEIGHTS)
     apparent = math.pi * (rgb @ weights) / np.maximum(irradiance @ weights, 1e-9)
@@ -276,12 +271,9 @@ def window_strength(
     Light from the windows falls off through the room, albedo does not: the strength is that by which the albedo of each
     surface is most even (least absolute deviations of its logarithm).
 
-    Parameters
-    ----------
-    radiosity, windows_lx, rest_lx
-        (P,): what patches give off, lm/m2; irradiance by windows as bright as they are shown, and by all else, lx.
-    groups
-        Indices of the patches of one surface each.
+    ``radiosity``, ``windows_lx``, ``rest_lx`` (P,): what patches give off, lm/m2; irradiance by windows as bright as
+      they are shown, and by all else, lx.
+    ``groups``: indices of the patches of one surface each.
     """
     cost = np.zeros(len(STRENGTHS))
     for mine in groups:

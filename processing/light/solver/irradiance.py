@@ -196,16 +196,10 @@ def denoiser_available() -> bool:
 def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: bool, quality: str = "high") -> Floats:
     """Return irradiance (H, W, 3) without its noise and with its mean kept; as it is where the denoiser is missing.
 
-    Parameters
-    ----------
-    normal
-        (H, W, 3), zero where nothing is rendered.
-    nearness
-        (H, W), 0..1: 0 where nothing is rendered, larger for nearer surfaces; parts corners of equal normals.
-    wraps
-        The picture is a panorama whose left and right edges meet.
-    quality
-        high, balanced (0.4 of its time) or fast (0.2).
+    ``normal`` (H, W, 3), zero where nothing is rendered.
+    ``nearness`` (H, W), 0..1: 0 where nothing is rendered, larger for nearer surfaces; parts corners of equal normals.
+    ``wraps``: the picture is a panorama whose left and right edges meet.
+    ``quality``: high, balanced (0.4 of its time) or fast (0.2).
     """
     if not denoiser_available() or min(irradiance.shape[:2]) < 16:
         return irradiance

@@ -116,16 +116,10 @@ def bounced(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance (N, 3), lx, by light from other surfaces, and half of what its own two halves differ by.
 
-    Parameters
-    ----------
-    links
-        What the points' rays met.
-    radiosity
-        (P, 3) lm/m2 of all patches, but for what ``bright`` holds.
-    bright
-        Patches at which ``shots`` are aimed from each point.
-    places
-        Points (N, K, 3), m, from each of which shots start in turn, and their normals (N, 3).
+    ``links``: what the points' rays met.
+    ``radiosity`` (P, 3) lm/m2 of all patches, but for what ``bright`` holds.
+    ``bright``: patches at which ``shots`` are aimed from each point.
+    ``places``: points (N, K, 3), m, from each of which shots start in turn, and their normals (N, 3).
     """
     points, normals = places
     out, apart = np.zeros((len(normals), 3), np.float32), np.zeros(len(normals), np.float32)
@@ -279,19 +273,10 @@ def settled(
 ) -> LightMap:
     """Return the light of all patches (P) once it has settled: E = first + mean of albedo x E over the rays' patches.
 
-    Parameters
-    ----------
-    links
-        What the patches' rays met.
-    given
-        (P, 3) each: irradiance by the sky and by the sun, lx, and what lamps give off, lm/m2.
-    points
-        (P, K, 3): places from which ``shots`` are aimed at what is sunlit and at lamps.
-
-    Raises
-    ------
-    NoBalanceError
-        It never settles: what is given off is not absorbed.
+    ``links``: what the patches' rays met.
+    ``given`` (P, 3) each: irradiance by the sky and by the sun, lx, and what lamps give off, lm/m2.
+    ``points`` (P, K, 3): places from which ``shots`` are aimed at what is sunlit and at lamps.
+    Raises `NoBalanceError`: it never settles: what is given off is not absorbed.
     """
     sky, sun, lamps = given
     bright = BrightPatches.of(stage, stage.albedo * sun + lamps)
