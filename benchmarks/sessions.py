@@ -92,9 +92,19 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
     for stop, shutter_s in enumerate(taken.stops_s):
         moment = taken.begun + timedelta(seconds=10 + 2 * (len(taken.stops_s) - stop))
         request = ShotRequest(
-            shutter_s, usual.iso, usual.f_number, 6500, wide, high, moment.replace(tzinfo=None), stop + 1, maker, model,
-            "1001", "1.0",
-        )  # fmt: skip
+            shutter_s,
+            usual.iso,
+            usual.f_number,
+            6500,
+            wide,
+            high,
+            moment.replace(tzinfo=None),
+            stop + 1,
+            maker,
+            model,
+            "1001",
+            "1.0",
+        )
         data = shots.jpeg(request)
         name = f"{side.value}/{stop:02d}.jpg"
         (path / name).write_bytes(data)

@@ -1,6 +1,6 @@
-"""THE table of stages: what is done with a session, in which order, and from what.
+"""The table of stages, ``pipeline.toml``: what is done with a session, in which order, and from what.
 
-Adding a stage is adding a row here, a class in `processing.stages.parameters` and a module in `processing.stages`
+Adding a stage is adding a row there, a class in `processing.stages.parameters` and a module in `processing.stages`
 (docs/reference/pipeline.md shows one). Functions and models are named as "module:name" and imported only when they are
 used, so that this table costs nothing. The options of the command line follow from a stage's parameters.
 Whatever can change a stage's result is in its row: the runner makes the fingerprint of it, and lets the stage see no
@@ -10,7 +10,10 @@ more of the session than that.
 from __future__ import annotations
 
 import importlib
+import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from processing.errors import ParameterError
@@ -79,120 +82,22 @@ class Stage:
         return {option.flag: option for option in options_of(self.model)}
 
 
-NETWORK = ("segmentation/room_network.onnx", "segmentation/room_network.json")
-STILLS = range(1, 13)
-STAGED = tuple(f"staged-{k}" for k in range(1, 8))
+def _artifacts(row: dict[str, Any]) -> Iterator[Artifact]:
+    """Yield the artifact of a row, or the ``count`` ones that it stands for."""
+    numbered = row.pop("count", 0)
+    for number in range(1, numbered + 1) if numbered else ("",):
+        fields: dict[str, Any] = {key: v.format(number) if isinstance(v, str) else v for key, v in row.items()}
+        yield Artifact(**fields)
 
-STAGES: tuple[Stage, ...] = (
-    Stage("verify", 1, "check session", "processing.stages.verify:run", reads=("folder",)),
-    Stage(
-        "merge", 5, "merge brackets", "processing.stages.merge:run", ("verify",),
-        reads=("frames", "devices", "rig", "panorama"),
-        makes=(
-            Artifact("indoor", "picture", True), Artifact("outdoor", "picture", True), Artifact("response", "json"),
-        ),
-        parameters="processing.stages.parameters:MergeParameters", skip_rule="processing.stages.merge:nothing_to_merge",
-        trades=("quality", "max_error"), draft_is_standard=True,
-    ),
-    Stage(
-        "calibrate", 5, "calibrate to cd/m2", "processing.stages.calibrate:run", ("merge",),
-        reads=("site", "heading_rad", "target", "readings", "frames", "devices", "rig", "panorama"),
-        makes=(
-            Artifact("indoor", "picture", True), Artifact("outdoor", "picture", True), Artifact("calibration", "json"),
-        ),
-        parameters="processing.stages.parameters:CalibrateParameters",
-    ),
-    Stage(
-        "room", 6, "estimate room layout", "processing.stages.room:run", ("calibrate",), NETWORK,
-        reads=("camera_height_m", "site", "heading_rad", "frames"),
-        makes=(
-            Artifact("panorama", "picture", True),
-            Artifact("room", "json", True, model="processing.ground.room_model:RoomModel"),
-            Artifact("evidence", "file", True, "evidence.npz"),
-        ),
-        parameters="processing.stages.parameters:RoomParameters", trades=("quality",), draft_is_standard=True,
-    ),
-    Stage(
-        "figures", 3, "compute light figures", "processing.stages.figures:run", ("calibrate", "room"),
-        reads=("heading_rad", "camera_height_m", "readings"), makes=(Artifact("light_figures", "json"),),
-    ),
-    Stage(
-        "detect", 12, "detect furniture and sunlight", "processing.stages.detect:run", ("calibrate", "room"), NETWORK,
-        reads=("site", "heading_rad", "frames"),
-        makes=(
-            Artifact("target", "mask", fits="processing.stages.upright:check_mask_size"),
-            *(Artifact(name, "mask", True) for name in ("furniture", "tripod", "sunlight", "shadow")),
-        ),
-        parameters="processing.stages.parameters:DetectParameters",
-        skip_rule="processing.stages.detect:nothing_to_go_by", trades=("quality",), draft_is_standard=True,
-    ),
-    Stage(
-        "light", 3, "estimate light without furniture", "processing.stages.light:run", ("calibrate", "room", "detect"),
-        reads=("heading_rad",),
-        makes=(Artifact("shade", "file", file_name="shade.npz"), Artifact("scene", "file", file_name="scene.npz")),
-        parameters="processing.stages.parameters:LightParameters", skip_rule="processing.stages.light:nothing_to_lift",
-        trades=("quality",),
-    ),
-    Stage(
-        "remove", 9, "remove furniture", "processing.stages.remove:run", ("calibrate", "room", "detect", "light"),
-        makes=(
-            Artifact("empty", "picture"), Artifact("filled", "mask"), Artifact("lift", "file", True, "lift.npz"),
-            Artifact("surfaces", "file", file_name="surfaces.npz"),
-        ),
-        parameters="processing.stages.parameters:RemoveParameters",
-        skip_rule="processing.stages.remove:nothing_to_remove", trades=("quality",),
-    ),
-    Stage(
-        "materials", 5, "estimate materials", "processing.stages.materials:run",
-        ("calibrate", "room", "detect", "light", "remove"), reads=("heading_rad",),
-        makes=(Artifact("materials", "json"), Artifact("scene", "file", file_name="scene.npz")),
-        parameters="processing.stages.parameters:MaterialsParameters",
-        skip_rule="processing.stages.materials:nothing_to_stage", trades=("quality",),
-    ),
-    Stage(
-        "arrange", 6, "arrange furniture", "processing.stages.arrange:run", ("room",), reads=("name",),
-        makes=(
-            Artifact(
-                "arrangement", "json", True, model="processing.layout.arrangement:Arrangements",
-                fits="processing.stages.arrange:judged",
-            ),
-            Artifact("contact-sheet", "file", True, "contact-sheet.png"),
-            *(Artifact(f"plan-{k}", "file", True, f"plan-{k}.svg") for k in range(1, 8)),
-        ),
-        parameters="processing.stages.parameters:ArrangeParameters",
-        skip_rule="processing.stages.arrange:nothing_to_arrange",
-    ),
-    Stage(
-        "render", 7, "render staged room", "processing.stages.render:run",
-        ("calibrate", "room", "detect", "light", "remove", "materials", "arrange"),
-        makes=(
-            *(Artifact(name, "picture", True) for name in STAGED),
-            *(Artifact(f"{name}-model", "file", True, f"{name}.glb") for name in STAGED), Artifact("staged", "json"),
-        ),
-        parameters="processing.stages.parameters:RenderParameters",
-        skip_rule="processing.stages.render:nothing_to_render", trades=("quality", "max_error", "time_budget"),
-    ),
-    Stage(
-        "stills", 3, "frame stills", "processing.report.stills:run",
-        ("calibrate", "room", "remove", "arrange", "render"), reads=("name",),
-        makes=(
-            Artifact("display", "json"), Artifact("stills", "json"),
-            *(Artifact(f"still-{k}", "file", True, f"still-{k}.jpg") for k in STILLS),
-            *(Artifact(f"still-{k}-original", "file", True, f"still-{k}-original.jpg") for k in STILLS),
-            *(Artifact(f"still-{k}-light", "file", True, f"still-{k}-light.exr") for k in STILLS),
-        ),
-        parameters="processing.stages.parameters:StillsParameters", skip_rule="processing.report.stills:no_panorama",
-    ),
-    Stage(
-        "report", 7, "write report", "processing.report.stage:run",
-        ("verify", "merge", "calibrate", "room", "figures", "detect", "light", "remove", "materials", "arrange",
-         "render", "stills"), ("report/static/viewer.js",),
-        reads=("name", "site", "frames", "devices", "relight"),
-        makes=(Artifact("page", "file", file_name="index.html"), Artifact("lab", "file", file_name="lab.html")),
-        parameters="processing.stages.parameters:ReportParameters",
-    ),
-)  # fmt: skip
-"""A row: name, version, title, function, what it needs, files of the program, then by name."""
+
+def _stage(row: dict[str, Any]) -> Stage:
+    makes = tuple(artifact for one in row.pop("makes", ()) for artifact in _artifacts(one))
+    fields: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in row.items()}
+    return Stage(**fields, makes=makes)
+
+
+_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+STAGES: tuple[Stage, ...] = tuple(map(_stage, _TABLE["stage"]))
 
 
 def resolve(reference: str) -> Any:

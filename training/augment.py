@@ -81,8 +81,10 @@ def stretched(made: Lesson, factors: Tensor, direction_rad: Tensor) -> Lesson:
     reach = drawn(made.reach[:, None], "nearest")[:, 0] - torch.log(torch.hypot(x, y))
     there, nearer = sources(made.floor_rad.shape[1])
     columned = [
-        _columns(made.ceiling_rad, there, nearer), _columns(made.floor_rad, there, nearer), _columns(made.corner, there)
-    ]  # fmt: skip
+        _columns(made.ceiling_rad, there, nearer),
+        _columns(made.floor_rad, there, nearer),
+        _columns(made.corner, there),
+    ]
     return Lesson(drawn(made.picture, "bilinear"), label, reach, *columned)
 
 

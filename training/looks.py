@@ -272,10 +272,14 @@ def add_foot(light: Tensor, label: Tensor, eye_m: Tensor, chance: Chance) -> tup
     below = light[:, -rows // 8 :].mean(dim=(1, 2))
     tone_kind = _wide(chance.uniform(0, 1), 1)
     odd = (_wide(chance.uniform(0, 2), 1) * (1 + 0.4 * chance.normal(3))).abs()
-    tone = torch.where(
-        tone_kind < 0.6, _wide(chance.uniform(0, 0.25), 1),
-        torch.where(tone_kind < 0.8, _wide(chance.uniform(0.6, 1.4), 1), odd),
-    ) * below  # fmt: skip
+    tone = (
+        torch.where(
+            tone_kind < 0.6,
+            _wide(chance.uniform(0, 0.25), 1),
+            torch.where(tone_kind < 0.8, _wide(chance.uniform(0.6, 1.4), 1), odd),
+        )
+        * below
+    )
     waves = _wide(chance.uniform(1, 7).floor(), 2)
     shade = 1 + _wide(chance.uniform(0, 0.5), 2) * torch.sin(turn * waves + _wide(phase[:, 1], 2))
     foot = tone[:, None, None] * shade.clamp(min=0)[..., None]

@@ -93,10 +93,12 @@ class Columns(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.fold = nn.Sequential(
-            nn.Conv2d(FIRST, 48, (4, 1), (4, 1)), nn.ReLU(),
-            nn.Conv2d(48, 80, (4, 1), (4, 1)), nn.ReLU(),
+            nn.Conv2d(FIRST, 48, (4, 1), (4, 1)),
+            nn.ReLU(),
+            nn.Conv2d(48, 80, (4, 1), (4, 1)),
+            nn.ReLU(),
             nn.Conv2d(80, COLUMN, (HEIGHT // 32, 1)),
-        )  # fmt: skip
+        )
         self.deep = nn.Conv2d(DEEP, COLUMN, (HEIGHT // 16, 1))
         self.edges = nn.Conv1d(2, COLUMN, 1)
         self.rings = nn.Sequential(*(Ring(COLUMN, d) for d in (1, 2, 4, 8, 16, 32, 8, 2, 1)))

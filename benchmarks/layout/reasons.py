@@ -134,8 +134,9 @@ def _free_poses(plan: FloorPlan) -> Poses:
 def _boxes(poses: Poses, size_m: Sequence[float], rect: tuple[float, ...] | None = None) -> np.ndarray:
     """Return polygons of rectangles of the piece's frame (its footprint) at poses, a skin smaller."""
     x0, x1, y0, y1 = rect or (-size_m[0] / 2, size_m[0] / 2, -size_m[1] / 2, size_m[1] / 2)
-    local = np.array([[x0 + SKIN_M, y0 + SKIN_M], [x1 - SKIN_M, y0 + SKIN_M], [x1 - SKIN_M, y1 - SKIN_M],
-                      [x0 + SKIN_M, y1 - SKIN_M]])  # fmt: skip
+    local = np.array(
+        [[x0 + SKIN_M, y0 + SKIN_M], [x1 - SKIN_M, y0 + SKIN_M], [x1 - SKIN_M, y1 - SKIN_M], [x0 + SKIN_M, y1 - SKIN_M]]
+    )
     c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
     corners = np.stack([local[:, 0] * c - local[:, 1] * s, local[:, 0] * s + local[:, 1] * c], axis=2)
     return np.asarray(shapely.polygons(corners + poses[:, None, :2]))

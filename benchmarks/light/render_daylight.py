@@ -28,8 +28,11 @@ def daylight(samples: int, seed: int) -> dict[str, float]:
     worst: dict[str, float] = {}
     for sky in SKIES.values():
         level = GROUND / math.pi * _analytic.open_ground_lux(sky)
-        outdoors = sky_outdoors(lambda rays, sky=sky: np.repeat(sky(rays[..., 2:]), 3, axis=-1), rows=1024,  # type: ignore[misc]
-                                ground_albedo=GROUND)  # fmt: skip
+        outdoors = sky_outdoors(
+            lambda rays, sky=sky: np.repeat(sky(rays[..., 2:]), 3, axis=-1),
+            rows=1024,  # type: ignore[misc]
+            ground_albedo=GROUND,
+        )
         for name, opening, points in _openings():
             for sheets in (0, 1):
                 key = f"{name}_{'glazed' if sheets else 'unglazed'}"
@@ -68,9 +71,12 @@ def _errors(
         many = np.tile(np.float32([[place]]), (200, 1, 1))
         found = skylight(stage, many, np.tile(np.float32([facing]), (200, 1)), samples, (seed, 17)).mean()
         wanted = _analytic.through_opening_lux(
-            place, facing, opening, lambda sine: np.where(sine > 0, sky(np.maximum(sine, 0)), ground),
+            place,
+            facing,
+            opening,
+            lambda sine: np.where(sine > 0, sky(np.maximum(sine, 0)), ground),
             _glass if sheets else np.ones_like,
-        )  # fmt: skip
+        )
         worst = max(worst, 100 * (found / wanted - 1), key=abs)
     return worst
 

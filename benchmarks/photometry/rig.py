@@ -196,9 +196,12 @@ def _true_lux(world: World) -> float:
     height = (np.arange(rows) + 0.5) / rows
     turn = (np.arange(columns) + 0.5) / columns * 2 * math.pi
     flat = np.sqrt(1 - height**2)
-    ways = np.stack(np.broadcast_arrays(
-        flat[:, None] * np.sin(turn), flat[:, None] * np.cos(turn), height[:, None] * np.ones_like(turn)
-    ), axis=-1).astype(np.float32)  # fmt: skip
+    ways = np.stack(
+        np.broadcast_arrays(
+            flat[:, None] * np.sin(turn), flat[:, None] * np.cos(turn), height[:, None] * np.ones_like(turn)
+        ),
+        axis=-1,
+    ).astype(np.float32)
     level = luminance_cd_m2(world.radiance(Site.OUTDOOR, ways)).astype(np.float64)
     total = float((level * height[:, None]).mean()) * 2 * math.pi
     for disc in world.discs(Site.OUTDOOR):

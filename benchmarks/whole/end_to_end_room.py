@@ -73,8 +73,9 @@ def _true_part(part: Part, number: int) -> TruePart:
         colour = colour * look.texture.reshape(-1, look.texture.shape[-1])[:, :3].mean(axis=0, dtype=np.float64)
     red, green, blue = (float(v) for v in np.clip(colour, LEAST_ALBEDO, MOST_ALBEDO))
     roughness = look.roughness if look.roughness is not None and look.roughness < MATTE else None
-    return TruePart(mesh, Material(part.name, (red, green, blue), roughness=roughness), "staged", _CHAIR,
-                    Role.FURNITURE, number)  # fmt: skip
+    return TruePart(
+        mesh, Material(part.name, (red, green, blue), roughness=roughness), "staged", _CHAIR, Role.FURNITURE, number
+    )
 
 
 def staged_luminance(room: StagedRoom, quality: str, rows: int, samples: int = 2) -> Floats:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from enum import IntEnum
+from importlib.resources import files
 
 # As lsusb lists a 5D Mark II (libgphoto2 camlibs/ptp2).
 USB_ID = (0x04A9, 0x3199)
@@ -126,31 +128,19 @@ DESTINATION_PC = 4
 2 on those with SD (lists of a 5D Mark III and a 60D)."""
 LIST_FORM = 3  # the list of allowed values, as in the recordings
 
-SHUTTER_CODES: dict[int, float] = {
-    0x10: 30, 0x13: 25, 0x15: 20, 0x18: 15, 0x1B: 13, 0x1D: 10, 0x20: 8, 0x23: 6, 0x25: 5, 0x28: 4, 0x2B: 3.2,
-    0x2D: 2.5, 0x30: 2, 0x33: 1.6, 0x35: 1.3, 0x38: 1, 0x3B: 0.8, 0x3D: 0.6, 0x40: 0.5, 0x43: 0.4, 0x45: 0.3,
-    0x48: 1 / 4, 0x4B: 1 / 5, 0x4D: 1 / 6, 0x50: 1 / 8, 0x53: 1 / 10, 0x55: 1 / 13, 0x58: 1 / 15, 0x5B: 1 / 20,
-    0x5D: 1 / 25, 0x60: 1 / 30, 0x63: 1 / 40, 0x65: 1 / 50, 0x68: 1 / 60, 0x6B: 1 / 80, 0x6D: 1 / 100,
-    0x70: 1 / 125, 0x73: 1 / 160, 0x75: 1 / 200, 0x78: 1 / 250, 0x7B: 1 / 320, 0x7D: 1 / 400, 0x80: 1 / 500,
-    0x83: 1 / 640, 0x85: 1 / 800, 0x88: 1 / 1000, 0x8B: 1 / 1250, 0x8D: 1 / 1600, 0x90: 1 / 2000, 0x93: 1 / 2500,
-    0x95: 1 / 3200, 0x98: 1 / 4000, 0x9B: 1 / 5000, 0x9D: 1 / 6400, 0xA0: 1 / 8000,
-}  # fmt: skip
-"""Shutter code -> nominal seconds, third-stop list; code = 38h + 8 log2(1/t). The 1/2-stop list: below."""
+_TABLES = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
 
-SHUTTER_CODES_HALF: dict[int, float] = {
-    0x14: 20, 0x1C: 10, 0x24: 6, 0x2C: 3, 0x34: 1.5, 0x3C: 0.7, 0x64: 1 / 45, 0x6C: 1 / 90, 0x74: 1 / 180,
-    0x7C: 1 / 350, 0x84: 1 / 750, 0x8C: 1 / 1500, 0x94: 1 / 3000, 0x9C: 1 / 6000,
-}  # fmt: skip
 
-ISO_CODES: dict[int, int] = {
-    0x40: 50, 0x48: 100, 0x4B: 125, 0x4D: 160, 0x50: 200, 0x53: 250, 0x55: 320, 0x58: 400, 0x5B: 500, 0x5D: 640,
-    0x60: 800, 0x63: 1000, 0x65: 1250, 0x68: 1600, 0x70: 3200, 0x78: 6400, 0x80: 12800, 0x88: 25600,
-}  # fmt: skip
+def _table(name: str) -> dict[int, float]:
+    """Return a table of ``codes.toml`` by code; "1/60" is a sixtieth."""
+    return {int(code, 16): 1 / int(v[2:]) if isinstance(v, str) else v for code, v in _TABLES[name].items()}
 
-APERTURE_CODES: dict[int, float] = {
-    0x20: 2.8, 0x23: 3.2, 0x25: 3.5, 0x28: 4, 0x2B: 4.5, 0x2D: 5, 0x30: 5.6, 0x33: 6.3, 0x35: 7.1, 0x38: 8,
-    0x3B: 9, 0x3D: 10, 0x40: 11, 0x43: 13, 0x45: 14, 0x48: 16, 0x4B: 18, 0x4D: 20, 0x50: 22, 0x58: 32,
-}  # fmt: skip
+
+SHUTTER_CODES = _table("shutter_thirds")
+"""Shutter code -> nominal seconds, third-stop list; code = 38h + 8 log2(1/t)."""
+SHUTTER_CODES_HALF = _table("shutter_halves")
+ISO_CODES = {code: int(iso) for code, iso in _table("iso").items()}
+APERTURE_CODES = _table("aperture")
 
 # Codes of an image-format entry (libgphoto2 camlibs/ptp2).
 IMAGE_TYPE_JPEG = 1

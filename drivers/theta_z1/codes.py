@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from enum import IntEnum
+from importlib.resources import files
 
 # As lsusb and DeviceInfo of a Theta Z1 give them.
 USB_ID = (0x05CA, 0x036D)
@@ -50,33 +52,12 @@ F_NUMBER_TIMES_100 = {0: "auto", 210: "2.1", 350: "3.5", 560: "5.6"}
 F_NUMBER_INDEX = {0: "auto", 1: "2.1", 2: "3.5", 3: "5.6"}
 """The two encodings that sources disagree about (devices.md 2.6); the driver asks the camera which it uses."""
 
-ISO_VALUES = (
-    80, 100, 125, 160, 200, 250, 320, 400, 500, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400,
-)  # fmt: skip
+_TABLES = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
+ISO_VALUES: tuple[int, ...] = tuple(_TABLES["iso"])
 ISO_AUTO = 0xFFFF  # Ricoh's USB API
 
-SHUTTER_FRACTIONS: tuple[tuple[int, int], ...] = (
-    (60, 1), (30, 1), (25, 1), (20, 1), (15, 1), (13, 1), (10, 1), (8, 1), (6, 1), (5, 1), (4, 1),
-    (32, 10), (25, 10), (2, 1), (16, 10), (13, 10), (1, 1), (10, 13), (10, 16), (1, 2), (10, 25),
-    (1, 3), (1, 4), (1, 5), (1, 6), (1, 8), (1, 10), (1, 13), (1, 15), (1, 20), (1, 25), (1, 30), (1, 40),
-    (1, 50), (1, 60), (1, 80), (1, 100), (1, 125), (1, 160), (1, 200), (1, 250), (1, 320), (1, 400), (1, 500),
-    (1, 640), (1, 800), (1, 1000), (1, 1250), (1, 1600), (1, 2000), (1, 2500), (1, 3200), (1, 4000), (1, 5000),
-    (1, 6400), (1, 8000), (1, 10000), (1, 12500), (1, 16000), (1, 20000), (1, 25000),
-)  # fmt: skip
+SHUTTER_FRACTIONS: tuple[tuple[int, int], ...] = tuple((above, below) for above, below in _TABLES["shutter"])
 """Legal (numerator, denominator) in manual mode, longest first; on the wire LE32 numerator, LE32 denominator."""
 
-ERROR_INFO_BITS: dict[int, tuple[str, bool]] = {
-    0x00000001: ("no free memory", False),
-    0x00000004: ("too many files", False),
-    0x00000008: ("clock not set", True),
-    0x00000010: ("compass error", True),
-    0x00000800: ("plug-in boot error", True),
-    0x00100000: ("temperature warning", True),
-    0x00200000: ("battery temperature", False),
-    0x00400000: ("shooting hardware failure", False),
-    0x08000000: ("internal memory failure", False),
-    0x20000000: ("miscellaneous failure", False),
-    0x40000000: ("charging fault", False),
-    0x80000000: ("board temperature error", False),
-}
+ERROR_INFO_BITS = {int(bit, 16): (str(text), bool(usable)) for bit, (text, usable) in _TABLES["error_info"].items()}
 """Bit of ErrorInfo -> (meaning, whether the camera can still shoot)."""

@@ -7,9 +7,11 @@ as events), the nth **shot**, or the nth **setting** written (any, or of one pro
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from importlib.resources import files
 from typing import Self
 
 
@@ -73,47 +75,9 @@ class FaultKind(StrEnum):
     LATE_PICTURE = "late_picture"
 
 
-NEVER = -1.0
-"""``replug_after_s`` of a camera that stays away."""
-
 _KINDS: dict[FaultKind, tuple[Moment, dict[str, float | str]]] = {
-    FaultKind.UNPLUG: (Moment.OPERATION, {"replug_after_s": NEVER}),
-    FaultKind.STALL: (Moment.OPERATION, {"afterwards": "resume"}),
-    FaultKind.NO_ANSWER: (Moment.OPERATION, {"until": "next"}),
-    FaultKind.LATE_ANSWER: (Moment.OPERATION, {}),
-    FaultKind.SHORT_DATA: (Moment.OPERATION, {"missing_bytes": 1}),
-    FaultKind.OVERSIZE_LENGTH: (Moment.OPERATION, {"extra_bytes": 64}),
-    FaultKind.UNKNOWN_LENGTH: (Moment.OPERATION, {}),
-    FaultKind.WRONG_TRANSACTION_ID: (Moment.OPERATION, {"offset": 1}),
-    FaultKind.WRONG_CODE: (Moment.OPERATION, {"code": 0x2FFF}),
-    FaultKind.WRONG_TYPE: (Moment.OPERATION, {"type": 4}),
-    FaultKind.DUPLICATE_RESPONSE: (Moment.OPERATION, {}),
-    FaultKind.RESPONSE_BEFORE_DATA: (Moment.OPERATION, {}),
-    FaultKind.MISSING_ZLP: (Moment.OPERATION, {}),
-    FaultKind.SPLIT_HEADER: (Moment.OPERATION, {}),
-    FaultKind.GARBAGE: (Moment.OPERATION, {"count": 16}),
-    FaultKind.BUSY: (Moment.OPERATION, {}),
-    FaultKind.HELD_UP: (Moment.OPERATION, {"delay_s": 20.0}),
-    FaultKind.ACCESS_DENIED: (Moment.OPERATION, {}),
-    FaultKind.SESSION_ALREADY_OPEN: (Moment.OPERATION, {}),
-    FaultKind.STORE_FULL: (Moment.OPERATION, {"for_operations": 0}),
-    FaultKind.STORE_READ_ONLY: (Moment.OPERATION, {"for_operations": 0}),
-    FaultKind.NO_STORAGE: (Moment.OPERATION, {"for_operations": 0}),
-    FaultKind.BATTERY_LOW: (Moment.OPERATION, {"for_operations": 0, "percent": 3}),
-    FaultKind.CLOCK_OFFSET: (Moment.OPERATION, {"for_operations": 0, "offset_s": 3600.0}),
-    FaultKind.ASLEEP: (Moment.OPERATION, {}),
-    FaultKind.AUTOFOCUS: (Moment.OPERATION, {"for_operations": 0, "finds": 0}),
-    FaultKind.SLOW_TRANSFER: (Moment.OPERATION, {"for_operations": 0, "factor": 20.0}),
-    FaultKind.LOST_EVENT: (Moment.EVENT, {}),
-    FaultKind.DUPLICATE_EVENT: (Moment.EVENT, {}),
-    FaultKind.OTHER_OBJECT_EVENT: (Moment.EVENT, {"offset": 1000}),
-    FaultKind.REORDERED_EVENT: (Moment.EVENT, {"hold_s": 0.5}),
-    FaultKind.SETTING_NOT_TAKEN: (Moment.SETTING, {}),
-    FaultKind.WRONG_EXPOSURE: (Moment.SHOT, {"factor": 4.0}),
-    FaultKind.BLACK_FRAME: (Moment.SHOT, {}),
-    FaultKind.REPEATED_FRAME: (Moment.SHOT, {}),
-    FaultKind.TRUNCATED_JPEG: (Moment.SHOT, {"fraction": 0.6}),
-    FaultKind.LATE_PICTURE: (Moment.SHOT, {"delay_s": 60.0}),
+    FaultKind(kind): (Moment(row.pop("moment")), row)
+    for kind, row in tomllib.loads((files(__package__) / "faults.toml").read_text("utf-8")).items()
 }
 CONDITIONS = frozenset(kind for kind, (_, defaults) in _KINDS.items() if "for_operations" in defaults)
 """Kinds that last (``for_operations`` operations, 0 = for ever) instead of happening once."""

@@ -153,8 +153,10 @@ def at_pane(plan: RoomPlan, point: Floats, direction: Floats) -> tuple[Floats, F
     inner = point + direction * ((plan.high[1] - point[:, 1]) / direction[:, 1])[:, None]
     way = (plan.high[1] + _WALL_M - point[:, 1]) / direction[:, 1]
     outer = point + direction * way[:, None]
-    opening, pane = (np.minimum(np.minimum(p[:, 0] - x0, x1 - p[:, 0]), np.minimum(p[:, 2] - z0, z1 - p[:, 2]))
-                     for p in (inner, outer))  # fmt: skip
+    opening, pane = (
+        np.minimum(np.minimum(p[:, 0] - x0, x1 - p[:, 0]), np.minimum(p[:, 2] - z0, z1 - p[:, 2]))
+        for p in (inner, outer)
+    )
     bar = np.abs(outer[:, 0] - (x0 + x1) / 2) - _FRAME_M / 2
     return np.where(opening > 0, np.minimum(pane - _FRAME_M, bar), -1.0).astype(np.float32), way
 

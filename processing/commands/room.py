@@ -23,9 +23,11 @@ ROOM_FILE = "room.json"
 )
 @click.option("--from", "start", type=FILE, help="With --edit: begin with this room.")
 @click.option(
-    "--import", "imported", type=click.Choice(["zind", "led2net", "horizonnet"]),
-    help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too)."
-)  # fmt: skip
+    "--import",
+    "imported",
+    type=click.Choice(["zind", "led2net", "horizonnet"]),
+    help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too).",
+)
 @click.option("--panorama", help="With --import zind: which picture's room.")
 @click.option("--around", is_flag=True, help="Estimate SESSION/room.json again, around what was placed by hand.")
 @click.option("--check", type=FILE, help="Say all that is wrong with a room's file.")

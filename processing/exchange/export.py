@@ -23,7 +23,7 @@ from processing.sphere import Equirectangular
 
 KINDS = ("jpeg", "hdr", "exr", "gltf")
 ROOM, SKY, EMPTY = "room", "sky", "empty"
-MOST_STAGED = 7  # as many as the pipeline makes (`pipeline.STAGED`)
+MOST_STAGED = 7  # as many as the pipeline makes (`pipeline.toml`)
 
 
 @dataclass

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from processing.errors import ItemError
+from processing.ground.tables import table_of
 from processing.layout.rules import RuleSet
 
 Side: TypeAlias = Literal["front", "back", "left", "right"]
@@ -145,20 +146,10 @@ _ALL = (
 
 KINDS: dict[str, ItemSpec] = {spec.category: spec for spec in _ALL}
 
-SETS: dict[str, str] = {
-    "bedroom": "bed, 2 nightstand, wardrobe, chest, desk, desk chair, plant",
-    "living": "sofa, armchair, coffee table, tv stand, tv, bookshelf, floor lamp, rug",
-    "dining": "dining table, 4 dining chair, chest, bookshelf, plant",
-    "office": "desk, desk chair, 2 bookshelf, armchair, chest, floor lamp, plant",
-}
+_TABLES = table_of(__package__, "items")
+SETS: dict[str, str] = _TABLES["sets"]
 
-OTHER_NAMES = {
-    "couch": "sofa", "double bed": "bed", "queen bed": "bed", "shelf": "bookshelf", "bookcase": "bookshelf",
-    "bedside table": "nightstand", "night stand": "nightstand", "closet": "wardrobe", "dresser": "chest",
-    "chest of drawers": "chest", "sideboard": "chest", "television": "tv", "tv cabinet": "tv stand",
-    "office chair": "desk chair", "chair": "dining chair", "table": "dining table", "carpet": "rug",
-    "lamp": "floor lamp",
-}  # fmt: skip
+OTHER_NAMES: dict[str, str] = _TABLES["other_names"]
 
 
 # Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.

@@ -285,6 +285,11 @@ def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
 
 
 _WAYS = {
-    "windows": _windows, "under": _under, "on": _on, "above": _above, "beside": _beside, "corner": _corner,
+    "windows": _windows,
+    "under": _under,
+    "on": _on,
+    "above": _above,
+    "beside": _beside,
+    "corner": _corner,
     "wall": _wall,
-}  # fmt: skip
+}

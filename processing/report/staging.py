@@ -55,11 +55,16 @@ def alternatives_section(
         if f"Staged {number}" in pictures
     ]
     drawn = [
-        Card(f"Plan {number}", plans[number], f"floor plan of alternative {number}", one.differs_by,
-             (Quantity("Score", round(one.score, 2), "of 1"),))
+        Card(
+            f"Plan {number}",
+            plans[number],
+            f"floor plan of alternative {number}",
+            one.differs_by,
+            (Quantity("Score", round(one.score, 2), "of 1"),),
+        )
         for number, one in enumerate(every, 1)
         if number in plans
-    ]  # fmt: skip
+    ]
     method = (staged or {}).get("method", "")
     text = f"Rules: {every[0].rule_set}."
     if method:

@@ -161,9 +161,12 @@ def scene_evidence(
     turns = TURNS_PX[quality]
     probabilities, columns, details = _run(network, _turned(picture, turns))
     return SceneEvidence(
-        _mean(probabilities, turns), network.name, _boundary(network, columns, turns), views_used=len(turns),
+        _mean(probabilities, turns),
+        network.name,
+        _boundary(network, columns, turns),
+        views_used=len(turns),
         reach=np.exp(_mean(details, turns)[1]),
-    )  # fmt: skip
+    )
 
 
 def _turned(picture: Floats, turns: tuple[int, ...]) -> Floats:

@@ -35,9 +35,15 @@ def compare(shot: Shot, before: FrameFacts, after: FrameFacts, file: str | None,
     ratio = statistics.median(ratios) if ratios else None
     moved = sum(abs(r / ratio - 1) > MOVED_FRAC for r in ratios) if ratio else 0
     return ReferenceRecord(
-        side=shot.side, stop=shot.stop, file=file, taken_utc=shot.released_utc, after_s=after_s,
-        ratio=ratio, patches=len(ratios), moved_patches=moved,
-    )  # fmt: skip
+        side=shot.side,
+        stop=shot.stop,
+        file=file,
+        taken_utc=shot.released_utc,
+        after_s=after_s,
+        ratio=ratio,
+        patches=len(ratios),
+        moved_patches=moved,
+    )
 
 
 def in_words(record: ReferenceRecord, limit_frac: float) -> str:

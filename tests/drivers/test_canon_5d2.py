@@ -51,10 +51,32 @@ POLLS_UNTIL_OVERDUE = 101
 """One each 50 ms for 5 s, after the two that let go of the button."""
 
 AE_MODE, FOCUS, DRIVE, FORMAT, WB, KELVIN, ISO, APERTURE, DESTINATION, SHUTTER, SHOTS = (
-    0xD105, 0xD108, 0xD106, 0xD120, 0xD109, 0xD10A, 0xD103, 0xD101, 0xD11C, 0xD102, 0xD11B,
-)  # fmt: skip
-BEFORE = {AE_MODE: 3, FOCUS: 3, DRIVE: 1, WB: 0, KELVIN: 5200, ISO: 0x48, APERTURE: 0x30, DESTINATION: 2,
-          SHUTTER: 0x60, SHOTS: 900, 0xD111: 2, 0xD113: CLOCK_S}  # fmt: skip
+    0xD105,
+    0xD108,
+    0xD106,
+    0xD120,
+    0xD109,
+    0xD10A,
+    0xD103,
+    0xD101,
+    0xD11C,
+    0xD102,
+    0xD11B,
+)
+BEFORE = {
+    AE_MODE: 3,
+    FOCUS: 3,
+    DRIVE: 1,
+    WB: 0,
+    KELVIN: 5200,
+    ISO: 0x48,
+    APERTURE: 0x30,
+    DESTINATION: 2,
+    SHUTTER: 0x60,
+    SHOTS: 900,
+    0xD111: 2,
+    0xD113: CLOCK_S,
+}
 """What the camera has before the bracket."""
 WANTED = {DRIVE: 0, FORMAT: JPEG_L, WB: 9, KELVIN: 6500, ISO: 0x50, APERTURE: 0x48, DESTINATION: 2}
 """The paper's settings in the order in which they are made."""
@@ -654,10 +676,16 @@ def test_everything_raises_typed_errors_before_connect() -> None:
     camera, transport = CanonDialogue().start()
     frame = FrameRef(1, "a", FrameFormat.JPEG, 1, 1)
     for call in (
-        camera.status, camera.arm, camera.release, camera.poll_exposure, camera.list_frames,
-        lambda: camera.prepare(PAPER), lambda: camera.set_shutter(1.0), lambda: camera.read_chunk(frame, 0, 1),
+        camera.status,
+        camera.arm,
+        camera.release,
+        camera.poll_exposure,
+        camera.list_frames,
+        lambda: camera.prepare(PAPER),
+        lambda: camera.set_shutter(1.0),
+        lambda: camera.read_chunk(frame, 0, 1),
         lambda: camera.delete(frame),
-    ):  # fmt: skip
+    ):
         with pytest.raises(DeviceError):
             call()
     camera.close()

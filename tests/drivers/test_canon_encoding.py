@@ -48,8 +48,17 @@ from drivers.canon_5d2.settings import (
 from drivers.errors import ProtocolViolationError
 
 END_OF_STREAM = bytes.fromhex("08000000 00000000")
-PAPER_STOPS = {4: 0x28, 1: 0x38, 1 / 4: 0x48, 1 / 15: 0x58, 1 / 60: 0x68, 1 / 250: 0x78, 1 / 1000: 0x88,
-               1 / 4000: 0x98, 1 / 8000: 0xA0}  # fmt: skip
+PAPER_STOPS = {
+    4: 0x28,
+    1: 0x38,
+    1 / 4: 0x48,
+    1 / 15: 0x58,
+    1 / 60: 0x68,
+    1 / 250: 0x78,
+    1 / 1000: 0x88,
+    1 / 4000: 0x98,
+    1 / 8000: 0xA0,
+}
 
 VALUE_60 = bytes.fromhex("10000000 89c10000 02d10000 68000000")
 LIST_TWO = bytes.fromhex("1c000000 8ac10000 02d10000 03000000 02000000 28000000 38000000")
@@ -157,10 +166,20 @@ def test_list_of_image_formats() -> None:
         END_OF_STREAM + VALUE_60,
     ],
     ids=[
-        "nothing", "no end", "end cut", "size 7", "size huge", "size 0", "short value", "count huge", "list short",
-        "formats huge", "name open", "after the end",
+        "nothing",
+        "no end",
+        "end cut",
+        "size 7",
+        "size huge",
+        "size 0",
+        "short value",
+        "count huge",
+        "list short",
+        "formats huge",
+        "name open",
+        "after the end",
     ],
-)  # fmt: skip
+)
 def test_malformed_streams_are_refused(stream: bytes) -> None:
     with pytest.raises(ProtocolViolationError):
         decode_events(stream)

@@ -11,8 +11,17 @@ from hypothesis import strategies as st
 from drivers.theta_z1.codes import ERROR_INFO_BITS, SHUTTER_FRACTIONS
 from drivers.theta_z1.settings import Fraction32, error_texts, f_number_code, f_number_codes, nearest_shutter
 
-PAPER_STOPS = {4: (4, 1), 1: (1, 1), 1 / 4: (1, 4), 1 / 15: (1, 15), 1 / 60: (1, 60), 1 / 250: (1, 250),
-               1 / 1000: (1, 1000), 1 / 4000: (1, 4000), 1 / 8000: (1, 8000)}  # fmt: skip
+PAPER_STOPS = {
+    4: (4, 1),
+    1: (1, 1),
+    1 / 4: (1, 4),
+    1 / 15: (1, 15),
+    1 / 60: (1, 60),
+    1 / 250: (1, 250),
+    1 / 1000: (1, 1000),
+    1 / 4000: (1, 4000),
+    1 / 8000: (1, 8000),
+}
 LEGAL = tuple(Fraction32(*pair) for pair in SHUTTER_FRACTIONS)
 
 

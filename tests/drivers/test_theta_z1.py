@@ -40,11 +40,46 @@ OPERATIONS = (
     0x1016,
     0x101B,
 )
-PROPERTIES = (0x5001, 0x5002, 0x5003, 0x5005, 0x5007, 0x500E, 0x500F, 0x5011, 0x5012, 0x5013, 0xD006, 0xD00F, 0xD803,
-              0xD808, 0xD80B, 0xD80E, 0xD813, 0xD81B, 0xD824, 0xD825, 0xD827, 0xD834, 0xD83E)  # fmt: skip
+PROPERTIES = (
+    0x5001,
+    0x5002,
+    0x5003,
+    0x5005,
+    0x5007,
+    0x500E,
+    0x500F,
+    0x5011,
+    0x5012,
+    0x5013,
+    0xD006,
+    0xD00F,
+    0xD803,
+    0xD808,
+    0xD80B,
+    0xD80E,
+    0xD813,
+    0xD81B,
+    0xD824,
+    0xD825,
+    0xD827,
+    0xD834,
+    0xD83E,
+)
 TEXTS = ("Ricoh Company, Ltd.", "RICOH THETA Z1", "2.20.3", "10012345")
-LENGTHS = {0x5001: "B", 0xD808: "B", 0xD80B: "B", 0xD80E: "B", 0xD824: "B", 0xD825: "B", 0xD827: "B", 0xD83E: "B",
-           0x5012: "I", 0xD006: "I", 0xD81B: "I", 0xD00F: "Q"}  # fmt: skip
+LENGTHS = {
+    0x5001: "B",
+    0xD808: "B",
+    0xD80B: "B",
+    0xD80E: "B",
+    0xD824: "B",
+    0xD825: "B",
+    0xD827: "B",
+    0xD83E: "B",
+    0x5012: "I",
+    0xD006: "I",
+    0xD81B: "I",
+    0xD00F: "Q",
+}
 """Properties that are no u16."""
 PAPER = CameraSettings(iso=100, f_number=5.6, color_temperature_k=6500, width_px=6720, height_px=3360)
 FRACTIONS = [(n, d) for n, d in [(4, 1), (1, 1), (1, 4), (1, 15), (1, 60), (1, 250), (1, 8000)]]
@@ -508,10 +543,17 @@ def test_everything_raises_typed_errors_before_connect(start: Start) -> None:
     camera, transport = start(ThetaDialogue())
     frame = FrameRef(1, "a", FrameFormat.JPEG, 1)
     for call in (
-        camera.status, camera.arm, camera.release, camera.poll_exposure, camera.keep_alive, camera.list_frames,
-        lambda: camera.prepare(PAPER), lambda: camera.set_shutter(1.0), lambda: camera.read_chunk(frame, 0, 1),
+        camera.status,
+        camera.arm,
+        camera.release,
+        camera.poll_exposure,
+        camera.keep_alive,
+        camera.list_frames,
+        lambda: camera.prepare(PAPER),
+        lambda: camera.set_shutter(1.0),
+        lambda: camera.read_chunk(frame, 0, 1),
         lambda: camera.delete(frame),
-    ):  # fmt: skip
+    ):
         with pytest.raises(DeviceError):
             call()
     camera.close()

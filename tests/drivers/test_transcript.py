@@ -30,9 +30,14 @@ def test_a_camera_link_is_written_down(tmp_path: Path) -> None:
         link.close()
     entries = list(read_transcript(tmp_path / "t.jsonl"))
     assert [(e.way, e.data, e.error) for e in entries] == [
-        ("open", b"", ""), ("out", b"ask", ""), ("in", b"answer", ""), ("event", b"event", ""), ("out", b"more", ""),
-        ("in", b"", "DEV-005"), ("close", b"", ""),
-    ]  # fmt: skip
+        ("open", b"", ""),
+        ("out", b"ask", ""),
+        ("in", b"answer", ""),
+        ("event", b"event", ""),
+        ("out", b"more", ""),
+        ("in", b"", "DEV-005"),
+        ("close", b"", ""),
+    ]
     assert entries[1].t_s == 1.5
     assert {e.who for e in entries} == {"outdoor"}
 

@@ -118,9 +118,21 @@ def test_ctrl_c_ends_after_the_pair_and_says_how_to_go_on(tmp_path: Path) -> Non
 def test_adaptive_says_what_it_left_out(tmp_path: Path) -> None:
     world = "uniform:100"
     events = daylit(
-        "capture", "x", "--simulate", world, "--size", "small", "--bracket", "adaptive",
-        "--only", "indoor", "--no-meter", "--rate", "4", cwd=tmp_path,
-    )  # fmt: skip
+        "capture",
+        "x",
+        "--simulate",
+        world,
+        "--size",
+        "small",
+        "--bracket",
+        "adaptive",
+        "--only",
+        "indoor",
+        "--no-meter",
+        "--rate",
+        "4",
+        cwd=tmp_path,
+    )
     skipped = [e for e in events if e.get("event") == "skipped"]
     assert skipped
     assert all("any more" in e["reason"] for e in skipped)

@@ -191,9 +191,22 @@ def descriptors(backend: SimulatedUsbBackend) -> bytes:
     config = backend.get_configuration_descriptor(port, 0)
     interface = backend.get_interface_descriptor(port, 0, 0, 0)
     head = struct.pack(
-        "<BBHBBBBHHHBBBB", 18, 1, device.bcdUSB, 0, 0, 0, 64, device.idVendor, device.idProduct, device.bcdDevice,
-        device.iManufacturer, device.iProduct, device.iSerialNumber, 1,
-    )  # fmt: skip
+        "<BBHBBBBHHHBBBB",
+        18,
+        1,
+        device.bcdUSB,
+        0,
+        0,
+        0,
+        64,
+        device.idVendor,
+        device.idProduct,
+        device.bcdDevice,
+        device.iManufacturer,
+        device.iProduct,
+        device.iSerialNumber,
+        1,
+    )
     ids = (interface.bInterfaceClass, interface.bInterfaceSubClass, interface.bInterfaceProtocol)
     body = struct.pack("<BBHBBBBB", 9, 2, config.wTotalLength, 1, 1, 0, 0xC0, 50)
     body += struct.pack("<BBBBBBBBB", 9, 4, 0, 0, 3, *ids, 0)

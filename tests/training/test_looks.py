@@ -51,8 +51,9 @@ def test_pictures_of_a_view_have_its_labels_however_they_are_moved() -> None:
     for k in range(4):
         moved = view._replace(
             label=made.label[k].numpy().astype(np.uint8),
-            ceiling_rad=made.ceiling_rad[k].numpy(), floor_rad=made.floor_rad[k].numpy(),
-        )  # fmt: skip
+            ceiling_rad=made.ceiling_rad[k].numpy(),
+            floor_rad=made.floor_rad[k].numpy(),
+        )
         check_structure(moved, slack_px=1.6)
 
 

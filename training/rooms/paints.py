@@ -117,21 +117,55 @@ _WOODS = np.array(
 )
 OTHER = "other "
 """Before the kind of a paint of a room beyond, where that is not this room's own."""
-_WHITE = ("ceiling", "trim", "window frame", "radiator", "door", "blind", "board", "fitted", "hallway", "sheer",
-          "frosted")  # fmt: skip
+_WHITE = (
+    "ceiling",
+    "trim",
+    "window frame",
+    "radiator",
+    "door",
+    "blind",
+    "board",
+    "fitted",
+    "hallway",
+    "sheer",
+    "frosted",
+)
 _DARK = ("gap", "dark", "metal")
 _COATED = ("furniture", "quilt", "linen", "fixture", "curtain", "rug", "frame")
 _GROUP = {
-    "floor": "floor", "rug": "rug", "picture": "picture", "wood door": "wood", "curtain": "cloth",
-    "quilt": "", "linen": "", "ceiling": "plain",
-    "accent wall": "wall", "wall": "wall", "fitted": "wood", "furniture": "", "fixture": "", "worktop": "plain",
+    "floor": "floor",
+    "rug": "rug",
+    "picture": "picture",
+    "wood door": "wood",
+    "curtain": "cloth",
+    "quilt": "",
+    "linen": "",
+    "ceiling": "plain",
+    "accent wall": "wall",
+    "wall": "wall",
+    "fitted": "wood",
+    "furniture": "",
+    "fixture": "",
+    "worktop": "plain",
     "splash": "plain",
-}  # fmt: skip
+}
 _TEXTURED = {
-    "floor": 0.85, "rug": 0.9, "picture": 0.95, "wood door": 0.5, "curtain": 0.35, "wall": 0.12, "accent wall": 0.4,
-    "quilt": 0.65, "linen": 0.3, "ceiling": 0.06, "fitted": 0.4, "furniture": 0.28, "fixture": 0.1, "worktop": 0.4,
+    "floor": 0.85,
+    "rug": 0.9,
+    "picture": 0.95,
+    "wood door": 0.5,
+    "curtain": 0.35,
+    "wall": 0.12,
+    "accent wall": 0.4,
+    "quilt": 0.65,
+    "linen": 0.3,
+    "ceiling": 0.06,
+    "fitted": 0.4,
+    "furniture": 0.28,
+    "fixture": 0.1,
+    "worktop": 0.4,
     "splash": 0.6,
-}  # fmt: skip
+}
 
 
 _MIXED = (("cloth", "rug", "plain", "picture"), ("cloth", "wood", "plain"))

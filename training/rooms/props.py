@@ -16,8 +16,21 @@ from training.rooms.house import House
 from training.rooms.pieces import SMALL, Piece
 from training.rooms.soup import Frame
 
-_FREE = ("dining table", "coffee table", "dining chair", "chair", "swivel chair", "desk chair", "ottoman", "plant",
-         "box", "armchair", "basket", "stool", "heap")  # fmt: skip
+_FREE = (
+    "dining table",
+    "coffee table",
+    "dining chair",
+    "chair",
+    "swivel chair",
+    "desk chair",
+    "ottoman",
+    "plant",
+    "box",
+    "armchair",
+    "basket",
+    "stool",
+    "heap",
+)
 _FLAT = ("dining table", "coffee table", "side table", "nightstand", "chest", "dresser", "desk", "tv stand", "box")
 _BESIDE = {
     "bed": ("nightstand", "chest", "lamp", "floor lamp"),
@@ -138,8 +151,12 @@ def _beside(
                 side, shift = int(rng.choice([0, 0, 1, 3])), float(rng.uniform(-0.2, 0.2))
             close = -0.25 if "chair" in piece.kind or piece.kind == "stool" else float(rng.uniform(0.03, 0.4))
             reach = piece.size_m[1] / 2 + close
-            spot = ((shift * w, -d / 2 - reach), (w / 2 + reach, shift * d), (shift * w, d / 2 + reach),
-                    (-w / 2 - reach, shift * d))[side]  # fmt: skip
+            spot = (
+                (shift * w, -d / 2 - reach),
+                (w / 2 + reach, shift * d),
+                (shift * w, d / 2 + reach),
+                (-w / 2 - reach, shift * d),
+            )[side]
             own = turn + side * np.pi / 2 + rng.normal(0, 0.25)
             if anchor.kind in ("bed", "single bed"):
                 own = turn
@@ -183,5 +200,6 @@ def _rug(rng: np.random.Generator, house: House, room: Polygon) -> None:
     fan = np.stack([np.repeat(top[:1], len(top) - 2, axis=0), top[1:-1], top[2:]], axis=1)
     foot = top * (1.0, 1.0, 0.0)
     sides = np.stack([foot, np.roll(foot, -1, 0), np.roll(top, -1, 0)], axis=1)
-    house.soup.add(np.concatenate([fan, sides, np.stack([foot, np.roll(top, -1, 0), top], axis=1)]),
-                   SceneClass.FIXTURE, paint)  # fmt: skip
+    house.soup.add(
+        np.concatenate([fan, sides, np.stack([foot, np.roll(top, -1, 0), top], axis=1)]), SceneClass.FIXTURE, paint
+    )

@@ -137,13 +137,24 @@ def see(rng: np.random.Generator, stage: Stage, stand: Standpoint, tiles: list[T
     up, down = boundary_latitudes(stand.outline, stand.place, stand.eye_m, stand.ceiling_m, 2 * WIDTH_PX)
     half = np.float16
     return View(
-        label.reshape(shape).astype(np.uint8), paint.reshape(shape).astype(np.int16),
-        (distance + before * solid).reshape(shape).astype(half), np.round(points.normal * 127).astype(np.int8), sun,
+        label.reshape(shape).astype(np.uint8),
+        paint.reshape(shape).astype(np.int16),
+        (distance + before * solid).reshape(shape).astype(half),
+        np.round(points.normal * 127).astype(np.int8),
+        sun,
         _mirrored(stage, points, flat.reshape(*shape, 3), label.reshape(shape)),
-        _halves(light.sky), _halves(light.lamps), _halves(light.open_share), bounce.astype(np.int16),
-        suns, _coats(rng, stage, tiles), up, down, corner_likelihood(stand.outline, stand.place, 2 * WIDTH_PX),
-        np.array([stand.eye_m], np.float32), np.array([wall_direction_rad(down)], np.float32),
-    )  # fmt: skip
+        _halves(light.sky),
+        _halves(light.lamps),
+        _halves(light.open_share),
+        bounce.astype(np.int16),
+        suns,
+        _coats(rng, stage, tiles),
+        up,
+        down,
+        corner_likelihood(stand.outline, stand.place, 2 * WIDTH_PX),
+        np.array([stand.eye_m], np.float32),
+        np.array([wall_direction_rad(down)], np.float32),
+    )
 
 
 def _beyond(stage: Stage, eye: Doubles, rays: Floats, away: Flags) -> Flags:

@@ -122,11 +122,26 @@ _BY_SURFACE = {
     "meter board": SceneClass.TRIPOD,
 }
 _KIND = {
-    "floor": "floor", "ceiling": "ceiling", "cornice": "ceiling", "wall": "wall", "reveal": "wall",
-    "skirting": "trim", "window sill": "trim", "door frame": "trim", "window frame": "window frame",
-    "door": "door", "rug": "rug", "curtain": "curtain", "radiator": "radiator", "picture": "picture",
-    "tripod": "dark", "meter board": "board", "blind": "blind", "socket": "trim", "switch": "trim",
-}  # fmt: skip
+    "floor": "floor",
+    "ceiling": "ceiling",
+    "cornice": "ceiling",
+    "wall": "wall",
+    "reveal": "wall",
+    "skirting": "trim",
+    "window sill": "trim",
+    "door frame": "trim",
+    "window frame": "window frame",
+    "door": "door",
+    "rug": "rug",
+    "curtain": "curtain",
+    "radiator": "radiator",
+    "picture": "picture",
+    "tripod": "dark",
+    "meter board": "board",
+    "blind": "blind",
+    "socket": "trim",
+    "switch": "trim",
+}
 
 
 def class_of(part: Part) -> SceneClass:

@@ -201,9 +201,12 @@ def _fitted(rng: np.random.Generator, house: House, frame: Frame, start: float, 
         tall = soup.paint("metal") if rng.random() < 0.35 else front
         soup.box(frame, (start, 0.0, 0.06), (start + 0.6, deep + 0.02, high), SceneClass.FIXTURE, tall)
         soup.upright(
-            frame, (start, high * 0.45, start + 0.6, high * 0.45 + 0.012), deep + 0.023, SceneClass.FIXTURE,
+            frame,
+            (start, high * 0.45, start + 0.6, high * 0.45 + 0.012),
+            deep + 0.023,
+            SceneClass.FIXTURE,
             soup.paint("gap"),
-        )  # fmt: skip
+        )
         start += 0.62
     _appliances(rng, house, frame, (start, end), deep)
     soup.box(frame, (start, 0.0, 0.08), (end, deep, 0.87), SceneClass.FIXTURE, front)
@@ -247,9 +250,16 @@ _FURNISHED = (0.30, 0.24, 0.05, 0.08, 0.07, 0.06, 0.04, 0.03, 0.10, 0.03)
 _UNFURNISHED = (0.18, 0.17, 0.06, 0.14, 0.15, 0.14, 0.08, 0.03, 0.02, 0.03)
 _KITCHEN = (0.10, 0.14, 0.05, 0.06, 0.06, 0.10, 0.03, 0.01, 0.05, 0.40)
 _SIZES = {
-    "window": (0.5, 2.4), "french window": (0.8, 2.6), "door": (0.65, 1.0), "open door": (0.65, 1.0),
-    "passage": (0.8, 5.0), "closet": (0.9, 2.4), "mirror": (0.4, 1.6), "picture": (0.25, 1.4), "fitted": (0.8, 4.2),
-}  # fmt: skip
+    "window": (0.5, 2.4),
+    "french window": (0.8, 2.6),
+    "door": (0.65, 1.0),
+    "open door": (0.65, 1.0),
+    "passage": (0.8, 5.0),
+    "closet": (0.9, 2.4),
+    "mirror": (0.4, 1.6),
+    "picture": (0.25, 1.4),
+    "fitted": (0.8, 4.2),
+}
 
 
 @dataclass(frozen=True)

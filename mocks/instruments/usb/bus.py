@@ -25,39 +25,42 @@ ENGLISH = b"\x04\x03\x09\x04"
 
 Descriptor = SimpleNamespace
 """A descriptor, its fields named as in the USB 2.0 specification, chapter 9.6."""
-CONFIGURATION = Descriptor(
-    bLength=9, bDescriptorType=2, wTotalLength=9 + 9 + 3 * 7, bNumInterfaces=1, bConfigurationValue=1,
-    iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=(),
-)  # fmt: skip
+HEAD = "bLength bDescriptorType"
+
+
+def _descriptor(names: str, *values: object, **beside: object) -> Descriptor:
+    return Descriptor(**dict(zip(f"{HEAD} {names}".split(), values, strict=True)), **beside)
+
+
+_OF_CONFIGURATION = "wTotalLength bNumInterfaces bConfigurationValue iConfiguration bmAttributes bMaxPower"
+CONFIGURATION = _descriptor(_OF_CONFIGURATION, 9, 2, 9 + 9 + 3 * 7, 1, 1, 0, 0xC0, 1, extra_descriptors=())
 """The only configuration: one interface with three endpoints, self-powered."""
-INTERFACE = Descriptor(
-    bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=3,
-    bInterfaceClass=STILL_IMAGE_CLASS[0], bInterfaceSubClass=STILL_IMAGE_CLASS[1],
-    bInterfaceProtocol=STILL_IMAGE_CLASS[2], iInterface=0, extra_descriptors=(),
-)  # fmt: skip
+_OF_INTERFACE = (
+    "bInterfaceNumber bAlternateSetting bNumEndpoints bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
+)
+INTERFACE = _descriptor(_OF_INTERFACE, 9, 4, 0, 0, 3, *STILL_IMAGE_CLASS, 0, extra_descriptors=())
 """The still-image interface."""
+_OF_DEVICE = (
+    "bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 idVendor idProduct bcdDevice iManufacturer "
+    "iProduct iSerialNumber bNumConfigurations"
+)
+_OF_ENDPOINT = "bEndpointAddress bmAttributes wMaxPacketSize bInterval bRefresh bSynchAddress"
 
 
 def device_descriptor(usb_id: tuple[int, int], serial_index: int, address: int, port_number: int) -> Descriptor:
     """Return the device descriptor (table 9-8) with the device's place on the bus."""
-    return Descriptor(
-        bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
-        bMaxPacketSize0=64, idVendor=usb_id[0], idProduct=usb_id[1], bcdDevice=0x0100, iManufacturer=1, iProduct=2,
-        iSerialNumber=serial_index, bNumConfigurations=1,
-        address=address, bus=1, speed=HIGH_SPEED, port_number=port_number, port_numbers=(port_number,),
-    )  # fmt: skip
+    place = {"address": address, "bus": 1, "speed": HIGH_SPEED, "port_number": port_number}
+    values = (18, 1, 0x0200, 0, 0, 0, 64, *usb_id, 0x0100, 1, 2, serial_index, 1)
+    return _descriptor(_OF_DEVICE, *values, **place, port_numbers=(port_number,))
 
 
 def endpoint_descriptors(addresses: tuple[int, int, int], event_packet_bytes: int) -> tuple[Descriptor, ...]:
     """Return bulk IN, bulk OUT and interrupt IN."""
     bulk, interrupt = (BULK, BULK_PACKET_BYTES, 0), (INTERRUPT, event_packet_bytes, 9)
     return tuple(
-        Descriptor(
-            bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=kind, wMaxPacketSize=packet_bytes,
-            bInterval=interval, bRefresh=0, bSynchAddress=0, extra_descriptors=(),
-        )
+        _descriptor(_OF_ENDPOINT, 7, 5, address, kind, packet_bytes, interval, 0, 0, extra_descriptors=())
         for address, (kind, packet_bytes, interval) in zip(addresses, (bulk, bulk, interrupt), strict=True)
-    )  # fmt: skip
+    )
 
 
 def string_descriptor(texts: tuple[str, ...], index: int) -> bytes:

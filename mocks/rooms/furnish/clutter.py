@@ -62,11 +62,14 @@ def things_on(a: Arrangement, support: Item, most: int) -> None:
 
 SHARES = (0.3, 0.18, 0.14, 0.1, 0.12, 0.1, 0.06)
 SMALL_M: dict[str, tuple[float | tuple[float, float], ...]] = {
-    "books": ((0.19, 0.24), (0.24, 0.3), (0.03, 0.14)), "mug": (0.115, 0.085, 0.095),
-    "vase": ((0.12, 0.2), 0.0, (0.18, 0.3)), "bottle": (0.076, 0.076, (0.27, 0.32)),
-    "bowl": ((0.2, 0.28), 0.0, 0.09), "plant": ((0.12, 0.2), 0.0, (0.2, 0.32)),
+    "books": ((0.19, 0.24), (0.24, 0.3), (0.03, 0.14)),
+    "mug": (0.115, 0.085, 0.095),
+    "vase": ((0.12, 0.2), 0.0, (0.18, 0.3)),
+    "bottle": (0.076, 0.076, (0.27, 0.32)),
+    "bowl": ((0.2, 0.28), 0.0, 0.09),
+    "plant": ((0.12, 0.2), 0.0, (0.2, 0.32)),
     "box": ((0.18, 0.28), (0.14, 0.2), (0.09, 0.16)),
-}  # fmt: skip
+}
 """Width, depth (0: as wide) and height of small things, fixed or between two; `SHARES` says how often each comes."""
 
 

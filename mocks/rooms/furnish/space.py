@@ -46,9 +46,14 @@ class Arrangement:
         return bool(self.rng.random() < probability)
 
     def item(
-        self, kind: str, size_m: Vector, at: Vector, turn_rad: float = 0.0, options: Options = (),
+        self,
+        kind: str,
+        size_m: Vector,
+        at: Vector,
+        turn_rad: float = 0.0,
+        options: Options = (),
         role: Role = Role.FURNITURE,
-    ) -> Item:  # fmt: skip
+    ) -> Item:
         """Return a new item, not yet placed."""
         seed = int(self.rng.integers(1, 2**31))
         return Item(kind, role, len(self.items) + 1, at, size_m, turn_rad, seed, options)

@@ -11,15 +11,13 @@ import numpy as np
 
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Reals, Vector, luminance_cd_m2
 from processing.ground.arrays import Floats
+from processing.ground.tables import table_of
 
 LOWEST_SUN_RAD = math.radians(8)
 
-# Latitude, longitude, weight: mostly the paper's Pittsburgh, else places all over the inhabited world.
-SITES = (
-    (40.44, -79.99, 0.30), (37.77, -122.42, 0.06), (51.51, -0.13, 0.08), (52.52, 13.40, 0.08), (59.33, 18.07, 0.05),
-    (41.39, 2.17, 0.06), (30.04, 31.24, 0.04), (-1.29, 36.82, 0.04), (-33.92, 18.42, 0.04), (19.08, 72.88, 0.05),
-    (35.68, 139.69, 0.06), (1.35, 103.82, 0.04), (-33.87, 151.21, 0.05), (-23.55, -46.63, 0.05),
-)  # fmt: skip
+_TABLES = table_of(__package__, "outdoors")
+SITES: list[list[float]] = _TABLES["sites"]
+"""Latitude, longitude, weight."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +81,8 @@ LUMINOUS_SOLAR_CONSTANT_LX = 133_100.0
 TRADITIONAL_OVERCAST = 16
 """CIE S 011's sixteenth sky: Moon and Spencer's overcast sky, (1 + 2 sin elevation) / 3."""
 
-# CIE S 011/E:2003 (ISO 15469:2004), table 1: gradation a, b; indicatrix c, d, e.
-PARAMETERS = {
-    1: (4.0, -0.70, 0.0, -1.0, 0.0), 2: (4.0, -0.70, 2.0, -1.5, 0.15), 3: (1.1, -0.80, 0.0, -1.0, 0.0),
-    4: (1.1, -0.80, 2.0, -1.5, 0.15), 5: (0.0, -1.00, 0.0, -1.0, 0.0), 6: (0.0, -1.00, 2.0, -1.5, 0.15),
-    7: (0.0, -1.00, 5.0, -2.5, 0.30), 8: (0.0, -1.00, 10.0, -3.0, 0.45), 9: (-1.0, -0.55, 2.0, -1.5, 0.15),
-    10: (-1.0, -0.55, 5.0, -2.5, 0.30), 11: (-1.0, -0.55, 10.0, -3.0, 0.45), 12: (-1.0, -0.32, 10.0, -3.0, 0.45),
-    13: (-1.0, -0.32, 16.0, -3.0, 0.30), 14: (-1.0, -0.15, 16.0, -3.0, 0.30), 15: (-1.0, -0.15, 24.0, -2.8, 0.15),
-}  # fmt: skip
+PARAMETERS = {int(number): tuple(row) for number, row in _TABLES["cie"].items()}
+"""Of the CIE's standard skies, by number: gradation a, b; indicatrix c, d, e."""
 
 RAYLEIGH_DEPTH = 0.1
 """Optical thickness of clean dry air for light as the eye weighs it: the unit of luminous turbidity."""

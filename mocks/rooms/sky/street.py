@@ -14,20 +14,17 @@ from typing import TypeAlias
 import numpy as np
 
 from mocks.worlds.light import Vector
+from processing.ground.tables import table_of
 
 ROAD_M = 3.0
 """Half the road's width."""
 PAVEMENT_M = 4.7
 """From the road's middle to the pavement's outer edge."""
 
-WALLS: tuple[Vector, ...] = (
-    (0.72, 0.70, 0.64), (0.66, 0.56, 0.42), (0.34, 0.17, 0.12), (0.42, 0.25, 0.18), (0.55, 0.57, 0.58),
-    (0.70, 0.66, 0.52),
-)  # fmt: skip
-ROOFS: tuple[Vector, ...] = ((0.24, 0.10, 0.065), (0.09, 0.085, 0.085), (0.17, 0.12, 0.09), (0.13, 0.135, 0.15))
-LEAVES: tuple[Vector, ...] = (
-    (0.055, 0.105, 0.028), (0.075, 0.120, 0.035), (0.040, 0.080, 0.030), (0.095, 0.125, 0.040), (0.050, 0.085, 0.040),
-)  # fmt: skip
+WALLS, ROOFS, LEAVES = (
+    tuple((red, green, blue) for red, green, blue in table_of(__package__, "outdoors")["street"][name])
+    for name in ("walls", "roofs", "leaves")
+)
 
 
 @dataclass(frozen=True)

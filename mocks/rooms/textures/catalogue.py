@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -19,18 +20,23 @@ from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, with_
 from mocks.worlds.hdr_world import MipTexture
 from mocks.worlds.light import Vector
 
-_ONE_TONE: dict[str, Callable[[Texture], Tile]] = {
-    "planks": wood.planks, "veneer": wood.veneer, "laminate": wood.laminate, "herringbone": wood.herringbone,
-    "blocks": wood.blocks, "concrete": tiles.concrete, "paint": tiles.paint, "plaster": tiles.plaster,
-    "carpet loop": cloth.carpet_loop, "carpet pile": cloth.carpet_pile, "woven": cloth.woven, "boucle": cloth.boucle,
-    "knit": cloth.knit, "leather": cloth.leather,
-}  # fmt: skip
-_PATTERNED: dict[str, Callable[[Texture], Tile]] = {
-    "tiles": tiles.tiles, "hexagons": tiles.hexagons, "terrazzo": tiles.terrazzo, "striped": cloth.striped,
-    "wallpaper stripes": tiles.wallpaper_stripes, "wallpaper motifs": tiles.wallpaper_motifs,
-    "wallpaper damask": tiles.wallpaper_damask, "rug medallions": cloth.medallions, "rug lozenges": cloth.lozenges,
-    "rug bands": cloth.bands,
-}  # fmt: skip
+
+def _of(patterns: ModuleType, *kinds: str) -> dict[str, Callable[[Texture], Tile]]:
+    """Return the functions of a module that are named as kinds of pattern are."""
+    return {kind: getattr(patterns, kind.replace(" ", "_")) for kind in kinds}
+
+
+_ONE_TONE = {
+    **_of(wood, "planks", "veneer", "laminate", "herringbone", "blocks"),
+    **_of(tiles, "concrete", "paint", "plaster"),
+    **_of(cloth, "carpet loop", "carpet pile", "woven", "boucle", "knit", "leather"),
+}
+_PATTERNED = {
+    **_of(tiles, "tiles", "hexagons", "terrazzo"),
+    **_of(cloth, "striped"),
+    **_of(tiles, "wallpaper stripes", "wallpaper motifs", "wallpaper damask"),
+    **_of(cloth, "rug medallions", "rug lozenges", "rug bands"),
+}
 KINDS = (*_ONE_TONE, *_PATTERNED)
 """All kinds of pattern. The mean of those up to leather is their first colour; the others have several colours."""
 

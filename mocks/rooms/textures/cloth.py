@@ -157,7 +157,7 @@ def _colour(texture: Texture, number: int) -> Vector:
     return texture.colours[min(number, len(texture.colours) - 1)]
 
 
-def medallions(texture: Texture) -> Tile:
+def rug_medallions(texture: Texture) -> Tile:
     """Return rows of octagonal medallions with stars, and small diamonds between them. Options: period_m."""
     rng = generator(texture.seed)
     period_m = texture.option("period_m", 0.4)
@@ -186,7 +186,7 @@ def _medallion(texture: Texture) -> Floats:
     return np.asarray(albedo, dtype=np.float32)
 
 
-def lozenges(texture: Texture) -> Tile:
+def rug_lozenges(texture: Texture) -> Tile:
     """Return the thin lozenges of Berber rugs, drawn by hand. Options: period_m (across; twice that along), line_m."""
     rng = generator(texture.seed)
     period_m, line_m = texture.option("period_m", 0.32), texture.option("line_m", 0.018)
@@ -204,7 +204,7 @@ def lozenges(texture: Texture) -> Tile:
     return Tile(_knotted(rng, albedo * shaggy[..., None]), (size_m, size_m * max(1, repeats // 2) * 2 / repeats))
 
 
-def bands(texture: Texture) -> Tile:
+def rug_bands(texture: Texture) -> Tile:
     """Return a flat weave: bands of uneven width across v, the broad ones with a row of zigzags. Options: bands."""
     rng, size_m = generator(texture.seed), 1.6
     count, fine = int(texture.option("bands", 14)), 4 * _PIXELS

@@ -276,9 +276,11 @@ def _fuse(
     pixels, shape, workers = height * width, job.noise_shape(), job.workers
     padded = max(pixels, RUN_PX)
     planes = Planes(
-        np.empty((padded, 3), np.float32), np.empty(padded, np.float32), np.empty(padded, np.uint8),
+        np.empty((padded, 3), np.float32),
+        np.empty(padded, np.float32),
         np.empty(padded, np.uint8),
-    )  # fmt: skip
+        np.empty(padded, np.uint8),
+    )
     flat: list[Any] = [np.ascontiguousarray(frame).reshape(-1, 3) for frame in codes]
     if isinstance(samples, MergeTables):
         # A picture smaller than one run is lengthened by its own pixels.

@@ -12,24 +12,14 @@ from processing.calibration.scale.luminance import NEIGHBOURS
 from processing.errors import ChartError
 from processing.ground.arrays import Doubles
 from processing.ground.colour import srgb_decoded
+from processing.ground.tables import table_of
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 
 COLUMNS, ROWS = 6, 4  # of the 24-patch chart
-PATCH_NAMES = (
-    "dark skin", "light skin", "blue sky", "foliage", "blue flower", "bluish green",
-    "orange", "purplish blue", "moderate red", "purple", "yellow green", "orange yellow",
-    "blue", "green", "red", "yellow", "magenta", "cyan",
-    "white", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5", "black",
-)  # fmt: skip
+_SRGB: dict[str, int] = table_of(__package__, "chart")
+PATCH_NAMES = tuple(_SRGB)
 NEUTRALS = tuple(range(18, 24))  # its last row
 WHITE = 18  # number of the white patch
-_SRGB = (
-    0x735244, 0xC29682, 0x627A9D, 0x576C43, 0x8580B1, 0x67BDAA,
-    0xD67E2C, 0x505BA6, 0xC15A63, 0x5E3C6C, 0x9DBC40, 0xE0A32E,
-    0x383D96, 0x469449, 0xAF363C, 0xE7C71F, 0xBB5695, 0x0885A1,
-    0xF3F3F2, 0xC8C8C8, 0xA0A0A0, 0x7A7A79, 0x555555, 0x343434,
-)  # fmt: skip
-"""As the maker publishes them (8-bit sRGB): good enough to know a chart and its way up."""
 WINDOW = 0.5
 """Of a patch's pitch: what is averaged; frames and the blur of edges stay outside."""
 _GRID = 14  # samples across a patch; chosen
@@ -67,7 +57,7 @@ class FoundChart:
 
 def reflectances() -> Doubles:
     """Return the linear Rec. 709 reflectances, 0..1, of the published colours, of shape (24, 3)."""
-    value = np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB]) / 255
+    value = np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB.values()]) / 255
     return srgb_decoded(value)
 
 

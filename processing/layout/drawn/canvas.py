@@ -88,6 +88,10 @@ def write_sheet(sheet: Sheet, stem: Path) -> list[Path]:
     return [vector, raster]
 
 
+_ROUND: dict[str, Any] = dict.fromkeys(("solid_capstyle", "dash_capstyle", "solid_joinstyle"), "round")
+_UPRIGHT = {"rotation_mode": "anchor", "va": "center_baseline"}
+
+
 def _draw(axes: Axes, shape: Shape, depth: int) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import PathPatch
@@ -95,11 +99,10 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
     from matplotlib.patheffects import Stroke
 
     if isinstance(shape, Text):
-        look: dict[str, Any] = {
-            "color": shape.fill, "fontsize": shape.size_m * POINTS_PER_M, "rotation": math.degrees(shape.turn_rad),
-            "rotation_mode": "anchor", "ha": shape.anchor, "va": "center_baseline",
-        }  # fmt: skip
-        halo = Stroke(linewidth=0.3 * shape.size_m * POINTS_PER_M, foreground=HALO)
+        size = shape.size_m * POINTS_PER_M
+        look: dict[str, Any] = {"color": shape.fill, "fontsize": size, "ha": shape.anchor, **_UPRIGHT}
+        look["rotation"] = math.degrees(shape.turn_rad)
+        halo = Stroke(linewidth=0.3 * size, foreground=HALO)
         axes.text(*shape.at, shape.text, zorder=depth, path_effects=[halo], **look)
         axes.text(*shape.at, shape.text, zorder=depth + 0.5, **look)
         return
@@ -107,18 +110,14 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
     if isinstance(shape, Line):
         dash: Any = (0, tuple(length / shape.width_m for length in shape.dash_m)) if shape.dash_m else "-"
         x, y = zip(*shape.points, strict=True)
-        line = Line2D(
-            x, y, color=shape.stroke, linewidth=width, linestyle=dash, zorder=depth,
-            solid_capstyle="round", dash_capstyle="round", solid_joinstyle="round",
-        )  # fmt: skip
+        line = Line2D(x, y, color=shape.stroke, linewidth=width, linestyle=dash, zorder=depth, **_ROUND)
         line.set_snap(False)
         axes.add_line(line)
         return
     rings = [Outline([*ring, ring[0]], closed=True) for ring in (shape.rim, *shape.holes)]
-    patch = PathPatch(
-        Outline.make_compound_path(*rings), facecolor=shape.fill or "none", edgecolor=shape.stroke or "none",
-        linewidth=width if shape.stroke else 0.0, joinstyle="round", zorder=depth,
-    )  # fmt: skip
+    outline = Outline.make_compound_path(*rings)
+    patch = PathPatch(outline, facecolor=shape.fill or "none", edgecolor=shape.stroke or "none", joinstyle="round")
+    patch.set(linewidth=width if shape.stroke else 0.0, zorder=depth)
     patch.set_snap(False)  # rounded to pixels, corners of nearly upright pieces go either way
     axes.add_patch(patch)
 
@@ -274,9 +273,21 @@ def _plant(w: float, d: float) -> Drawn:
     return [*drawn, _circle(0, 0, 0.18 * r, "#ffffff", THIN)]
 
 
-_SYMBOLS: dict[str, Callable[[float, float], Drawn]] = {
-    "bed": _bed, "single bed": _bed, "king bed": _bed, "sofa": _sofa, "armchair": _sofa, "nightstand": _nightstand,
-    "wardrobe": _wardrobe, "chest": _drawers, "bookshelf": _shelf, "desk": _desk, "desk chair": _desk_chair,
-    "dining chair": _chair, "dining table": _table, "coffee table": _table, "tv stand": _stand, "tv": _screen,
-    "rug": _rug, "floor lamp": _lamp, "plant": _plant,
-}  # fmt: skip
+_DRAWERS: dict[Callable[[float, float], Drawn], tuple[str, ...]] = {
+    _bed: ("bed", "single bed", "king bed"),
+    _sofa: ("sofa", "armchair"),
+    _nightstand: ("nightstand",),
+    _wardrobe: ("wardrobe",),
+    _drawers: ("chest",),
+    _shelf: ("bookshelf",),
+    _desk: ("desk",),
+    _desk_chair: ("desk chair",),
+    _chair: ("dining chair",),
+    _table: ("dining table", "coffee table"),
+    _stand: ("tv stand",),
+    _screen: ("tv",),
+    _rug: ("rug",),
+    _lamp: ("floor lamp",),
+    _plant: ("plant",),
+}
+_SYMBOLS = {kind: drawer for drawer, kinds in _DRAWERS.items() for kind in kinds}

@@ -26,9 +26,14 @@ class Bench:
     lights: dict[tuple[str, float], Material] = field(default_factory=dict)
 
     def add(
-        self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Doubles | None = None,
+        self,
+        body: Solid | Sequence[Solid],
+        material: Material,
+        *,
+        grain: int = 2,
+        uv: Doubles | None = None,
         crease_rad: float = float(solids.CREASE_RAD),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Add a body; its texture's v runs along axis `grain` of it as made, or `uv` (F, 3, 2) metres is taken."""
         for one in [body] if isinstance(body, Solid) else body:
             place = uv

@@ -45,9 +45,7 @@ def niche(b: Bench, role: str, x: Span, z: Span, out: float = OUT_M) -> None:
         b.block((lo, back, z[0]), (hi, front, z[1]), t, grain=2)
 
 
-def front(
-    b: Bench, role: str, x: Span, z: Span, kind: str = "plain", grain: int = 2, y: float | None = None
-) -> None:  # fmt: skip
+def front(b: Bench, role: str, x: Span, z: Span, kind: str = "plain", grain: int = 2, y: float | None = None) -> None:
     """Add a front within the gaps around it: plain, framed, slats upright on a dark ground, louvres, or cane."""
     y1 = b.size[1] / 2 - OUT_M if y is None else y
     y0, g, rail = y1 - 0.020, GAP_M / 2, 0.062
@@ -108,13 +106,29 @@ def handle(b: Bench, x: float, z: float, top: float, *, upright: bool) -> None:
     y, kind, metal = b.size[1] / 2 - OUT_M, b.style.handles, b.style.material("metal")
     half = 0.16 if upright else 0.075
     if kind == "knob":
-        knob = turned_piece([(0, -0.002), (0.007, -0.002), (0.006, 0.010), (0.013, 0.016), (0.0155, 0.021),
-                             (0.013, OUT_M - 0.001), (0, OUT_M)], 16)  # fmt: skip
+        knob = turned_piece(
+            [
+                (0, -0.002),
+                (0.007, -0.002),
+                (0.006, 0.010),
+                (0.013, 0.016),
+                (0.0155, 0.021),
+                (0.013, OUT_M - 0.001),
+                (0, OUT_M),
+            ],
+            16,
+        )
         b.add(knob.turned("x", -math.pi / 2).moved(x, y, z), metal)
     elif kind == "bar":
         r = 0.0055
-        line = [(0, -0.002, -half), (0, OUT_M - r - 0.006, -half), (0, OUT_M - r, -half + 0.008),
-                (0, OUT_M - r, half - 0.008), (0, OUT_M - r - 0.006, half), (0, -0.002, half)]  # fmt: skip
+        line = [
+            (0, -0.002, -half),
+            (0, OUT_M - r - 0.006, -half),
+            (0, OUT_M - r, -half + 0.008),
+            (0, OUT_M - r, half - 0.008),
+            (0, OUT_M - r - 0.006, half),
+            (0, -0.002, half),
+        ]
         bow = tube(curve(line, 4), r, 8)
         b.add((bow if upright else bow.turned("y", math.pi / 2)).moved(x, y, z), metal)
     elif upright:
@@ -151,7 +165,7 @@ def _book(thick: float, deep: float, high: float, *, plain: bool = False) -> tup
 
 def pile(
     b: Bench, _: str, at: tuple[float, float, float], wide: float, deep: float, count: int = 3, high: float = 0.0
-) -> None:  # fmt: skip
+) -> None:
     """Add books that lie on each other; `high`: of the whole pile, else as it comes."""
     z = at[2]
     for k in range(count):
@@ -165,5 +179,11 @@ def pile(
 
 
 VERBS: dict[str, Callable[..., None]] = {
-    "case": case, "niche": niche, "front": front, "drawer": drawer, "door": door, "books": books, "pile": pile,
-}  # fmt: skip
+    "case": case,
+    "niche": niche,
+    "front": front,
+    "drawer": drawer,
+    "door": door,
+    "books": books,
+    "pile": pile,
+}

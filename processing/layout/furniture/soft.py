@@ -105,9 +105,16 @@ FOLD_M = 0.05
 
 
 def hanging(
-    width_m: float, length_m: float, drop_m: float, thick_m: float, *, seed: int = 0,
-    foot_drop_m: float = 0.0, begin_m: float = 0.0, cells: tuple[int, int] = (40, 30),
-) -> Solid:  # fmt: skip
+    width_m: float,
+    length_m: float,
+    drop_m: float,
+    thick_m: float,
+    *,
+    seed: int = 0,
+    foot_drop_m: float = 0.0,
+    begin_m: float = 0.0,
+    cells: tuple[int, int] = (40, 30),
+) -> Solid:
     """Return a cover lying with its upper middle at z = 0 and hanging down both long sides (and the end at +y).
 
     x in [-width/2, width/2] over all; y from 0 to `length_m`. Covers of one seed that begin at different `begin_m` have
@@ -126,11 +133,7 @@ def hanging(
     y, zy, foot_slope = _over_edge(t, foot_flat, FOLD_M) if foot_drop_m > 0 else (t, np.zeros(n + 1), np.zeros(n + 1))
     gx, gy = np.meshgrid(x, y, indexing="ij")
     gs, gt = np.meshgrid(s * 0.5 / (width_m / 2), t + begin_m, indexing="ij")
-    z = (
-        zx[:, None]
-        + zy[None, :] * (np.abs(s) <= flat + arc)[:, None]
-        + zy[None, :] * (np.abs(s) > flat + arc)[:, None] * 0.15
-    )
+    z = zx[:, None] + zy[None, :] * np.where(np.abs(s)[:, None] <= flat + arc, 1.0, 0.15)
     puff = np.zeros_like(gx)
     for octave in range(4):
         for _ in range(3):
@@ -145,8 +148,8 @@ def hanging(
     )
     lift /= np.linalg.norm(lift, axis=-1, keepdims=True)
     upper = np.stack([gx, gy, z], -1) + lift * (np.clip(puff + folds, -0.02, 0.02) - 0.02)[..., None]
-    rim = np.minimum.reduce([np.arange(m + 1)[:, None] + 0 * gx, m - np.arange(m + 1)[:, None] + 0 * gx,
-                             np.arange(n + 1)[None, :] + 0 * gx, n - np.arange(n + 1)[None, :] + 0 * gx])  # fmt: skip
+    i, j = np.ogrid[: m + 1, : n + 1]
+    rim = np.minimum(np.minimum(i, m - i), np.minimum(j, n - j))
     depth = thick_m * np.clip(rim / 2.0, 0, 1) ** 0.5
     mid = upper - lift * (thick_m / 2)
     return sheets(mid + lift * depth[..., None] / 2, mid - lift * depth[..., None] / 2)

@@ -26,7 +26,7 @@ def _box(x: Span, y: Span, z: Span, bevel: float = 0.003, fine: int = 1) -> Soli
 
 def _pad(
     x: Span, y: Span, z: Span, edge: float, puff: Any = 0.006, folds: float = 0.0015, inner: int = 6, fine: int = 3
-) -> Solid:  # fmt: skip
+) -> Solid:
     one = pad((x[0], y[0], z[0]), (x[1], y[1], z[1]), edge, puff, inner=inner, steps=fine)
     return wrinkled(one, folds, 0.4, round(1000 * abs(x[0] + 2 * z[0]))) if folds else one
 
@@ -44,9 +44,13 @@ def _rod(path: Sequence[Spot], r: Any, smooth: int = 0, sides: int = 12, ring: i
 
 
 def sweep(
-    path: Sequence[Spot], section: Span, side: Spot = (1.0, 0.0, 0.0), scale: Any = 1.0, smooth: int = 5,
+    path: Sequence[Spot],
+    section: Span,
+    side: Spot = (1.0, 0.0, 0.0),
+    scale: Any = 1.0,
+    smooth: int = 5,
     corner: float = 0.45,
-) -> Solid:  # fmt: skip
+) -> Solid:
     """Return a bar of rounded rectangular section along a smooth line; `side` is where the section's width points.
 
     `corner`: its rounding as a share of its thinner side; `scale`: of the section, along the line.
@@ -103,7 +107,13 @@ def _drape(x: Span, z: Span, deep: float, pleats: int, seed: int = 0) -> Solid:
 
 
 SHAPES: dict[str, Callable[..., Solid]] = {
-    "box": _box, "pad": _pad, "cover": _cover, "rod": _rod, "sweep": sweep, "band": _band, "leaf": _leaf,
+    "box": _box,
+    "pad": _pad,
+    "cover": _cover,
+    "rod": _rod,
+    "sweep": sweep,
+    "band": _band,
+    "leaf": _leaf,
     "drape": _drape,
     "plate": lambda size, z, corner=0.012, edge=0.006: solids.slab(*size, *z, corner_m=corner, edge_m=edge),
     "cushion": lambda size, crown=0.03, piping=0.0045, seed=0, inner=5: cushion(
@@ -116,7 +126,7 @@ SHAPES: dict[str, Callable[..., Solid]] = {
     "vessel": lambda profile, wall=0.006, sides=28: solids.vessel(profile, wall, sides),
     "leg": lambda foot, hip, r, sides=14: solids.leg(foot, hip, r[0], r[1], sides),
     "post": lambda foot, hip, side: solids.square_leg(foot, hip, *side),
-}  # fmt: skip
+}
 
 
 class Pose(NamedTuple):
@@ -212,8 +222,12 @@ def _star(b: Bench, r: float) -> None:
                 wheel.turned("z", a + 0.6 * k).moved(reach * math.cos(a), reach * math.sin(a), 0),
                 b.style.material("nylon"),
             )
-        b.add(solids.turned_piece([(0, 0.02), (0.008, 0.02), (0.008, 0.075), (0, 0.075)], 10)
-              .moved(reach * math.cos(a), reach * math.sin(a), 0), b.style.material("nylon"))  # fmt: skip
+        b.add(
+            solids.turned_piece([(0, 0.02), (0.008, 0.02), (0.008, 0.075), (0, 0.075)], 10).moved(
+                reach * math.cos(a), reach * math.sin(a), 0
+            ),
+            b.style.material("nylon"),
+        )
 
 
 def _swivel_back(b: Bench, seat: float, h: float) -> None:

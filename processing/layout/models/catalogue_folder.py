@@ -223,9 +223,14 @@ def load_model(source: FileSource) -> FurnitureModel:
         raise ModelFileError(f"{max(size):.4g} m large; at most {MAX_SIZE_M:g}", where=where, advice="give its unit")
     notes = (*source.notes, *raw.notes, *_repairs([body for _, body in sound]), *guessed)
     return FurnitureModel(
-        source.model_id, source.category, parts, (size[0], size[1], size[2]), source.licence,
-        all(body.closed for _, body in kept), notes,
-    )  # fmt: skip
+        source.model_id,
+        source.category,
+        parts,
+        (size[0], size[1], size[2]),
+        source.licence,
+        all(body.closed for _, body in kept),
+        notes,
+    )
 
 
 def _repairs(bodies: list[Sound | None]) -> list[str]:

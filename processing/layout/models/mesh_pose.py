@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from processing.errors import CatalogueError
 from processing.ground.arrays import Doubles, Flags, Int64s
 from processing.ground.mesh import crosses
+from processing.ground.tables import table_of
 from processing.layout.furniture.model import Size
 from processing.layout.items import KINDS
 from processing.layout.models.mesh_files import RawPart
@@ -114,11 +115,8 @@ def _agreeing(graph: object, pieces: int, piece: Int64s, a: Int64s, b: Int64s, a
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 FRONTS = ("+z", "-z", "+x", "-x")
-_USUAL: dict[str, Size] = {
-    "ottoman": (0.6, 0.5, 0.42), "stool": (0.4, 0.4, 0.6), "bench": (1.2, 0.4, 0.45), "side table": (0.5, 0.5, 0.5),
-    "lamp": (0.3, 0.3, 0.5), "desk lamp": (0.25, 0.25, 0.4), "cabinet": (0.8, 0.45, 0.9), "pillow": (0.45, 0.45, 0.15),
-    "books": (0.3, 0.2, 0.25), "kitchen": (0.6, 0.6, 0.9), "bathroom": (0.6, 0.5, 0.9), "bunk bed": (0.95, 2.05, 1.7),
-}  # fmt: skip
+_SIZES = table_of("processing.layout", "items")["usual_size"]
+_USUAL: dict[str, Size] = {name: (width, depth, height) for name, (width, depth, height) in _SIZES.items()}
 ANY: Size = (0.7, 0.6, 0.8)
 FAR = 1.3
 """Mean difference of the sizes' logarithms to the usual ones from which a unit is not believed (3.7 times)."""

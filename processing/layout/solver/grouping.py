@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from processing.ground.tables import table_of
 from processing.layout.items import Item
 from processing.layout.rules import RuleSet
 from processing.layout.solver.units import (
@@ -26,11 +27,7 @@ from processing.layout.solver.units import (
 
 GAP_M = 0.05
 """Between a bed and its nightstands."""
-ROLES = {
-    "bed": "bed", "single bed": "bed", "king bed": "bed", "sofa": "sofa", "tv stand": "tv", "tv": "tv", "desk": "desk",
-    "armchair": "seat", "dining table": "dining", "nightstand": "night", "wardrobe": "tall", "bookshelf": "tall",
-    "chest": "low", "coffee table": "table", "rug": "rug",
-}  # fmt: skip
+ROLES: dict[str, str] = table_of("processing.layout", "items")["roles"]
 HUNG_TV_M = 1.0  # chosen: the eyes of people who sit
 END_TO_WALL = -0.6
 """Bonus of a desk with an end to the wall."""

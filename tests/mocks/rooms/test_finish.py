@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocks.rooms.finish import draw_finish, draw_floor
-from mocks.rooms.materials import RENTAL, linear, plain, scaled, turned, veneer
+from mocks.rooms.materials import STYLES, linear, plain, scaled, turned, veneer
 from mocks.rooms.model import Finish, Material, Use
 from mocks.rooms.textures.catalogue import tile
 from tests.conftest import LONG
@@ -36,7 +36,7 @@ def finishes() -> list[Finish]:
 @pytest.fixture(scope="module")
 def floors() -> list[Material]:
     rng = np.random.default_rng(11)
-    return [draw_floor(rng, RENTAL, Use.LIVING) for _ in range(150 if LONG else 80)]
+    return [draw_floor(rng, STYLES[0], Use.LIVING) for _ in range(150 if LONG else 80)]
 
 
 @pytest.mark.parametrize("use", list(Use))

@@ -74,9 +74,20 @@ def test_all_forms_turns_and_openings_occur() -> None:
     assert sum(s < 8 for s in skews) > 60
     assert sum(s > 20 for s in skews) > 60
     assert {f.kind for p in plans for f in p.fixtures} == {
-        "column radiator", "curtain", "curtain rod", "disc lamp", "dome lamp", "panel radiator", "pendant lamp",
-        "roller blind", "socket", "spot", "switch", "thermostat", "venetian blind",
-    }  # fmt: skip
+        "column radiator",
+        "curtain",
+        "curtain rod",
+        "disc lamp",
+        "dome lamp",
+        "panel radiator",
+        "pendant lamp",
+        "roller blind",
+        "socket",
+        "spot",
+        "switch",
+        "thermostat",
+        "venetian blind",
+    }
 
 
 def _slanted(plan: Plan) -> bool:

@@ -118,8 +118,17 @@ def test_a_plan_without_place_for_the_tripod_is_drawn_again(monkeypatch: pytest.
 
     def crowded_once(rng: np.random.Generator, use: Use, *, lamps_on: bool) -> Plan:
         plans.append(real(rng, use, lamps_on=lamps_on))
-        return replace(plans[-1], polygon=((-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)), windows=(), doors=(),
-                       fixtures=()) if len(plans) == 1 else plans[-1]  # fmt: skip
+        return (
+            replace(
+                plans[-1],
+                polygon=((-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)),
+                windows=(),
+                doors=(),
+                fixtures=(),
+            )
+            if len(plans) == 1
+            else plans[-1]
+        )
 
     monkeypatch.setattr(room_module, "draw_plan", crowded_once)
     room = make_room(11, Use.EMPTY)

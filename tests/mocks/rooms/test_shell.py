@@ -20,12 +20,24 @@ from tests.mocks.rooms.leaks import missed, rays_inside, through
 
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))
 SURFACES = {
-    "floor": {"floor"}, "ceiling": {"ceiling"}, "cornice": {"ceiling"}, "wall": {"wall"},
-    "skirting": {"wall"}, "reveal": {"wall"},
-    "window sill": {"wall"}, "window frame": {"windowpane"}, "door": {"door"}, "door frame": {"door"},
-    "hallway": {"wall", "floor", "ceiling"}, "radiator": {"radiator"}, "socket": {"wall"}, "switch": {"wall"},
-    "curtain": {"curtain"}, "blind": {"blind"}, "lamp": {"light"},
-}  # fmt: skip
+    "floor": {"floor"},
+    "ceiling": {"ceiling"},
+    "cornice": {"ceiling"},
+    "wall": {"wall"},
+    "skirting": {"wall"},
+    "reveal": {"wall"},
+    "window sill": {"wall"},
+    "window frame": {"windowpane"},
+    "door": {"door"},
+    "door frame": {"door"},
+    "hallway": {"wall", "floor", "ceiling"},
+    "radiator": {"radiator"},
+    "socket": {"wall"},
+    "switch": {"wall"},
+    "curtain": {"curtain"},
+    "blind": {"blind"},
+    "lamp": {"light"},
+}
 FIXTURES = {"skirting", "radiator", "socket", "switch", "curtain", "blind", "lamp"}
 CLASSES = {number: name for name, number in ADE20K.items()}
 
@@ -35,12 +47,25 @@ def paint(name: str) -> Material:
 
 
 FINISH = Finish(
-    floor=paint("floor"), wall=paint("wall"), accent_wall=paint("accent"), ceiling=paint("ceiling"),
-    trim=paint("trim"), door=paint("door"), window_frame=paint("frame"), radiator=paint("radiator"),
-    wood=paint("wood"), second_wood=paint("wood 2"), lacquer=paint("lacquer"), metal=paint("metal"),
-    fabric=paint("fabric"), second_fabric=paint("fabric 2"), bedding=paint("bedding"), curtain=paint("curtain"),
-    rug=paint("rug"), accent_walls=(1,),
-)  # fmt: skip
+    floor=paint("floor"),
+    wall=paint("wall"),
+    accent_wall=paint("accent"),
+    ceiling=paint("ceiling"),
+    trim=paint("trim"),
+    door=paint("door"),
+    window_frame=paint("frame"),
+    radiator=paint("radiator"),
+    wood=paint("wood"),
+    second_wood=paint("wood 2"),
+    lacquer=paint("lacquer"),
+    metal=paint("metal"),
+    fabric=paint("fabric"),
+    second_fabric=paint("fabric 2"),
+    bedding=paint("bedding"),
+    curtain=paint("curtain"),
+    rug=paint("rug"),
+    accent_walls=(1,),
+)
 
 
 @cache
@@ -72,11 +97,18 @@ def test_a_corner_and_the_edge_of_a_reveal_let_no_light_through() -> None:
         plan = plan_of(seed)
         rng = np.random.default_rng([seed, 4])
         corners = [(*p, z) for p in plan.polygon for z in rng.uniform(0, plan.height_m, 60)]
-        corners += [(*plan.on_wall(w, plan.wall_length_m(w) * s), z) for w in range(len(plan.polygon))
-                    for s in rng.uniform(0, 1, 60) for z in (0.0, plan.height_m)]  # fmt: skip
+        corners += [
+            (*plan.on_wall(w, plan.wall_length_m(w) * s), z)
+            for w in range(len(plan.polygon))
+            for s in rng.uniform(0, 1, 60)
+            for z in (0.0, plan.height_m)
+        ]
         for o in openings_of(plan):
-            corners += [(*plan.on_wall(o.wall, o.start_m + s, -o.depth_m * d), z) for s in (0.0, o.width_m)
-                        for d, z in zip(rng.uniform(0, 0.5, 60), rng.uniform(0.3, 1.8, 60), strict=True)]  # fmt: skip
+            corners += [
+                (*plan.on_wall(o.wall, o.start_m + s, -o.depth_m * d), z)
+                for s in (0.0, o.width_m)
+                for d, z in zip(rng.uniform(0, 0.5, 60), rng.uniform(0.3, 1.8, 60), strict=True)
+            ]
         ways = np.array(corners) - (0.0, 0.0, 1.6)
         out = missed(parts_of(seed), np.tile((0.0, 0.0, 1.6), (len(ways), 1)), ways)
         panes = np.any([through(p, np.tile((0.0, 0.0, 1.6), (len(ways), 1)), ways) for p in window_panes(plan)], axis=0)
@@ -198,9 +230,15 @@ def test_fixtures_stay_in_the_room_and_skirting_leaves_doors_free() -> None:
     for seed in range(30):
         plan = plan_of(seed)
         room = Polygon(plan.polygon).buffer(0.004)
-        ways = [Polygon([plan.on_wall(d.wall, d.start_m + s, y) for s, y in
-                         ((0.01, -0.1), (d.width_m - 0.01, -0.1), (d.width_m - 0.01, 0.1), (0.01, 0.1))])
-                for d in plan.doors]  # fmt: skip
+        ways = [
+            Polygon(
+                [
+                    plan.on_wall(d.wall, d.start_m + s, y)
+                    for s, y in ((0.01, -0.1), (d.width_m - 0.01, -0.1), (d.width_m - 0.01, 0.1), (0.01, 0.1))
+                ]
+            )
+            for d in plan.doors
+        ]
         for part in (p for p in parts_of(seed) if p.role is Role.FIXTURE):
             x, y, z = part.mesh.vertices.T
             assert z.min() > -0.01

@@ -31,7 +31,7 @@ from processing.layout.verify import Judge, Piece
 
 ROOM = make_plan(
     [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]
-)  # fmt: skip
+)
 
 
 def judged(plan: FloorPlan, one: Arrangement, rules: str) -> list[str]:

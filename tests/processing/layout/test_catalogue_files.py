@@ -212,11 +212,17 @@ def test_3d_future_folder(tmp_path: Path) -> None:
     Image.new("RGB", (16, 16), (90, 60, 30)).save(folder / name / "texture.png")
     Image.new("RGB", (16, 16)).save(folder / name / "image.jpg")
     rows = [
-        {"model_id": name, "super-category": "Chair", "category": "Dining Chair", "style": "Modern", "theme": None,
-         "material": "Wood"},
+        {
+            "model_id": name,
+            "super-category": "Chair",
+            "category": "Dining Chair",
+            "style": "Modern",
+            "theme": None,
+            "material": "Wood",
+        },
         {"model_id": "../../etc", "super-category": "Sofa", "category": "Loveseat Sofa"},
         {"model_id": "missing-0000", "super-category": "Sofa", "category": "Loveseat Sofa"},
-    ]  # fmt: skip
+    ]
     (folder / "model_info.json").write_text(json.dumps(rows))
     catalogue = Catalogue.of_3d_future(folder)
     assert catalogue.ids == (name,)
@@ -233,12 +239,21 @@ def test_3d_future_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "category"),
     [
-        ("loungeSofaLong", "sofa"), ("cabinetTelevisionDoors", "tv stand"), ("televisionModern", "tv"),
-        ("bedsideTable2", "nightstand"), ("chairDesk", "desk chair"), ("lampRoundFloor", "floor lamp"),
-        ("tableCoffeeGlass", "coffee table"), ("bedSingle", "single bed"), ("kitchenCabinet", "kitchen"),
-        ("Winchester armchair", "armchair"), ("pottedPlant", "plant"), ("zzz", "other"), ("", "other"),
+        ("loungeSofaLong", "sofa"),
+        ("cabinetTelevisionDoors", "tv stand"),
+        ("televisionModern", "tv"),
+        ("bedsideTable2", "nightstand"),
+        ("chairDesk", "desk chair"),
+        ("lampRoundFloor", "floor lamp"),
+        ("tableCoffeeGlass", "coffee table"),
+        ("bedSingle", "single bed"),
+        ("kitchenCabinet", "kitchen"),
+        ("Winchester armchair", "armchair"),
+        ("pottedPlant", "plant"),
+        ("zzz", "other"),
+        ("", "other"),
     ],
-)  # fmt: skip
+)
 def test_categories_are_told_from_names(name: str, category: str) -> None:
     assert category_of(name) == category
 

@@ -61,8 +61,25 @@ def test_model_is_sound_in_every_size(category: str) -> None:
             assert_sound(model)
 
 
-SHAPED = ("sofa", "armchair", "coffee table", "bed", "nightstand", "wardrobe", "chest", "bookshelf", "desk", "rug",
-          "dining table", "dining chair", "floor lamp", "table lamp", "plant", "tv stand", "art")  # fmt: skip
+SHAPED = (
+    "sofa",
+    "armchair",
+    "coffee table",
+    "bed",
+    "nightstand",
+    "wardrobe",
+    "chest",
+    "bookshelf",
+    "desk",
+    "rug",
+    "dining table",
+    "dining chair",
+    "floor lamp",
+    "table lamp",
+    "plant",
+    "tv stand",
+    "art",
+)
 
 
 @pytest.mark.parametrize("category", SHAPED)

@@ -82,7 +82,7 @@ def points(**changes: Any) -> list[dict[str, Any]]:
         (glb(gltf(), struct.pack("<9f", *[0.5] * 9)), "all lie in one place"),
         (glb(gltf(), struct.pack("<9f", 0, 0, 0, 1, 0, 0, 2, 0, 0)), "area"),
     ],
-)  # fmt: skip
+)
 def test_hostile_glb(tmp_path: Path, content: bytes, said: str) -> None:
     assert said in refused(tmp_path, "table.glb", content)
 
@@ -184,9 +184,14 @@ def test_shared_damaged_files_within_limits() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
 
     done = subprocess.run(
-        [sys.executable, "-c", READ_ALL, *map(str, files)], capture_output=True, text=True, timeout=100, check=False,
-        preexec_fn=limits, cwd=Path(__file__).resolve().parents[3],
-    )  # fmt: skip
+        [sys.executable, "-c", READ_ALL, *map(str, files)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+        preexec_fn=limits,
+        cwd=Path(__file__).resolve().parents[3],
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     lines = done.stdout.splitlines()
     assert len(lines) == len(files)

@@ -69,9 +69,12 @@ def test_columns_outside_and_impossible_heights_are_refused() -> None:
 
 def test_a_plan_is_the_same_after_json(tmp_path: Path) -> None:
     plan = make_plan(
-        SQUARE, holes=[[[1, 1], [1.3, 1], [1.3, 1.3], [1, 1.3]]], doors=[Door(0, 0.2, 1.0, "right", "in")],
-        windows=[Window(2, 1, 2, 0.5, 2)], keep_free=[(2.0, 2.0)],
-    )  # fmt: skip
+        SQUARE,
+        holes=[[[1, 1], [1.3, 1], [1.3, 1.3], [1, 1.3]]],
+        doors=[Door(0, 0.2, 1.0, "right", "in")],
+        windows=[Window(2, 1, 2, 0.5, 2)],
+        keep_free=[(2.0, 2.0)],
+    )
     path = tmp_path / "plan.json"
     path.write_text(json.dumps(plan_to_mapping(plan)))
     again = read_plan(path)

@@ -62,9 +62,13 @@ def draw(
     """Return the panorama (rows, 2 rows) of a room from low to high; ``turn @ d`` is the room's direction of d."""
     d = directions(rows) if turn is None else directions(rows) @ turn.T
     sides = [
-        ("left", 0, low[0]), ("right", 0, high[0]), ("back", 1, low[1]), ("front", 1, high[1]),
-        ("floor", 2, -camera_m), ("ceiling", 2, height_m - camera_m),
-    ]  # fmt: skip
+        ("left", 0, low[0]),
+        ("right", 0, high[0]),
+        ("back", 1, low[1]),
+        ("front", 1, high[1]),
+        ("floor", 2, -camera_m),
+        ("ceiling", 2, height_m - camera_m),
+    ]
     nearest = np.full(d.shape[:2], np.inf)
     luminance, face = np.zeros(d.shape[:2]), np.zeros(d.shape[:2], np.int16)
     patch = np.zeros(d.shape[:2], np.int16)
@@ -81,9 +85,15 @@ def draw(
 
 
 def _paint(
-    one: Patch, index: int, d: Doubles, far: Doubles, hit: npt.NDArray[np.bool_], camera_m: float,
-    luminance: Doubles, patch: npt.NDArray[np.int16],
-) -> None:  # fmt: skip
+    one: Patch,
+    index: int,
+    d: Doubles,
+    far: Doubles,
+    hit: npt.NDArray[np.bool_],
+    camera_m: float,
+    luminance: Doubles,
+    patch: npt.NDArray[np.int16],
+) -> None:
     away = abs(np.median(far[hit] * np.abs(d[hit][:, 0 if one.wall in ("left", "right") else 1])))
     axis, sign = {"front": (0, 1), "back": (0, -1), "right": (1, -1), "left": (1, 1)}[one.wall]
     reach = np.where(hit, far, 1.0)

@@ -42,8 +42,13 @@ def test_indices_are_those_of_the_data_set() -> None:
     }
     assert {i: ADE20K[i] for i in landmarks} == landmarks
     assert {i: VOC[i] for i in (0, 9, 11, 16, 18, 20)} == {
-        0: "background", 9: "chair", 11: "diningtable", 16: "pottedplant", 18: "sofa", 20: "tvmonitor",
-    }  # fmt: skip
+        0: "background",
+        9: "chair",
+        11: "diningtable",
+        16: "pottedplant",
+        18: "sofa",
+        20: "tvmonitor",
+    }
 
 
 def test_meanings() -> None:

@@ -14,8 +14,10 @@ POLYNOMIAL = (1.08, 0.0, -0.08)
 
 def fisheye(mapping: LensMapping, size: int = 64, **changes) -> Fisheye:
     polynomial = POLYNOMIAL if mapping is LensMapping.POLYNOMIAL else ()
-    return Fisheye(**{"width_px": size, "height_px": size, "mapping": mapping, "radius_px": size / 2,
-                      "polynomial": polynomial} | changes)  # fmt: skip
+    return Fisheye(
+        **{"width_px": size, "height_px": size, "mapping": mapping, "radius_px": size / 2, "polynomial": polynomial}
+        | changes
+    )
 
 
 def one_of_each(size: int = 64) -> dict:

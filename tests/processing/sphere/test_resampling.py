@@ -100,8 +100,9 @@ def test_invalid_pixels_do_not_bleed(method):
 
 
 def test_nothing_valid_gives_nothing():
-    moved, coverage = resample(np.ones((8, 16)), Equirectangular(16, 8), fisheye(LensMapping.EQUISOLID, 8),
-                               weights=np.zeros((8, 16)))  # fmt: skip
+    moved, coverage = resample(
+        np.ones((8, 16)), Equirectangular(16, 8), fisheye(LensMapping.EQUISOLID, 8), weights=np.zeros((8, 16))
+    )
     assert not moved.any()
     assert not coverage.any()
 
@@ -147,8 +148,11 @@ def test_padding_goes_round_and_over(width):
     assert padded.shape == (10, width + 4, 3)
     # Over the pole come the directions on the other side; between two columns they are shorter.
     over = padded[1, 2:-2] / np.linalg.norm(padded[1, 2:-2], axis=-1, keepdims=True)
-    np.testing.assert_allclose(over[:, :2] / np.linalg.norm(over[:, :2], axis=1)[:, None],
-                               -d[0, :, :2] / np.linalg.norm(d[0, :, :2], axis=1)[:, None], atol=1e-5)  # fmt: skip
+    np.testing.assert_allclose(
+        over[:, :2] / np.linalg.norm(over[:, :2], axis=1)[:, None],
+        -d[0, :, :2] / np.linalg.norm(d[0, :, :2], axis=1)[:, None],
+        atol=1e-5,
+    )
     np.testing.assert_allclose(padded[2:-2, :2], d[:, -2:], atol=1e-6)
 
 

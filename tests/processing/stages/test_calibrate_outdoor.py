@@ -30,8 +30,16 @@ OPTICS = optics_of(WIDTH)
 
 
 def k2(**changes) -> K2Record:
-    given = {"value": 2.0, "relative_uncertainty": 0.01, "measured_utc": NOW, "indoor": CameraState(), "n_patches": 6,
-             "outdoor": CameraState(), "white_ratio": 2.0, "residual_stops": 0.0}  # fmt: skip
+    given = {
+        "value": 2.0,
+        "relative_uncertainty": 0.01,
+        "measured_utc": NOW,
+        "indoor": CameraState(),
+        "n_patches": 6,
+        "outdoor": CameraState(),
+        "white_ratio": 2.0,
+        "residual_stops": 0.0,
+    }
     return K2Record(**(given | changes))
 
 
@@ -121,13 +129,22 @@ def test_factors_that_were_given_have_no_known_uncertainty(picture):
 
 def even_panorama() -> RelativeImage:
     ones = np.ones((32, 64), np.float32)
-    return RelativeImage(np.ones((32, 64, 3), np.float32), 0.01 * ones, np.zeros((32, 64), np.uint8),
-                         Equirectangular(64, 32))  # fmt: skip
+    return RelativeImage(
+        np.ones((32, 64, 3), np.float32), 0.01 * ones, np.zeros((32, 64), np.uint8), Equirectangular(64, 32)
+    )
 
 
 def test_a_profiles_fall_off_of_another_aperture_is_told_and_doubted(picture):
-    frame = FrameRecord(side=Side.OUTDOOR, stop=0, file="outdoor/00.jpg", size_bytes=1, sha256="0" * 64, asked_s=1.0,
-                        camera_s=1.0, f_number=16.0)  # fmt: skip
+    frame = FrameRecord(
+        side=Side.OUTDOOR,
+        stop=0,
+        file="outdoor/00.jpg",
+        size_bytes=1,
+        sha256="0" * 64,
+        asked_s=1.0,
+        camera_s=1.0,
+        f_number=16.0,
+    )
     session = manifest(frames=(frame,))
     asked = CalibrateParameters()
     optics, _, told = find_optics(picture, session, asked, profile(8.0), None)
@@ -143,8 +160,12 @@ def test_the_veil_taken_off_leaves_the_light_of_the_field(picture):
     inside = flat[..., 0] > 0
     lost = np.float32(0.02)
     rgb = (1 - lost) * flat + lost * 1000 * np.ones(3, np.float32)
-    veiled = replace(picture, rgb=rgb, uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
-                     validity=np.zeros(rgb.shape[:2], np.uint8))  # fmt: skip
+    veiled = replace(
+        picture,
+        rgb=rgb,
+        uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
+        validity=np.zeros(rgb.shape[:2], np.uint8),
+    )
     clean, found = veil_taken_off(veiled, OPTICS.lens, CalibrateParameters())
     assert found["taken_off"]
     assert found["index"] == pytest.approx(0.02, rel=0.02)
@@ -154,8 +175,12 @@ def test_the_veil_taken_off_leaves_the_light_of_the_field(picture):
 def test_the_veil_taken_off_leaves_its_doubt(picture):
     rgb = picture.rgb + np.float32(10.0)
     rgb += np.random.default_rng(1).normal(0, 1, rgb.shape).astype(np.float32)
-    veiled = replace(picture, rgb=rgb, uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
-                     validity=np.zeros(rgb.shape[:2], np.uint8))  # fmt: skip
+    veiled = replace(
+        picture,
+        rgb=rgb,
+        uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
+        validity=np.zeros(rgb.shape[:2], np.uint8),
+    )
     clean, found = veil_taken_off(veiled, OPTICS.lens, CalibrateParameters())
     assert found["taken_off"]
     dark = (clean.rgb.sum(axis=-1) == 0) & (veiled.rgb.sum(axis=-1) > 0)

@@ -36,9 +36,13 @@ def painted() -> Painted:
 
 def picture(painted: Painted, **attributes: object) -> LuminanceImage:
     return LuminanceImage(
-        painted.image.rgb, painted.image.uncertainty, painted.image.validity, painted.image.geometry, 0.03,
+        painted.image.rgb,
+        painted.image.uncertainty,
+        painted.image.validity,
+        painted.image.geometry,
+        0.03,
         attributes=attributes,
-    )  # fmt: skip
+    )
 
 
 def context(painted: Painted, folder: Path, **changes: Any) -> StageContext:
@@ -118,9 +122,17 @@ def test_a_mask_of_another_size_is_refused_when_it_is_read(painted: Painted, tmp
 def test_the_sun_s_place_is_the_panorama_s() -> None:
     """Noon in June at the Tropic of Cancer's longitude 0: the sun due south, so behind a panorama that faces north."""
     frame = FrameRecord(
-        side=Side.INDOOR, stop=0, file="indoor/a.jpg", size_bytes=1, sha256="0" * 64, asked_s=1.0, camera_s=1.0,
-        iso=100, f_number=5.6, taken_utc=datetime(2023, 6, 21, 12, 2, tzinfo=UTC),
-    )  # fmt: skip
+        side=Side.INDOOR,
+        stop=0,
+        file="indoor/a.jpg",
+        size_bytes=1,
+        sha256="0" * 64,
+        asked_s=1.0,
+        camera_s=1.0,
+        iso=100,
+        f_number=5.6,
+        taken_utc=datetime(2023, 6, 21, 12, 2, tzinfo=UTC),
+    )
     session = manifest().model_copy(
         update={"frames": (frame,), "site": Site(latitude_deg=50.0, longitude_deg=0.0), "heading_rad": 0.0}
     )

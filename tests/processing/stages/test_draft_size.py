@@ -34,7 +34,10 @@ def test_blocks_keep_the_light_and_the_worst_of_their_pixels() -> None:
 
 def test_what_a_draft_shares_with_standard_is_the_same_work() -> None:
     draft = RunRequest(quality=Quality.DRAFT)
-    same = {name for name in ("merge", "room", "detect", "remove", "materials", "render")
-            if quality_of(stage_named(name), draft) is Quality.STANDARD}  # fmt: skip
+    same = {
+        name
+        for name in ("merge", "room", "detect", "remove", "materials", "render")
+        if quality_of(stage_named(name), draft) is Quality.STANDARD
+    }
     assert same == {"merge", "room", "detect"}
     assert quality_of(stage_named("room"), RunRequest(quality=Quality.REFERENCE)) is Quality.REFERENCE

@@ -33,10 +33,17 @@ def named(findings: Findings, level: Level) -> dict[str, str]:
 def test_a_body_made_ready_passes_and_is_recorded(tmp_path: Path) -> None:
     findings, kept = check_canon(tmp_path)
     assert not findings.failures()
-    wanted = {"picture style": "standard", "colour space": "sRGB", "mirror lock-up": "off",
-              "exposure bracketing": "none", "highlight tone priority": "off", "lighting optimiser": "off",
-              "auto power off": "after 60 s", "long-exposure noise reduction": "off",
-              "high-ISO noise reduction": "standard"}  # fmt: skip
+    wanted = {
+        "picture style": "standard",
+        "colour space": "sRGB",
+        "mirror lock-up": "off",
+        "exposure bracketing": "none",
+        "highlight tone priority": "off",
+        "lighting optimiser": "off",
+        "auto power off": "after 60 s",
+        "long-exposure noise reduction": "off",
+        "high-ISO noise reduction": "standard",
+    }
     assert wanted.items() <= kept.items()
 
 

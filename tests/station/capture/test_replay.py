@@ -41,9 +41,11 @@ def driver(kind: str, link: PtpTransport, clock: Clock) -> CameraBench:
 def record(kind: str, path: Path) -> list[Outcome]:
     """Run the conformance suite on a simulated camera and keep the transcript."""
     clock = VirtualClock()
-    device = SimulatedThetaZ1(TinyShots(), clock) if kind == "theta" else SimulatedCanon5D2(
-        TinyShots(), clock, options=CanonOptions()
-    )  # fmt: skip
+    device = (
+        SimulatedThetaZ1(TinyShots(), clock)
+        if kind == "theta"
+        else SimulatedCanon5D2(TinyShots(), clock, options=CanonOptions())
+    )
     backend = SimulatedUsbBackend([device], clock)
     with path.open("w") as file:
         transcript = Transcript(file, clock)
@@ -86,9 +88,11 @@ def test_what_the_transcript_has_not_is_refused_not_invented(tmp_path: Path) -> 
 
 def test_a_line_answers_as_late_as_it_did() -> None:
     entries = [
-        Entry(0.0, "meter", "out", b"MES\r\n"), Entry(1.5, "meter", "in", b"OK00,c  1.5\r\n"),
-        Entry(2.0, "meter", "out", b"MES\r\n"), Entry(2.1, "meter", "in", b"ER02\r\n"),
-    ]  # fmt: skip
+        Entry(0.0, "meter", "out", b"MES\r\n"),
+        Entry(1.5, "meter", "in", b"OK00,c  1.5\r\n"),
+        Entry(2.0, "meter", "out", b"MES\r\n"),
+        Entry(2.1, "meter", "in", b"ER02\r\n"),
+    ]
     clock = VirtualClock()
     line = ReplayedLine(entries, clock, "meter")
     lines = []

@@ -23,11 +23,14 @@ from station.session.store import SessionStore
 from tests.station.session.sessions import manifest, put
 
 JSON = st.recursive(
-    st.none() | st.booleans() | st.integers(-(10**15), 10**15) | st.floats(allow_nan=False, allow_infinity=False)
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**15), 10**15)
+    | st.floats(allow_nan=False, allow_infinity=False)
     | st.text(st.characters(exclude_categories=["Cs"]), max_size=30),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text("abcé\n\"\\", max_size=6), inner, max_size=4),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text('abcé\n"\\', max_size=6), inner, max_size=4),
     max_leaves=10,
-)  # fmt: skip
+)
 DATA = st.dictionaries(st.text("abcdef", max_size=8), JSON, max_size=5)
 
 

@@ -161,8 +161,12 @@ def test_the_scan_for_depth_is_linear(unit: bytes) -> None:
         strict_json.loads(raw)
 
 
-@given(st.recursive(st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.text("ab\\\"[]{}é"),
-                    lambda inner: st.lists(inner) | st.dictionaries(st.text("ab\"\\["), inner)))  # fmt: skip
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.text('ab\\"[]{}é'),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text('ab"\\['), inner),
+    )
+)
 def test_plain_json_goes_through(value: object) -> None:
     assert strict_json.loads(json.dumps(value).encode()) == value
     assert strict_json.loads(json.dumps(value, ensure_ascii=False).encode()) == value

@@ -87,22 +87,33 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], set[tuple[str, str]]]] = {
         link_for_folder,
         {("irregular", "indoor")} | {("missing", f"indoor/{n}") for n in ("00_4s.jpg", "01_1-4s.jpg", "02_1-60s.jpg")},
     ),
-    "folder gone": (lambda p: shutil.rmtree(p / "indoor"), {
-        ("missing", f"indoor/{n}") for n in ("00_4s.jpg", "01_1-4s.jpg", "02_1-60s.jpg")}),
-    "digest edited": (lambda p: edit_frame(p, sha256="0" * 64), {
-        ("digest", FRAME), ("manifest-behind", FRAME), ("not-journalled", FRAME)}),
+    "folder gone": (
+        lambda p: shutil.rmtree(p / "indoor"),
+        {("missing", f"indoor/{n}") for n in ("00_4s.jpg", "01_1-4s.jpg", "02_1-60s.jpg")},
+    ),
+    "digest edited": (
+        lambda p: edit_frame(p, sha256="0" * 64),
+        {("digest", FRAME), ("manifest-behind", FRAME), ("not-journalled", FRAME)},
+    ),
     "time edited": (lambda p: edit_frame(p, camera_s=0.5), {("manifest-behind", FRAME), ("not-journalled", FRAME)}),
     "heading edited": (lambda p: edit(p, heading_rad=1.0), {("manifest-differs", "session.json")}),
-    "frames dropped": (lambda p: edit(p, frames=[]), {("manifest-status", "session.json"), *(
-        ("manifest-behind", f"indoor/{n}") for n in ("00_4s.jpg", "01_1-4s.jpg", "02_1-60s.jpg"))}),
+    "frames dropped": (
+        lambda p: edit(p, frames=[]),
+        {
+            ("manifest-status", "session.json"),
+            *(("manifest-behind", f"indoor/{n}") for n in ("00_4s.jpg", "01_1-4s.jpg", "02_1-60s.jpg")),
+        },
+    ),
     "not JSON": (lambda p: (p / "session.json").write_text("{"), {("manifest", "session.json")}),
     "no manifest": (lambda p: (p / "session.json").unlink(), {("manifest", "session.json")}),
     "newer": (lambda p: edit(p, schema_version=2), {("manifest", "session.json")}),
     "journal damaged": (lambda p: flip(p / "journal.jsonl", 40), {("journal", "journal.jsonl")}),
-    "journal torn": (lambda p: os.truncate(p / "journal.jsonl", (p / "journal.jsonl").stat().st_size - 1), {
-        ("journal-torn", "journal.jsonl")}),
+    "journal torn": (
+        lambda p: os.truncate(p / "journal.jsonl", (p / "journal.jsonl").stat().st_size - 1),
+        {("journal-torn", "journal.jsonl")},
+    ),
     "journal a pipe": (lambda p: replace_by(p / "journal.jsonl", os.mkfifo), {("journal", "journal.jsonl")}),
-}  # fmt: skip
+}
 
 
 def test_an_intact_session(path: Path) -> None:

@@ -54,13 +54,21 @@ def one_camera(**sky: object):
     frames = tuple(
         FrameRecord.model_validate(
             {
-                "side": side, "stop": 0, "file": f"{side}/00_4s.jpg", "size_bytes": 1, "sha256": "0" * 64,
-                "asked_s": 4.0, "camera_s": 4.0, "iso": 100, "f_number": 5.6, "taken_utc": NOON,
+                "side": side,
+                "stop": 0,
+                "file": f"{side}/00_4s.jpg",
+                "size_bytes": 1,
+                "sha256": "0" * 64,
+                "asked_s": 4.0,
+                "camera_s": 4.0,
+                "iso": 100,
+                "f_number": 5.6,
+                "taken_utc": NOON,
                 **(sky if side == "outdoor" else {}),
             }
         )
         for side in ("indoor", "outdoor")
-    )  # fmt: skip
+    )
     devices = tuple(DeviceRecord(role=side, kind="theta_z1", model="RICOH THETA Z1") for side in ("indoor", "outdoor"))
     site = Site(latitude_deg=PLACE.latitude_deg, longitude_deg=PLACE.longitude_deg)
     return manifest(devices=devices, frames=frames, site=site, heading_rad=0.0)
@@ -122,6 +130,8 @@ def test_an_outdoor_panorama_is_merged_as_one() -> None:
     theta, canon = (DeviceRecord(role="outdoor", kind="imported", model=m) for m in ("RICOH THETA Z1", "Canon EOS"))
     bracket = SimpleNamespace(side=Side.OUTDOOR, size_px=(160, 80), device=theta)
     assert merge_geometry(bracket, {}) == Equirectangular(160, 80)  # type: ignore[arg-type]
-    for other in (SimpleNamespace(side=Side.OUTDOOR, size_px=(160, 80), device=canon),
-                  SimpleNamespace(side=Side.OUTDOOR, size_px=(160, 100), device=theta)):  # fmt: skip
+    for other in (
+        SimpleNamespace(side=Side.OUTDOOR, size_px=(160, 80), device=canon),
+        SimpleNamespace(side=Side.OUTDOOR, size_px=(160, 100), device=theta),
+    ):
         assert isinstance(merge_geometry(other, {}), Fisheye)  # type: ignore[arg-type]

@@ -13,10 +13,17 @@ from processing.sphere import Perspective, directions
 
 
 def chart_view(
-    *, width_px: int = 320, fov_deg: float = 60.0, roll_rad: float = 0.0, yaw_rad: float = 0.0,
+    *,
+    width_px: int = 320,
+    fov_deg: float = 60.0,
+    roll_rad: float = 0.0,
+    yaw_rad: float = 0.0,
     site: Site = Site.INDOOR,
-    noise: float = 0.01, veil: float = 0.0, gain: float = 1.0, seed: int = 0,
-) -> RelativeImage:  # fmt: skip
+    noise: float = 0.01,
+    veil: float = 0.0,
+    gain: float = 1.0,
+    seed: int = 0,
+) -> RelativeImage:
     """Return what a camera sees of the chart: 3x3 samples a pixel, noise, a veil of stray light, any scale."""
     pitch = 0.0 if site is Site.INDOOR else math.pi / 2
     fine = Perspective(3 * width_px, width_px * 9 // 4, math.radians(fov_deg), yaw_rad, pitch, roll_rad)

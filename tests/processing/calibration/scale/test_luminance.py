@@ -52,9 +52,15 @@ def reading(value: float | None, when: str = "before", at_s: float = 0.0, status
 
 def frame(at_s: float) -> FrameRecord:
     return FrameRecord(
-        side=Side.INDOOR, stop=0, file="indoor/0.jpg", size_bytes=1, sha256="0" * 64, asked_s=1, camera_s=1,
+        side=Side.INDOOR,
+        stop=0,
+        file="indoor/0.jpg",
+        size_bytes=1,
+        sha256="0" * 64,
+        asked_s=1,
+        camera_s=1,
         release_monotonic_s=at_s - 0.5,
-    )  # fmt: skip
+    )
 
 
 @settings(max_examples=25, deadline=None)
