@@ -11,7 +11,7 @@ import signal
 import sys
 import tempfile
 from asyncio.subprocess import DEVNULL, PIPE
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -22,6 +22,10 @@ from processing.stages.contract import Quality
 
 MOST_LINES = 200
 """Of a run's output that a screen is given: the last ones (chosen)."""
+WORLD = re.compile(r"[a-z]+([-:]\d{1,6})?")
+"""Of simulated instruments."""
+LOOK_S, LOOK_AGAIN_S = 60.0, 20.0
+"""For which instruments are waited for, and for which what they said counts (chosen)."""
 PREVIEW_S = 120.0
 """Chosen: a basis of the light of a large room takes a quarter of it."""
 
@@ -56,12 +60,10 @@ def command_of(session: Path, asked: Mapping[str, Any]) -> list[str]:
             return ["relight", str(session), f"--at={at}", f"--weather={weather}", *state]
         case {"aim": [str(), *_] as frames}:
             return ["stills", str(session), *(f"--aim={frame}" for frame in frames)]
-        case {"check": True}:
-            return ["doctor"]
         case {"room": str(room), "simulate": str() | None as world} if re.fullmatch(r"\w[\w .-]{0,79}", room):
             if world is None:
                 return ["capture", room, f"--into={session}"]
-            if re.fullmatch(r"[a-z]+([-:]\d{1,6})?", world):
+            if WORLD.fullmatch(world):
                 return ["capture", room, f"--into={session}", f"--simulate={world}", "--size=quarter", "--rate=4"]
     raise ParameterError("no such run", where="studio", advice="begin a room's name with a letter or a digit")
 
@@ -99,6 +101,49 @@ class Jobs:
         """Return the last run of a session, None where there was none since the server started."""
         job = self._jobs.get(session)
         return job.state if job else None
+
+
+class Instruments:
+    """What `daylit doctor` finds of the rig; nobody is disturbed: whoever captures takes ``turn`` to begin."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self.turn = folder, asyncio.Lock()
+        self._found: dict[str, tuple[float, dict[str, Any]]] = {}
+
+    async def state(self, world: str, *, capturing: Callable[[], bool]) -> dict[str, Any]:
+        """Return the checks, or the error, of this computer's rig or of simulated instruments (``world``).
+
+        While a capture works with them, what was found last.
+        """
+        async with self.turn:
+            now_s, busy = asyncio.get_running_loop().time(), await asyncio.to_thread(capturing)
+            at_s, found = self._found.get(world, (-LOOK_AGAIN_S, {"checks": []}))
+            if not busy and now_s - at_s >= LOOK_AGAIN_S:
+                self._found[world] = now_s, (found := await self._asked(world))
+            return found | {"capturing": busy}
+
+    async def _asked(self, world: str) -> dict[str, Any]:
+        which = [f"--simulate={world}"] if WORLD.fullmatch(world) else _own_rig()
+        command = (sys.executable, "-m", "daylit", "doctor", "--json", f"--into={self._folder}", *which)
+        process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL)
+        try:
+            found: dict[str, Any] = json.loads((await asyncio.wait_for(process.communicate(), LOOK_S))[0])
+        except (TimeoutError, ValueError):
+            if process.returncode is None:
+                process.kill()
+            raise ParameterError("the instruments do not answer", where="daylit doctor", advice="try again") from None
+        return found
+
+
+def _own_rig() -> list[str]:
+    """Return the option that names this computer's rig file; without one doctor lists what is connected."""
+    from station.capture.rig import find_rig_file
+    from station.errors import RigError
+
+    try:
+        return [f"--rig={find_rig_file(None)}"]
+    except RigError:
+        return []
 
 
 class Warm:

@@ -30,7 +30,7 @@ from processing.errors import ParameterError
 from processing.running import screens
 from station.session import strict_json
 from studio import sessions as seen
-from studio.programs import Jobs, Warm
+from studio.programs import Instruments, Jobs, Warm
 
 STATIC = Path(__file__).parent / "static"
 COOKIE = "daylit"
@@ -128,6 +128,7 @@ class Studio:
         self.folder = folder
         self.jobs = Jobs()
         self.warm = Warm()
+        self.rig = Instruments(folder)
 
     def session(self, request: Request) -> Path:
         """Return the session that the address names."""
@@ -152,8 +153,16 @@ class Studio:
 
     async def begin(self, request: Request) -> Response:
         """Begin a capture into the folder."""
-        await self.jobs.start(self.folder, strict_json.loads(await _body(request)))
+        async with self.rig.turn:
+            await self.jobs.start(self.folder, strict_json.loads(await _body(request)))
         return JSONResponse(self.jobs.state(self.folder))
+
+    async def instruments(self, request: Request) -> Response:
+        """Return the instruments with battery, card and clock."""
+        world = request.query_params.get("simulate", "")
+        job = self.jobs.state(self.folder) or {"running": False}
+        found = await self.rig.state(world, capturing=lambda: bool(job["running"]) or seen.captured(self.folder))
+        return JSONResponse(found)
 
     async def bring(self, request: Request) -> Response:
         """Take a session's zip, or a panorama, into the folder."""
@@ -211,7 +220,7 @@ class Studio:
         data, corrected = await run_in_threadpool(seen.current, session, name)
         if not data:
             raise ParameterError("there is none yet", where=name)
-        kind = "image/png" if name == seen.MASK else "application/json"
+        kind = "image/png" if name.endswith(".png") else "application/json"
         return Response(
             data, media_type=kind, headers={"x-digest": seen.digest(data), "x-corrected": str(int(corrected))}
         )
@@ -261,12 +270,12 @@ class Studio:
             await asyncio.sleep(LOOK_S)
 
 
-_CORRECTIONS = {"room": seen.ROOM, "mask": seen.MASK, "arrangement": seen.ARRANGEMENT}
+_CORRECTIONS = {Path(name).stem: name for name in (*seen.ESTIMATED, *seen.LAYERS)}
 
 
 def _file_of(session: Path, name: str, data: bytes) -> bytes:
     """Return what was sent as the file to write, checked."""
-    if name == seen.MASK:
+    if name.endswith(".png"):
         return seen.mask_bytes(data, session)
     value = strict_json.loads(data)
     if name == seen.ROOM:
@@ -307,6 +316,7 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route("/api/sessions", studio.cards),
         Route("/api/import", studio.bring, methods=["POST"]),
         Route("/api/capture", studio.begin, methods=["POST"]),
+        Route("/api/instruments", studio.instruments),
         Route(base, studio.overview),
         Route(base + "/picture", studio.picture),
         Route(base + "/viewer", studio.viewer),

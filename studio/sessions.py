@@ -15,8 +15,9 @@ from processing.ground.room_model import RoomModel, check_room, room_text
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.running.choices import forget, read_choices, remember
 from processing.running.results import RESULT_NAME
-from processing.running.screens import STATES, nothing_png, picture_of
-from station.errors import SessionNotFoundError
+from processing.running.screens import STATES, picture_of
+from station.errors import SessionLockedError, SessionNotFoundError
+from station.session.durable import SessionLock
 from station.session.folder import open_session, write_file
 from station.session.session import MANIFEST_NAME
 from station.session.store import SessionStore, load_manifest
@@ -24,6 +25,8 @@ from station.session.store import SessionStore, load_manifest
 BY = "daylit studio"
 ROOM, MASK, ARRANGEMENT = "room.json", "mask.png", "arrangement.json"
 """Corrections: files of the session, each named by the choice that its stem names."""
+LAYERS = ("mask-add.png", "mask-keep.png", "mask-sunlight.png")
+"""Corrections that are drawn over the detected masks; none is an empty one."""
 ESTIMATED = {
     ROOM: "stages/room/room.json",
     MASK: "stages/detect/target.png",
@@ -88,6 +91,7 @@ def overview(session: Path) -> dict[str, Any]:
         **_card(session),
         "states": [name for name in STATES if picture_of(session, name)],
         "chosen": {name: choice.file if choice.value is None else choice.value for name, choice in chosen.items()},
+        "sunlight": (session / "stages" / "detect" / "sunlight.png").is_file(),
         "page": (session / "stages" / "report" / "index.html").is_file(),
         "stamp": stamp(session),
     }
@@ -95,7 +99,7 @@ def overview(session: Path) -> dict[str, Any]:
 
 def stamp(session: Path) -> str:
     """Return what changes whenever something of the session does: choices, corrections, results, the journal."""
-    names = (MANIFEST_NAME, "journal.jsonl", "choices.toml", *ESTIMATED)
+    names = (MANIFEST_NAME, "journal.jsonl", "choices.toml", *ESTIMATED, *LAYERS)
     paths = [session / name for name in names] + sorted(session.glob(f"stages/*/{RESULT_NAME}"))
     seen = [(path.name, path.parent.name, path.stat().st_mtime_ns) for path in paths if path.exists()]
     return hashlib.sha256(repr(seen).encode()).hexdigest()[:16]
@@ -105,11 +109,16 @@ def current(session: Path, name: str) -> tuple[bytes, bool]:
     """Return a correction's file, else what was estimated, and whether it was corrected; empty: there is neither."""
     chosen = read_choices(session).chosen.get(Path(name).stem)
     corrected = session / chosen.file if chosen is not None and chosen.file else None
-    for path in (corrected, session / ESTIMATED[name]):
+    for path in (corrected, session / ESTIMATED.get(name, "")):
         if path is not None and path.is_file():
             return path.read_bytes(), path == corrected
-    photograph = picture_of(session, "Photograph")
-    return (nothing_png(photograph) if name == MASK and photograph else b""), False
+    if name not in LAYERS or not (detected := session / ESTIMATED[MASK]).is_file():
+        return b"", False
+    from PIL import Image
+
+    with Image.open(detected) as found:
+        Image.new("1", found.size).save(out := io.BytesIO(), "PNG")
+    return out.getvalue(), False
 
 
 def digest(data: bytes) -> str:
@@ -146,8 +155,7 @@ def room_bytes(data: Any) -> bytes:
 
 
 def mask_bytes(png: bytes, session: Path) -> bytes:
-    """Return a painted mask (PNG, white: remove) in the panorama's size, 0 or 255."""
-    import numpy as np
+    """Return a painted mask (PNG, white: marked) in the panorama's size, black and white."""
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -158,7 +166,7 @@ def mask_bytes(png: bytes, session: Path) -> bytes:
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
         raise ParameterError(f"the mask cannot be read: {str(error)[:100]}", where="mask") from error
     out = io.BytesIO()
-    Image.fromarray(np.where(np.asarray(whole) >= 128, 255, 0).astype(np.uint8)).save(out, "PNG")
+    whole.point([255 * (level >= 128) for level in range(256)]).convert("1").save(out, "PNG")
     return out.getvalue()
 
 
@@ -225,6 +233,18 @@ def designs(session: Path) -> dict[str, dict[str, Any]]:
     for entry in () if own is None else Catalogue.at(own).entries:
         every.setdefault(entry.category, {})[entry.model_id] = entry.size_m
     return every
+
+
+def captured(folder: Path) -> bool:
+    """Return whether a session of the folder is being captured, by whichever program."""
+    for card in cards(folder):
+        if card["status"] == "partial":
+            try:
+                with open_session(folder / str(card["name"])) as root:
+                    SessionLock(root).release()
+            except SessionLockedError:
+                return True
+    return False
 
 
 def capture_state(session: Path) -> dict[str, Any]:

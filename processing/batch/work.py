@@ -226,7 +226,8 @@ def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
         if not isinstance(said, dict):
             raise TypeError("no object")
     except (ValueError, IndexError, TypeError):
-        message = _last_words(err) or f"its process ended with exit code {exit_code} and said nothing"
+        nothing = f"its process ended with exit code {exit_code} and said nothing"
+        message = (err.strip().splitlines() or [nothing])[-1].strip()[:_MOST_TEXT]
         return Outcome(name, "failed", BROKEN, message)
     if exit_code != 0 or not said.get("ok"):
         error = said.get("error", {})
@@ -241,11 +242,6 @@ def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
         cpu_seconds=float(said.get("cpu_seconds", 0.0)),
         peak_bytes=int(said.get("peak_bytes", 0)),
     )
-
-
-def _last_words(err: str) -> str:
-    lines = [line.strip() for line in err.splitlines() if line.strip()]
-    return lines[-1][:_MOST_TEXT] if lines else ""
 
 
 _PR_SET_PDEATHSIG = 1

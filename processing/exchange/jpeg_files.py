@@ -224,11 +224,8 @@ def _panorama(tags: PanoramaTags, width_px: int, height_px: int) -> dict[str, st
         values["PoseHeadingDegrees"] = tags.heading_deg % 360
     if tags.initial_heading_deg is not None:
         values["InitialViewHeadingDegrees"] = round(tags.initial_heading_deg) % 360
-    return {f"GPano:{name}": _text(value) for name, value in values.items()}
-
-
-def _text(value: float | str) -> str:
-    return f"{round(value, 4) + 0.0:.10g}" if isinstance(value, float) else str(value)
+    numbers = {name: f"{round(v, 4) + 0.0:.10g}" for name, v in values.items() if isinstance(v, float)}
+    return {f"GPano:{name}": numbers.get(name, str(value)) for name, value in values.items()}
 
 
 def _text_of(name: str, text: str) -> str:

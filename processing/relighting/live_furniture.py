@@ -179,7 +179,8 @@ class LiveFurniture:
         for number, (piece, bright) in enumerate(zip(pieces, sun, strict=True)):
             mine = large[piece.large.pixel] == number
             seen, pixel = piece.large, piece.large.pixel[mine]
-            sight = _labelled(seen.sight.some(np.flatnonzero(mine)), number)
+            sight = seen.sight.some(np.flatnonzero(mine))
+            sight = replace(sight, label=(sight.label + PARTS * number).astype(np.int32))
             places = self._places._replace(row=self._places.row[pixel], column=self._places.column[pixel])
             every = np.ones(len(pixel), bool)
             found = Steps.of(small, sight, every, places, wraps=True, any_solid=True).apply(smooth)
@@ -193,10 +194,6 @@ def _nearest(room: Sight, pieces: Sequence[_Seen]) -> Any:
         before: Flags = one.sight.distance_m < away[one.pixel]
         away[one.pixel[before]], which[one.pixel[before]] = one.sight.distance_m[before], number
     return which
-
-
-def _labelled(sight: Sight, number: int) -> Sight:
-    return replace(sight, label=(sight.label + PARTS * number).astype(np.int32))
 
 
 def _together(room: Sight, pieces: Sequence[_Seen], lights: Sequence[Floats]) -> tuple[Sight, Floats]:

@@ -67,7 +67,11 @@ def report_data(context: StageContext) -> ReportData:
         facts=session_facts(context.session),
         summary=(*_summary(facts), *_shape(context)),
         stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
-        warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))),
+        warnings=tuple(
+            WarningLine(one["message"], name, one["code"])
+            for name in BEFORE
+            for one in context.summary(name)["warnings"]
+        ),
         lead=lead,
         sections=(*staging, *details),
         files=_files(context),
@@ -128,10 +132,6 @@ def _stage_line(name: str, summary: Mapping[str, Any]) -> StageLine:
     left_out = [f"left out {what}: {why}" for what, why in summary["left_out"].items() if why != NO_SUCH]
     honoured = [f"{what}: {how}" for what, how in summary["honoured"].items()]
     return StageLine(name, "ran", "; ".join([*honoured, *left_out]))
-
-
-def _warnings(name: str, summary: Mapping[str, Any]) -> list[WarningLine]:
-    return [WarningLine(one["message"], name, one["code"]) for one in summary["warnings"]]
 
 
 def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section, ...]:

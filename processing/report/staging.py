@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from processing.exchange.jpeg_files import jpeg_bytes, labelled
-from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
+from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section
 from processing.report.states import Look, State, small_direction, small_height_px, small_view
@@ -121,7 +121,9 @@ def _tables(every: Sequence[Arrangement]) -> tuple[Table, ...]:
     """Return the pieces of the alternatives, those of the same pieces in one table; and what found no place."""
     groups: dict[tuple[tuple[str, str, str], ...], list[int]] = {}
     for number, one in enumerate(every, 1):
-        groups.setdefault(tuple(_item_row(item) for item in one.items), []).append(number)
+        sizes = [" × ".join(f"{length:.2f}" for length in item.size_m) for item in one.items]
+        pairs = zip(one.items, sizes, strict=True)
+        groups.setdefault(tuple((i.id, i.model or i.category, f"{size} m") for i, size in pairs), []).append(number)
     found = []
     for rows, numbers in groups.items():
         which = f"alternative{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
@@ -131,11 +133,6 @@ def _tables(every: Sequence[Arrangement]) -> tuple[Table, ...]:
         not_placed = tuple((item.id, item.rule, item.reason) for item in refused)
         found.append(Table("Not placed", ("piece", "rule", "why"), not_placed))
     return tuple(found)
-
-
-def _item_row(item: PlacedItem) -> tuple[str, str, str]:
-    size = " × ".join(f"{length:.2f}" for length in item.size_m)
-    return item.id, item.model or item.category, f"{size} m"
 
 
 def _surface_row(one: Mapping[str, Any]) -> tuple[str, str, str]:

@@ -154,7 +154,7 @@ def comparison(states: Sequence[State], look: Look) -> Comparison:
     wholes = [Panorama(np.ascontiguousarray(state.image.rgb)) for state in states]
     first, second = _direction(look.yaw_rad), _direction(look.other_yaw_rad)
     scenes = [
-        _scene(name, states, look, [_view(whole, view, look) for whole in wholes])
+        _scene(name, states, look, [shown(cut_view(whole, view)[-VIEW_PX[1] :], look, view) for whole in wholes])
         for name, view in (("View 1", first), ("View 2", second))
     ]
     small = [_panorama(state.image.rgb, PANORAMA_WIDTH_PX) for state in states]
@@ -253,11 +253,6 @@ def _direction(yaw_rad: float) -> Perspective:
     return Perspective(
         width, round(width * _TALLER), math.radians(FIELD_DEG), yaw_rad=math.remainder(yaw_rad, 2 * math.pi)
     )
-
-
-def _view(whole: Panorama, view: Perspective, look: Look) -> Bytes:
-    rgb = cut_view(whole, view)[-VIEW_PX[1] :]
-    return shown(rgb, look, view)
 
 
 def _scene(

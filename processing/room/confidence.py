@@ -175,12 +175,9 @@ def confidence_of(found: Diagnostics) -> float:
     }
     score = INTERCEPT + sum(weight * values[name] for name, weight in COEFFICIENTS.items())
     sure = 1 / (1 + math.exp(-max(-30.0, min(30.0, score))))
-    return float(np.clip(sure * _credible(found), LEAST, MOST))
-
-
-def _credible(found: Diagnostics) -> float:
-    """Return a factor for what no simulated room shows: parts missing, no ceiling, a wall at the lens."""
-    return (1 - min(1.0, found.blank / 0.3)) * min(1.0, found.overhead / 0.5) * min(1.0, found.nearest / 0.25)
+    # What no simulated room shows: parts missing, no ceiling, a wall at the lens
+    sure *= (1 - min(1.0, found.blank / 0.3)) * min(1.0, found.overhead / 0.5) * min(1.0, found.nearest / 0.25)
+    return float(np.clip(sure, LEAST, MOST))
 
 
 def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:

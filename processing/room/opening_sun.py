@@ -58,7 +58,8 @@ def find_openings_in_sun(
         return found
     with_openings = room.model_copy(update={"openings": found})
     patches, maps = sun_patches(image, with_openings, sun)
-    touched = any(_share(patches, maps.opening == i) > LEAST_SHARE_OF_OPENING for i in range(len(found)))
+    panes = [maps.opening == i for i in range(len(found))]
+    touched = any((patches & pane).sum() > LEAST_SHARE_OF_OPENING * max(1, pane.sum()) for pane in panes)
     if not touched:
         return found
     # Evidence of a wall where it was of a window
@@ -119,7 +120,3 @@ def _even(rgb: Floats) -> Flags:
     spread = np.sqrt(np.maximum(square - mean * mean, 0))[:, side:-side]
     # The edge of a patch is no detail of it: what is even beside a place counts for it.
     return np.asarray(cv2.erode(spread.astype(np.float32), np.ones((side, side))) < DETAIL_STOPS, bool)
-
-
-def _share(mask: Flags, among: Flags) -> float:
-    return float((mask & among).sum() / max(1, among.sum()))

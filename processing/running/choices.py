@@ -41,6 +41,7 @@ from station.session.session import SafeText
 from station.session.store import load_manifest
 
 FILE, FOLDER, LOCK = "choices.toml", "choices", ".choices.lock"
+HEAD = "# What was chosen for this session, by the commands themselves: `daylit choices SESSION` shows it.\n"
 SCHEMA = 1
 """Of the file; a higher one is refused."""
 COPIED_BYTES = 32 << 20
@@ -227,7 +228,8 @@ def _edit(session: Path, changed: Callable[[Folder, Choices, datetime], Choices]
             old = _read(root)
             new = changed(root, old, now)
             if new != old:
-                write_file(root, FILE, _text(new).encode())
+                text = tomli_w.dumps(new.model_dump(exclude_defaults=True) | {"schema_version": SCHEMA})
+                write_file(root, FILE, f"{HEAD}{text}".encode())
                 _tidy(root, new)
         finally:
             lock.release()
@@ -243,11 +245,6 @@ def _tidy(root: Folder, choices: Choices) -> None:
         for name in folder.names():
             if f"{FOLDER}/{name}" not in named:
                 folder.remove(name)
-
-
-def _text(choices: Choices) -> str:
-    head = "# What was chosen for this session, by the commands themselves: `daylit choices SESSION` shows it.\n"
-    return head + tomli_w.dumps(choices.model_dump(exclude_defaults=True) | {"schema_version": SCHEMA})
 
 
 def _read(root: Folder) -> Choices:

@@ -8,8 +8,9 @@ the session.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,16 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage
+from processing.pictures.masks import read_mask
 from processing.pipeline import resolve, stage_named
 from processing.removal.fill import Quick
 from processing.running.artifacts import file_name, load
 from processing.running.choices import going_on
 from processing.running.fingerprint import visible_part
-from processing.running.requests import RunRequest, given_answers, parameters
+from processing.running.requests import RunRequest, given_answers, given_files, parameters
 from processing.running.results import RESULT_NAME, parse_result
 from processing.stages.contract import Quality, StageContext
+from processing.stages.detect import LAYERS, drawn_over
 from processing.stages.materials import emptied as sunlit_anew
 from processing.stages.remove import emptied
 from processing.stages.upright import draft_width_px, in_size, mask_in_size, upright_panorama
@@ -72,25 +75,39 @@ class Previews:
         """Return what the stage that is asked for works with at a draft's width divided by ``parts``."""
         row = stage_named(request.until or "remove")
         given = {stage: given_answers(stage_named(stage), request) for stage in row.needs}
+        layers = {} if given["detect"] else given_files(stage_named("detect"), request)
         return StageContext(
             session=visible_part(load_manifest(self._session), row.reads),
             session_path=self._session,
             folder=Path(self._place.name),
             parameters=parameters(row, request),
-            fetch=lambda stage, name: self._artifact(stage, name, given[stage], parts),
+            fetch=lambda stage, name: self._artifact(stage, name, given[stage], parts, layers),
             summary=lambda stage: self._summary(stage, answered=bool(given[stage])),
             quality=Quality.DRAFT,
         )
 
-    def _artifact(self, stage: str, name: str, given: Mapping[str, Path], parts: int) -> object | None:
-        """Return what a stage made, or was given in its place, small; None where it left it out."""
+    def _artifact(
+        self, stage: str, name: str, given: Mapping[str, Path], parts: int, layers: Mapping[str, Path]
+    ) -> object | None:
+        """Return what a stage made, or was given in its place, small, with the layers drawn since over its masks.
+
+        None where it left it out.
+        """
         artifact = next(one for one in stage_named(stage).makes if one.name == name)
         path = given.get(name) if given else self._session / "stages" / stage / file_name(artifact)
-        if path is None or not path.is_file():
-            return None
+        found = self._small(path, parts, name, partial(load, artifact)) if path and path.is_file() else None
+        drawn = {one: self._small(layers[one], parts, one, read_mask) for one in LAYERS if one in layers}
+        if stage != "detect" or not drawn:
+            return found
+        mask = np.zeros_like(next(iter(drawn.values()))) if found is None else found
+        mask = drawn_over(name, mask, [drawn.get(one, np.False_) for one in LAYERS])
+        return mask if name == "target" or mask.any() else None
+
+    def _small(self, path: Path, parts: int, name: str, read: Callable[[Path], Any]) -> Any:
+        """Return what a file holds at a draft's width divided by ``parts``, as long as it does not change."""
         key, stamp = (path, parts), path.stat().st_mtime_ns
         if self._held.get(key, (0, None))[0] != stamp:
-            value: Any = load(artifact, path)
+            value = read(path)
             if isinstance(value, LuminanceImage):
                 value = in_size(value, draft_width_px(value.rgb.shape[1]) // parts)
             elif isinstance(value, np.ndarray):

@@ -88,19 +88,6 @@ def viewer_json(session: Path, state: str) -> str:
     return viewer([State(state, image, state.startswith("Staged"), name)], look_of(session, first)).json
 
 
-@lru_cache(maxsize=8)
-def nothing_png(panorama: Path) -> bytes:
-    """Return the mask of a panorama in which nothing was detected."""
-    from PIL import Image
-
-    from processing.pictures.exr import read_exr
-
-    height, width = read_exr(panorama).rgb.shape[:2]
-    out = io.BytesIO()
-    Image.new("L", (width, height)).save(out, "PNG")
-    return out.getvalue()
-
-
 def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
     """Return a frame as it came from the camera, small."""
     if file not in {frame.file for frame in load_manifest(session).frames if not frame.is_raw}:

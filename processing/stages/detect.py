@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from processing.ground.arrays import Flags
 from processing.ground.seam import share_of_sphere
-from processing.pictures.images import LuminanceImage
 from processing.pictures.masks import read_mask
 from processing.removal.masks import Masks, find_masks
 from processing.segmentation.embedded import scene_evidence
@@ -19,6 +21,8 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import DetectParameters
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
+LAYERS = ("mask_add", "mask_keep", "mask_sunlight")
+"""Parameters: what a user draws over the masks."""
 MUCH = 0.5
 """Share of the sphere from which a target is worth a warning (chosen)."""
 
@@ -36,7 +40,8 @@ def run(context: StageContext) -> StageOutput:
     image = upright.upright_panorama(context)
     room = upright.known_room(context)
     context.progress(0.0, "segmentation")
-    evidence = _evidence(context, image)
+    kept = context.optional_artifact("room", "evidence")  # none: of a given room in a picture that shows none
+    evidence = scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
     context.progress(0.4, "masks")
     sun = upright.sun_direction(context.session)
     possible, why = _sun_possible(context, sun, asked)
@@ -54,14 +59,17 @@ def run(context: StageContext) -> StageOutput:
 
 
 def _corrected(found: Masks, asked: DetectParameters, context: StageContext) -> Masks:
-    """Return the masks with what a user has drawn over them: added to the target, or kept out of all."""
-    masks = {name: getattr(found, name) for name in (*MASKS, "target")}
-    if asked.mask_add is not None:
-        masks["target"] = masks["target"] | _drawn(asked.mask_add, context)
-    if asked.mask_keep is not None:
-        kept = _drawn(asked.mask_keep, context)
-        masks = {name: mask & ~kept for name, mask in masks.items()}
+    given = [getattr(asked, name) for name in LAYERS]
+    layers = [np.False_ if path is None else _drawn(path, context) for path in given]
+    masks: dict[str, Any] = {name: drawn_over(name, getattr(found, name), layers) for name in (*MASKS, "target")}
     return replace(found, **masks, shares={name: share_of_sphere(mask) for name, mask in masks.items()})
+
+
+def drawn_over(name: str, mask: Flags, layers: Sequence[Flags | np.bool]) -> Flags:
+    """Return a mask (H, W) with the `LAYERS` over it: what goes as well, what stays, what is direct sunlight."""
+    add, keep, sun = layers
+    changed = {"target": mask | add | sun, "sunlight": mask & ~add | sun}.get(name, mask & ~sun)
+    return np.asarray(changed & ~keep)
 
 
 def _drawn(path: Path, context: StageContext) -> Flags:
@@ -90,16 +98,10 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
     return True, ""
 
 
-def _evidence(context: StageContext, image: LuminanceImage) -> SceneEvidence:
-    """Return what the room stage's networks saw; of a given room in a picture that shows none, our own's."""
-    kept = context.optional_artifact("room", "evidence")
-    return scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
-
-
 def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: float) -> StageOutput:
     masks = {name: getattr(found, name) for name in MASKS}
     left_out = {name: "nothing found" for name, mask in masks.items() if not mask.any()}
-    if why_no_sun:
+    if why_no_sun and "sunlight" in left_out:
         left_out["sunlight"] = why_no_sun
     warnings = []
     if found.shares["target"] > MUCH:

@@ -47,18 +47,15 @@ def _placed(part: MeshPart, item: PlacedItem, *, lit: bool) -> Part:
     c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     moved = part.vertices.astype(np.float64) @ turn.T + np.asarray(item.t_m) + (0.0, 0.0, LIFT_M)
+    doubled_m2 = np.linalg.norm(crosses(part.vertices.astype(np.float64), part.faces), axis=1).sum() if lit else 0.0
     return Part(
         name=f"{item.id}: {part.material.name}",
         vertices_m=moved,
         faces=np.ascontiguousarray(part.faces, np.int32),
-        material=_material(part.material, _area_m2(part) if lit else 0.0),
+        material=_material(part.material, float(doubled_m2 / 2)),
         uv=part.texture_coordinates(),
         normals=np.asarray(part.normals @ turn.T.astype(np.float32), np.float32),
     )
-
-
-def _area_m2(part: MeshPart) -> float:
-    return float(np.linalg.norm(crosses(part.vertices.astype(np.float64), part.faces), axis=1).sum() / 2)
 
 
 def _material(look: LookedUp, area_m2: float) -> Material:

@@ -241,10 +241,11 @@ class DetectParameters(StageParameters):
         "answer",
         "Picture: white is to be removed; instead of detection.",
         artifact="target",
-        excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep"],
+        excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep", "--mask-sunlight"],
     )
     mask_add: Path | None = path_field("file", "Picture: white is to be removed, beside what is detected.")
     mask_keep: Path | None = path_field("file", "Picture: white stays, whatever is detected.")
+    mask_sunlight: Path | None = path_field("file", "Picture: white is direct sunlight, whatever else is detected.")
     margin_deg: float = Field(
         0.6, ge=0, le=10, description="Degrees by which the target extends beyond what was detected"
     )

@@ -147,6 +147,7 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
         warnings.append(StageWarning(code="confidence", message=text))
     warnings += [StageWarning(code="hidden", message=note) for note in found.notes if "hidden altogether" in note]
     assert isinstance(found.image, LuminanceImage)
+    finest = max((one.hole.size for one in found.textures), default=0)
     return StageOutput(
         artifacts={"empty": found.image, "filled": filled, "surfaces": True, "lift": None if change is None else True},
         metrics={
@@ -159,7 +160,7 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
         },
         warnings=tuple(warnings),
         left_out={} if change is not None else {"lift": context.summary("light").get("skipped") or "shade is kept"},
-        honoured={"quality": f"textures of up to {_finest(found)} pixels ({context.quality.value})"},
+        honoured={"quality": f"textures of up to {finest} pixels ({context.quality.value})"},
     )
 
 
@@ -167,7 +168,3 @@ def _lifted_pct(change: Floats) -> float:
     """Return by how many percent the median pixel that changed is brighter than the captured one."""
     changed = change[change != 0]
     return round(100 * math.expm1(float(np.median(changed))), 2) if len(changed) else 0.0
-
-
-def _finest(found: Emptied) -> int:
-    return max((filled.hole.size for filled in found.textures), default=0)

@@ -41,8 +41,9 @@ class Check:
     error: DaylitError | None = None
 
     def to_dict(self) -> dict[str, str]:
-        """Return level, name, text and advice."""
-        return {"level": str(self.level), "name": self.name, "text": self.text, "advice": self.advice}
+        """Return level, name, text and advice, and the error's code where it is one."""
+        found = {"level": str(self.level), "name": self.name, "text": self.text, "advice": self.advice}
+        return found if self.error is None else found | {"code": self.error.code}
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,14 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
     except DaylitError as error:
         return Findings((Check(Level.FAIL, str(side), error.message, error.advice, error),), ())
     offset_s = clock_offset_s(status, rig.clock)
+    said = (
+        ("battery {:.0%}", status.battery_frac),
+        ("room for {} frames", status.free_frames),
+        ("clock {:+.1f} s", offset_s),
+    )
+    reported = "".join(f"; {words.format(value)}" for words, value in said if value is not None)
     checks = [
-        Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware})"),
+        Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware}){reported}"),
         *[
             Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}")
             for s in settings

@@ -75,6 +75,7 @@ def capture(**options: Any) -> int:
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate bedroom-7 --size quarter
     """
+    from station.capture.capture import Capture
     from station.capture.intake import check_typed
 
     _refuse_what_would_do_nothing(options)
@@ -89,7 +90,7 @@ def capture(**options: Any) -> int:
         rooms = _rooms(options)
         if options["every"] or len(rooms) > 1:
             return _run_day(rig, rooms, options)
-        return _run(rig, rooms[0], options)
+        return _follow(Capture.new(rig, _request(rooms[0], options)), rig, options)
     finally:
         rig.close()
 
@@ -118,12 +119,6 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
         raise UsageError(
             f"--resume takes them from the session: {names_given}", where="capture", advice="leave them out"
         )
-
-
-def _run(rig: Rig, room: str, options: dict[str, Any]) -> int:
-    from station.capture.capture import Capture
-
-    return _follow(Capture.new(rig, _request(room, options)), rig, options)
 
 
 def _rooms(options: dict[str, Any]) -> tuple[str, ...]:

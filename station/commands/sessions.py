@@ -313,11 +313,6 @@ def _facts(plan: DatasetPlan) -> dict[str, Any]:
     return {"doubts": doubts, "table_lines_unused": list(plan.unused_lines)}
 
 
-def _sides(pair: Pair) -> str:
-    both = (pair.indoor, pair.outdoor)
-    return " + ".join(f"{b.side} {b.folder.name} ({len(b.files)} files)" for b in both if b is not None)
-
-
 def _dict(outcome: Outcome) -> dict[str, Any]:
 
     found: dict[str, Any] = {"name": outcome.pair.main.name, "folders": _folders(outcome.pair)}
@@ -349,7 +344,9 @@ def _show_plan(plan: DatasetPlan, *, as_json: bool) -> int:
         for pair in plan.pairs:
             row = plan.rows.get(pair.indoor) if pair.indoor else None
             reading = "" if row is None or row.luminance_cd_m2 is None else f", {row.luminance_cd_m2:g} cd/m2"
-            click.echo(f"  {pair.main.name}: {_sides(pair)}{reading}")
+            both = [one for one in (pair.indoor, pair.outdoor) if one is not None]
+        sides = " + ".join(f"{one.side} {one.folder.name} ({len(one.files)} files)" for one in both)
+        click.echo(f"  {pair.main.name}: {sides}{reading}")
         _show_doubts(plan)
         click.echo(f"{len(plan.pairs)} sessions, {len(plan.doubts)} not decided; nothing was made")
     return 4 if plan.doubts else 0

@@ -294,7 +294,11 @@ class Day:
                 if job.has_store:
                     path = job.store.path
                     job.store.close()
-            if (path and self._manifest(path).status is SessionStatus.COMPLETE) or self._late(until_s):
+            if (
+                (path and self._manifest(path).status is SessionStatus.COMPLETE)
+                or self._stop_asked
+                or self._rig.clock.monotonic_s() > until_s
+            ):
                 break
         if path is not None:
             self.taken.append(Taken(path, self._manifest(path)))
@@ -302,9 +306,6 @@ class Day:
         at = f"{self._rig.clock.utc_now().astimezone():%H:%M}"
         self.missed.append(f"{room} {at}")
         yield self._say(EventKind.MISSED, f"{room} at {at} is missed: {why}", room=room)
-
-    def _late(self, until_s: float) -> bool:
-        return self._stop_asked or self._rig.clock.monotonic_s() > until_s
 
     def _open(self, room: str, path: Path | None) -> Capture:
         if path is None:

@@ -121,7 +121,9 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
             skipped = sum(sides.count(s.side) for s in best.skipped)
             report.frames_planned = len(bracket.stops_s) * len(sides) - skipped + (best.panorama is not None)
             report.status, report.missing = best.status.value, best.missing
-            listed = {file for m in (manifest, journalled) if m for file in _files(m)}
+            listed = {
+                r.file for m in (manifest, journalled) if m for many in (m.frames, m.rejected) for r in many if r.file
+            }
             report.notes += [w.message for w in best.warnings if w.code in WORTH_NOTING]
             for name in SUBFOLDERS:
                 _check_folder(root, name, listed, report)
@@ -224,10 +226,6 @@ def _check_root(root: Folder, report: VerifyReport) -> None:
             report.notes.append(f"{name!r} was left by an interrupted run; it does no harm")
         elif reason and reason != durable.IS_FOLDER:
             report.add("irregular", name, reason)
-
-
-def _files(manifest: SessionManifest) -> list[str]:
-    return [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
 
 
 def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyReport) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import time
 import urllib.error
@@ -33,9 +34,11 @@ from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_r
 from processing.pictures.masks import read_mask, write_mask
 from processing.running.choices import read_choices
 from processing.segmentation.evidence import SceneEvidence, write_evidence
+from station.capture.rig_file import example_text
 from station.session.session import Side, WarningRecord
 from station.session.store import SessionStore
 from studio.server import STATIC
+from studio.sessions import captured
 from tests.processing.relighting.lit_sessions import lit_session
 from tests.processing.room.evidence import boundary_of, classes_of
 from tests.station.session.sessions import STOPS_S, frame_record, manifest
@@ -84,7 +87,11 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
         (lit / "stages" / stage / "result.json").write_text("{}")
     furnished(lit, read_room(lit / "stages" / "room" / "room.json"))
     write_mask(lit / "stages" / "remove" / "filled.png", np.zeros((64, 128), bool))
-    server = start(folder)
+    (configured := tmp_path_factory.mktemp("configuration") / "daylit").mkdir()
+    (configured / "rig.toml").write_text(example_text())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(configured.parent))
+        server = start(folder)
     link = json.loads(server.stdout.readline())["links"][0]
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
@@ -105,6 +112,12 @@ def listen(page: Any, complaints: list[str]) -> None:
         lambda line: complaints.append(f"{line.text} {line.location['url']}") if line.type == "error" else None,
     )
     page.on("pageerror", lambda error: complaints.append(str(error)))
+
+
+def layer(opened: Opened, name: str) -> Any:
+    """What is drawn over the detected masks."""
+    path = opened.session / f"mask-{name}.png"
+    return read_mask(path) if path.exists() else np.zeros((256, 512), bool)
 
 
 def room_of(session: Path) -> RoomModel:
@@ -250,36 +263,52 @@ def test_two_tabs_on_one_session_see_the_same(opened: Opened) -> None:
 def test_an_object_clicked_away_is_gone_from_the_mask(opened: Opened) -> None:
     screen(opened.page, opened.session.name, "remove")
     click(opened.page, 0.18, 0.66)
-    wait(lambda: "mask" in read_choices(opened.session).chosen)
-    mask = read_mask(opened.session / "mask.png")
-    assert not mask[150:190, 60:120].any(), "it stays"
-    assert mask[160:200, 300:380].all(), "the other one goes"
-    assert read_choices(opened.session).chosen["mask"].file == "mask.png"
+    wait(lambda: "mask-keep" in read_choices(opened.session).chosen)
+    kept, thing = layer(opened, "keep"), np.zeros((256, 512), bool)
+    thing[150:190, 60:120] = True
+    assert (kept == thing).all(), "it stays, and only it: the rest is as detected"
+    assert read_choices(opened.session).chosen["mask-keep"].file == "mask-keep.png"
     opened.page.get_by_role("checkbox", name="Object 2").check()
-    wait(lambda: read_mask(opened.session / "mask.png")[150:190, 60:120].all())
+    wait(lambda: (layer(opened, "add") == thing).all())
+    assert not layer(opened, "keep").any()
 
 
 def test_a_stroke_is_what_was_painted(opened: Opened) -> None:
-    """Across the seam's side of the picture, where nothing was detected: the swept discs, by their own formula."""
+    """Across the seam's side of the picture, where nothing was detected: the swept discs, by their own formula.
+
+    Then a polygon over them of direct sunlight, and undone: each place is in one layer at most.
+    """
     screen(opened.page, opened.session.name, "remove")
-    before = read_mask(opened.session / "mask.png")
-    opened.page.get_by_text("Brush: remove").click()
+    before = layer(opened, "add")
+    opened.page.get_by_text("Brush", exact=True).click()
     box = opened.page.locator("main canvas").bounding_box()
     start_at, end = (0.80, 0.30), (0.92, 0.42)
     opened.page.mouse.move(box["x"] + start_at[0] * box["width"], box["y"] + start_at[1] * box["height"])
     opened.page.mouse.down()
     opened.page.mouse.move(box["x"] + end[0] * box["width"], box["y"] + end[1] * box["height"], steps=6)
     opened.page.mouse.up()
-    wait(lambda: (read_mask(opened.session / "mask.png") != before).any())
+    wait(lambda: (layer(opened, "add") != before).any())
     height, width = before.shape
     y, x = np.mgrid[:height, :width] + 0.5
     a, b = (np.array(place) * (width, height) for place in (start_at, end))
     share = np.clip(((x - a[0]) * (b - a)[0] + (y - a[1]) * (b - a)[1]) / ((b - a) ** 2).sum(), 0, 1)
     wanted = np.hypot(x - a[0] - share * (b - a)[0], y - a[1] - share * (b - a)[1]) <= 24
-    painted = read_mask(opened.session / "mask.png") & ~before
+    painted = layer(opened, "add") & ~before
     assert (painted & wanted).sum() / (painted | wanted).sum() > 0.9
-    opened.page.keyboard.press("Control+z")
-    wait(lambda: (read_mask(opened.session / "mask.png") == before).all())
+    opened.page.get_by_text("Polygon").click()
+    opened.page.get_by_text("Sunlight", exact=True).click()
+    for corner in ((0.78, 0.28), (0.95, 0.28), (0.95, 0.45), (0.78, 0.28)):
+        click(opened.page, *corner)
+    wait(lambda: layer(opened, "sunlight")[80, 440])
+    sun, more = (layer(opened, name) for name in ("sunlight", "add"))
+    upper = (y < 0.28 * height + (x - 0.78 * width) * (0.17 * height) / (0.17 * width) - 1) & (y > 0.28 * height + 1)
+    assert sun[upper & (x < 0.95 * width - 1)].all()
+    assert not (sun & more).any()
+    assert (more == painted | before)[~sun].all()
+    for _ in range(2):
+        opened.page.keyboard.press("Control+z")
+    wait(lambda: not (layer(opened, "add") & ~before).any())
+    wait(lambda: not layer(opened, "sunlight").any())
 
 
 def test_the_emptied_room_is_previewed_and_painted_on(opened: Opened) -> None:
@@ -400,6 +429,7 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
     """Frames as they become safe, a rejected one, a warning, a missing stop and the verdict; nobody reloads."""
     Image.new("RGB", (64, 32), (250, 252, 255)).save(picture := opened.folder / "frame.jpg")
     with SessionStore.create(opened.folder, manifest(name="on site")) as store:
+        assert captured(opened.folder), "nobody looks at the instruments meanwhile"
         screen(opened.page, store.path.name, "capture")
         assert "Partial" in opened.page.locator("[data-part=verdict]").inner_text()
         for stop_index in (0, 2):
@@ -415,20 +445,25 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
         store.add_frame(frame_record(Side.INDOOR, 1, part.commit()))
         store.finish()
         opened.page.get_by_text("Complete: 3 frames").wait_for()
+    assert not captured(opened.folder)
     picture.unlink()
 
 
 def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None:
     page = opened.page
     page.goto(f"{opened.base}/#/")
-    page.get_by_role("button", name="Check the instruments").click()
-    page.locator("[data-part=doctor]", has_text="frame checker").wait_for()
-    page.locator("button:enabled", has_text="Check the instruments").wait_for()
+    missing = page.locator("[data-part=instruments] .fail", has_text="not found on USB (DEV-001)")
+    missing.first.wait_for()
+    assert missing.count() == 2, "both cameras of the rig file"
+    assert "check the cable" in missing.first.inner_text()
     page.get_by_label("Name of the room").fill("--into")
     page.get_by_role("button", name="Start a capture").click()
     page.get_by_text("begin a room's name").wait_for()
     page.get_by_label("Name of the room").fill("hall 3")
     page.get_by_label("Instruments").select_option("uniform:100")
+    seen = page.locator("[data-part=instruments][data-seen='uniform:100'] .ok", has_text="RICOH THETA Z1")
+    seen.wait_for()
+    assert re.search(r"battery 90%; room for \d+ frames; clock [+-]\d", seen.inner_text())
     assert 'daylit capture "hall 3"' in page.locator("footer code").inner_text()
     page.get_by_role("button", name="Start a capture").click()
     page.get_by_text("Complete: 18 frames").wait_for(timeout=3 * PATIENCE_MS)
@@ -554,7 +589,7 @@ def test_strangers_are_turned_away(opened: Opened) -> None:
     assert asked(opened, "/api/import?name=a.exe", own, b"MZ", "POST") == 400
     large = {**own, "Content-Length": str(5 << 30)}
     assert asked(opened, "/api/import?name=a.zip", large, b"", "POST") == 413
-    before = (opened.session / "mask.png").read_bytes()
+    before = (opened.session / "mask-add.png").read_bytes()
     for what, data in (
         ("room", b"{"),
         ("room", b"[" * 100_000),
@@ -564,7 +599,7 @@ def test_strangers_are_turned_away(opened: Opened) -> None:
     ):
         status = asked(opened, f"/api/sessions/{name}/correction/{what}?base=1", own, data)
         assert status in (400, 409), (what, status)
-    assert (opened.session / "mask.png").read_bytes() == before
+    assert (opened.session / "mask-add.png").read_bytes() == before
 
 
 def bomb() -> bytes:

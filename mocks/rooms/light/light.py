@@ -111,7 +111,7 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
     noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
     irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
-    glossy = _glossy(geometry, guide)
+    glossy = np.array([p.material.roughness is not None for p in geometry.parts] + [False])[guide.part]
     faces = [face for face in range(6) if glossy[face].any()]
     if not faces:
         return Baked(irradiance, None)
@@ -166,11 +166,6 @@ def _seamless(picture: Floats, guide: Guide) -> Floats:
     kept = weights < 1e-3
     total[kept], weights[kept] = picture.reshape(-1, 3)[kept], 1
     return np.asarray((total / weights[:, None]).reshape(picture.shape), dtype=np.float32)
-
-
-def _glossy(geometry: Geometry, guide: Guide) -> Flags:
-    glossy = np.array([p.material.roughness is not None for p in geometry.parts] + [False])
-    return np.asarray(glossy[guide.part])
 
 
 def _unusable(room: Room, geometry: Geometry, guide: Guide, *, beam: bool, lamps: bool) -> Flags:

@@ -127,7 +127,9 @@ def curtain(fixture: Fixture, finish: Finish) -> list[Part]:
     folds = max(3, round(fixture.width_m / pitch))
     columns, rows = 10 * folds + 1, 16
     across = np.linspace(0.0, 1.0, columns)
-    phase = 2 * math.pi * np.interp(across, np.linspace(0, 1, folds + 1), _uneven(rng, folds) * folds)
+    widths = rng.uniform(0.75, 1.25, folds)
+    ends = np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
+    phase = 2 * math.pi * np.interp(across, np.linspace(0, 1, folds + 1), ends * folds)
     second = phase + np.interp(across, np.linspace(0, 1, folds + 1), rng.uniform(-1.2, 1.2, folds + 1))
     down = np.linspace(0.0, 1.0, rows)[:, None]
     turn = phase + (second - phase) * down**1.5
@@ -142,12 +144,6 @@ def curtain(fixture: Fixture, finish: Finish) -> list[Part]:
     into_room = np.cross(grid[1, 0] - grid[0, 0], grid[0, -1] - grid[0, 0])[1] > 0
     cloth = sheet(grid if into_room else grid[:, ::-1], 0.0025)
     return [part_of(cloth, finish.curtain, "curtain", "curtain", Role.FIXTURE)]
-
-
-def _uneven(rng: np.random.Generator, folds: int) -> Doubles:
-    """Return where each fold ends, 0..1, of somewhat different widths."""
-    widths = rng.uniform(0.75, 1.25, folds)
-    return np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
 
 
 def curtain_rod(fixture: Fixture, finish: Finish) -> list[Part]:

@@ -106,7 +106,8 @@ def calibrate_outdoor(
     if k2 is not None:
         warnings += _other_curves(k2, responses or {})
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
-    picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **_attributes(scale_facts, k1))
+    factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
+    picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
     picture = _with_shared(picture, optics)
     repaired, repair = _repaired(picture, asked, session, sky)
     lux, low = illuminances(repaired, {"up": UP})
@@ -283,10 +284,6 @@ def _scale(
     parts = {"lux meter": LUX_METER_UNCERTAINTY, "picture": level.uncertainty_lx / shown}
     scale = ScaleFactor(value, math.hypot(*parts.values()), parts)
     return scale, {"k2": value / k1.value, "k2_source": "from --outdoor-lux"}
-
-
-def _attributes(scale_facts: dict[str, Any], k1: ScaleFactor) -> dict[str, object]:
-    return {"k1": k1.value, "k2": scale_facts["k2"]}
 
 
 def _repaired(

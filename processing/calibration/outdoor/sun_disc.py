@@ -103,7 +103,7 @@ def window_at(image: RelativeImage | LuminanceImage, row: int, column: int) -> W
     rows = slice(max(row - reach, 0), min(row + reach + 1, height))
     columns = slice(max(column - reach, 0), min(column + reach + 1, width))
     if isinstance(image.geometry, Equirectangular) and (
-        columns.stop - columns.start < 2 * reach + 1 or _near_pole(image, row)
+        columns.stop - columns.start < 2 * reach + 1 or abs(0.5 - (row + 0.5) / height) * math.pi > math.radians(60)
     ):
         columns = slice(0, width)  # the window goes on at the other side, or around the pole
     ways, seen = directions(image.geometry, rows)
@@ -129,12 +129,6 @@ def _field(image: RelativeImage | LuminanceImage) -> Flags:
     x, y = lens.axis_px
     across, down = np.arange(lens.width_px) + 0.5 - x, np.arange(lens.height_px) + 0.5 - y
     return np.asarray(across[None, :] ** 2 + down[:, None] ** 2 < lens.radius_px**2)
-
-
-def _near_pole(image: RelativeImage | LuminanceImage, row: int) -> bool:
-    """Return whether a row of a panorama lies where pixels are narrow."""
-    height = int(image.rgb.shape[0])
-    return abs(0.5 - (row + 0.5) / height) * math.pi > math.radians(60)
 
 
 def _brightest(luminance: npt.NDArray[np.float32], inside: Flags, clipped: Flags) -> tuple[int, int]:

@@ -63,7 +63,8 @@ def repair_sun(
     sun = sun or find_sun(image)
     if not sun.clipped:
         raise SunError("the sun is not clipped: there is nothing to repair", advice="leave the picture as it is")
-    window = window_at(image, *_pixel_of(sun))
+    row, column = ((s.start + s.stop - 1) // 2 for s in (sun.rows, sun.columns))
+    window = window_at(image, row, column)
     cover = _coverage(window, np.array(sun.direction))
     sine = math.sin(sun.elevation_rad)
     seen = min(1.0, float((cover * window.pixel_sr).sum()) / SUN_SOLID_ANGLE_SR) if sun.cut else 1.0
@@ -111,11 +112,6 @@ def _normal_of_reading(
     return left / sine, sigma
 
 
-def _pixel_of(sun: Sun) -> tuple[int, int]:
-    """Return the middle pixel of the sun's window: nearly the one that was found first."""
-    return (sun.rows.start + sun.rows.stop - 1) // 2, (sun.columns.start + sun.columns.stop - 1) // 2
-
-
 def _coverage(window: Window, centre: Doubles) -> Doubles:
     """Return how much of each pixel (h, w) the disc covers, scaled so that all of it is covered once."""
     across, down = np.gradient(window.ways, axis=1), np.gradient(window.ways, axis=0)
@@ -143,18 +139,14 @@ def _coverage(window: Window, centre: Doubles) -> Doubles:
 def _without_sun(image: LuminanceImage, window: Window, cover: Doubles) -> LuminanceImage:
     """Return the picture with the disc's pixels at the sky's level beside them."""
     ring = window.inside & ~window.clipped & (cover == 0)
-    near = ring & (window.angle_from(_middle(window, cover)) < 6 * SUN_RADIUS_RAD)
+    middle = np.einsum("hw,hwc->c", cover, window.ways)
+    near = ring & (window.angle_from(np.asarray(middle / np.linalg.norm(middle))) < 6 * SUN_RADIUS_RAD)
     chosen = near if near.any() else ring
     rgb = image.rgb.copy()
     part = rgb[window.rows, window.columns]
     beside = np.median(part[chosen], axis=0) if chosen.any() else np.zeros(3, dtype=np.float32)
     part[cover > 0] = beside
     return replace(image, rgb=rgb)
-
-
-def _middle(window: Window, cover: Doubles) -> Doubles:
-    centre = np.einsum("hw,hwc->c", cover, window.ways)
-    return np.asarray(centre / np.linalg.norm(centre))
 
 
 def _painted(image: LuminanceImage, window: Window, cover: Doubles, luminance: float, sigma: float) -> LuminanceImage:

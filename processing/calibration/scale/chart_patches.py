@@ -203,7 +203,9 @@ def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
     """
     from scipy.optimize import minimize
 
-    level = np.log2(np.maximum(luminance_cd_m2(view.rgb), _floor(view))).astype(np.float64)
+    luminance = luminance_cd_m2(view.rgb)
+    least = max(float(luminance.max()), 1e-30) * 1e-6  # keeps logarithms finite
+    level = np.log2(np.maximum(luminance, np.float32(least))).astype(np.float64)
     pitch_px = float(np.linalg.norm(corners_px[1] - corners_px[0])) / 6
 
     def unfit(moves: Doubles) -> float:
@@ -238,11 +240,6 @@ def _sampled(plane: Doubles, points: Doubles) -> Doubles:
     above = plane[top, left] * (1 - u) + plane[top, right] * u
     below = plane[low, left] * (1 - u) + plane[low, right] * u
     return np.asarray(above * (1 - v) + below * v)
-
-
-def _floor(view: RelativeImage) -> np.float32:
-    """Return a small luminance that keeps logarithms finite."""
-    return np.float32(max(float(luminance_cd_m2(view.rgb).max()), 1e-30) * 1e-6)
 
 
 def _tone_mapped(view: RelativeImage, percentile: float) -> npt.NDArray[np.uint8] | None:

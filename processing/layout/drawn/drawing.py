@@ -161,12 +161,9 @@ def _routes(plan: FloorPlan, arrangement: Arrangement, rules: RuleSet | None) ->
     shapes: list[Shape] = []
     for line in found:
         shapes.append(Line(line, ROUTE, 0.012, (0.012, 0.055)))
-        shapes.append(_dot(line[-1]))
+        (x, y), turns = line[-1], [k * 0.5236 for k in range(12)]
+        shapes.append(Area([(x + 0.03 * math.cos(turn), y + 0.03 * math.sin(turn)) for turn in turns], ROUTE))
     return shapes
-
-
-def _dot(at: Point) -> Shape:
-    return Area([(at[0] + 0.03 * math.cos(k * 0.5236), at[1] + 0.03 * math.sin(k * 0.5236)) for k in range(12)], ROUTE)
 
 
 def _labels(items: Sequence[PlacedItem]) -> list[Shape]:

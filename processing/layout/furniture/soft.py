@@ -125,7 +125,8 @@ def hanging(
     flat = width_m / 2 - FOLD_M - 0.5 * thick_m
     arc = np.pi / 2 * FOLD_M
     reach = flat + arc + max(drop_m - FOLD_M, 0.0)
-    s = reach * _spread(np.linspace(-1, 1, m + 1))
+    even = np.linspace(-1, 1, m + 1)
+    s = reach * np.sign(even) * (1 - (1 - np.abs(even)) ** 1.25)  # a little denser towards the ends
     x, zx, slope = _over_edge(s, flat, FOLD_M)
     foot_flat = length_m - FOLD_M - 0.5 * thick_m if foot_drop_m > 0 else length_m
     far = foot_flat + (arc + max(foot_drop_m - FOLD_M, 0.0) if foot_drop_m > 0 else 0.0)
@@ -153,11 +154,6 @@ def hanging(
     depth = thick_m * np.clip(rim / 2.0, 0, 1) ** 0.5
     mid = upper - lift * (thick_m / 2)
     return sheets(mid + lift * depth[..., None] / 2, mid - lift * depth[..., None] / 2)
-
-
-def _spread(q: Doubles) -> Doubles:
-    """Return positions in [-1, 1], a little denser towards the ends."""
-    return np.asarray(np.sign(q) * (1 - (1 - np.abs(q)) ** 1.25), dtype=np.float64)
 
 
 def _over_edge(s: Doubles, flat: float, r: float) -> tuple[Doubles, Doubles, Doubles]:

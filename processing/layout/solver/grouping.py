@@ -74,13 +74,10 @@ def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
     hosts = {item.spec.category for item in items}
     units += [alone(item, rules, split, hosts) for item in left]
     apart = sum(1 for item in left if item.spec.group_with) if total else 0
-    units.sort(key=lambda u: (-_priority(u), -u.footprint_m2, u.items[0].id))
+    # What rooms are for goes first, then by size; rugs and small pieces last
+    first = {"bed": 3, "sofa": 3, "dining": 3, "rug": -1}
+    units.sort(key=lambda u: (-first.get(u.role, 1 + (len(u.items) > 1)), -u.footprint_m2, u.items[0].id))
     return Packing(tuple(units), apart)
-
-
-def _priority(unit: Unit) -> int:
-    """Return what goes first: what rooms are for, then by size; rugs and small pieces last."""
-    return {"bed": 3, "sofa": 3, "dining": 3, "rug": -1}.get(unit.role, 2 if len(unit.items) > 1 else 1)
 
 
 def _take(left: list[Item], *categories: str) -> list[Item]:

@@ -122,7 +122,8 @@ def furnished_light(
     among: Floats = (both.with_lx + sun).reshape(shape)
     whole: Floats = (both.without_lx + sun).reshape(shape)
     maps = surface_maps(room, geometry)
-    seen = (own & valid.ravel()).reshape(shape[:2]) & _on_walls(maps, room)
+    windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
+    seen = (own & valid.ravel()).reshape(shape[:2]) & ~np.isin(maps.opening, windows)  # doors are part of their wall
     level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
     gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
     # A photograph without an outdoor picture has a tone of its own: its light changes, its colours stay.
@@ -142,12 +143,6 @@ def _reduced(mask: Flags, rows: int) -> Flags:
     if mask.shape[0] == rows:
         return mask
     return np.asarray(cv2.resize(mask.astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA) > 0.25)
-
-
-def _on_walls(maps: SurfaceMaps, room: RoomModel) -> Flags:
-    """Return pixels (H, W) that show no window: doors are part of their wall."""
-    windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
-    return np.asarray(~np.isin(maps.opening, windows))
 
 
 def _consistent(sight: Sight, furniture: Flags, target: Flags) -> Sight:

@@ -55,10 +55,28 @@ export interface Card {
 export interface Overview extends Card {
   path: string;
   states: string[];
+  /** Whether direct sun was detected. */
+  sunlight: boolean;
   chosen: Record<string, string | number>;
   page: boolean;
   stamp: string;
   job: Job | null;
+}
+
+export interface Check {
+  level: "ok" | "warn" | "fail";
+  name: string;
+  text: string;
+  advice: string;
+  /** Of the error that it is. */
+  code?: string;
+}
+
+/** What doctor found, or why it could not. */
+export interface Instruments {
+  checks?: Check[];
+  error?: { code: string; message: string; advice?: string };
+  capturing: boolean;
 }
 
 export interface Frame {
@@ -123,7 +141,8 @@ async function corrected<T>(answer: Response, read: (answer: Response) => Promis
 }
 
 export const api = {
-  capturing: async (asked: { room: string; simulate: string | null } | { check: true }): Promise<void> =>
+  instruments: async (world: string): Promise<Instruments> => (await ask(`/api/instruments?simulate=${encodeURIComponent(world)}`)).json(),
+  capturing: async (asked: { room: string; simulate: string | null }): Promise<void> =>
     void (await ask("/api/capture", { method: "POST", body: JSON.stringify(asked) })),
   /** Take a file into the folder; its session's name. */
   bring: async (name: string, file: Blob): Promise<string> =>

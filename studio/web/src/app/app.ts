@@ -2,6 +2,7 @@
 import { api, type Card, type Job, type Overview } from "./api";
 import { dropZone } from "./bring";
 import { button, h, note } from "./dom";
+import { instruments } from "./instruments";
 import type { Screen } from "./screens";
 
 /** Each is loaded when it is first opened: the list of sessions needs none of them. */
@@ -55,31 +56,15 @@ async function sessions(mine: number): Promise<void> {
 /** What begins a capture, and goes to its screen as soon as there is something of it. */
 function starter(folder: string, known: Card[], command: Text): HTMLElement {
   const room = h("input", { "aria-label": "Name of the room", placeholder: "room's name", maxlength: 80, input: () => say() });
-  const rig = h("select", { "aria-label": "Instruments", change: () => say() },
+  const rig = h("select", { "aria-label": "Instruments", change: () => rigs.again(say()) },
     h("option", { value: "" }, "this computer's rig"), h("option", { value: "room" }, "simulated: a room"), h("option", { value: "uniform:100" }, "simulated: an even light"));
   const words = h("p", { class: "facts", "data-part": "capturing", role: "status" });
   const start = button("Start a capture", () => void begin(), { class: "main" });
-  const check = button("Check the instruments", () => void look(), { title: "What is connected, with battery, card and clock: daylit doctor" });
-  const said = h("pre", { hidden: true, tabindex: 0, "data-part": "doctor" });
+  const rigs = instruments();
   const world = (): string | null => rig.value || null;
-  function say(): void {
+  function say(): string {
     command.data = `daylit capture ${room.value ? JSON.stringify(room.value) : "ROOM"} --into ${folder}${world() ? ` --simulate ${world()} --size quarter --rate 4` : ""}`;
-  }
-  async function look(): Promise<void> {
-    check.disabled = true;
-    command.data = "daylit doctor";
-    try {
-      await api.capturing({ check: true });
-      for (let job: Job | null = null; said.isConnected && (!job || job.running); ) {
-        ({ job } = await api.sessions());
-        said.hidden = false;
-        said.textContent = job?.lines.join("\n") || "Looking at what is connected …";
-        await new Promise((done) => setTimeout(done, 500));
-      }
-    } catch (error) {
-      note((error as Error).message, true);
-    }
-    check.disabled = false;
+    return rig.value;
   }
   async function begin(): Promise<void> {
     start.disabled = true;
@@ -101,8 +86,8 @@ function starter(folder: string, known: Card[], command: Text): HTMLElement {
     }
     start.disabled = false;
   }
-  say();
-  return h("section", { class: "bar starter" }, h("h2", {}, "Capture"), room, rig, start, check, words, said);
+  rigs.again(say());
+  return h("section", { class: "starter" }, h("h2", {}, "Capture"), h("div", { class: "bar" }, room, rig, start), words, rigs.element);
 }
 
 function card(one: Card): HTMLElement {

@@ -1,6 +1,7 @@
 // Capture: frames as they come, what is clipped, what the meter said, what is missing.
 import { api, type Capture, type Overview } from "./api";
 import { h } from "./dom";
+import { instruments } from "./instruments";
 import type { Screen } from "./screens";
 
 const BINS = 64;
@@ -31,6 +32,8 @@ export async function captureScreen(session: Overview): Promise<Screen> {
   const facts = h("dl", { class: "figures" });
   const frames = h("div", { class: "frames" });
   const shown = new Map<string, HTMLElement>();
+  const rigs = session.status === "complete" || session.simulated ? null : instruments();
+  rigs?.again("");
 
   function fact(name: string, text: string): HTMLElement {
     return h("div", {}, h("dt", {}, name), h("dd", {}, text));
@@ -71,7 +74,7 @@ export async function captureScreen(session: Overview): Promise<Screen> {
   const refresh = async (): Promise<void> => show(await api.capture(session.name));
   await refresh();
   return {
-    element: h("section", { class: "wide" }, verdict, facts, frames,
+    element: h("section", { class: "wide" }, verdict, facts, rigs && h("details", { open: true }, h("summary", {}, "The instruments now"), rigs.element), frames,
       session.frames ? null : h("img", { class: "whole", src: api.picture(session.name, "Card", 2048, session.stamp), alt: "The panorama as it was imported", error: (event: Event) => (event.target as Element).remove() })),
     refresh,
     run: { until: "report", text: "Process this session" },
