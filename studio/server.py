@@ -27,7 +27,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from drivers.errors import DaylitError
 from processing.errors import ParameterError
-from processing.running import screens
+from processing.running import corrections, screens
 from station.session import strict_json
 from studio import sessions as seen
 from studio.programs import Instruments, Jobs, Warm
@@ -217,7 +217,7 @@ class Studio:
             base = request.query_params.get("base", "")
             data = await _body(request)
             await run_in_threadpool(lambda: seen.save(session, name, _file_of(session, name, data), base))
-        data, corrected = await run_in_threadpool(seen.current, session, name)
+        data, corrected = await run_in_threadpool(corrections.current, session, name)
         if not data:
             raise ParameterError("there is none yet", where=name)
         kind = "image/png" if name.endswith(".png") else "application/json"
@@ -228,15 +228,17 @@ class Studio:
     async def judge(self, request: Request) -> Response:
         """Return the rules that an arrangement breaks, while a piece is dragged."""
         session, places = self.session(request), strict_json.loads(await _body(request))
-        found = await run_in_threadpool(seen.moved, session, places)
-        broken = await run_in_threadpool(lambda: seen.broken(seen.plan_of(session), found.arrangements[0]))
+        found = await run_in_threadpool(corrections.moved, session, places)
+        broken = await run_in_threadpool(
+            lambda: corrections.broken(corrections.plan_of(session), found.arrangements[0])
+        )
         return JSONResponse({"broken": broken})
 
     async def live(self, request: Request) -> Response:
         """Return a preview: the emptied room, another light, a region's figures, glare at a seat."""
         session, asked = self.session(request), strict_json.loads(await _body(request))
         if "places" in asked:
-            found = await run_in_threadpool(seen.moved, session, asked.pop("places"))
+            found = await run_in_threadpool(corrections.moved, session, asked.pop("places"))
             asked["items"] = [item.model_dump(mode="json") for item in found.arrangements[0].items]
         facts, data = await self.warm.ask(session, {**asked, "do": request.path_params["what"]})
         if "error" in facts:
@@ -270,18 +272,18 @@ class Studio:
             await asyncio.sleep(LOOK_S)
 
 
-_CORRECTIONS = {Path(name).stem: name for name in (*seen.ESTIMATED, *seen.LAYERS)}
+_CORRECTIONS = {Path(name).stem: name for name in (*corrections.ESTIMATED, *corrections.LAYERS)}
 
 
 def _file_of(session: Path, name: str, data: bytes) -> bytes:
     """Return what was sent as the file to write, checked."""
     if name.endswith(".png"):
-        return seen.mask_bytes(data, session)
+        return corrections.mask_bytes(data, session)
     value = strict_json.loads(data)
-    if name == seen.ROOM:
-        return seen.room_bytes(value)
-    found = seen.moved(session, value)
-    if rules := seen.broken(seen.plan_of(session), found.arrangements[0]):
+    if name == corrections.ROOM:
+        return corrections.room_bytes(value)
+    found = corrections.moved(session, value)
+    if rules := corrections.broken(corrections.plan_of(session), found.arrangements[0]):
         raise ParameterError(f"not so: {rules[0]}", where="furnish", advice="move the piece until no rule is broken")
     return (found.model_dump_json(indent=1) + "\n").encode()
 
@@ -322,7 +324,7 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route(base + "/viewer", studio.viewer),
         Route(base + "/frame", studio.frame),
         Route(base + "/capture", studio.answer(seen.capture_state)),
-        Route(base + "/designs", studio.answer(seen.designs)),
+        Route(base + "/designs", studio.answer(corrections.designs)),
         Route(base + "/judge", studio.judge, methods=["POST"]),
         Route(base + "/live/{what:str}", studio.live, methods=["POST"]),
         Route(base + "/run", studio.run, methods=["POST", "DELETE"]),
