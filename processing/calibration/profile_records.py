@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import fields
 from itertools import pairwise
 from typing import Annotated, Any, Self
 
@@ -15,7 +14,6 @@ from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.shutter import ShutterRule, true_time_s
 from processing.calibration.scale.vignetting import Vignetting
-from processing.ground.arrays import Doubles
 from processing.sphere import LensMapping
 from station.session.session import Model, SafeText
 
@@ -28,7 +26,21 @@ _SAME_TIME_FRAC = 0.01  # chosen: dials differ by more
 _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 
 
-class ResponseRecord(Model):
+class _Record(Model):
+    @classmethod
+    def of(cls, found: ResponseCurve | NoiseModel | Vignetting | NdFilter) -> Self:
+        """Return the record of what has fields of the same names."""
+        return cls(**{name: _plain(getattr(found, name)) for name in cls.model_fields})
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays and tuples as lists of plain numbers, without infinities."""
+    if isinstance(value, np.ndarray | tuple):
+        return np.nan_to_num(value, nan=_UNKNOWN_STOPS, posinf=_UNKNOWN_STOPS).tolist()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+class ResponseRecord(_Record):
     """A response curve (`ResponseCurve`): stops by code, a row a channel."""
 
     log2_exposure: tuple[_CODES, _CODES, _CODES]
@@ -56,57 +68,26 @@ class ResponseRecord(Model):
             raise ValueError(f"low, high, gauge_code and sigma_code are codes of 0..{n - 1}, low below high")
         return self
 
-    @classmethod
-    def of(cls, curve: ResponseCurve) -> Self:
-        """Return the record of a curve."""
-        return cls(
-            log2_exposure=_rows(curve.log2_exposure),
-            sigma_log2=_rows(np.nan_to_num(curve.sigma_log2, nan=_UNKNOWN_STOPS, posinf=_UNKNOWN_STOPS)),
-            low=tuple(map(int, curve.low)),
-            high=tuple(map(int, curve.high)),
-            gauge_code=int(curve.gauge_code),
-            sigma_code=int(curve.sigma_code),
-            balance_sigma=tuple(map(float, curve.balance_sigma)),
-            method=curve.method,
-            n_samples=int(curve.n_samples),
-            residual_stops=float(curve.residual_stops),
-        )
-
     def curve(self) -> ResponseCurve:
         """Return the curve; the same numbers that were recorded."""
-        return ResponseCurve(
-            log2_exposure=np.array(self.log2_exposure),
-            sigma_log2=np.array(self.sigma_log2),
-            low=self.low,
-            high=self.high,
-            gauge_code=self.gauge_code,
-            sigma_code=self.sigma_code,
-            balance_sigma=self.balance_sigma,
-            method=self.method,
-            n_samples=self.n_samples,
-            residual_stops=self.residual_stops,
-        )
+        tables = {name: np.array(getattr(self, name)) for name in ("log2_exposure", "sigma_log2")}
+        return ResponseCurve(**{**self.model_dump(), **tables})
 
     def digest(self) -> str:
         """Return the SHA-256 of the curve's numbers: which curve a scale factor was measured with."""
         return hashlib.sha256(np.array(self.log2_exposure).tobytes()).hexdigest()
 
 
-class NoiseRecord(Model):
+class NoiseRecord(_Record):
     """A camera's noise (`NoiseModel`)."""
 
     photon: tuple[NonNegative, NonNegative, NonNegative]
     read: tuple[NonNegative, NonNegative, NonNegative]
     code_variance: tuple[NonNegative, NonNegative, NonNegative] = (1 / 12, 1 / 12, 1 / 12)
 
-    @classmethod
-    def of(cls, noise: NoiseModel) -> Self:
-        """Return the record of a noise model."""
-        return cls(photon=noise.photon, read=noise.read, code_variance=noise.code_variance)
-
     def model(self) -> NoiseModel:
         """Return the noise model."""
-        return NoiseModel(self.photon, self.read, self.code_variance)
+        return NoiseModel(**self.model_dump())
 
 
 class ShutterTime(Model):
@@ -129,7 +110,7 @@ class ShutterRecord(Model):
         return next(measured, true_time_s(nominal_s, self.rule))
 
 
-class VignettingRecord(Model):
+class VignettingRecord(_Record):
     """A fall-off (`Vignetting`): 1 + c1 r^p1 + c2 r^p2 + ..."""
 
     powers: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=16)]
@@ -144,11 +125,6 @@ class VignettingRecord(Model):
         if len(self.powers) != len(self.coefficients):
             raise ValueError("as many powers as coefficients")
         return self
-
-    @classmethod
-    def of(cls, found: Vignetting) -> Self:
-        """Return the record of a fall-off."""
-        return cls(**_fields(found))
 
     def vignetting(self) -> Vignetting:
         """Return the fall-off."""
@@ -193,7 +169,7 @@ class LensRecord(Model):
         return LensModel(self.mapping, circle, self.half_field_rad, self.polynomial, self.source)
 
 
-class NdRecord(Model):
+class NdRecord(_Record):
     """An ND filter (`NdFilter`): what it does to linear RGB is ``rgb @ tint * 10 ** -density``."""
 
     tint: tuple[Channels, Channels, Channels]
@@ -201,20 +177,6 @@ class NdRecord(Model):
     relative_uncertainty: NonNegative = 0.0
     source: SafeText = ""
 
-    @classmethod
-    def of(cls, found: NdFilter) -> Self:
-        """Return the record of a filter."""
-        return cls(**_fields(found))
-
     def nd_filter(self) -> NdFilter:
         """Return the filter."""
         return NdFilter(**self.model_dump())
-
-
-def _fields(found: Vignetting | NdFilter) -> dict[str, Any]:
-    return {one.name: getattr(found, one.name) for one in fields(found)}
-
-
-def _rows(table: Doubles) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-    first, second, third = (tuple(map(float, row)) for row in table)
-    return first, second, third
