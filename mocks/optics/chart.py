@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.worlds.light import LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Indices
 from processing.ground.colour import RGB_OF_XYZ, srgb_decoded
 from processing.ground.tables import table_of
 
@@ -115,7 +114,7 @@ class ChartRoom(OneLight):
         rgb = np.asarray(np.array(RGB_OF_XYZ) @ np.array([x / y, 1.0, (1 - x - y) / y]), dtype=np.float32)
         return np.asarray(rgb / luminance_cd_m2(rgb), dtype=np.float32)
 
-    def _illuminance_lx(self, face: npt.NDArray[np.intp], point: Floats) -> Floats:
+    def _illuminance_lx(self, face: Indices, point: Floats) -> Floats:
         """Return direct light, ``L A cos cos / r2``, and the even light of all bounces."""
         area_m2 = _LAMP_M**2
         away = point - _LAMP
@@ -137,7 +136,7 @@ def _turned(directions: Floats, site: Site) -> Floats:
     return directions[:, [0, 2, 1]] * np.array((-1, 1, 1), dtype=np.float32)
 
 
-def _wall_met(way: Floats) -> tuple[npt.NDArray[np.intp], Floats]:
+def _wall_met(way: Floats) -> tuple[Indices, Floats]:
     """Return the face that each direction meets, and where."""
     ends = np.where(way > 0, _HIGH, _LOW)
     with np.errstate(divide="ignore"):
@@ -148,7 +147,7 @@ def _wall_met(way: Floats) -> tuple[npt.NDArray[np.intp], Floats]:
     return face, way * nearest
 
 
-def _albedo(face: npt.NDArray[np.intp], point: Floats) -> Floats:
+def _albedo(face: Indices, point: Floats) -> Floats:
     out = np.array([_ALBEDO[name] for name in _FACES], dtype=np.float32)[face]
     ahead = np.flatnonzero(face == _CHART_FACE)
     x, z = point[ahead, 0], point[ahead, 2]

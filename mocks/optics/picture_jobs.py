@@ -10,7 +10,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
@@ -19,7 +18,7 @@ from mocks.optics.camera import CameraOptics, image_rows
 from mocks.optics.lenses import Size
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, UInt16s
 
 # The bytes around the picture: EXIF and GPano segments, splicing them into a JPEG, and small CR2 and DNG files.
 
@@ -125,7 +124,7 @@ def _rational(value: float) -> IFDRational:
 class RawFrame:
     """A Bayer mosaic (RGGB) as the sensor counted, with its black and white levels."""
 
-    mosaic: npt.NDArray[np.uint16]
+    mosaic: UInt16s
     black: int
     white: int
     matrix: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -284,7 +283,7 @@ def expose(job: PictureJob) -> bytes:
     return out.getvalue()
 
 
-def mosaic(job: PictureJob, step: int) -> npt.NDArray[np.uint16]:
+def mosaic(job: PictureJob, step: int) -> UInt16s:
     """Return a small Bayer mosaic (RGGB) of the exposure, every ``step``-th pixel, in raw counts."""
     width, height = job.size
     rng = np.random.default_rng([job.seed, 1 << 32])

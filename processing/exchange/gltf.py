@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Bytes, Doubles, Floats
+from processing.ground.arrays import Bytes, Doubles, Floats, Indices
 from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
 from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Sun, Surface
@@ -53,7 +53,7 @@ class Glb:
         self._known: dict[tuple[bytes, bool], int] = {}
         self._groups: dict[str, int] = {}
 
-    def add_picture(self, rgb8: npt.NDArray[np.uint8], *, repeat: bool) -> int:
+    def add_picture(self, rgb8: Bytes, *, repeat: bool) -> int:
         """Add a texture of an sRGB picture (H, W, 3), once; its first row is the top, v = 0 in glTF."""
         from PIL import Image
 
@@ -186,7 +186,7 @@ class Glb:
         return self._append("accessors", entry)
 
 
-def _welded(corners: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.intp]]:
+def _welded(corners: Floats) -> tuple[Floats, Indices]:
     """Return the different rows of (n, k) in the order in which they come, and which of them each row is."""
     rows = np.ascontiguousarray(corners).view(np.dtype((np.void, corners.dtype.itemsize * corners.shape[1]))).ravel()
     _, first, same = np.unique(rows, return_index=True, return_inverse=True)
@@ -196,7 +196,7 @@ def _welded(corners: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], 
     return corners[first[order]], place[same.ravel()]
 
 
-def y_up(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def y_up(vectors: npt.NDArray[np.floating]) -> Floats:
     """Return (N, 3) vectors of our frame (z up, metres) in glTF's (y up, metres)."""
     # Adding 0 makes -0 plain.
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError, PictureFileError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.pictures.exr import read_any_exr
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.panorama import read_tags
@@ -181,7 +180,7 @@ def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg
     return facts
 
 
-def _around(picture: OpenPicture, level: Floats, ray: npt.NDArray[np.float64], radius_deg: float) -> Facts | None:
+def _around(picture: OpenPicture, level: Floats, ray: Doubles, radius_deg: float) -> Facts | None:
     """Return statistics within the radius; None where not a single pixel's middle lies in it."""
     assert picture.geometry is not None
     rays, seen = directions(picture.geometry)
@@ -226,5 +225,5 @@ def _named(picture: OpenPicture) -> str:
     return f"perspective view of {math.degrees(picture.geometry.fov_x_rad):.1f} degrees"
 
 
-def _direction(lon: float, lat: float) -> npt.NDArray[np.float64]:
+def _direction(lon: float, lat: float) -> Doubles:
     return np.array([math.cos(lat) * math.sin(lon), math.cos(lat) * math.cos(lon), math.sin(lat)])

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 import simplejpeg
 
 from processing.errors import ParameterError, PictureFileError
+from processing.ground.arrays import Bytes, UInt16s
 from processing.pictures.mosaic import CameraColours, camera_colours, camera_rgb
 
-Codes: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+Codes: TypeAlias = Bytes | UInt16s
 Reduce: TypeAlias = Literal[1, 2, 4, 8]
 MAX_PIXELS = 200_000_000
 """More than any camera of today; a header that says more is a mistake or an attack."""

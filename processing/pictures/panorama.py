@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import PanoramaError, PictureFileError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2
 from processing.pictures.exr import read_exr, read_exr_rgb, read_header
 from processing.pictures.frames import Codes
@@ -304,7 +304,7 @@ def _check_not_two_circles(rgb: Floats, name: str) -> None:
         )
 
 
-def _share(mask: npt.NDArray[np.bool_]) -> float:
+def _share(mask: Flags) -> float:
     """Return the share of all directions, from rows weighted by their solid angle."""
     weight = np.cos(((np.arange(mask.shape[0]) + 0.5) / mask.shape[0] - 0.5) * np.pi)
     return float(mask.mean(axis=1) @ weight / weight.sum())

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from processing.exchange.jpeg_files import TEXT
 from processing.exchange.showing import panes_of
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Doubles, Floats
 from processing.layout.arrangement import Arrangements
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
@@ -89,7 +89,7 @@ def towards_furniture(places: Sequence[tuple[float, float, float]]) -> tuple[flo
     return float(first), float(second)
 
 
-def _apart(one: npt.ArrayLike, other: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def _apart(one: npt.ArrayLike, other: npt.ArrayLike) -> Doubles:
     return np.asarray(np.abs(np.angle(np.exp(1j * (np.asarray(one) - np.asarray(other))))))
 
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage
@@ -172,7 +171,7 @@ def drawn(image: LuminanceImage, room: RoomModel, display: Display) -> Bytes:
     return out
 
 
-def _edges(labels: npt.NDArray[np.int16]) -> npt.NDArray[np.bool_]:
+def _edges(labels: Int16s) -> Flags:
     edge = labels != np.roll(labels, 1, axis=1)
     edge[1:] |= labels[1:] != labels[:-1]
     return np.asarray(edge)

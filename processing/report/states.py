@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, PanoramaTags, jpeg_bytes, labelled
-from processing.ground.arrays import Bytes, Flags, Floats, UInt16s
+from processing.ground.arrays import Bytes, Flags, Floats, Indices, UInt16s
 from processing.ground.room_model import RoomModel
 from processing.pictures.display import AS_GIVEN, Display, screen
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
@@ -227,7 +227,7 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
     )
 
 
-def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:
+def map_pixels(length: int, most: int) -> Indices:
     """Return which of ``length`` rows or columns a map of at most ``most`` shows, (N,): the middles of its parts."""
     count = min(length, most)
     return ((np.arange(count) + 0.5) * length / count).astype(np.intp)

@@ -30,6 +30,7 @@ from processing.calibration.response.shutter import ShutterRule, camera_rule
 from processing.calibration.scale.chart import chart_at, find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import BracketError, LensError, ProfileError, ResponseError
+from processing.ground.arrays import Bytes, Doubles
 from processing.pictures.frames import FrameSource, frame_of
 from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
@@ -102,7 +103,7 @@ def read_side(path: Path, side: Side) -> SessionSide | None:
     )
 
 
-def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], half_field_rad: float) -> LensModel:
+def outdoor_lens(side: SessionSide, frames: Sequence[Bytes], half_field_rad: float) -> LensModel:
     """Return the fisheye: its circle as the frames show it, else as the rig file states it; an equisolid mapping.
 
     ``frames``: (H, W, 3) uint8 each.
@@ -234,7 +235,7 @@ def with_filter(
     return replace(camera, filter=fit_nd_filter(*found, source="chart with and without the filter"))
 
 
-def _patches(camera: CameraFit, taken: SessionSide, corners: npt.ArrayLike | None) -> npt.NDArray[np.float64]:
+def _patches(camera: CameraFit, taken: SessionSide, corners: npt.ArrayLike | None) -> Doubles:
     """Return the chart's patches (24, 3) at equal exposure; those that are clipped or dark are not finite."""
     image = replace(camera, filter=None).corrected(camera.merged(taken))
     chart = (find_chart_around(image) if corners is None else chart_at(image, corners)).chart

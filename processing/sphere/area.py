@@ -308,7 +308,7 @@ def _perspective_projected(view: Perspective, n: Doubles) -> Doubles:
     return np.asarray(-(np.diff(across, axis=0) + np.diff(along, axis=1)))
 
 
-def _crossed_cells(geometry: Geometry, n: Doubles, rows: slice) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _crossed_cells(geometry: Geometry, n: Doubles, rows: slice) -> tuple[Indices, Indices]:
     """Return rows (of ``rows``) and columns of the cells that may lie on both sides of the plane's horizon."""
     if isinstance(geometry, Equirectangular):
         longitude, latitude = _middles(geometry, rows)
@@ -348,7 +348,7 @@ def _cell_reach(geometry: Geometry) -> float:
     return math.sqrt(0.5) * steepest + 1e-12
 
 
-def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]) -> Doubles:
+def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[Indices, Indices]) -> Doubles:
     """Return the mean of max(0, n . direction) over cells, weighted by solid angle, from a fine division of each."""
     across = max(geometry.width_px, geometry.height_px)
     parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / across)))

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Doubles
 from processing.ground.seam import resized
 from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
 from processing.light.scene.room_light import EmptyRoom, with_sunlight
@@ -132,7 +132,7 @@ def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:
     }
 
 
-def _surface(surface: Surface, weights: npt.NDArray[np.float64]) -> dict[str, Any]:
+def _surface(surface: Surface, weights: Doubles) -> dict[str, Any]:
     mean = surface.albedo.mean(axis=(0, 1), dtype=np.float64)
     return {
         "name": surface.name,

@@ -102,7 +102,7 @@ def why_unfit(context: StageContext, *, asked: bool) -> str | None:
     )
 
 
-def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
+def check_mask_size(mask: Flags, context: StageContext) -> None:
     """Raise `ParameterError` naming both sizes unless a mask (H, W) has the panorama's."""
     panorama = upright_panorama(context).rgb.shape[:2]
     if mask.shape != panorama:

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.errors import DaylitError
 from mocks.worlds.light import Vector, unit
@@ -170,7 +169,7 @@ def mesh_shape(mesh: Mesh, bsdf: Any, emitter: dict[str, Any] | None = None, sen
     return shape
 
 
-def irradiance_over(scene: Any, mesh: Mesh, spp: int, seed: int = 0) -> npt.NDArray[np.float64]:
+def irradiance_over(scene: Any, mesh: Mesh, spp: int, seed: int = 0) -> Doubles:
     """Return the mean illuminance (lx, as RGB, shape (3,)) over a mesh that need not be in the scene.
 
     The mesh is not put into the scene, so that the meter neither shades nor reflects. About ``spp`` rays start from it.
@@ -193,11 +192,11 @@ def irradiance_over(scene: Any, mesh: Mesh, spp: int, seed: int = 0) -> npt.NDAr
     # The sampler spreads square numbers of rays best.
     each = max(1, round(math.sqrt(spp) / _METER_PIXELS)) ** 2
     picture = mi.render(scene, sensor=shape.sensor(), integrator=mi.load_dict(PATH), spp=each, seed=seed)
-    mean: npt.NDArray[np.float64] = np.array(picture, dtype=np.float64).reshape(-1, 3).mean(axis=0)
+    mean: Doubles = np.array(picture, dtype=np.float64).reshape(-1, 3).mean(axis=0)
     return mean
 
 
-def irradiance_at(scene: Any, point: Vector, normal: Vector, spp: int, seed: int = 0) -> npt.NDArray[np.float64]:
+def irradiance_at(scene: Any, point: Vector, normal: Vector, spp: int, seed: int = 0) -> Doubles:
     """Return the illuminance (lx, as RGB, shape (3,)) at a point on a plane with this normal."""
     axis = np.array(unit(normal))
     u = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))

@@ -15,7 +15,7 @@ from numba import carray
 
 from processing.calibration.merge.kernel import bytes_at, chi2_limit, compiled
 from processing.calibration.response.curve import NoiseModel
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Int64s
 from processing.pictures.mosaic import FULL
 
 CLIP_CODE = 64224
@@ -38,7 +38,7 @@ class LinearSamples:
         return np.asarray((CLIP_CODE / FULL - self.noise[:, 3]) / self.times_s[:, None], dtype=np.float32)
 
     @property
-    def every(self) -> npt.NDArray[np.int64]:
+    def every(self) -> Int64s:
         """Codes over the whole range, (n, 3), rising. Of shape (512, 3) or fewer, int64."""
         return np.repeat(np.unique(np.geomspace(1, FULL, 512).astype(np.int64))[:, None], 3, axis=1)
 

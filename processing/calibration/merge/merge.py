@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.merge import bracket
 from processing.calibration.merge.bracket import Decoded, FrameUse, Merged, MergeReport, Order
@@ -32,7 +31,7 @@ from processing.calibration.merge.tables import (
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Bytes, Doubles, Int64s
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.ground.threads import threads
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
@@ -268,9 +267,7 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     return named
 
 
-def _fuse(
-    codes: Sequence[Codes], samples: MergeTables | LinearSamples, job: _Job
-) -> tuple[Planes, npt.NDArray[np.float64]]:
+def _fuse(codes: Sequence[Codes], samples: MergeTables | LinearSamples, job: _Job) -> tuple[Planes, Doubles]:
     """Return the merged planes, and what part of the picture used each frame."""
     height, width = codes[0].shape[:2]
     pixels, shape, workers = height * width, job.noise_shape(), job.workers
@@ -301,7 +298,7 @@ def _fuse(
 
 def _fuse_runs(
     flat: Sequence[Codes], tables: MergeTables, shape: tuple[float, float], planes: Planes, workers: int, *, coded: bool
-) -> npt.NDArray[np.float64]:
+) -> Doubles:
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
     limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
@@ -312,7 +309,7 @@ def _fuse_runs(
     table = Lookup(tables.lanes, judged, tables.saturation, clip, limits, tables.last)
     out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
     runs = -(-len(flat[0]) // RUN_PX)
-    counts: list[npt.NDArray[np.int64]] = []
+    counts: list[Int64s] = []
 
     def band(first: int, end: int) -> None:
         uses = np.zeros(len(flat), dtype=np.int64)
@@ -359,9 +356,7 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> l
     return modes
 
 
-def _ghosts(
-    codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes: Planes, job: _Job
-) -> npt.NDArray[np.uint8]:
+def _ghosts(codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes: Planes, job: _Job) -> Bytes:
     """Settle what moved; return the ghost map by the caller's frame numbers."""
     odd = float(np.count_nonzero(planes.suspect)) / planes.suspect.size
     if odd > MAX_GHOST_SHARE and not job.options.allow_contradiction:
@@ -376,7 +371,7 @@ def _ghosts(
     return np.asarray(numbers[ghost]) if ghost.any() else ghost
 
 
-def _uses(whole: Order, decoded: Decoded, job: _Job, uses: npt.NDArray[np.float64]) -> tuple[FrameUse, ...]:
+def _uses(whole: Order, decoded: Decoded, job: _Job, uses: Doubles) -> tuple[FrameUse, ...]:
     by_number = dict(zip(job.order.numbers, uses.tolist(), strict=True))
     found = []
     for place, (number, frame) in enumerate(zip(whole.numbers, whole.frames, strict=True)):

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.merge.tables import Samples
-from processing.ground.arrays import Bytes, Floats, Indices
+from processing.ground.arrays import Bytes, Floats, Indices, Int64s
 from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS, Validity
 
@@ -52,7 +52,7 @@ class _Range:
 
     low: float
     high: float
-    codes: npt.NDArray[np.int64]
+    codes: Int64s
     longer: Floats
     shorter: Floats
     """log2 radiance of green of ``codes``, cut to the range."""
@@ -121,7 +121,7 @@ def _range(tables: Samples, place: int) -> _Range | None:
     return _Range(low, high, tables.every[:, 1], cut[0], cut[1])
 
 
-def _looked_up(codes: npt.NDArray[np.unsignedinteger[Any]], known: npt.NDArray[np.int64], values: Floats) -> Floats:
+def _looked_up(codes: npt.NDArray[np.unsignedinteger[Any]], known: Int64s, values: Floats) -> Floats:
     if codes.dtype == np.uint8 and len(known) == 256:
         return np.asarray(values[codes])
     return np.asarray(np.interp(codes, known, values), dtype=np.float32)
@@ -201,7 +201,7 @@ def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes, *, p
     return ghost
 
 
-def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> npt.NDArray[np.float32]:
+def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> Floats:
     """Return how well each frame exposes pixels, (F, n) in 0..1: by its worst channel; 0 where clipped."""
     worth = np.empty((len(frames), len(places)), dtype=np.float32)
     for f, frame in enumerate(frames):
@@ -211,7 +211,7 @@ def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> npt.NDA
     return worth
 
 
-def _chosen(worth: npt.NDArray[np.float32], reference: Indices) -> Indices:
+def _chosen(worth: Floats, reference: Indices) -> Indices:
     """Return the place (n,) of the frame that shows each pixel; frames run from the longest to the shortest.
 
     The reference, or the nearest usable frame. A pixel too bright for the reference, a lamp or the sun, takes the

@@ -51,13 +51,13 @@ class MergeTables:
     """From this code on some channel is clipped."""
     all_clipped: int
     """From this code on every channel is clipped."""
-    last: npt.NDArray[np.int64]
+    last: Int64s
     """(F,): where frame k is unclipped, frames after ``last[k]`` are left out."""
     rise: int
     """A code that grows by more from one frame to the next shorter one is not noise."""
 
     @property
-    def every(self) -> npt.NDArray[np.int64]:
+    def every(self) -> Int64s:
         """All codes, (256, 3). Of shape (n, 3), int64."""
         return np.repeat(np.arange(CODES)[:, None], 3, axis=1)
 
@@ -79,7 +79,7 @@ class Samples(Protocol):
         ...
 
     @property
-    def every(self) -> npt.NDArray[np.int64]:
+    def every(self) -> Int64s:
         """Codes over the whole range, (n, 3), rising. Of shape (n, 3), int64."""
         ...
 
@@ -160,7 +160,7 @@ def coding_error(curve: ResponseCurve, noise: NoiseModel) -> float:
     return float((COMMON_SHARE * slope) ** 2 * codes)
 
 
-def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error: float) -> npt.NDArray[np.int64]:
+def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error: float) -> Int64s:
     """Return for each frame k the last frame that is needed where k is unclipped.
 
     The frames after it would shrink the standard uncertainty of no code by more than ``max_error``.

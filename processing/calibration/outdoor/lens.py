@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Indices
 from processing.sphere import Fisheye, LensMapping
 from processing.sphere.geometry import polar_of_radius, radius_of_polar
 
@@ -181,7 +181,7 @@ def _coarse_circle(pictures: list[Floats]) -> tuple[float, float, float]:
     return x * width / size[0], y * height / size[1], radius * width / size[0]
 
 
-def _falls(picture: Floats) -> tuple[npt.NDArray[np.intp], Doubles, Doubles]:
+def _falls(picture: Floats) -> tuple[Indices, Doubles, Doubles]:
     """Return ray numbers, points (n, 2) and heights of the strongest falls of light outwards on each ray."""
     height, width = picture.shape
     radii = np.arange(0.15 * min(height, width), 0.75 * max(height, width), dtype=np.float64)
@@ -203,9 +203,7 @@ def _falls(picture: Floats) -> tuple[npt.NDArray[np.intp], Doubles, Doubles]:
     return ray[kept], points, height_of[kept]
 
 
-def _agreed(
-    rays: npt.NDArray[np.intp], points: Doubles, weights: Doubles, size: tuple[int, int]
-) -> tuple[float, float, float]:
+def _agreed(rays: Indices, points: Doubles, weights: Doubles, size: tuple[int, int]) -> tuple[float, float, float]:
     """Return the circle through three candidates that most rays agree with."""
     rng = np.random.default_rng(1)
     middle, diagonal = (size[0] / 2, size[1] / 2), math.hypot(*size)

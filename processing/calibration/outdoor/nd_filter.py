@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 Row = tuple[float, float, float]
@@ -106,7 +106,7 @@ class NdFilter:
         return np.asarray(np.clip(gain, 1, 1e3), dtype=np.float32)
 
 
-def without_negatives(rgb: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def without_negatives(rgb: Floats) -> tuple[Floats, Flags]:
     """Return RGB whose negative channels are moved to 0 towards grey, luminance kept, and which pixels (...) that was.
 
     A pixel of luminance 0 or less becomes black. ``rgb``: shape (..., 3), any unit.

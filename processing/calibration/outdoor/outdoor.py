@@ -13,13 +13,12 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.outdoor.lens import LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter, without_negatives
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import LensError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, projected_solid_angles
 from processing.sphere.resampling import resample, resample_labels
@@ -150,7 +149,7 @@ _SAME_LX = 1e-4
 """Relative: by how much boxes may change the illuminance. Chosen."""
 
 
-def _uneven(light: Floats, validity: Bytes) -> npt.NDArray[np.bool_]:
+def _uneven(light: Floats, validity: Bytes) -> Flags:
     """Return where (H, W) light changes fast, or pixels are not valid: cells there are cut exactly."""
     three, five = _AROUND
     steep = cv2.dilate(light, three) > np.float32(_STEEP) * cv2.erode(light, three)
@@ -165,7 +164,7 @@ def _same_level(light: Floats, source: Geometry, rgb: Floats, coverage: Floats, 
     return bool(abs(after - before) <= _SAME_LX * before)
 
 
-def _beyond(geometry: Fisheye, r: float) -> npt.NDArray[np.bool_]:
+def _beyond(geometry: Fisheye, r: float) -> Flags:
     """Return which pixel centres (H, W) are farther than r radii from the axis."""
     x, y = geometry.axis_px
     across = (np.arange(geometry.width_px) + 0.5 - x) ** 2

@@ -10,10 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import SunError
-from processing.ground.arrays import Doubles, Flags
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, directions
 
@@ -131,7 +130,7 @@ def _field(image: RelativeImage | LuminanceImage) -> Flags:
     return np.asarray(across[None, :] ** 2 + down[:, None] ** 2 < lens.radius_px**2)
 
 
-def _brightest(luminance: npt.NDArray[np.float32], inside: Flags, clipped: Flags) -> tuple[int, int]:
+def _brightest(luminance: Floats, inside: Flags, clipped: Flags) -> tuple[int, int]:
     """Return row and column of the sun's candidate: in the clipped spot with most light, else the brightest pixel."""
     if not (clipped & inside).any():
         at = int(np.where(inside, luminance, -1).argmax())

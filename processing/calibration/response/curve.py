@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.response.samples import ChannelSamples
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Int64s
 
 T = TypeVar("T", int, float)
 
@@ -212,7 +211,7 @@ def fit_noise(
     return _solve_noise((short_codes - predicted)[use], terms, predicted[use], least_code_variance)
 
 
-def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[Int64s, Int64s]:
     """Return observations of the same patch in neighbouring exposures: the longer, and the next shorter one."""
     order = np.lexsort((-log2_times[data.frame], data.sample))
     same = data.sample[order[1:]] == data.sample[order[:-1]]

@@ -15,11 +15,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.response.curve import FINE_STEPS, FineCurve, PatchNoise
 from processing.calibration.response.samples import ChannelSamples
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Int64s
 from processing.ground.colour import srgb_decoded
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ class SplineBasis:
 
     value: Doubles
     """(255 * 16 + 1, N_BASIS) at codes 0, 1/16, ..., 255."""
-    columns: npt.NDArray[np.int64]
+    columns: Int64s
     """(255 * 16 + 1, 4): the four that are not 0."""
     four: Doubles
     """(255 * 16 + 1, 4): their values."""
@@ -52,7 +51,7 @@ class SplineBasis:
         low = self.value[first]
         return np.asarray(low + share * (self.value[first + 1] - low))
 
-    def entries(self, codes: Doubles) -> tuple[npt.NDArray[np.int64], Doubles]:
+    def entries(self, codes: Doubles) -> tuple[Int64s, Doubles]:
         """Return the columns (N, 4), growing, and values (N, 4) of what is not 0 at codes 0..255 (nearest 1/16)."""
         place = np.rint(np.clip(codes, 0, 255) * FINE_STEPS).astype(np.int64)
         return self.columns[place], self.four[place]
@@ -218,9 +217,7 @@ def equations(
     return Equations(gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), float(np.maximum(used - 1, 0).sum()))
 
 
-def _gram(
-    data: ChannelSamples, columns: list[npt.NDArray[np.int64]], values: list[Doubles], weight: Doubles, size: int
-) -> Doubles:
+def _gram(data: ChannelSamples, columns: list[Int64s], values: list[Doubles], weight: Doubles, size: int) -> Doubles:
     """Return the weighted sum of products (size, size) of sparse rows, each patch's weighted mean taken off."""
     gram = np.zeros(size * size)
     total = np.zeros(data.n_samples * size)

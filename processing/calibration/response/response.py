@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.response.bracket_fit import ChannelFit, DaylitFit, check_enough, fit_daylit
 from processing.calibration.response.curve import (
@@ -22,7 +21,7 @@ from processing.calibration.response.fit import spline_basis, weigh
 from processing.calibration.response.prior import CurvePrior, drift_prior
 from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
 from processing.calibration.response.shutter import ShutterRule
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Int64s
 
 WHITE_CODE, MIDDLE_CODE = 255, 128
 """A bracket gives the curve of each channel but for a factor. We choose exposure 1 at code 255, where the curve is
@@ -213,7 +212,7 @@ class CodeResiduals:
     """(3, 32): 0 for a right curve; NaN never: 0 where `count` is 0."""
     spread_stops: Doubles
     """(3, 32) robust standard deviation of one patch."""
-    count: npt.NDArray[np.int64]
+    count: Int64s
     """(3, 32) patches."""
 
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Int64s
 
 RULE_SIGMA_STOPS = 0.02
 """How far a shutter may be from its rule: 1.4 %."""
@@ -91,7 +90,7 @@ class TimeEvidence:
 
     matrix: Doubles
     right: Doubles
-    bracket_of_frame: npt.NDArray[np.int64]
+    bracket_of_frame: Int64s
 
     def gain(self, change: Doubles) -> float:
         """Return by how much chi2 falls with a change of the log2 times. ``change``: (F,) stops."""

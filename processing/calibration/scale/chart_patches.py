@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing.calibration.scale.luminance import NEIGHBOURS
 from processing.errors import ChartError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Bytes, Doubles, Flags, Indices
 from processing.ground.colour import srgb_decoded
 from processing.ground.tables import table_of
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
@@ -37,7 +37,7 @@ class FoundChart:
     """(24, 3): robust means."""
     uncertainty: Doubles
     """(24,): relative standard uncertainty of the luminances by noise; inf where a patch is clipped or dark."""
-    n_pixels: npt.NDArray[np.intp]
+    n_pixels: Indices
     """(24,)."""
     mismatch: float
     """Relative rms by which the colours differ from a chart's under the best light; 0.1 and less is sure."""
@@ -50,7 +50,7 @@ class FoundChart:
         return luminance_cd_m2(self.rgb).astype(np.float64)
 
     @property
-    def usable(self) -> npt.NDArray[np.bool_]:
+    def usable(self) -> Flags:
         """Return which patches are neither clipped nor dark, of shape (24,)."""
         return np.asarray(np.isfinite(self.uncertainty) & (self.luminance > 0))
 
@@ -133,7 +133,7 @@ def _read(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart:
     return FoundChart(corners_px, rgb, uncertainty, count, _mismatch(rgb, np.isfinite(uncertainty)), how)
 
 
-def _mean(view: RelativeImage, row: npt.NDArray[np.intp], column: npt.NDArray[np.intp]) -> tuple[Doubles, float]:
+def _mean(view: RelativeImage, row: Indices, column: Indices) -> tuple[Doubles, float]:
     """Return a patch's mean colour without its outermost tenths, and the relative uncertainty of its luminance."""
     values = view.rgb[row, column].astype(np.float64)
     level = luminance_cd_m2(values).astype(np.float64)
@@ -150,7 +150,7 @@ def _mean(view: RelativeImage, row: npt.NDArray[np.intp], column: npt.NDArray[np
     return mean, float(np.sqrt(noise2 / max(kept.size / NEIGHBOURS, 1.0)))
 
 
-def _mismatch(rgb: Doubles, usable: npt.NDArray[np.bool_]) -> float:
+def _mismatch(rgb: Doubles, usable: Flags) -> float:
     """Return the relative rms by which colours differ from ``reflectances @ M``, for the best 3x3 light M."""
     if np.count_nonzero(usable) < 8:
         return float("inf")
@@ -242,7 +242,7 @@ def _sampled(plane: Doubles, points: Doubles) -> Doubles:
     return np.asarray(above * (1 - v) + below * v)
 
 
-def _tone_mapped(view: RelativeImage, percentile: float) -> npt.NDArray[np.uint8] | None:
+def _tone_mapped(view: RelativeImage, percentile: float) -> Bytes | None:
     """Return an 8-bit copy with the percentile at white, a channel at a time (as white balance); None if black."""
     whites = np.percentile(view.rgb.reshape(-1, 3), percentile, axis=0)
     if not np.all(whites > 0):

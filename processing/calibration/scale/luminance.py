@@ -188,9 +188,7 @@ def _measured(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord], 
     return _Measured(value, fraction, drift, abs(drift) / math.sqrt(12) / (2 if known else 1))
 
 
-def _times(
-    readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord]
-) -> tuple[npt.NDArray[np.float64], float | None]:
+def _times(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord]) -> tuple[Doubles, float | None]:
     """Return the readings' times and the frames' mean moment, by one clock; None where frames have no times."""
     monotonic = [r.taken_monotonic_s for r in readings]
     opened = [f.release_monotonic_s + f.camera_s / 2 for f in frames if f.release_monotonic_s is not None]

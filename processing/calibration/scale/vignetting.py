@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Indices
 from processing.pictures.images import RelativeImage, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye
 from processing.sphere.geometry import polar_of_radius
@@ -135,9 +135,7 @@ def fit_flat(
     return _solve(np.array(rows), np.array(level), np.array(scene, dtype=int), powers, "fitted to a flat field")
 
 
-def _solve(
-    r: Doubles, level: Doubles, scene: npt.NDArray[np.intp], powers: tuple[int, ...], source: str
-) -> VignettingFit:
+def _solve(r: Doubles, level: Doubles, scene: Indices, powers: tuple[int, ...], source: str) -> VignettingFit:
     """Solve log level = log scene[scene] + log V(r), scene by scene free, by reweighted Gauss-Newton."""
     if r.size < _MIN_SAMPLES:
         raise LensError(f"{r.size} usable samples of the fall-off", likely="frames that are dark, or miss the field")
@@ -169,7 +167,7 @@ def _solve(
     return VignettingFit(result, spread, int(r.size))
 
 
-def _centred(values: Doubles, scene: npt.NDArray[np.intp], count: npt.NDArray[np.intp]) -> Doubles:
+def _centred(values: Doubles, scene: Indices, count: Indices) -> Doubles:
     """Return values (n, k) less the mean of their scene point: which eliminates the scene."""
     means = np.stack([np.bincount(scene, column) / count for column in values.T], axis=-1)
     return np.asarray(values - means[scene])

@@ -155,7 +155,7 @@ def loft(rings: npt.ArrayLike) -> Solid:
     return cleaned(np.concatenate(vertices), np.concatenate(faces))
 
 
-def cleaned(vertices: Doubles, faces: npt.NDArray[np.int64]) -> Solid:
+def cleaned(vertices: Doubles, faces: Int64s) -> Solid:
     """Return a solid of vertices (N, 3) and faces (M, 3): coinciding vertices are one, faces without area gone."""
     key = np.rint(vertices * 1e7).astype(np.int64)
     with np.errstate(over="ignore"):

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats, Indices, Int32s
 from processing.ground.threads import side_by_side
@@ -232,7 +231,7 @@ def _sunlight(change: Change, whole: Sight, index: Indices, seed: int, high: int
     return old, sun_of(change.full, whole, samples, seed, among, block)[index]
 
 
-def _all_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _all_three(flags: Flags) -> Flags:
     """Return whether all of three channels (..., 3) are set; NumPy's own reduction over three is slow."""
     return flags[..., 0] & flags[..., 1] & flags[..., 2]
 

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ViewpointError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s
 from processing.ground.polygons import inside
 from processing.light.picture.render import render
 from processing.light.scene.scene import Part, Scene, Surface, Vector
@@ -39,9 +38,9 @@ class Elsewhere:
 
     rgb: Floats
     """(H, W, 3) cd/m2."""
-    seen: npt.NDArray[np.bool_]
+    seen: Flags
     """(H, W): what the camera saw too."""
-    glass: npt.NDArray[np.bool_]
+    glass: Flags
     """(H, W): what is seen through a window, from the picture of the outdoors."""
     error: float
     """Relative standard error of the irradiance of what is rendered."""
@@ -73,9 +72,7 @@ def seen_from(
     return Elsewhere(flat.reshape(*shape, 3).astype(np.float32), known.reshape(shape), glass, rendered.error)
 
 
-def _as_photographed(
-    stage: Stage, photograph: Floats, camera_m: Vector, sight: Sight
-) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def _as_photographed(stage: Stage, photograph: Floats, camera_m: Vector, sight: Sight) -> tuple[Floats, Flags]:
     """Return the photograph's light (N, 3) of what pixels see, and which of them it shows."""
     rows = photograph.shape[0]
     camera = np.asarray(camera_m, np.float32)
@@ -98,9 +95,7 @@ def _as_photographed(
     return out, known
 
 
-def own_pixels(
-    photograph: Floats, labels: npt.NDArray[np.int32], rays: Floats, label: npt.NDArray[np.int32]
-) -> tuple[Floats, Floats]:
+def own_pixels(photograph: Floats, labels: Int32s, rays: Floats, label: Int32s) -> tuple[Floats, Floats]:
     """Return a panorama's values (N, 3) along rays from those of the four pixels around that show the ray's label."""
     rows, columns = labels.shape
     x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
@@ -117,7 +112,7 @@ def own_pixels(
     return np.asarray(value / np.maximum(weight, 1e-9)[:, None], dtype=np.float32), weight
 
 
-def _gains(shown: Floats, rendered: Floats, known: npt.NDArray[np.bool_], sight: Sight) -> Floats:
+def _gains(shown: Floats, rendered: Floats, known: Flags, sight: Sight) -> Floats:
     """Return by what (N, 1) rendered pixels are brought to the level of what is seen around them on their surface."""
     level = np.log(np.maximum(shown @ _WEIGHTS, 1e-6) / np.maximum(rendered @ _WEIGHTS, 1e-6))
     level = np.clip(level, -np.log(MOST_GAIN), np.log(MOST_GAIN)).astype(np.float32)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.ground.arrays import Doubles, Floats, Indices, Int32s
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, planes_of
 
@@ -200,7 +200,7 @@ class Pane:
         _check_albedo(where, self.clear)
         _check_emission(where, self.veil_cd_m2)
 
-    def cells(self, points: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    def cells(self, points: npt.NDArray[np.floating]) -> tuple[Indices, Indices]:
         """Return row and column of ``clear`` at places (N, 3) on the pane."""
         rows, columns = self.clear.shape
         offset = points - self.corner_m
