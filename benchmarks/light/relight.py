@@ -37,10 +37,11 @@ from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
 from processing.calibration.outdoor.sun_place import Place
+from processing.ground.arrays import Vector
 from processing.light.picture.render import render
 from processing.light.picture.viewpoint import seen_from
 from processing.light.scene.albedo import albedo_of_room
-from processing.light.scene.scene import Outdoors, Scene, Vector, plain, shell_of
+from processing.light.scene.scene import Outdoors, Scene, plain, shell_of
 from processing.light.solver.basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView

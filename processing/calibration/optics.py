@@ -15,6 +15,7 @@ from processing.calibration.profile import Correction, K2Record, RigProfile
 from processing.calibration.scale.veiling_glare import subtract_veil, veil_from_surround
 from processing.calibration.scale.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
+from processing.ground.arrays import Vector
 from processing.pictures.images import RelativeImage
 from processing.sphere import LensMapping
 from station.session.session import SessionManifest, Side
@@ -164,7 +165,7 @@ def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircl
     return ImageCircle((column * width, row * height), radius * width, (width, height)), "of the rig file"
 
 
-def stated_circle(rig: dict[str, object]) -> tuple[float, float, float] | None:
+def stated_circle(rig: dict[str, object]) -> Vector | None:
     """Return the image circle that the rig file gave, as fractions (x of width, y of height, radius of width)."""
     outdoor = rig.get("outdoor")
     circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None

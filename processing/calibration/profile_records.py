@@ -14,10 +14,11 @@ from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.shutter import ShutterRule, true_time_s
 from processing.calibration.scale.vignetting import Vignetting
+from processing.ground.arrays import Vector
 from processing.sphere import LensMapping
 from station.session.session import Model, SafeText
 
-Channels = tuple[float, float, float]
+Channels = Vector
 NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0

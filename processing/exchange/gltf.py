@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Bytes, Doubles, Floats, Indices
+from processing.ground.arrays import Bytes, Doubles, Floats, Indices, Vector
 from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
 from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Sun, Surface
@@ -111,7 +111,7 @@ class Glb:
         mesh = self._append("meshes", {"name": name, "primitives": [part]})
         self._put({"name": name, "mesh": mesh}, group)
 
-    def add_camera(self, eye_m: tuple[float, float, float]) -> None:
+    def add_camera(self, eye_m: Vector) -> None:
         """Add a camera at a place (m, our frame) that looks ahead (+y), as wide as a still."""
         lens = {"type": "perspective", "perspective": {"yfov": STILL_FIELD_RAD, "znear": 0.05, "aspectRatio": 1.5}}
         node = {"name": "camera", "camera": self._append("cameras", {"name": "camera", **lens})}
@@ -215,7 +215,7 @@ def scene_glb(
     *,
     max_texture_px: int = 2048,
     lit: Mapping[str, Bytes] | None = None,
-    eye_m: tuple[float, float, float] | None = None,
+    eye_m: Vector | None = None,
 ) -> bytes:
     """Return a scene as GLB: the room and each piece of furniture a node with its parts, the sun, and a camera.
 
@@ -246,7 +246,7 @@ def scene_glb(
     return glb.data()
 
 
-def write_scene_glb(path: Path, scene: Scene, eye_m: tuple[float, float, float] | None = None) -> None:
+def write_scene_glb(path: Path, scene: Scene, eye_m: Vector | None = None) -> None:
     """Write `scene_glb` durably."""
     write_bytes(path, scene_glb(scene, eye_m=eye_m))
 

@@ -8,14 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Int32s
-
-Vector: TypeAlias = tuple[float, float, float]
+from processing.ground.arrays import Doubles, Int32s, Vector
 
 
 @dataclass(frozen=True)

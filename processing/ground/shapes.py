@@ -13,10 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Vector
 from processing.ground.mesh import (
     Mesh,
-    Vector,
     band_faces,
     carried_frames,
     grid_faces,

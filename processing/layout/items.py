@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from processing.errors import ItemError
+from processing.ground.arrays import Vector
 from processing.ground.tables import table_of
 from processing.layout.rules import RuleSet
 
@@ -47,7 +48,7 @@ class ItemSpec:
     """A kind of furniture of one size."""
 
     category: str
-    size_m: tuple[float, float, float]
+    size_m: Vector
     """Width along its back, depth, height."""
     base_m: float = 0.0
     """Height of its underside above the floor."""

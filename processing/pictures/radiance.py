@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from processing.errors import PictureFileError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Floats, Vector
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.pictures.writing import check_image, check_light, check_size, refused, write_bytes
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
@@ -96,7 +96,7 @@ def geometry_of(view: str, width: int, height: int) -> Fisheye | None:
     return Fisheye(width, height, mapping, width / 2, math.radians(across / 2), None, top)
 
 
-def _numbers(words: list[str], name: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
+def _numbers(words: list[str], name: str, default: Vector) -> Vector:
     if name not in words:
         return default
     place = words.index(name)

@@ -18,9 +18,10 @@ from processing.errors import ParameterError
 from processing.exchange.showing import session_shown
 from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
 from processing.figures.views import eye_view
+from processing.ground.arrays import Vector
 from processing.light.picture.relight_photo import veil_gains
 from processing.light.picture.viewpoint import seen_from
-from processing.light.scene.scene import Outdoors, Vector
+from processing.light.scene.scene import Outdoors
 from processing.light.solver.basis import BASIS_EFFORTS
 from processing.light.solver.irradiance import EFFORTS
 from processing.light.solver.sight import GLASS, sight_along

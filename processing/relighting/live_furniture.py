@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats, Indices
+from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.seam import resized
 from processing.layout.arrangement import PlacedItem
 from processing.layout.models.catalogue import Catalogue
@@ -46,7 +46,7 @@ _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 
 
 @lru_cache(maxsize=256)
-def _stage(category: str, model: str, size_m: tuple[float, float, float], style: str, own: Path | None) -> Stage:
+def _stage(category: str, model: str, size_m: Vector, style: str, own: Path | None) -> Stage:
     """Return a piece alone in its own frame."""
     item = PlacedItem(id="piece", category=category, model=model, size_m=size_m, theta_rad=0, t_m=(0, 0, 0))
     parts = furniture_parts([item], Catalogue.builtin(style), None if own is None else Catalogue.at(own))

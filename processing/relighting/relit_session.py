@@ -18,14 +18,14 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, ParameterError, ProcessingError, RelightError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Floats, Vector
 from processing.ground.room_model import read_json, read_room
 from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.picture.viewpoint import Elsewhere
 from processing.light.scene.outdoor import outdoors_of
-from processing.light.scene.scene import Outdoors, Scene, Vector
+from processing.light.scene.scene import Outdoors, Scene
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.basis import LightBasis, basis_of, read_basis, scene_digest, write_basis
 from processing.light.solver.irradiance import Effort

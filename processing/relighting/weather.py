@@ -16,10 +16,10 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import Beam, Place, SunPlace, clear_beam, sun_place
 from processing.errors import DaylightError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Vector
 from processing.ground.tables import table_of
 from processing.light.picture.relight_photo import with_captured_land
-from processing.light.scene.scene import Outdoors, Sun, Vector
+from processing.light.scene.scene import Outdoors, Sun
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, directions, solid_angles
 

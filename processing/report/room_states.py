@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from processing.exchange.jpeg_files import TEXT
 from processing.exchange.showing import panes_of
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Vector
 from processing.layout.arrangement import Arrangements
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
@@ -67,7 +67,7 @@ def display_in(context: StageContext, rgb: Floats) -> Display:
     return AS_GIVEN.exposed(rgb) if facts is None else Display.read(facts)
 
 
-def furniture_places(arranged: Arrangements) -> list[tuple[float, float, float]]:
+def furniture_places(arranged: Arrangements) -> list[Vector]:
     """Return the pieces of all alternatives: x, y in metres from the camera, and size of the footprint in metres."""
     return [
         (item.t_m[0], item.t_m[1], math.sqrt(item.size_m[0] * item.size_m[1]))
@@ -77,7 +77,7 @@ def furniture_places(arranged: Arrangements) -> list[tuple[float, float, float]]
     ]
 
 
-def towards_furniture(places: Sequence[tuple[float, float, float]]) -> tuple[float, float]:
+def towards_furniture(places: Sequence[Vector]) -> tuple[float, float]:
     """Return the longitudes of two views that show most furniture, large pieces first, and not only what is near."""
     x, y, size = np.array(places, dtype=np.float64).T
     worth = size * np.clip((np.hypot(x, y) - 0.8) / 1.2, 0.0, 1.0)

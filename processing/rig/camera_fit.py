@@ -30,7 +30,7 @@ from processing.calibration.response.shutter import ShutterRule, camera_rule
 from processing.calibration.scale.chart import chart_at, find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import BracketError, LensError, ProfileError, ResponseError
-from processing.ground.arrays import Bytes, Doubles
+from processing.ground.arrays import Bytes, Doubles, Vector
 from processing.pictures.frames import FrameSource, frame_of
 from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
@@ -50,7 +50,7 @@ class SessionSide:
     state: CameraState
     target: MeterTarget | None
     readings: tuple[ReadingRecord, ...]
-    circle_frac: tuple[float, float, float] | None
+    circle_frac: Vector | None
     """The image circle that the rig file states: centre and radius as fractions of width, height and width."""
 
     @property

@@ -12,7 +12,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.segmentation.evidence import SceneEvidence
@@ -42,7 +42,7 @@ class WallView:
     """(H, W)."""
     share: Floats
     """(len(SceneClass), h, w): probabilities."""
-    eye: tuple[float, float, float]
+    eye: Vector
     """The camera's (u, v) and its distance from the wall, m."""
 
     @property
@@ -101,7 +101,7 @@ def _wall_view(
     return WallView(plane, px_per_m, light.values, light.known, np.moveaxis(classes.values, -1, 0), eye)
 
 
-def _px_per_m(geometry: Equirectangular, eye: tuple[float, float, float], plane: Plane) -> float:
+def _px_per_m(geometry: Equirectangular, eye: Vector, plane: Plane) -> float:
     """Return the density at which the wall's best seen place has a texel for each pixel."""
     aside = max(0.0, -eye[0], eye[0] - plane.width_m)
     nearest = math.hypot(eye[2], aside)

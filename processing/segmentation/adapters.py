@@ -17,7 +17,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from processing.errors import SegmenterError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Floats, Vector
 from processing.ground.tables import table_of
 from processing.segmentation.evidence import SceneClass
 from station.session import strict_json
@@ -92,7 +92,7 @@ IGNORED_LABEL = 255
 UNKNOWN = 1.0 / len(SceneClass)
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
-Three = tuple[float, float, float]
+Three = Vector
 Kind = Literal["floor", "wall", "ceiling", "window", "door", "furniture", "fixture", "tripod"]
 
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Indices
+from processing.ground.arrays import Doubles, Indices, Vector
 from processing.sphere.geometry import (
     Equirectangular,
     Fisheye,
@@ -94,9 +94,7 @@ def _rim_solid(lens: Fisheye) -> Callable[[Doubles], Doubles]:
     return lambda phi: cap * phi
 
 
-def _cells(
-    lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles], normal: tuple[float, float, float] | None
-) -> Doubles:
+def _cells(lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles], normal: Vector | None) -> Doubles:
     """Return all cells' integrals: inside by Gauss's rule where the picture is large, else and at the rim by edges."""
     out = np.zeros((lens.height_px, lens.width_px))
     column, row = lens.axis_px
@@ -129,7 +127,7 @@ def _by_radius(lens: Fisheye) -> Doubles:
     return np.stack([radial_density(lens, radius), sine / radius, cosine])
 
 
-def _by_gauss(lens: Fisheye, u: Doubles, v: Doubles, normal: tuple[float, float, float] | None) -> Doubles:
+def _by_gauss(lens: Fisheye, u: Doubles, v: Doubles, normal: Vector | None) -> Doubles:
     shift = 0.5 / math.sqrt(3) / lens.radius_px  # an orthographic density bends most
     once = lens.radius_px >= VERY_LARGE_RADIUS_PX and lens.mapping is not LensMapping.ORTHOGRAPHIC
     shifts = np.array([0.0]) if once else np.array([-shift, shift])

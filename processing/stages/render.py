@@ -14,7 +14,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Vector
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.styles import STYLES, differing, style_named
@@ -24,7 +24,7 @@ from processing.layout.styling import styled
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
-from processing.light.scene.scene import Part, Scene, Vector
+from processing.light.scene.scene import Part, Scene
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.pictures.exr import write_stage_exr

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
-Row = tuple[float, float, float]
+Row = Vector
 Matrix = tuple[Row, Row, Row]
 
 METHOD = "Cheung 2004"

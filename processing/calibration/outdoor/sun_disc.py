@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.errors import SunError
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, directions
-
-Vector = tuple[float, float, float]
 
 SUN_RADIUS_RAD = math.radians(0.533 / 2)  # mean over the year; it varies by 1.7 %
 SUN_SOLID_ANGLE_SR = 2 * math.pi * (1 - math.cos(SUN_RADIUS_RAD))  # 6.8e-5

@@ -16,7 +16,7 @@ import numba as nb
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Vector
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
 from processing.pictures.modes import LEVEL_SHIFT, LEVELS, shared_error
 from processing.sphere import Equirectangular, Geometry
@@ -176,7 +176,7 @@ def _lux(value: float) -> str:
     return f"{value:.0f} lx" if value >= 1000 else f"{value:.4g} lx"
 
 
-def _unit(normal: Sequence[float]) -> tuple[float, float, float]:
+def _unit(normal: Sequence[float]) -> Vector:
     values = [float(value) for value in normal]
     length = math.hypot(*values)
     if len(values) != 3 or not (math.isfinite(length) and length > 0):
@@ -185,13 +185,13 @@ def _unit(normal: Sequence[float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Iterable[tuple[slice, Doubles]]:
+def _weights(geometry: Geometry, normal: Vector) -> Iterable[tuple[slice, Doubles]]:
     """Return rows and their projected solid angles; a fisheye's last are kept (100 MB), a panorama's cost little."""
     return projected_bands(geometry, normal) if isinstance(geometry, Equirectangular) else _kept(geometry, normal)
 
 
 @functools.lru_cache(maxsize=1)
-def _kept(geometry: Geometry, normal: tuple[float, float, float]) -> list[tuple[slice, Doubles]]:
+def _kept(geometry: Geometry, normal: Vector) -> list[tuple[slice, Doubles]]:
     return list(projected_bands(geometry, normal))
 
 
@@ -206,9 +206,7 @@ PLANES = {
 }
 
 
-def illuminances(
-    image: LuminanceImage, planes: dict[str, tuple[float, float, float]]
-) -> tuple[dict[str, dict[str, float]], list[str]]:
+def illuminances(image: LuminanceImage, planes: dict[str, Vector]) -> tuple[dict[str, dict[str, float]], list[str]]:
     """Return value, standard uncertainty (lx) and share from clipped pixels for each plane through the camera.
 
     Warnings name the planes on which so much is clipped that the value is a lower bound.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from processing.ground.arrays import Vector
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.solids import Solid, box, curve, joined, tube, turned_piece
 
@@ -163,9 +164,7 @@ def _book(thick: float, deep: float, high: float, *, plain: bool = False) -> tup
     return joined(covers), pages
 
 
-def pile(
-    b: Bench, _: str, at: tuple[float, float, float], wide: float, deep: float, count: int = 3, high: float = 0.0
-) -> None:
+def pile(b: Bench, _: str, at: Vector, wide: float, deep: float, count: int = 3, high: float = 0.0) -> None:
     """Add books that lie on each other; `high`: of the whole pile, else as it comes."""
     z = at[2]
     for k in range(count):

@@ -13,11 +13,11 @@ from typing import TypeAlias
 import numpy as np
 from scipy import fft
 
-from processing.ground.arrays import Bytes, Doubles, Floats, Int32s
+from processing.ground.arrays import Bytes, Doubles, Floats, Int32s, Vector
 from processing.ground.colour import linear_of_srgb, srgb_of_linear
 
-Colour: TypeAlias = tuple[float, float, float]
-Size: TypeAlias = tuple[float, float, float]
+Colour: TypeAlias = Vector
+Size: TypeAlias = Vector
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Int64s
+from processing.ground.arrays import Doubles, Int64s, Vector
 from processing.ground.mesh import carried_frames, crosses
 from processing.ground.shapes import rounded_box
 from processing.layout.furniture.model import Material, Part
@@ -131,7 +131,7 @@ def part_of(body: Solid, material: Material, uv: Doubles | None = None, crease_r
     )
 
 
-Spot = tuple[float, float, float]
+Spot = Vector
 
 
 def loft(rings: npt.ArrayLike) -> Solid:

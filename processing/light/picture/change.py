@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats, Indices, Int32s
+from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector
 from processing.ground.threads import side_by_side
 from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, little
 from processing.light.picture.edges import MOST_GAIN, smooth_edges
 from processing.light.picture.highlights import Mirrors, few_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
-from processing.light.scene.scene import Vector
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
 from processing.light.solver.kernels import compiled
 from processing.light.solver.sight import FIRST_PART, NOTHING, Sight, albedo_of, emission_of, sight_along

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats, Int32s
-from processing.light.scene.scene import Vector
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s, Vector
 from processing.light.solver.kernels import FURNITURE, compiled
 from processing.light.solver.stage import Stage
 

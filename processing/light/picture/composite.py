@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Vector
 from processing.light.picture.change import Change, bands, in_bands
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
-from processing.light.scene.scene import Part, Scene, Vector
+from processing.light.scene.scene import Part, Scene
 from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, irradiance_of
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from processing.ground.arrays import Floats, Int32s
-from processing.light.scene.scene import Vector
+from processing.ground.arrays import Floats, Int32s, Vector
 from processing.light.solver.kernels import FIRST, SECOND, compiled
 from processing.light.solver.sight import FIRST_PART, Sight, sight_along
 from processing.light.solver.stage import Stage

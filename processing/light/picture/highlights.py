@@ -17,9 +17,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Vector
 from processing.light.picture.render import small_geometry
-from processing.light.scene.scene import Material, Vector
+from processing.light.scene.scene import Material
 from processing.light.solver.irradiance import denoised
 from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up, sight_of

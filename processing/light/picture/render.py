@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats
-from processing.light.scene.scene import Scene, Vector
+from processing.ground.arrays import Doubles, Floats, Vector
+from processing.light.scene.scene import Scene
 from processing.light.solver.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
 from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
 from processing.light.solver.stage import Stage

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from processing.errors import ViewpointError
-from processing.ground.arrays import Doubles, Flags, Floats, Int32s
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s, Vector
 from processing.ground.polygons import inside
 from processing.light.picture.render import render
-from processing.light.scene.scene import Part, Scene, Surface, Vector
+from processing.light.scene.scene import Part, Scene, Surface
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import GLASS, Sight, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 
 from processing.errors import AlbedoError
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.room_model import RoomModel
 from processing.light.scene import room_light
-from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, Vector, plain, shell_of
+from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, plain, shell_of
 from processing.light.scene.sources import Lamp, find_lamps, measured_windows, near_sun, open_sun, windows_from_inside
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import Sight, albedo_of, sight_of

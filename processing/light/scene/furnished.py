@@ -16,11 +16,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.light.scene.albedo import LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
-from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, Vector
+from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene
 from processing.light.scene.sources import LAMP_TIMES, brightened, near_sun, open_sun, places_near_sun
 from processing.light.solver.irradiance import Effort, cleaned, gathered
 from processing.light.solver.kernels import FURNITURE

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats
-from processing.light.scene.scene import Vector
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up

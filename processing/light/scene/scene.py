@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.ground.arrays import Doubles, Floats, Indices, Int32s
+from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, planes_of
 
@@ -28,8 +27,6 @@ from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, pla
 # pass (1 - r) / (1 + (2 N - 1) r) of each polarisation, times what is not absorbed on the way, which the given
 # transmittance head on implies.
 
-
-Vector: TypeAlias = tuple[float, float, float]
 
 INDEX = 1.526
 """Of refraction: window glass."""

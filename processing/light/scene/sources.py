@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats
-from processing.light.scene.scene import Outdoors, Pane, Vector
+from processing.ground.arrays import Doubles, Floats, Vector
+from processing.light.scene.scene import Outdoors, Pane
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up
 from processing.light.solver.sky import skylight
@@ -181,7 +181,7 @@ class Lamp:
     """Mean."""
     label: int
     """Number of the surface that it is seen on."""
-    towards: tuple[float, float, float]
+    towards: Vector
     """Its middle's direction from the camera."""
 
 
@@ -265,7 +265,7 @@ AS_GOOD = 0.1
 
 def window_strength(
     radiosity: Doubles, windows_lx: Doubles, rest_lx: Doubles, area_m2: Doubles, groups: list[np.ndarray]
-) -> tuple[float, float, float]:
+) -> Vector:
     """Return how many times brighter windows are than a clipped picture shows them: the best value, lowest and highest.
 
     Light from the windows falls off through the room, albedo does not: the strength is that by which the albedo of each

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError, RelightError
-from processing.ground.arrays import Floats, Indices
-from processing.light.scene.scene import Outdoors, Vector
+from processing.ground.arrays import Floats, Indices, Vector
+from processing.light.scene.scene import Outdoors
 from processing.light.solver.irradiance import Effort, cleaned, gathered
 from processing.light.solver.sight import Sight, sight_of
 from processing.light.solver.sky import SkyRays, sky_rays

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats, Indices, Int32s
-from processing.light.scene.scene import Vector
+from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
 from processing.light.solver.kernels import PANE, compiled
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
 from processing.sphere import Geometry, directions

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.light.render_scenes import sky_outdoors
+from processing.ground.arrays import Vector
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
-from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, Vector, plain, shell_of
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain, shell_of
 
 EYE: Vector = (0.0, 0.0, 1.6)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from processing.ground.arrays import Vector
 from processing.layout.arrangement import PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.composite import differential
-from processing.light.scene.scene import Vector
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.relighting.live_furniture import LiveFurniture
