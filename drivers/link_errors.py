@@ -68,8 +68,7 @@ def open_error(error: Exception, name: str) -> DeviceError:
 PROC = Path("/proc")
 SUSPECTS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-monitor", "gvfsd-mtp", "gphoto2", "kiod5")
 """Programs that are known to claim cameras by themselves."""
-COMM_CHARACTERS = 15
-"""The kernel cuts the name of a process after as many (Linux, TASK_COMM_LEN less its NUL)."""
+COMM_CHARACTERS = 15  # the kernel cuts the name of a process after as many (Linux, TASK_COMM_LEN less its NUL)
 
 
 def find_holder(node: str, proc: Path = PROC, *, suspects: tuple[str, ...] = ()) -> str:

@@ -17,12 +17,9 @@ from drivers.clock import Clock, Deadline, SystemClock
 from drivers.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from drivers.link_errors import open_error
 
-POLL_S = 0.05
-"""Longest single wait inside pyserial; deadlines are looked at in between."""
-STALL_S = 0.5
-"""A line that takes no bytes for so long will not take them (pyserial counts this in real time)."""
-STEP_S = 0.005
-"""Pause between two looks at a line that should stay quiet."""
+POLL_S = 0.05  # longest single wait inside pyserial; deadlines are looked at in between
+STALL_S = 0.5  # a line that takes no bytes for so long will not take them (pyserial counts this in real time)
+STEP_S = 0.005  # pause between two looks at a line that should stay quiet
 _GONE: tuple[type[Exception], ...] = (OSError, TypeError, AttributeError)
 """What pyserial raises when the port vanishes under it; its file descriptor may be None by then."""
 if sys.platform != "win32":

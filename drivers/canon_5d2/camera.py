@@ -59,13 +59,11 @@ NOT_SUPPORTED = (
     CanonResponse.UNKNOWN_COMMAND,
 )
 """Refusals of the two-step release (9128) that mean: use the one-step release (910F)."""
-RELEASE_LIMIT_S = 8.0
-"""On top of the exposure time, should the camera answer only when the shutter has closed."""
+RELEASE_LIMIT_S = 8.0  # on top of the exposure time, should the camera answer only when the shutter has closed
 RELEASE_LAG_S = 0.073
 """Full press to shutter opening with the button half pressed: a figure from memory of the data sheet, not confirmed.
 Measure it and put it into the rig file."""
-MIN_SHOTS_FOR_COMPUTER = 100
-"""Below so many shots of room, the camera is given anew how much room the computer has."""
+MIN_SHOTS_FOR_COMPUTER = 100  # below so many shots of room, the camera is given anew how much room the computer has
 
 
 class Canon5D2:

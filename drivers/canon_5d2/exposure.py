@@ -18,11 +18,9 @@ FORMATS: dict[int, FrameFormat] = {
     ObjectFormat.CANON_CRW: FrameFormat.CR2,
 }
 """Sources disagree which of two codes a raw picture carries; this camera makes one kind only."""
-ANNOUNCE_GRACE_S = 5.0
-"""After the shutter has closed; then the card is asked what is new on it."""
+ANNOUNCE_GRACE_S = 5.0  # after the shutter has closed; then the card is asked what is new on it
 ASK_PERIOD_S = 1.0  # chosen: a question a second does not slow the card
-FAIL_AFTER_S = 25.0
-"""On top of twice the exposure time: the camera may take a dark frame as long as the exposure."""
+FAIL_AFTER_S = 25.0  # on top of twice the exposure time: the camera may take a dark frame as long as the exposure
 
 
 @dataclass(frozen=True)

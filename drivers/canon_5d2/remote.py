@@ -16,24 +16,20 @@ from drivers.canon_5d2.operations import AvailableValues, NumberRecord, ObjectRe
 from drivers.clock import Clock, Deadline
 from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError, OperationRefusedError
 
-MAX_STREAM_BYTES = 256 * 1024
-"""The first answer of a 60D is 7.5 kB."""
+MAX_STREAM_BYTES = 256 * 1024  # the first answer of a 60D is 7.5 kB
 # Bounds of draining and of waiting for a busy camera: chosen.
 MAX_DRAIN_POLLS = 200
 DRAIN_LIMIT_S = 5.0  # chosen: for the whole first report
 BUSY_LIMIT_S = 5.0  # chosen: while it writes what is in its buffer
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.05, 0.2
-VALUE_LIMIT_S = 3.0
-"""A written property is reported back within this time."""
+VALUE_LIMIT_S = 3.0  # a written property is reported back within this time
 CONFIRM_LIMIT_S = 1.0  # chosen: recorded bodies report within one poll
 IDLE_LIMIT_S = 15.0  # chosen: a full buffer on a slow card
 REPORTED_IDLE_LIMIT_S = 1.0
 """So long the camera is trusted to report of its own accord that it is not busy any more; then it is asked."""
 KEEP_ON_PERIOD_S = 10.0  # chosen: well within the shortest automatic power-off, 1 min (manual)
-HALF_PRESS_LIMIT_S = 8.0
-"""With a slow lens the camera may take so long (libgphoto2 names the 5D Mark II)."""
-HALF_PRESS_SETTLE_S = 0.1
-"""With manual focus nothing more is awaited after a half press than one event, or this time."""
+HALF_PRESS_LIMIT_S = 8.0  # with a slow lens the camera may take so long (libgphoto2 names the 5D Mark II)
+HALF_PRESS_SETTLE_S = 0.1  # with manual focus nothing more is awaited after a half press than one event, or this time
 HALF, FULL = 1, 2
 HOST_CLUSTERS, HOST_CLUSTER_BYTES = 0x0FFFFFFF, 0x1000
 """The free space that we claim for pictures held for the computer."""

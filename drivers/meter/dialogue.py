@@ -22,20 +22,16 @@ from drivers.meter.dialect import Dialect, Step
 from drivers.meter.interface import ReadingStatus
 from drivers.serial_link import ByteLine
 
-MAX_ASKS = 3
-"""A question that got no clean answer is put so often in all."""
-QUIET_S = 0.05
-"""A line that was silent for so long is idle: some 24 characters at 4800 baud."""
+MAX_ASKS = 3  # a question that got no clean answer is put so often in all
+QUIET_S = 0.05  # a line that was silent for so long is idle: some 24 characters at 4800 baud
 # Chosen: a line of 64 characters takes 0.15 s at 4800 baud.
 DRAIN_LIMIT_S = 0.5
 WRITE_LIMIT_S = 2.0  # chosen: a line of 32 characters takes 70 ms at 4800 baud
 EARLY_S = 0.5
 """A meter that can say "still measuring" announces whole seconds, rounded up: asked so much earlier, as the public
 programs for the CS-200 do."""
-DONE_LATE_S = 2.0
-"""Chosen: the line that says "done" may come so much later than announced."""
-MAX_PAUSE_S = 30.0
-"""No meter is believed that asks for a longer wait."""
+DONE_LATE_S = 2.0  # chosen: the line that says "done" may come so much later than announced
+MAX_PAUSE_S = 30.0  # no meter is believed that asks for a longer wait
 SHOWN_CHARACTERS = 120  # chosen: one line of a message
 _NUMBER = re.compile(r" *\+?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})? *")
 

@@ -26,8 +26,7 @@ SUSPECT_EQUALS = 3  # chosen: equal readings in a row that are asked on
 FROZEN_EQUALS = 10
 """So many equal samples in a row are a frozen display. After `SUSPECT_EQUALS` the meter is asked on until a sample
 differs: at 0.1 % repeatability ten equal ones come by chance less than once in ten thousand times."""
-FROZEN_RESOLUTION = 1e-3
-"""Coarser displays (0.05 cd/m2 in two digits) may well repeat themselves."""
+FROZEN_RESOLUTION = 1e-3  # coarser displays (0.05 cd/m2 in two digits) may well repeat themselves
 
 
 class KonicaMinoltaMeter:

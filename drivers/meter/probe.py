@@ -34,8 +34,7 @@ LEAVING = ("RMT,0", "RMTS,0", "COM,0")
 # Bounds: chosen, far above what a meter of this family needs (an answer takes 0.1 s, AUTO measures for 4.3 s at most).
 ANSWER_LIMIT_S = 1.0
 MEASURING_LIMIT_S = 6.0  # chosen
-AFTER_S = 0.3
-"""How long a further line of one answer is waited for."""
+AFTER_S = 0.3  # how long a further line of one answer is waited for
 QUIET_S = 0.05  # chosen: see `drivers.meter.dialogue`
 MAX_LINE_BYTES = 256  # chosen
 MAX_ANSWER_BYTES = 1024  # chosen

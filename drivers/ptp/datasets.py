@@ -21,8 +21,7 @@ from drivers.ptp.container import violation
 
 Value = int | str | tuple[int, ...]
 
-MAX_STRING_UNITS = 255
-"""A string's length, its closing NUL included, is one byte."""
+MAX_STRING_UNITS = 255  # a string's length, its closing NUL included, is one byte
 
 _INTEGERS: dict[int, tuple[int, bool]] = {
     DataType[f"{'' if signed else 'U'}INT{8 * size_bytes}"]: (size_bytes, signed)

@@ -63,8 +63,7 @@ class PtpTransport(Protocol):
 # A first read holds any response or event; long data go in pieces that a 25 MB/s link fills in 20 ms (chosen).
 FIRST_READ_BYTES = 1024
 MAX_READ_BYTES = 512 * 1024
-MIN_CALL_S = 0.001
-"""Shortest limit given to a link: libusb takes zero for "for ever"."""
+MIN_CALL_S = 0.001  # shortest limit given to a link: libusb takes zero for "for ever"
 DRAIN_QUIET_S = 0.05  # chosen: the line is quiet
 # Bounds against a camera that never stops: chosen.
 MAX_DRAIN_READS = 4096

@@ -31,8 +31,7 @@ from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transac
 __all__ = ["PtpEvent", "PtpSession", "Reply"]
 
 ANY_RESPONSE = range(0x2000, 0xB000)
-OPEN_LIMIT_S = 8.0
-"""Some cameras need as long to open a session after waking."""
+OPEN_LIMIT_S = 8.0  # some cameras need as long to open a session after waking
 ALL_STORAGES = 0xFFFFFFFF  # PIMA 15740, GetObjectHandles
 # Chosen: one chunk takes 40 ms at 25 MB/s.
 MAX_CHUNK_BYTES = 1024 * 1024

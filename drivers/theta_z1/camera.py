@@ -60,8 +60,7 @@ READY_LIMIT_S = 15.0  # chosen: writing a raw frame takes 10 s (Ricoh)
 READY_PAUSE_S = 0.05  # chosen
 EVENT_DRAIN_WAIT_S = 0.001  # chosen: takes what is there, waits for nothing
 MAX_DRAINED_EVENTS = 256  # chosen: a bound on a camera that never stops
-RELEASE_LAG_S = 0.12
-"""Assumed: Ricoh gives no figure. Measure it and put it into the rig file."""
+RELEASE_LAG_S = 0.12  # assumed: Ricoh gives no figure. Measure it and put it into the rig file.
 USB_SHOOTING_POSSIBLE = 0  # Ricoh's USB API
 WITNESSES = (
     Prop.EXPOSURE_PROGRAM_MODE,

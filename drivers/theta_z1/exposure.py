@@ -20,14 +20,12 @@ from drivers.theta_z1.settings import ThetaProperties, error_texts
 # A poll stays under the 50 ms of `drivers.camera.Camera` (chosen).
 EVENT_WAIT_S = 0.02
 MAX_EVENTS_A_POLL = 8  # chosen: the other camera waits for its turn
-COMPLETE_GRACE_S = 1.0
-"""Some of the events of a capture are there, but not all: ask the camera after this time."""
+COMPLETE_GRACE_S = 1.0  # some of the events of a capture are there, but not all: ask the camera after this time
 ANNOUNCE_GRACE_S = 8.0
 """Stitching and saving take a few seconds (6 s is Ricoh's shortest interval for JPEG, 10 s for RAW+)."""
 ANNOUNCE_GRACE_RAW_S = 12.0  # Ricoh's interval for RAW+, and 2 s
 ASK_PERIOD_S = 1.0  # chosen: a question a second does not slow the camera
-FAIL_AFTER_S = 25.0
-"""After the shutter has closed; then there will be no picture any more."""
+FAIL_AFTER_S = 25.0  # after the shutter has closed; then there will be no picture any more
 NO_SPACE_BITS = 0x00000001 | 0x00000004
 
 

@@ -21,8 +21,7 @@ from drivers.theta_z1.codes import (
     RicohProp,
 )
 
-F_NUMBER_560 = 560
-"""In the enumeration of a camera that counts f-numbers times 100."""
+F_NUMBER_560 = 560  # in the enumeration of a camera that counts f-numbers times 100
 
 
 @dataclass(frozen=True)
@@ -97,8 +96,7 @@ def error_texts(error_info: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(problems), tuple(warnings)
 
 
-PROPERTY_PAUSE_S = 0.1
-"""Between two property writes; what scripts that work with the real camera leave."""
+PROPERTY_PAUSE_S = 0.1  # between two property writes; what scripts that work with the real camera leave
 BUSY_LIMIT_S = 5.0  # chosen
 SETTING_ATTEMPTS = 2
 """Settings sometimes do not take (seen by others on the real camera): write, compare, write once more."""

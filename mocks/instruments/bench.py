@@ -25,8 +25,7 @@ SimulatedCamera = SimulatedThetaZ1 | SimulatedCanon5D2
 OPTICS = {"theta_z1": THETA_Z1, "canon_5d2": CANON_5D2}
 Progress: TypeAlias = Callable[[str, int, int], None]
 """Called with what is being made (light, indoor, outdoor), the steps done and the steps in all."""
-MEASURING_S = 1.5
-"""Of the simulated meter; a real one in AUTO takes 0.7 to 4.3 s."""
+MEASURING_S = 1.5  # of the simulated meter; a real one in AUTO takes 0.7 to 4.3 s
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from mocks.instruments.ptp.wire import Answer, Refusal, Request, Rule
 __all__ = ["CANON_TIMING", "CanonOptions", "SimulatedCanon5D2"]
 
 HALF, FULL, HALF_AND_FULL = 1, 2, 3
-RELEASED, NO_FOCUS, CARD_FULL, CARD_READ_ONLY = 0, 1, 7, 8
-"""Response parameter 1 of RemoteRelease."""
+RELEASED, NO_FOCUS, CARD_FULL, CARD_READ_ONLY = 0, 1, 7, 8  # response parameter 1 of RemoteRelease
 STORE_CODES = {Response.STORE_FULL: CARD_FULL, Response.STORE_READ_ONLY: CARD_READ_ONLY}
 AUTO_ISO, AUTO_SHUTTER_S, AUTO_F_NUMBER, DAYLIGHT_K = 100, 1 / 125, 8.0, 5200
 FOCUS_POINTS_IN_USE = 9  # of the 5D Mark II (Canon's data sheet)

@@ -14,8 +14,7 @@ from typing import Protocol
 
 from drivers.clock import Clock, SystemClock
 
-MAX_QUESTION_BYTES = 256
-"""Chosen: more without a line end is thrown away, as a small buffer does."""
+MAX_QUESTION_BYTES = 256  # chosen: more without a line end is thrown away, as a small buffer does
 
 
 @dataclass(frozen=True)

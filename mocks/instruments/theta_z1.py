@@ -30,8 +30,7 @@ from mocks.instruments.theta_properties import (
 )
 
 RECORDING = recording("theta_z1")
-STITCHING_FIRMWARE = (2, 10, 1)
-"""The first with static stitching (Ricoh's USB API specification)."""
+STITCHING_FIRMWARE = (2, 10, 1)  # the first with static stitching (Ricoh's USB API specification)
 READABLE_WHILE_BUSY = tuple(int(code, 16) for code in RECORDING.raw["answered_while_busy"])
 FIRST_HANDLE = 0x62
 """So that the first picture is 64h, after the two folders."""

@@ -10,8 +10,7 @@ import numpy as np
 from mocks.worlds.light import Reals
 from processing.ground.arrays import Floats
 
-CELLS = 64
-"""Lattice cells after which an octave repeats."""
+CELLS = 64  # lattice cells after which an octave repeats
 
 
 def fractal(seed: int, x: Floats, y: Floats, footprint: Floats | float = 0.0, octaves: int = 6) -> Floats:

@@ -27,8 +27,7 @@ from mocks.rooms.sky.sky import SHARES, CloudDrift, Kind, Sky, draw_sky
 from mocks.worlds.light import Vector
 
 ATTEMPTS = 40  # chosen: then the rectangle below
-FALLBACK_M = (4.2, 3.6)
-"""Sides of the rectangle that is used should no form fit."""
+FALLBACK_M = (4.2, 3.6)  # sides of the rectangle that is used should no form fit
 
 
 def draw_plan(rng: np.random.Generator, use: Use, *, lamps_on: bool = False) -> Plan:

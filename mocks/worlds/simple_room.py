@@ -21,8 +21,7 @@ from mocks.worlds.sky import SUN_RADIUS_RAD, SimpleSky
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 
 CAMERA_HEIGHT_M = 1.6  # the paper's tripod
-GLASS_TRANSMITTANCE = 0.65
-"""Of double glazing with a coat against heat: 0.6 to 0.8 in makers' tables; chosen."""
+GLASS_TRANSMITTANCE = 0.65  # of double glazing with a coat against heat: 0.6 to 0.8 in makers' tables; chosen
 _WALL_M, _FRAME_M = 0.24, 0.055
 _DOOR_WALL, _SOFA_WALL, _WINDOW_WALL, _FLOOR = 0, 1, 3, 4
 """Numbers of faces: ``2 axis + side`` for the room itself (side 0 low, 1 high), then six more for each block."""

@@ -17,10 +17,8 @@ from typing import Any
 from processing.errors import ClusterError
 
 LOOPBACK = "127.0.0.1"
-SESSION_BYTES = 5 << 30
-"""Of memory that one full-size session may take."""
-DEATHS = 1
-"""Workers that may die over one session; with the next it counts as lost."""
+SESSION_BYTES = 5 << 30  # of memory that one full-size session may take
+DEATHS = 1  # workers that may die over one session; with the next it counts as lost
 CONNECT_S = 30  # chosen: a busy scheduler answers within seconds
 CLOSE_S = 30  # chosen: workers end within seconds
 

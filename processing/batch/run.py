@@ -15,12 +15,10 @@ from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, WorkerLostError
 from station.session.session import MANIFEST_NAME
 
-LOOK_S = 2.0
-"""Between looks at how many workers there are."""
+LOOK_S = 2.0  # between looks at how many workers there are
 NO_WORKERS_S = 600.0
 """Without any worker, after which what is under way is listed as lost: begun anew, they take seconds to a minute."""
-DEPTH = 3
-"""Folders below the one that is named, in which sessions are looked for."""
+DEPTH = 3  # folders below the one that is named, in which sessions are looked for
 
 
 @dataclass(frozen=True)

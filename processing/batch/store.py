@@ -30,10 +30,8 @@ from station.session.session import MANIFEST_NAME
 
 DONE = "done.json"
 RESULTS = "results"
-TRIES = 4
-"""Of an operation (chosen: with the pauses, four seconds)."""
-PAUSE_S = 0.5
-"""Before the second try; twice as long before each further one (chosen)."""
+TRIES = 4  # of an operation (chosen: with the pauses, four seconds)
+PAUSE_S = 0.5  # before the second try; twice as long before each further one (chosen)
 T = TypeVar("T")
 Sleep = Callable[[float], None]
 

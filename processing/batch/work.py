@@ -244,8 +244,7 @@ def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
     )
 
 
-_PR_SET_PDEATHSIG = 1
-"""Of prctl(2)."""
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 
 
 def die_with_parent(parent: int) -> None:

@@ -27,8 +27,7 @@ LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
 PUBLISHED_FALLOFF = {"canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0))}
 OTHER_APERTURE_UNCERTAINTY = 0.03
 """Relative, of a fall-off published for another aperture: f/8 and f/11 differ by that much."""
-SURE_SUPPORT = 0.5
-"""Share of rays on which the circle's edge must be seen, to trust it more than the rig file's."""
+SURE_SUPPORT = 0.5  # share of rays on which the circle's edge must be seen, to trust it more than the rig file's
 VEIL_MAX_UNCERTAINTY = 0.5  # relative; chosen
 VEIL_MAX_INDEX = 0.3
 """Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""

@@ -21,8 +21,7 @@ from station.session.session import Model, SafeText
 Channels = Vector
 NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
-_UNKNOWN_STOPS = 99.0
-"""Written for an uncertainty without bound: JSON has no infinity."""
+_UNKNOWN_STOPS = 99.0  # written for an uncertainty without bound: JSON has no infinity
 _SAME_TIME_FRAC = 0.01  # chosen: dials differ by more
 _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 

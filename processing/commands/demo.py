@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 RIG_SIZE = "quarter"
 """Of the rig's sessions: a chart needs some hundred pixels."""
-RIG_RATE = 8.0
-"""How much faster than life the rig's sessions are captured: nobody waits for their shutters."""
+RIG_RATE = 8.0  # how much faster than life the rig's sessions are captured: nobody waits for their shutters
 BESIDE_S = 600.0
 """For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
 SPHERE_WORLD = "uniform:2000"

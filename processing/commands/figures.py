@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from processing.figures.glare import Task
     from processing.pictures.images import LuminanceImage
 
-READING_SIGMA = 0.02
-"""Relative standard uncertainty of a luminance meter's reading (LS-160: 2 %)."""
+READING_SIGMA = 0.02  # relative standard uncertainty of a luminance meter's reading (LS-160: 2 %)
 
 
 @click.command()

@@ -13,10 +13,8 @@ import click
 if TYPE_CHECKING:
     from processing.calibration.outdoor.sun_place import Place
 
-STEP_MIN = 10
-"""Chosen: the sun moves by 2.5 degrees."""
-LEAST_SUN_RAD = math.radians(1.0)
-"""Chosen: lower suns are behind something."""
+STEP_MIN = 10  # chosen: the sun moves by 2.5 degrees
+LEAST_SUN_RAD = math.radians(1.0)  # chosen: lower suns are behind something
 STILL_FRAC_PER_MIN = 0.005
 """Chosen: a bracket of a minute then drifts by half a percent, a tenth of what `max_drift_frac` allows."""
 WALLS = (("ahead", 0.0), ("right", 90.0), ("behind", 180.0), ("left", 270.0))

@@ -36,8 +36,7 @@ Json: TypeAlias = dict[str, Any]
 _FLOAT, _UINT, _USHORT = 5126, 5125, 5123
 _ARRAY, _INDEX = 34962, 34963
 _CLAMP, _LINEAR, _MIPMAP = 33071, 9729, 9987
-_PNG_BELOW_PX = 33
-"""Small pictures are kept without loss."""
+_PNG_BELOW_PX = 33  # small pictures are kept without loss
 
 
 class Glb:
@@ -202,8 +201,7 @@ def y_up(vectors: npt.NDArray[np.floating]) -> Floats:
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)
 
 
-GLASS_ALPHA = 0.15
-"""Of a pane: what it adds of its own tint; the rest is what lies behind."""
+GLASS_ALPHA = 0.15  # of a pane: what it adds of its own tint; the rest is what lies behind
 _UNLIT, _STRONG = "KHR_materials_unlit", "KHR_materials_emissive_strength"
 _LIGHTS = "KHR_lights_punctual"
 STILL_FIELD_RAD = 2 * math.atan(12 / 18)

@@ -25,14 +25,11 @@ if TYPE_CHECKING:
 # lies flat on the floor at the nadir and on the ceiling at the zenith, where it hides no furniture and is not bent.
 
 TEXT = "Virtually staged"
-LETTERS = 0.022
-"""Height of a line, of the picture's. Chosen: read on a phone, and no more."""
-LEAST_LETTERS_PX = 11
-"""Below which letters cannot be read; pictures lower than 500 px get relatively larger ones."""
+LETTERS = 0.022  # height of a line, of the picture's. Chosen: read on a phone, and no more.
+LEAST_LETTERS_PX = 11  # below which letters cannot be read; pictures lower than 500 px get relatively larger ones
 POLE_HALF_FIELD = 0.42
 """Tangent of half the plate's width at a pole: 0.67 m of floor to either side of a camera at 1.6 m. Chosen."""
-LEAST_PANORAMA_PX = 64
-"""High, under which a pole has no room for letters: the label is a flat picture's."""
+LEAST_PANORAMA_PX = 64  # high, under which a pole has no room for letters: the label is a flat picture's
 _PLATE = (16, 16, 20, 150)
 _INK = (255, 255, 255, 235)
 
@@ -239,8 +236,7 @@ def _text_of(name: str, text: str) -> str:
     return f'<dc:{name}><rdf:Alt><rdf:li xml:lang="x-default">{escape(plain)}</rdf:li></rdf:Alt></dc:{name}>'
 
 
-LONGEST_SIDE_PX = 65_500
-"""Of JPEG."""
+LONGEST_SIDE_PX = 65_500  # of JPEG
 
 
 def jpeg_bytes(rgb8: Bytes, *, quality: int = 92, **said: Unpack[Said]) -> bytes:

@@ -23,8 +23,7 @@ from processing.sphere import projected_solid_angles
 COVERAGE_FACTOR = 2.0  # k of the GUM for about 95 %
 RECTIFICATION = 3e-4
 """Relative, of an illuminance by resampling: the largest of closed forms, the sun's (docs/measurements/sphere.md)."""
-DETECTED = 1 / 3
-"""Relative standard uncertainty at the limit of detection: three standard deviations (IUPAC 1978)."""
+DETECTED = 1 / 3  # relative standard uncertainty at the limit of detection: three standard deviations (IUPAC 1978)
 BINS_A_STOP = 2  # of luminance, in which the limit is looked for; chosen
 _TABLE = table_of("processing.figures", "certificate")
 SOURCES, NOT_DETERMINED = _TABLE["sources"], _TABLE["not_determined"]

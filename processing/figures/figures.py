@@ -124,12 +124,9 @@ def statistics(
     return PartStatistics(name, kind, total, mean, highest=float(values.max()), clipped_share=clipped, **found)
 
 
-WIDTH_PX = 2048
-"""Of the panorama that is looked at: a third of a sun's width a pixel."""
-DIRECTIONS = 8
-"""In which an observer may look, evenly around."""
-LOWER_BOUND = 0.01
-"""Share of clipped light above which a value is called a lower bound."""
+WIDTH_PX = 2048  # of the panorama that is looked at: a third of a sun's width a pixel
+DIRECTIONS = 8  # in which an observer may look, evenly around
+LOWER_BOUND = 0.01  # share of clipped light above which a value is called a lower bound
 
 Facts = dict[str, Any]
 

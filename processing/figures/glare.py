@@ -34,14 +34,12 @@ THRESHOLD_CD_M2 = 2000.0  # evalglare's -b
 PEAK_CD_M2 = 50_000.0  # evalglare's -Y
 REACH_RAD = 0.2  # evalglare's -r
 MOST_INDEX = 16.0  # evalglare's bound of P
-FAINT_LX = 380.0
-"""At the eye, below which the formula was never tried."""
+FAINT_LX = 380.0  # at the eye, below which the formula was never tried
 
 CLASSES = ((0.35, "imperceptible"), (0.40, "perceptible"), (0.45, "disturbing"), (math.inf, "intolerable"))
 """Upper ends of what observers say (Wienold 2009)."""
 
-_CELLS = 360
-"""Rows of the grid on which neighbours are found: half a degree each."""
+_CELLS = 360  # rows of the grid on which neighbours are found: half a degree each
 
 
 @dataclass(frozen=True)
@@ -193,8 +191,7 @@ def position_index(rays: Doubles, azimuth_rad: float) -> Doubles:
     return np.asarray(np.minimum(np.where(up < 0, iwata, guth), MOST_INDEX))
 
 
-TASK_FACTOR = 5.0
-"""Times the task's mean luminance above which a pixel may glare (evalglare's -b with -T)."""
+TASK_FACTOR = 5.0  # times the task's mean luminance above which a pixel may glare (evalglare's -b with -T)
 _NEAR_DEG = 1.0  # chosen: nearer to the line of sight the formula of veiling light has no meaning
 Task = Vector
 """Right and up of the line of sight, and the cone's whole angle, degrees."""

@@ -12,8 +12,7 @@ from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 from processing.sphere.resampling import resample, resample_uncertainty
 
-_FINE = 3
-"""Samples along each side of a pixel of a view."""
+_FINE = 3  # samples along each side of a pixel of a view
 
 
 def reduced(image: LuminanceImage, width_px: int) -> LuminanceImage:

@@ -27,17 +27,14 @@ TINT_TIMES = 2.0
 """Of those steps, in log2 of blue over red: two channels' noise, and colours of a room's light on the board. Chosen."""
 LEAST_SR, MOST_SR = 6e-4, 0.35
 """Solid angle of a board: from a sheet of A4 paper at 5 m to a square of half a metre at 0.9 m."""
-MOST_LATITUDE_RAD = math.radians(60)
-"""Chosen: a board on a stand is metered from about its own height."""
-MIN_CONFIDENCE = 0.25
-"""Chosen on the simulated rooms: below, a lamp or a picture is as likely."""
+MOST_LATITUDE_RAD = math.radians(60)  # chosen: a board on a stand is metered from about its own height
+MIN_CONFIDENCE = 0.25  # chosen on the simulated rooms: below, a lamp or a picture is as likely
 LEAST_FILLED = 0.85
 """Of the smallest rectangle around the board, turned as fits best: remains of a wall and patches of floor fill less."""
 WORK_WIDTH_PX = 840
 """Width to which a panorama is reduced for the search: the smallest board is then still 13 pixels large."""
 LEAST_PX = 9
-LEAST_AHEAD = 0.05
-"""Cosine of the angle from the region's middle at which the tangent plane is cut off."""
+LEAST_AHEAD = 0.05  # cosine of the angle from the region's middle at which the tangent plane is cut off
 
 
 @dataclass(frozen=True)

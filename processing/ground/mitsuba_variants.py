@@ -27,8 +27,7 @@ from typing import Any
 from processing.errors import EngineError
 
 SCALAR, LLVM, CUDA = "scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb"
-OLDEST = 16
-"""LLVM 14 and 15 abort with 'Cannot select' on processors with AVX-512."""
+OLDEST = 16  # LLVM 14 and 15 abort with 'Cannot select' on processors with AVX-512
 ENVIRONMENT = "DRJIT_LIBLLVM_PATH"
 """Where Dr.Jit looks for its library when it is first used."""
 PLACES = (
@@ -41,10 +40,8 @@ PLACES = (
     "/usr/local/opt/llvm*/lib/libLLVM*.dylib",
 )
 """Debian and Ubuntu, Fedora and Arch, LLVM's own packages, Gentoo, self-built, Homebrew on ARM and Intel."""
-PROBE_LIMIT_S = 90.0
-"""Chosen: a first render takes 2 to 5 s on an idle computer."""
-TOLERANCE = 0.02
-"""Of the probe's radiance; chosen: eight times its noise."""
+PROBE_LIMIT_S = 90.0  # chosen: a first render takes 2 to 5 s on an idle computer
+TOLERANCE = 0.02  # of the probe's radiance; chosen: eight times its noise
 
 
 def load_mitsuba(variant: str) -> Any:

@@ -28,10 +28,8 @@ Part = Annotated[str, Field(pattern=rf"^({CEILING}|(wall|corner) \d\d?)$")]
 
 MIN_WALL_M = 0.02  # chosen: shorter ones are slips of an editor
 MIN_AREA_M2 = 1.0  # chosen: less is no room
-MIN_CAMERA_GAP_M = 0.05
-"""Of the camera from every wall."""
-SLACK_M = 0.002
-"""By which rounding may put an opening beyond its wall."""
+MIN_CAMERA_GAP_M = 0.05  # of the camera from every wall
+SLACK_M = 0.002  # by which rounding may put an opening beyond its wall
 
 
 class _Part(BaseModel):

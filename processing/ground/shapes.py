@@ -26,8 +26,7 @@ from processing.ground.mesh import (
     without_slivers,
 )
 
-CREASE_RAD = math.radians(35.0)
-"""A turned profile that bends more than this has a sharp edge there."""
+CREASE_RAD = math.radians(35.0)  # a turned profile that bends more than this has a sharp edge there
 
 
 def rounded_box(

@@ -138,16 +138,12 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
 
 # What hangs on a room's walls, from what a network saw: pictures, mirrors, radiators, curtains as rectangles.
 
-CELL_M = 0.04
-"""Of the grid on a wall (chosen: finer than a pixel of the evidence, 0.7 degrees, beyond 3 m)."""
-SURE = 0.5
-"""Probability from which a place shows a fixture (chosen: more likely than all else)."""
+CELL_M = 0.04  # of the grid on a wall (chosen: finer than a pixel of the evidence, 0.7 degrees, beyond 3 m)
+SURE = 0.5  # probability from which a place shows a fixture (chosen: more likely than all else)
 LEAST_M, LEAST_M2 = 0.16, 0.04
 """Side and area of the least that counts (chosen: sockets, switches and frames of doors are none)."""
-CORNICE_M = 0.12
-"""What lies this near to the ceiling or, as skirting, to the floor is the wall's own."""
-BESIDE_M = 0.35
-"""A curtain begins at most this far from its window."""
+CORNICE_M = 0.12  # what lies this near to the ceiling or, as skirting, to the floor is the wall's own
+BESIDE_M = 0.35  # a curtain begins at most this far from its window
 
 
 def hung_things(room: RoomModel, fixtures: Floats) -> tuple[Hung, ...]:

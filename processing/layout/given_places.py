@@ -29,8 +29,7 @@ from processing.layout.solver.free_sets import BODY, MEETS, RUG, SKIN_M, ZONE
 from processing.layout.solver.poses import Pose, Stand, outline_rows, wrapped
 from processing.layout.solver.units import Rect, zone_choices
 
-TOUCH_M2 = 1e-5
-"""Smaller overlaps of use zones with walls and pieces are contact."""
+TOUCH_M2 = 1e-5  # smaller overlaps of use zones with walls and pieces are contact
 
 
 def parse_pin(text: str) -> tuple[str, Pose]:
@@ -92,8 +91,7 @@ def _zones(stand: Stand, others: Sequence[Stand], room: Polygon, rules: RuleSet)
     return choices[-1]
 
 
-INSIDE_M = 1e-6
-"""Positions are taken this far inside the free set, so that rounding cannot carry them out."""
+INSIDE_M = 1e-6  # positions are taken this far inside the free set, so that rounding cannot carry them out
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,8 @@ from processing.ground.arrays import Doubles
 from processing.ground.polygons import signed_area
 from processing.ground.room_model import OpeningKind, RoomModel
 
-TOUCHING_M = 1e-9
-"""Edges nearer than this touch (chosen: rounding of coordinates in metres)."""
-SAME_POINT_M = 1e-4
-"""Corners nearer than this are one corner."""
+TOUCHING_M = 1e-9  # edges nearer than this touch (chosen: rounding of coordinates in metres)
+SAME_POINT_M = 1e-4  # corners nearer than this are one corner
 
 
 @dataclass(frozen=True)
@@ -113,8 +111,7 @@ DEFAULT_HEIGHT_M = 2.4  # chosen: usual in homes
 DEFAULT_SILL_M = 0.9  # chosen: usual in homes
 DEFAULT_HEAD_M = 2.1  # chosen: usual in homes
 DOOR_HEAD_M = 2.1  # chosen: usual in homes
-SLACK_M = 0.05
-"""By so much may an opening stick out over the end of its edge; it is cut there, and that is said."""
+SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,10 @@ from processing.layout.verify import Judge, Piece
 LEVELS = ("none", "light", "full")
 AIR_M = 0.06
 """Between things on a wall, and round a rug (chosen by eye, as all lengths of this file without another word)."""
-NEAR_WALL_M = 0.30
-"""What stands nearer than this to a wall is before it."""
+NEAR_WALL_M = 0.30  # what stands nearer than this to a wall is before it
 ABOVE_M, EYE_M = 0.18, 1.5
 """Art hangs this much above its host, its middle at eye height where it has none (museums: 1.45 to 1.55 m)."""
-OVER_HEAD_M = 0.14
-"""A curtain's rod above its window."""
+OVER_HEAD_M = 0.14  # a curtain's rod above its window
 Wall = tuple[int, float, float, float, float]
 """An edge, start and end along it, bottom and top, metres."""
 

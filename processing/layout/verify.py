@@ -21,15 +21,12 @@ from processing.layout.items import ItemSpec
 from processing.layout.plan import Door, FloorPlan
 from processing.layout.rules import RuleSet
 
-DEEP_M = 1e-5
-"""Overlaps thinner than this are contact (arrays are rounded to 0.1 um, JSON to 1 um)."""
-PATH_M = 1e-3
-"""Paths may be narrower by this: below what anyone can measure."""
+DEEP_M = 1e-5  # overlaps thinner than this are contact (arrays are rounded to 0.1 um, JSON to 1 um)
+PATH_M = 1e-3  # paths may be narrower by this: below what anyone can measure
 HEAD_ROOM_M = 2.0  # chosen: what hangs higher is in nobody's way
 TOUCH_M = 0.05  # chosen: slack where a way passes a piece
 CAMERA_M = 0.3  # chosen: a tripod's feet
-VIEW_M, HIDES_M = 0.9, 1.3
-"""Nothing taller than the second stands nearer to the camera than the first."""
+VIEW_M, HIDES_M = 0.9, 1.3  # nothing taller than the second stands nearer to the camera than the first
 SILL_GAP_M = 0.05  # chosen: clearance below a sill
 DOOR_TOP_M = 2.1  # chosen: a usual door's
 _QUARTER = np.linspace(0, np.pi / 2, 33)

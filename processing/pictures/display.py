@@ -37,19 +37,15 @@ stops from the board's."""
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""
-VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9
-"""The same of what is seen through panes."""
-MOST_PULL_STOPS = 6.0
-"""A photographer's darkest exposure under the room's. Chosen."""
+VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
+MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
 LEAST_VIEW, VIEW_SPREAD = 0.9, 0.7
 """Level of the film from which something in a pane is the view: not the room's light walls; and, of the geometric mean
 of the room's level and the view's, the share. Chosen by looking."""
-KNEE = 0.55
-"""Of the film: below, light is shown in proportion. Chosen by looking."""
+KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
 PLATEAU = 0.28
 """Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
-_NORM = 6.0
-"""Of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best."""
+_NORM = 6.0  # of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best
 _EDGE_RAD, _EDGE_EPS = math.radians(0.8), 0.05
 """Within which a pane's edge follows the picture's, and how strong an edge counts (squared stops). Chosen."""
 _ROWS = 256  # at a time, for memory

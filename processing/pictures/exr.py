@@ -166,8 +166,7 @@ CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """Rec. 709: x and y of red, green, blue and white."""
 LIGHT_BITS = 13
 """Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
-UNCERTAINTY_BITS = 7
-"""Of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well."""
+UNCERTAINTY_BITS = 7  # of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well
 _LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
 """Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
 UNSCALED = "luminance in relative units"

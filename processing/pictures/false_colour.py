@@ -14,8 +14,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Floats
 from processing.pictures.images import Validity
 
-NO_DATA = (64, 64, 68)
-"""Grey of pixels that have no value (0, not finite)."""
+NO_DATA = (64, 64, 68)  # grey of pixels that have no value (0, not finite)
 VALIDITY_COLOURS: dict[Validity, tuple[int, int, int]] = {
     Validity.CLIPPED: (230, 30, 30),
     Validity.DARK: (50, 90, 235),

@@ -22,8 +22,7 @@ from processing.pictures.mosaic import CameraColours, camera_colours, camera_rgb
 
 Codes: TypeAlias = Bytes | UInt16s
 Reduce: TypeAlias = Literal[1, 2, 4, 8]
-MAX_PIXELS = 200_000_000
-"""More than any camera of today; a header that says more is a mistake or an attack."""
+MAX_PIXELS = 200_000_000  # more than any camera of today; a header that says more is a mistake or an attack
 RAW_ENDINGS = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf")
 RAW_BORDER = 0.03  # of the sensor's side, that a camera's own picture may leave out; chosen
 

@@ -20,11 +20,9 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity, 
 from processing.sphere import Equirectangular, directions
 
 KEY = "shared_modes"
-ROWS_AT_ONCE = 256
-"""Of which directions are worked out; chosen: 50 MB of the largest frames."""
+ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
 Kind = Literal["level", "seam", "axis", "whole"]
-LEVEL_SHIFT = 20
-"""Bits of a float32, dropped: what is left steps by an eighth of an octave."""
+LEVEL_SHIFT = 20  # bits of a float32, dropped: what is left steps by an eighth of an octave
 LEVELS = 1 << (32 - LEVEL_SHIFT)
 SEAM_SIGMA = 0.02
 """Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""

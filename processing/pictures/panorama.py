@@ -128,15 +128,13 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
 
 Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
 FORMATS: dict[str, Format] = {**KINDS, ".exr": "exr", ".hdr": "hdr"}
-WHITE = 100.0
-"""Relative units of a photograph's white."""
+WHITE = 100.0  # relative units of a photograph's white
 MIDDLE = 20.0
 """Relative units of the median direction of light without a scale: what is middle grey where white is 100."""
 TONE_CURVE_UNCERTAINTY = 0.2
 """Relative, of a photograph's pixel: cameras do not keep to the sRGB curve, and do not say what they do instead. This
 is a judgement, not a measurement."""
-LIGHT_UNCERTAINTY = 0.05
-"""Relative, of a pixel of light that comes without any uncertainty."""
+LIGHT_UNCERTAINTY = 0.05  # relative, of a pixel of light that comes without any uncertainty
 CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255  # of the largest code; chosen
 ASPECT_TOLERANCE = 0.01  # of 2 : 1; chosen
 LEAST_WIDTH_PX = 128  # chosen

@@ -13,8 +13,7 @@ from processing.ground.colour import luminance_cd_m2, srgb_of_linear
 from processing.pictures.writing import write_bytes
 from processing.sphere import Equirectangular, Geometry
 
-KEY = 0.28
-"""Where the mean of the logarithm goes: rooms are mostly light walls, so higher than middle grey (0.18)."""
+KEY = 0.28  # where the mean of the logarithm goes: rooms are mostly light walls, so higher than middle grey (0.18)
 _WHITE_SHARE = 0.995  # of the pixels below white; chosen
 _ROWS = 256  # at a time, for memory
 

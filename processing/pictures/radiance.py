@@ -110,8 +110,7 @@ def _numbers(words: list[str], name: str, default: Vector) -> Vector:
 # spread by a fixed pattern, so that an even surface keeps its mean: without it a uniform sky is off by up to 0.4 %.
 
 
-_SMALLEST = 1e-32
-"""Below this Radiance stores black."""
+_SMALLEST = 1e-32  # below this Radiance stores black
 _EXPONENT_BIAS = 128  # of RGBE (Ward 1991)
 _STEPS = (0.7548776662466927, 0.5698402909980532)
 """Of the plane's most even additive sequence (Roberts 2018, R2): neighbours get thresholds far from each other."""
@@ -242,8 +241,7 @@ def _decode_line(data: bytes, place: int, width: int) -> tuple[bytearray, int]:
 
 
 WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
-RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)
-"""As ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)."""
+RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)
 MARK = "daylit_luminance=radiance-weights"
 RELATIVE_MARK = "daylit_units=relative"
 """In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""

@@ -16,12 +16,10 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from station.session import durable
 from station.session.folder import Folder, part_name, write_file
 
-MAX_PIXELS = 1 << 28
-"""A picture of the whole sphere at 1 arc minute; more is a damaged header, or a bomb."""
+MAX_PIXELS = 1 << 28  # a picture of the whole sphere at 1 arc minute; more is a damaged header, or a bomb
 MAX_SIDE_PX = 1 << 16  # chosen
 
-_ROWS = 256
-"""Rows looked at in one go, so that checks need little memory beside the picture."""
+_ROWS = 256  # rows looked at in one go, so that checks need little memory beside the picture
 
 
 def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> None:

@@ -35,12 +35,9 @@ from processing.sphere import Equirectangular
 from station.commands.views import numbers
 
 Kind = Literal["captured", "clear", "overcast"]
-ROWS = 512
-"""Of live pictures (chosen: as many as the viewer's map of numbers has; another hour then takes 0.8 CPU s)."""
-SEATED_M = 1.2
-"""Height of a sitting observer's eyes, as EN 12464-1 and EN 17037 take it."""
-EYE_PX = 512
-"""Across the view at an observer's eye: a third of a degree a pixel (chosen: the picture has no more)."""
+ROWS = 512  # of live pictures (chosen: as many as the viewer's map of numbers has; another hour then takes 0.8 CPU s)
+SEATED_M = 1.2  # height of a sitting observer's eyes, as EN 12464-1 and EN 17037 take it
+EYE_PX = 512  # across the view at an observer's eye: a third of a degree a pixel (chosen: the picture has no more)
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,7 @@ ROWS, SMALL_ROWS = 512, 96
 SAMPLES, OWN_SAMPLES = (12, 3), (16, 4)
 """Rays for bounces and to each pane, of a place of the room and of furniture; chosen by look."""
 TEXEL_M, SUN_SAMPLES = 0.2, 8
-PARTS = 1000
-"""Labels that each piece has for its parts."""
+PARTS = 1000  # labels that each piece has for its parts
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 
 

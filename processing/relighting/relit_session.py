@@ -46,8 +46,7 @@ MEASURED = "outdoor picture"
 """How the stage materials says that the light outdoors was measured, not guessed from inside."""
 MODELLED = 0.15
 """Relative standard uncertainty of a picture in another light than it was taken in: albedo, windows, shape."""
-SKY_MODEL = 0.15
-"""The same of what a modelled sky sends through a window."""
+SKY_MODEL = 0.15  # the same of what a modelled sky sends through a window
 
 
 @dataclass(frozen=True)

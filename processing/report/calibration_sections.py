@@ -36,8 +36,7 @@ from processing.sphere import Equirectangular
 from station.session.session import FrameRecord, Side, shutter_label
 
 SPOT_RAD = math.radians(1 / 3)
-ANYWHERE_DEG = 180.0
-"""Uncertainty of a north that nobody knows."""
+ANYWHERE_DEG = 180.0  # uncertainty of a north that nobody knows
 _PLANES = {
     "up": "level, facing up",
     "ahead": "upright, facing ahead",

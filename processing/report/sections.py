@@ -116,8 +116,7 @@ def remove_section(
     return Section("Emptied room", text, tuple(quantities), tuple(pictures), tables)
 
 
-MOST_SHOWN = 0.5
-"""Relative change of luminance at the ends of the colour scale; chosen."""
+MOST_SHOWN = 0.5  # relative change of luminance at the ends of the colour scale; chosen
 
 
 def _change_rgb8(log_change: Floats) -> Bytes:

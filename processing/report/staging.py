@@ -177,8 +177,7 @@ def _plans(context: StageContext) -> dict[int, bytes]:
 
 
 FOLDER = "relight"
-MOST = 24
-"""Moments that the page shows."""
+MOST = 24  # moments that the page shows
 WIDTH_PX = 640  # chosen: the picture of a card
 _WEATHER = {"captured": "the captured weather", "clear": "clear", "overcast": "overcast"}
 

@@ -67,20 +67,17 @@ def shown(rgb: Floats, look: Look, view: Perspective | None = None) -> Bytes:
 # (steps of 2 % there, 7 % five stops away) and reach 13 stops to either side, so that the page can expose it anew.
 # ``encoding.ts`` of the viewer is the other half.
 
-STEP = 0.001
-"""Of the natural logarithm, from a code to the next."""
+STEP = 0.001  # of the natural logarithm, from a code to the next
 LARGEST_ERROR = math.expm1(STEP / 2)
 """Relative: 0.05 %."""
-LEAST = 1e-6
-"""cd/m2 of code 1; what is darker is stored as this."""
+LEAST = 1e-6  # cd/m2 of code 1; what is darker is stored as this
 NO_VALUE = 0  # codes of values start at 1
 _MOST = 65535  # of 16 bits
 
 UNCERTAINTY_LOW, UNCERTAINTY_HIGH = 1e-4, 10.0
 """Relative standard uncertainties of the bytes 1 and 255, evenly spaced in the logarithm; 0: nothing known."""
 
-SHAPE = 0.7
-"""Exponent of a picture's code: v^n / (v^n + middle^n)."""
+SHAPE = 0.7  # exponent of a picture's code: v^n / (v^n + middle^n)
 
 
 def luminance_codes(luminance: npt.ArrayLike) -> UInt16s:
@@ -120,18 +117,14 @@ def packed(codes: UInt16s | Bytes) -> str:
     return base64.b64encode(zlib.compress(b"".join(planes), 9)).decode("ascii")
 
 
-MAP_WIDTH_PX = 1024
-"""Of what the probe reads."""
+MAP_WIDTH_PX = 1024  # of what the probe reads
 VIEWER_WIDTHS_PX = ((2, 4096), (5, 3072), (99, 2048))
 """Most states, and the width of their pictures then: the page stays one that can be sent."""
 PANORAMA_WIDTH_PX = 1800  # chosen: a screen's width
 VIEW_PX = (1500, 1000)
-FIELD_DEG = 95.0
-"""Horizontal: what a photographer's wide lens shows."""
-DROP = 0.12
-"""By how much of its height a view looks lower than level, as a shifted lens does: uprights stay upright."""
-MIDDLE = 0.5
-"""On the tone curve, of the middle code of the viewer's pictures."""
+FIELD_DEG = 95.0  # horizontal: what a photographer's wide lens shows
+DROP = 0.12  # by how much of its height a view looks lower than level, as a shifted lens does: uprights stay upright
+MIDDLE = 0.5  # on the tone curve, of the middle code of the viewer's pictures
 _TALLER = VIEW_PX[1] / VIEW_PX[0] * (1 + 2 * DROP)
 _COLOURS = 256  # of 8 bits
 

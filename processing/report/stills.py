@@ -32,28 +32,20 @@ from processing.stages.parameters import MOST_STAGED, NO_SUCH, StillsParameters
 from processing.stages.upright import in_size, upright_panorama
 
 LENSES_MM = (24.0, 20.0, 18.0, 16.0)
-SENSOR_MM = 36.0
-"""Width of full frame, on which lenses are named."""
+SENSOR_MM = 36.0  # width of full frame, on which lenses are named
 WIDE_WORTH = {24.0: 0.0, 20.0: -0.1, 18.0: -0.25, 16.0: -0.5}
 """A wider lens stretches what is at the edges: worth less. Chosen, as all worths below, by looking."""
-DROPS = (0.0, 0.08, 0.16)
-"""By how much of the picture's height the lens is shifted down."""
-MOST_DROP = 0.3
-"""Of a frame that is aimed by hand: what shift lenses do (chosen)."""
+DROPS = (0.0, 0.08, 0.16)  # by how much of the picture's height the lens is shifted down
+MOST_DROP = 0.3  # of a frame that is aimed by hand: what shift lenses do (chosen)
 SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6
-APART_RAD = math.radians(30)
-"""Between two frames' axes: nearer, they are one picture."""
-MARGIN = 0.015
-"""Of the picture's width, around a piece that counts as whole."""
+APART_RAD = math.radians(30)  # between two frames' axes: nearer, they are one picture
+MARGIN = 0.015  # of the picture's width, around a piece that counts as whole
 PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 1.5
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
-AGAIN = 0.3
-"""Of the worth of what an earlier frame shows."""
-ENOUGH = 0.55
-"""Worth below which a frame after the third is not taken."""
-NEAR_M = 1.1
-"""A piece nearer than this fills the picture's edge and is not wanted in it."""
+AGAIN = 0.3  # of the worth of what an earlier frame shows
+ENOUGH = 0.55  # worth below which a frame after the third is not taken
+NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
 
 
 @dataclass(frozen=True)
@@ -122,8 +114,7 @@ def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) ->
     )
 
 
-WIDEST_MM, LONGEST_MM = 12.0, 50.0
-"""Chosen: wider is no picture of a room, longer shows single pixels of a panorama."""
+WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
 
 
 def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem]) -> tuple[Frame, ...]:
@@ -237,8 +228,7 @@ def _composition(frame: Frame, room: RoomModel) -> float:
 
 MOST_STILLS = MOST + MOST_STAGED - 1
 """Of the first alternative up to `MOST`, of each further one the best."""
-LIGHT_PX = 960
-"""Chosen: 10 MB a still."""
+LIGHT_PX = 960  # chosen: 10 MB a still
 EDITS = {
     "staged": "Furniture is virtual; the room's own furniture was removed by computer, and its light worked out anew.",
     "emptied": "Furniture was removed by computer, and the room's light worked out without it.",

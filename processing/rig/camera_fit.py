@@ -124,10 +124,8 @@ def outdoor_lens(side: SessionSide, frames: Sequence[Bytes], half_field_rad: flo
 
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
-_FLAT_POWERS = (2, 4, 6, 8)
-"""As in the published fall-offs of the 8 mm fisheye: with fewer the middle is off by 1 %."""
-_CLEAR_RATIO = 0.8
-"""Of the residuals of two rules: nearer to 1 the frames do not distinguish them."""
+_FLAT_POWERS = (2, 4, 6, 8)  # as in the published fall-offs of the 8 mm fisheye: with fewer the middle is off by 1 %
+_CLEAR_RATIO = 0.8  # of the residuals of two rules: nearer to 1 the frames do not distinguish them
 
 
 @dataclass(frozen=True)

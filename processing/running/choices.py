@@ -42,18 +42,14 @@ from station.session.store import load_manifest
 
 FILE, FOLDER, LOCK = "choices.toml", "choices", ".choices.lock"
 HEAD = "# What was chosen for this session, by the commands themselves: `daylit choices SESSION` shows it.\n"
-SCHEMA = 1
-"""Of the file; a higher one is refused."""
+SCHEMA = 1  # of the file; a higher one is refused
 COPIED_BYTES = 32 << 20
 """Up to which a file is copied into the session (chosen: a painted mask of full size has a tenth)."""
 NETWORKS = (".onnx", ".tflite")
 """Named where they are: large, of the computer rather than of the session, and often with files beside them."""
-MOST_PAST = 100
-"""Former choices that are kept (chosen)."""
-MAX_FILE_BYTES = 1 << 20
-"""Of choices.toml (chosen: with a long past it has a fiftieth)."""
-LOCK_S = 10.0
-"""For which a writer waits for another; a write takes milliseconds (chosen)."""
+MOST_PAST = 100  # former choices that are kept (chosen)
+MAX_FILE_BYTES = 1 << 20  # of choices.toml (chosen: with a long past it has a fiftieth)
+LOCK_S = 10.0  # for which a writer waits for another; a write takes milliseconds (chosen)
 TRADES: dict[str, type] = {"quality": str, "max-error": float, "time-budget": float}
 """What a run takes beside the options of stages."""
 TRADED = {"quality": "quality", "max-error": "max_error", "time-budget": "time_budget_s"}

@@ -22,8 +22,7 @@ ESTIMATED = {
     MASK: "stages/detect/target.png",
     ARRANGEMENT: "stages/arrange/arrangement.json",
 }
-MOST_MASK_PX = 1 << 26
-"""Chosen: three times a mask of full size."""
+MOST_MASK_PX = 1 << 26  # chosen: three times a mask of full size
 
 
 def current(session: Path, name: str) -> tuple[bytes, bool]:

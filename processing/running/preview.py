@@ -37,8 +37,7 @@ from station.session.store import load_manifest
 
 LEAST_WORK_PX = 640
 """Width below which the filling is not worked at half size (chosen: a door is then 20 pixels wide)."""
-SHADE_ROWS = 128
-"""Of the shade, which is smooth (chosen: half of what a run has)."""
+SHADE_ROWS = 128  # of the shade, which is smooth (chosen: half of what a run has)
 
 
 class Previews:

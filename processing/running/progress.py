@@ -78,14 +78,11 @@ Run = tuple[float, float]
 FILE_NAME = "stage-seconds.json"
 KEPT_RUNS = 7  # chosen: an odd number, for their median
 _MAX_BYTES = 1 << 20
-_SMALLEST_MPX = 0.1
-"""Below this, what a stage costs does not depend on the size."""
-_SAME_SIZE = 1.3
-"""Ratio of sizes up to which runs are of one size."""
+_SMALLEST_MPX = 0.1  # below this, what a stage costs does not depend on the size
+_SAME_SIZE = 1.3  # ratio of sizes up to which runs are of one size
 _USUAL_GROWTH = 0.5
 """Power of the size with which costs grow, where one size only is known: between not at all and in proportion."""
-_TRUSTED_FRACTION = 0.05
-"""Of a stage's work, before which its own progress alone gives no estimate (chosen)."""
+_TRUSTED_FRACTION = 0.05  # of a stage's work, before which its own progress alone gives no estimate (chosen)
 _PACE_WEIGHT_S = 2.0
 """Of stages as expected, that a run begins with: a stage of a tenth of a second says little of the rest."""
 

@@ -18,8 +18,7 @@ from processing.segmentation.evidence import read_evidence
 from processing.stages.upright import sun_direction
 from station.session.store import load_manifest
 
-MOST_BYTES = 1 << 22
-"""Of a stage's result; chosen."""
+MOST_BYTES = 1 << 22  # of a stage's result; chosen
 
 
 def room_around(session: Path, room: RoomModel) -> RoomModel:

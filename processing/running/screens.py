@@ -18,8 +18,7 @@ STATES = {
 """Pictures of the room, and where each may lie."""
 CARD = "stages/stills/still-1.jpg"
 """What shows a session at a glance where there is one; else the middle frame of the room does, or its photograph."""
-JPEG_QUALITY = 88
-"""Chosen: artifacts are not seen at twice the size."""
+JPEG_QUALITY = 88  # chosen: artifacts are not seen at twice the size
 
 
 def picture_of(session: Path, state: str) -> Path | None:

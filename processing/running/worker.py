@@ -22,8 +22,7 @@ from processing.running.preview import Previews
 from processing.running.screens import look_of, shown_jpeg
 from station.session import strict_json
 
-WIDTH_PX = 2048
-"""Of a preview (chosen: a screen's)."""
+WIDTH_PX = 2048  # of a preview (chosen: a screen's)
 KINDS = ("captured", "clear", "overcast")
 FURNISHED = ("materials/scene.npz", "remove/empty.exr", "render/staged.json")
 """What a room that furniture stands in depends on."""

@@ -163,11 +163,9 @@ def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> 
 # Radii are relative (1 at ``half_field_rad``). Angles are handed on as sine and cosine, because an orthographic lens's
 # angle near 90 degrees is known far worse than its sine.
 
-FIELD_TOLERANCE_RAD = 1e-9
-"""A direction computed to lie on the field's edge is inside it."""
+FIELD_TOLERANCE_RAD = 1e-9  # a direction computed to lie on the field's edge is inside it
 TABLE_SIZE = 257  # start of Newton's steps; chosen
-NEWTON_STEPS = 4
-"""From a table of 257 points each step squares the error: three reach rounding, one is spare."""
+NEWTON_STEPS = 4  # from a table of 257 points each step squares the error: three reach rounding, one is spare
 
 
 def polar_of_radius(lens: Fisheye, radius: Doubles) -> tuple[Doubles, Doubles]:

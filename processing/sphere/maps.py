@@ -14,10 +14,8 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Flags
 from processing.sphere.geometry import Equirectangular, Fisheye, Geometry, Perspective, polar_of_radius, radius_of_polar
 
-EDGE_TOLERANCE = 1e-9
-"""Relative: a point computed to lie on the field's edge is inside it."""
-NEAREST_DEPTH = 1e-9
-"""Cosine to a view's axis below which a direction has no place in its plane."""
+EDGE_TOLERANCE = 1e-9  # relative: a point computed to lie on the field's edge is inside it
+NEAREST_DEPTH = 1e-9  # cosine to a view's axis below which a direction has no place in its plane
 
 
 def directions(geometry: Geometry, rows: slice | None = None) -> tuple[Doubles, Flags]:

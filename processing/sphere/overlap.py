@@ -29,8 +29,7 @@ class Net(NamedTuple):
     parts: int
 
 
-FAR = 1e9
-"""Picture coordinates beyond this are as good as hidden, and would overflow an integer."""
+FAR = 1e9  # picture coordinates beyond this are as good as hidden, and would overflow an integer
 
 
 @nb.njit(cache=True, nogil=True)
@@ -126,8 +125,7 @@ def _signed_area(px: Any, py: Any) -> float:
 MOST_BOX_PX = 4.0
 """Width of a cell in the plane up to which a box may stand for it; chosen: beyond, near a rim, cells bend."""
 
-LEAST_FILLED = 0.5
-"""Of the box's area, that the cell's is: less is a sliver, bent or cut. Chosen."""
+LEAST_FILLED = 0.5  # of the box's area, that the cell's is: less is a sliver, bent or cut. Chosen.
 
 
 @nb.njit(cache=True, nogil=True)

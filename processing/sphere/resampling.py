@@ -94,13 +94,10 @@ def _sample(picture: Any, x: Any, y: Any, out: Any) -> None:
 
 Method = Literal["area", "bilinear", "cubic"]
 
-PAD_PX = 2
-"""Pixels beyond seam and poles that cubic interpolation may ask for."""
-LARGEST_PX = 32_000
-"""Of a picture's sides: OpenCV's limit, less the padding."""
+PAD_PX = 2  # pixels beyond seam and poles that cubic interpolation may ask for
+LARGEST_PX = 32_000  # of a picture's sides: OpenCV's limit, less the padding
 PIXELS_AT_ONCE = 1 << 20  # for memory
-LEAST_WEIGHT = 1e-3
-"""Of what is known around a sample, below which it is taken as unknown."""
+LEAST_WEIGHT = 1e-3  # of what is known around a sample, below which it is taken as unknown
 
 
 def resample(

@@ -25,8 +25,7 @@ from processing.sphere.overlap import CLEAR, CUT, HIDDEN, Net, finish, gather, i
 CELL_RAD = 0.01
 """Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 1.3e-5 rad."""
 CORNERS_AT_ONCE = 1 << 19  # for memory
-RADII = 1 << 15
-"""Steps of the table between two fisheyes' radii: its lines miss the curve by less than 2e-7 pixels."""
+RADII = 1 << 15  # steps of the table between two fisheyes' radii: its lines miss the curve by less than 2e-7 pixels
 
 
 def area_resample(

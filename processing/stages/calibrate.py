@@ -102,8 +102,7 @@ def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:
     return {"outdoor_lux": horizontal["value"], "outdoor_lux_uncertainty": horizontal["uncertainty"]}
 
 
-MUCH_CLIPPED = 0.001
-"""Share of all directions."""
+MUCH_CLIPPED = 0.001  # share of all directions
 NO_SCALE = (
     "one picture, no meter: every luminance is in relative units (100: a photograph's white). Proportions hold as far "
     "as the picture keeps them; nothing is in cd/m2 or lx"

@@ -23,8 +23,7 @@ from processing.stages.parameters import DetectParameters
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 LAYERS = ("mask_add", "mask_keep", "mask_sunlight")
 """Parameters: what a user draws over the masks."""
-MUCH = 0.5
-"""Share of the sphere from which a target is worth a warning (chosen)."""
+MUCH = 0.5  # share of the sphere from which a target is worth a warning (chosen)
 
 
 def nothing_to_go_by(context: StageContext) -> str | None:

@@ -15,8 +15,7 @@ from processing.layout.furniture.model import Part as MeshPart
 from processing.layout.models.catalogue import Catalogue
 from processing.light.scene.scene import Material, Part
 
-LIFT_M = 0.001
-"""By which everything stands above the floor, so that undersides do not lie in it."""
+LIFT_M = 0.001  # by which everything stands above the floor, so that undersides do not lie in it
 
 
 WARM_WHITE = (1.9354, 0.8036, 0.1918)

@@ -26,8 +26,7 @@ from processing.stages.contract import Quality, StageContext, StageOutput, Stage
 from processing.stages.parameters import LightParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_unfit
 
-LEAST_SHARE = 0.005
-"""Of the sphere: furniture below it takes less than the light's own error from the room; chosen."""
+LEAST_SHARE = 0.005  # of the sphere: furniture below it takes less than the light's own error from the room; chosen
 
 
 class _Work(NamedTuple):
@@ -139,8 +138,7 @@ def read_shade(context: StageContext) -> Shade | None:
         return Shade(kept["log_change"].astype(np.float32), light, kept["seen"], kept["returned"])
 
 
-UNKNOWN_LX = 1e-5
-"""Chosen: ten times what is written for a place of unknown light."""
+UNKNOWN_LX = 1e-5  # chosen: ten times what is written for a place of unknown light
 
 
 def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOutput:

@@ -24,10 +24,8 @@ from processing.stages.upright import known_room, mask_in_size, why_unfit, worki
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
 EFFORT = Effort(pixel_samples=32)
-SAME = 0.5
-"""Of a pixel, from which it is one of a mask's."""
-MOST_LAMPS = 100
-"""That are listed one by one; the light of all is in the scene."""
+SAME = 0.5  # of a pixel, from which it is one of a mask's
+MOST_LAMPS = 100  # that are listed one by one; the light of all is in the scene
 
 
 def nothing_to_stage(context: StageContext) -> str | None:

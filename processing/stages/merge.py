@@ -28,8 +28,7 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
 
-_STEPS = 2 * 2
-"""Response and merge of two sides: for the progress."""
+_STEPS = 2 * 2  # response and merge of two sides: for the progress
 
 
 @dataclass

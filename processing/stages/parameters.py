@@ -21,8 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator,
 from pydantic.fields import FieldInfo
 
 OptionKind = Literal["parameter", "file", "folder", "answer"]
-MOST_STAGED = 7
-"""Alternatives: as many as the paper shows."""
+MOST_STAGED = 7  # alternatives: as many as the paper shows
 WORDS = ("own", "fuse")
 """What --segmenter takes beside a file."""
 NO_SUCH = "no such alternative"

@@ -25,12 +25,9 @@ from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_unfit, working_panorama
 
-FOREIGN = 0.4
-"""Probability of furniture or fixtures from which a floor is not filled from a place."""
-LEAST_GAIN = 1.02
-"""From which a place counts as relit (chosen: what the eye sees)."""
-LITTLE = 0.3
-"""Mean confidence of the filled pixels below which there is a warning (chosen)."""
+FOREIGN = 0.4  # probability of furniture or fixtures from which a floor is not filled from a place
+LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
+LITTLE = 0.3  # mean confidence of the filled pixels below which there is a warning (chosen)
 
 
 def nothing_to_remove(context: StageContext) -> str | None:

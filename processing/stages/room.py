@@ -25,8 +25,7 @@ from processing.stages.parameters import RoomParameters
 from processing.stages.upright import sky_shows_sun, sun_direction
 
 EVIDENCE_FILE = "evidence.npz"
-LEAST_SQUARE = 0.3
-"""Support of the walls' azimuth below which it is taken from the boundaries instead."""
+LEAST_SQUARE = 0.3  # support of the walls' azimuth below which it is taken from the boundaries instead
 
 
 @dataclass

@@ -19,8 +19,7 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
 from station.session.session import SessionManifest, Side
 
-LEAST_DRAFT_PX = 1600
-"""Width that a draft's panorama keeps (chosen: a screen's)."""
+LEAST_DRAFT_PX = 1600  # width that a draft's panorama keeps (chosen: a screen's)
 
 
 def upright_panorama(context: StageContext) -> LuminanceImage:
@@ -80,8 +79,7 @@ def known_room(context: StageContext) -> RoomModel:
 LEAST_CONFIDENCE = 0.3
 """Of an estimated room, below which it is emptied and staged on request only (chosen: where confidence is from .02 to
 .3, walls of real rooms stood across open space)."""
-LEAST_OF_PART = 0.5
-"""Of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)."""
+LEAST_OF_PART = 0.5  # of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)
 
 
 def why_unfit(context: StageContext, *, asked: bool) -> str | None:

@@ -17,8 +17,7 @@ from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel, geometry_problems
 from processing.sphere import Equirectangular
 
-FLOOR, CEILING, FIRST_WALL = 0, 1, 2
-"""Indices of planes; wall i of the room is plane FIRST_WALL + i."""
+FLOOR, CEILING, FIRST_WALL = 0, 1, 2  # indices of planes; wall i of the room is plane FIRST_WALL + i
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,7 @@ def _wall(corners: Doubles, wall: int, ceiling_height_m: float) -> Plane:
     )
 
 
-TOUCH = 1e-9
-"""Relative: a place this much behind a wall lies on it."""
+TOUCH = 1e-9  # relative: a place this much behind a wall lies on it
 
 
 def check_stands(room: RoomModel) -> None:

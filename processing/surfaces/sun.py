@@ -13,8 +13,7 @@ from processing.surfaces.maps import planes_of
 
 # How a patch of sun differs from its surface in the shade: by brightness, hardly by colour. Furniture does by both.
 
-LEAST_RATIO = 1.8
-"""Of sunlit to shaded luminance of one surface, below which it is no direct sun."""
+LEAST_RATIO = 1.8  # of sunlit to shaded luminance of one surface, below which it is no direct sun
 RED_IN_SUN, BLUE_IN_SUN = (-0.25, 1.0), (-2.5, 0.3)
 """Natural logarithms of red and blue over green, against the surface in the shade: a low sun is warmer than the sky."""
 
@@ -39,8 +38,7 @@ def coloured_as_behind(rgb: Floats, plane: Int16s, places: Flags, hidden: Flags)
     return sunlike
 
 
-OUTSIDE = -10.0
-"""Signed distance (m) of a place that no window's light can reach."""
+OUTSIDE = -10.0  # signed distance (m) of a place that no window's light can reach
 AZIMUTH_SLACK_RAD, ELEVATION_SLACK_RAD = math.radians(6), math.radians(2)
 """By which a given direction may be off: heading (on level ground); clock and levelling."""
 

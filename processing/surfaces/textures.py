@@ -17,10 +17,8 @@ from processing.surfaces.maps import FIRST_WALL, Plane, check_stands, in_sight, 
 
 MOST_FINE = 8
 """Samples across a texel or pixel: finer detail than that is lost to aliasing, which is then below 1 in 64."""
-LEAST_KNOWN = 0.5
-"""Share of a texel's samples that must be known."""
-CLEAR = 1e-3
-"""Weight of masked pixels that spoils a sample."""
+LEAST_KNOWN = 0.5  # share of a texel's samples that must be known
+CLEAR = 1e-3  # weight of masked pixels that spoils a sample
 
 
 class _Rectified(NamedTuple):

@@ -176,8 +176,7 @@ def typical_cost(kind: str, *, keep_raw: bool = False) -> CameraCost:
 
 SUN_DEG_PER_MIN = 0.25
 """Of hour angle; across the sky it is that times the cosine of the declination, at least 0.917 of it."""
-DRIFT_ALTITUDE_DEG = 30.0
-"""Chosen: the sun's altitude that a drift is stated for where no day is known."""
+DRIFT_ALTITUDE_DEG = 30.0  # chosen: the sun's altitude that a drift is stated for where no day is known
 HAURWITZ = 0.057
 """Clear sky: E = 1098 sin h exp(-0.057 / sin h), W/m2 on the horizontal (Haurwitz 1945, J. Meteorology 2)."""
 

@@ -24,12 +24,10 @@ from station.session.session import Side
 
 # Chosen: 40 ms at 25 MB/s, so that an order never waits long.
 CHUNK_BYTES = 1 << 20
-EXPOSING_CHUNK_BYTES = 1 << 18
-"""Smaller, because the end of the exposure is noticed only between two chunks."""
+EXPOSING_CHUNK_BYTES = 1 << 18  # smaller, because the end of the exposure is noticed only between two chunks
 EXPOSURE_GRACE_S = 30.0
 """Readout, processing and announcement of a frame must be over by then (its exposure comes on top)."""
-BUSY_LIMIT_S = 60.0
-"""A camera that answers "busy" to a transfer for longer has failed it."""
+BUSY_LIMIT_S = 60.0  # a camera that answers "busy" to a transfer for longer has failed it
 # Pauses and periods: chosen.
 BUSY_PAUSE_S = 0.03
 IDLE_WAIT_S = 0.02  # chosen: how late a request is seen

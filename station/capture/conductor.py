@@ -18,14 +18,11 @@ from station.capture.rig_file import LimitsTable
 from station.session.session import FrameStatistics, Side, SkippedStop, WarningRecord, shutter_label
 from station.session.store import SessionStore
 
-SET_UP_LIMIT_S = 45.0
-"""Setting one stop; it begins anew when a camera is back from a recovery."""
+SET_UP_LIMIT_S = 45.0  # setting one stop; it begins anew when a camera is back from a recovery
 LAST_TRANSFERS_LIMIT_S = 300.0  # chosen: for the last frames, raw ones on a slow card
-LEAVE_LIMIT_S = 60.0
-"""For a camera's thread to end an exposure or a recovery when nobody listens any more."""
+LEAVE_LIMIT_S = 60.0  # for a camera's thread to end an exposure or a recovery when nobody listens any more
 MAX_RETAKES = 1  # chosen: what fails twice fails again
-MAX_DEVICE_FAILURES = 2
-"""Of one stop: recovered that often, then the stop is named as missing."""
+MAX_DEVICE_FAILURES = 2  # of one stop: recovered that often, then the stop is named as missing
 PUMP_WAIT_S = 0.25  # chosen: how late an interrupt is seen
 JOURNALLED = (events.EventKind.RECOVERING, events.EventKind.FAILED, events.EventKind.PAUSED, events.EventKind.CONTINUED)
 """What the store's own records do not hold. The rest would only put disk waits between two exposures."""

@@ -21,8 +21,7 @@ from station.session.session import shutter_label
 
 # Chosen: long, usual and short.
 PICTURE_STOPS_S = (1 / 4, 1 / 60, 1 / 1000)
-POLL_LIMIT_S = 1.0
-"""A poll may take about 50 ms; ten times that and more is a camera that blocks its thread."""
+POLL_LIMIT_S = 1.0  # a poll may take about 50 ms; ten times that and more is a camera that blocks its thread
 
 
 class NonConformance(AssertionError):

@@ -139,8 +139,7 @@ class ReadingTaker:
         return record_reading(when, meter.measure(n_samples=table.samples, timeout_s=table.timeout_s))
 
 
-IDLE_LIMIT_S = 120.0
-"""A frame that is being checked and committed is through by then, even on a slow disk."""
+IDLE_LIMIT_S = 120.0  # a frame that is being checked and committed is through by then, even on a slow disk
 
 
 class Intake:

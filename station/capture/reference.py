@@ -11,8 +11,7 @@ from station.session.session import FrameStatistics, ReferenceRecord, Side
 
 BEST_MEAN_FRAC = 0.4
 """Chosen: the stop that is repeated has its 8-bit mean nearest to this; most of it is then neither dark nor clipped."""
-USABLE = (0.005, 0.8)
-"""Chosen: linear patches outside are in the foot or the shoulder of a camera's curve."""
+USABLE = (0.005, 0.8)  # chosen: linear patches outside are in the foot or the shoulder of a camera's curve
 MOVED_FRAC = 0.25
 """Chosen: a patch that changed by more, against all others, shows a lamp or a patch of sun that moved; a sixteenth of a
 panorama's width in which the noise of one frame is below 1 %."""

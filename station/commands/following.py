@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from station.day.day import Day
     from station.session.session import SessionManifest
 
-KEY_WAIT_S = 0.3
-"""Chosen: how soon the keyboard's thread ends."""
+KEY_WAIT_S = 0.3  # chosen: how soon the keyboard's thread ends
 
 
 class Job(Protocol):

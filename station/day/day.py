@@ -105,15 +105,13 @@ class Watch:
                     yield side, camera.status()
 
 
-TICK_S = 0.5
-"""Chosen: how soon a pause or a camera that is back is noticed."""
+TICK_S = 0.5  # chosen: how soon a pause or a camera that is back is noticed
 PATIENCE_S = 600.0
 """Chosen: for so long a camera, a battery or a card is waited for once a bracket is due, or a broken one resumed."""
 # Chosen: what breaks more often needs a person; a list longer than a day.
 MAX_RESUMES = 3
 MAX_ROOMS = 500  # as above
-MAX_ROOMS_BYTES = 64 * 1024
-"""Of a list of them: a hundred letters each."""
+MAX_ROOMS_BYTES = 64 * 1024  # of a list of them: a hundred letters each
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,10 @@ from station.errors import SessionNotFoundError, UsageError
 from station.frames.import_files import JPEG_SUFFIXES, RAW_SUFFIXES, has_suffix
 from station.session.session import Side
 
-MAX_FOLDERS = 20_000
-"""Chosen: the larger of the two datasets has some three hundred."""
+MAX_FOLDERS = 20_000  # chosen: the larger of the two datasets has some three hundred
 PAIR_LIMIT_MIN = 10
 """Chosen: in the authors' table the two cameras are at most 6 minutes apart (but for one slip of the pen)."""
-SAME_MIN = 1
-"""Chosen: a table's time and a folder's may differ by rounding."""
+SAME_MIN = 1  # chosen: a table's time and a folder's may differ by rounding
 SIDE_WORDS = {
     Side.INDOOR: {"indoor", "indoors", "inside", "interior", "theta", "pano", "panorama"},
     Side.OUTDOOR: {"outdoor", "outdoors", "outside", "exterior", "fisheye", "canon", "sky"},

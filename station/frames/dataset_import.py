@@ -21,8 +21,7 @@ from station.frames.rules import same_stop
 from station.session.session import SessionStatus, Side, Site, WarningRecord
 from station.session.store import load_manifest
 
-BRACKET_FRAMES = 9
-"""Of the paper; a folder with more may hold several brackets."""
+BRACKET_FRAMES = 9  # of the paper; a folder with more may hold several brackets
 KINDS = {"RICOH THETA Z1": "theta_z1", "Canon EOS 5D Mark II": "canon_5d2"}
 """The paper's cameras by the model that EXIF names: their fall-off and mapping are known."""
 LENS = "EF 8-15mm f/4L FISHEYE USM at 8 mm"

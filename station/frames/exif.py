@@ -226,8 +226,7 @@ def parse_offset(text: str) -> int | None:
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16  # chosen: cameras write four to six
-_BITS = 258
-"""Bits a channel, TIFF 6.0."""
+_BITS = 258  # bits a channel, TIFF 6.0
 _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612
 """TIFF 6.0; EP's SubIFDs; DNG specification."""
 

@@ -12,8 +12,7 @@ from station.frames.import_plan import Candidate, RawCompanion, Refusal, refusal
 from station.frames.rules import printable, rejection
 from station.session.session import Side
 
-MAX_FRAMES = 99
-"""A stop's number has two digits in a frame's name."""
+MAX_FRAMES = 99  # a stop's number has two digits in a frame's name
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 LOSSLESS_SUFFIXES = (".png", ".tif", ".tiff")
 """Taken where a folder has no JPEGs: film scans, other programs' exports."""

@@ -16,8 +16,7 @@ from station.frames.facts import FrameProblemError, Reason
 # Chosen: nine times the larger camera's pixels.
 MAX_PIXELS = 200_000_000
 MAX_SEGMENTS = 2_000  # chosen: against hostile files; cameras write about 20
-MAX_SCANS = 100
-"""A picture has at most 3 x 64 coefficients to send bit by bit; encoders use about ten scans."""
+MAX_SCANS = 100  # a picture has at most 3 x 64 coefficients to send bit by bit; encoders use about ten scans
 
 _SOI, _EOI, _SOS, _APP1, _APP2 = 0xD8, 0xD9, 0xDA, 0xE1, 0xE2
 _BASELINE, _EXTENDED, _PROGRESSIVE = 0xC0, 0xC1, 0xC2
@@ -215,10 +214,8 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
 
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-MAX_PNG_CHUNKS = 100_000
-"""Chosen: a picture of 100 Mpx in chunks of 8 kB has half as many."""
-PNG_DEPTH_AT = 24
-"""Byte of the header (IHDR) that holds the bits a channel."""
+MAX_PNG_CHUNKS = 100_000  # chosen: a picture of 100 Mpx in chunks of 8 kB has half as many
+PNG_DEPTH_AT = 24  # byte of the header (IHDR) that holds the bits a channel
 TOO_DEEP = "more than 8 bits a channel: brackets are merged from 8 bits"
 
 

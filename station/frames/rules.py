@@ -12,8 +12,7 @@ from station.frames.facts import ExpectedFrame, FrameFacts, Reason
 
 SAME_STOP = 0.12
 """Nominal times lie up to 0.107 stop beside 2^(k/3) s (1/15 for 1/16, 30 for 32); the next is 0.33 away."""
-F_NUMBER_TOLERANCE = 0.04
-"""f/22 is marked for 22.63 and f/3.5 for 3.56; the next third of a stop is 12 % away."""
+F_NUMBER_TOLERANCE = 0.04  # f/22 is marked for 22.63 and f/3.5 for 3.56; the next third of a stop is 12 % away
 DATE_TOLERANCE_S = 3.0
 """EXIF counts whole seconds, the clocks' offset is known to one, and some cameras date the exposure's end."""
 ZONE_STEP_S = 900.0  # time zones lie quarters of an hour apart

@@ -37,8 +37,7 @@ MAX_JPEG_BYTES = 256 * 2**20
 MAX_RAW_BYTES = 1_000_000_000  # chosen: far above either camera's raw files (26 to 47 MB)
 MAX_OPEN_FILES = 64  # chosen: the frame, the pipes, libraries
 CLIPPED_FROM, DARK_TO = 250, 8
-SMALL_PIXELS = 60_000
-"""The small picture has at least so many pixels, where the frame has."""
+SMALL_PIXELS = 60_000  # the small picture has at least so many pixels, where the frame has
 TELLING_FRAC, TELLING_PIXELS = 0.02, 200
 """Below so many pixels between dark and clipped, two different frames may well look the same."""
 

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from station.session.folder import Folder
 
 IS_FOLDER = "is a folder"
-_RENAME_EXCHANGE = 2
-"""Of Linux's renameat2(2)."""
+_RENAME_EXCHANGE = 2  # of Linux's renameat2(2)
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _EXHAUSTED = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
 

@@ -206,8 +206,7 @@ def make_folders(path: Path) -> None:
                 durable.os_calls.fsync(parent.fd)
 
 
-FRAME_CAP_BYTES = 256 << 20
-"""No frame of either camera comes near (a raw file of the Z1: about 45 MB)."""
+FRAME_CAP_BYTES = 256 << 20  # no frame of either camera comes near (a raw file of the Z1: about 45 MB)
 SUFFIXES = {"jpeg": ".jpg", "png": ".png", "tiff": ".tif", "cr2": ".cr2", "dng": ".dng"}
 
 

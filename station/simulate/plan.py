@@ -82,11 +82,9 @@ class Ledger:
             write_file(folder, LEDGER_NAME, text.getvalue().encode())
 
 
-SITE_DEG = (40.44, -79.99)
-"""Pittsburgh, where the paper's sessions were taken."""
+SITE_DEG = (40.44, -79.99)  # Pittsburgh, where the paper's sessions were taken
 ZONE = "America/New_York"
-SESSIONS = 137
-"""As many as the paper has."""
+SESSIONS = 137  # as many as the paper has
 CLOCK_RATE = 10.0
 """How much faster than life a session runs: faster, and the computer's own scheduling opens shutters apart."""
 

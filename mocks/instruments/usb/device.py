@@ -18,8 +18,7 @@ from mocks.instruments.usb.framing import BULK_PACKET_BYTES, CutError, InPipe, I
 MAX_DATA_OUT_BYTES = 1 << 20
 ENDLESS_S = 3600.0  # stands for a host that waits for ever
 WAIT_SLICE_S = 0.25  # chosen
-SHORTEST_WAIT_S = 1e-6
-"""Shorter waits would not move a clock that has run for days."""
+SHORTEST_WAIT_S = 1e-6  # shorter waits would not move a clock that has run for days
 HOST_TO_CLASS, CLASS_TO_HOST = 0x21, 0xA1
 
 

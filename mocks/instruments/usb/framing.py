@@ -142,8 +142,7 @@ def _cut(transfers: list[InTransfer], fault: Fault) -> None:
         before += len(part.data)
 
 
-BULK_PACKET_BYTES = 512
-"""wMaxPacketSize of a high-speed bulk endpoint."""
+BULK_PACKET_BYTES = 512  # wMaxPacketSize of a high-speed bulk endpoint
 
 _EDITS: dict[FaultKind, Edit] = {
     FaultKind.SHORT_DATA: _shorten,

@@ -11,8 +11,7 @@ from mocks.rooms.model import Finish, Item, Role
 
 DOUBLE_M = (1.88, 1.68, 1.48)
 SINGLE_M = (1.28, 0.98)
-BED_TOP_M = 0.562
-"""Where things lie on a duvet."""
+BED_TOP_M = 0.562  # where things lie on a duvet
 
 
 def essentials(a: Arrangement, finish: Finish) -> bool:

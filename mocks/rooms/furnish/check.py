@@ -111,13 +111,10 @@ def _dining_table(item: Item) -> list[Box]:
     ]
 
 
-CAMERA_FREE_M = 0.65
-"""Nothing stands nearer to the camera's axis, but the tripod."""
-WINDOW_FREE_M = 0.45
-"""Depth of the strip before a window where nothing rises above the sill."""
+CAMERA_FREE_M = 0.65  # nothing stands nearer to the camera's axis, but the tripod
+WINDOW_FREE_M = 0.45  # depth of the strip before a window where nothing rises above the sill
 BOARD_NEAR_M, BOARD_FAR_M = 1.0, 2.0
-BOARD_TURN_RAD = math.radians(35.0)
-"""Between the board's normal and the way to the camera."""
+BOARD_TURN_RAD = math.radians(35.0)  # between the board's normal and the way to the camera
 UNDERFOOT = frozenset({"rug"})
 """Kinds that others may stand on: feet sink into the pile."""
 

@@ -7,8 +7,7 @@ import math
 from mocks.rooms.furnish.space import Arrangement, beside
 from mocks.rooms.model import Item, Role
 
-EYE_M = 1.5
-"""Pictures hang with their middle about here."""
+EYE_M = 1.5  # pictures hang with their middle about here
 
 
 def picture_over(a: Arrangement, below: Item) -> None:

@@ -112,8 +112,7 @@ def _armchair(a: Arrangement, sofa: Item, middle: Point) -> None:
 
 TABLES_M = ((2.0, 0.95), (1.7, 0.9), (1.4, 0.85), (1.2, 0.8), (0.9, 0.75))
 
-PLACES = 6
-"""How many places for the table are compared."""
+PLACES = 6  # how many places for the table are compared
 
 
 def dining_essentials(a: Arrangement, finish: Finish) -> bool:

@@ -16,12 +16,9 @@ from mocks.rooms.model import Finish, Item, Plan, Role, Use
 
 # Fill large rooms as people do: a second place to eat or work, more along the walls, pictures where they are bare.
 
-PLAIN_M2 = 11.0
-"""Rooms up to this size have enough without."""
-PIECE_M2 = 5.0
-"""About one more piece for each of these."""
-PICTURE_M = 6.0
-"""Of the room's perimeter for one picture more."""
+PLAIN_M2 = 11.0  # rooms up to this size have enough without
+PIECE_M2 = 5.0  # about one more piece for each of these
+PICTURE_M = 6.0  # of the room's perimeter for one picture more
 
 PIECES: dict[Use, tuple[str, ...]] = {
     Use.LIVING: ("bookcase", "cabinet", "armchair", "chest of drawers", "plant", "bookcase"),
@@ -80,8 +77,7 @@ def _stood(a: Arrangement, kind: str) -> Item | None:
 
 ATTEMPTS = 6  # chosen: then as a study
 BOARD_TRIES = 60  # chosen: places tried for the board's stand
-TRIPOD_M = (0.82, 0.82, 1.475)
-"""Feet on a circle of 0.4 m; its head ends below the camera."""
+TRIPOD_M = (0.82, 0.82, 1.475)  # feet on a circle of 0.4 m; its head ends below the camera
 
 Step = Callable[[Arrangement, Finish], object]
 RECIPES: dict[Use, tuple[Step, Step]] = {

@@ -16,11 +16,9 @@ from mocks.rooms.model import Item, Plan, Point, Role
 from mocks.rooms.plan.forms import WallSpan, free_spans
 from mocks.worlds.light import Vector
 
-WALL_GAP_M = 0.03
-"""Between a wall and what stands against it: the skirting board."""
+WALL_GAP_M = 0.03  # between a wall and what stands against it: the skirting board
 HANGING_GAP_M = 0.004  # chosen: no two surfaces in one plane
-TALL_M, TALL_AWAY_M = 1.4, 0.95
-"""A photographer does not set up right beside a wardrobe."""
+TALL_M, TALL_AWAY_M = 1.4, 0.95  # a photographer does not set up right beside a wardrobe
 
 Score = Callable[[Item], float]
 Options = tuple[tuple[str, float], ...]

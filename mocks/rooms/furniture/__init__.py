@@ -11,8 +11,7 @@ from mocks.rooms.furniture.build import Build
 from mocks.rooms.model import ADE20K, NO_CLASS, Finish, Item, Material, Part
 from processing.ground.mesh import Mesh, merge
 
-_CHANCE = 7301
-"""Sets these generators apart from all others of the same seed."""
+_CHANCE = 7301  # sets these generators apart from all others of the same seed
 
 
 MODELS: dict[str, tuple[Callable[[Build], None], str]] = {

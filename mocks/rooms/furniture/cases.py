@@ -55,8 +55,7 @@ def books(b: Build) -> None:
 BOARD_M = 0.018  # usual chipboard
 GAP_M = 0.004  # chosen: between fronts
 FRONT_M = 0.019  # usual MDF
-HANDLE_M = 0.025
-"""How far handles stand out; the size of a piece includes them."""
+HANDLE_M = 0.025  # how far handles stand out; the size of a piece includes them
 
 
 def _carcass(b: Build, low: float, timber: Material) -> None:

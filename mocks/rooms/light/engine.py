@@ -31,8 +31,7 @@ PATH: dict[str, Any] = {"type": "path", "max_depth": -1, "rr_depth": 12}
 """The integrator: paths of any length, ended by chance (which leaves the mean as it is) from the 12th bounce on."""
 
 SUN_RADIUS_RAD = math.radians(0.53 / 2)
-_SUN_DISTANCE_M = 1e5
-"""Far enough that the sun stands at the same place (to 0.1 mrad) for all of a room."""
+_SUN_DISTANCE_M = 1e5  # far enough that the sun stands at the same place (to 0.1 mrad) for all of a room
 _METER_PIXELS, _METER_SIDE_M = 4, 1e-3
 
 ASKED = "DAYLIT_MITSUBA_VARIANT"

@@ -15,10 +15,8 @@ from mocks.rooms.plan.openings import fixture_problems
 
 RADIATOR_BOTTOM_M = 0.12  # usual clearance above the floor
 PLATE_M = 0.081  # usual size of switches (81 mm)
-CLOTH_DEPTH_M = 0.13
-"""How far curtains hang into the room."""
-ROD_OVER_M = 0.1
-"""Height of a curtain rod above its window."""
+CLOTH_DEPTH_M = 0.13  # how far curtains hang into the room
+ROD_OVER_M = 0.1  # height of a curtain rod above its window
 
 
 def draw_fixtures(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:

@@ -14,10 +14,8 @@ from shapely.geometry import Point as Spot
 
 from mocks.rooms.model import Door, Fixture, Plan, Point, Use, Window
 
-CAMERA_CLEARANCE_M = 0.8
-"""Least distance of the camera from every wall."""
-LEAST_SEEN = 0.85
-"""Least share of the floor that the camera sees."""
+CAMERA_CLEARANCE_M = 0.8  # least distance of the camera from every wall
+LEAST_SEEN = 0.85  # least share of the floor that the camera sees
 
 AREA_M2: dict[Use, tuple[float, float]] = {
     Use.BEDROOM: (9.0, 22.0),
@@ -165,18 +163,12 @@ def _mirrored(outline: Outline) -> Outline:
     return Outline(points, tuple(sorted((n - 2 - edge) % n for edge in outline.bay)))
 
 
-TRIM_M = 0.07
-"""Width of a door's architrave, on both sides and above."""
-REVEAL_GAP_M = 0.04
-"""What is kept free round a window (its sill board reaches beyond the opening)."""
-APPROACH_M = 0.6
-"""Depth of floor kept free before a door that opens outwards."""
-HALL_DEPTH_M = 1.2
-"""Depth of the closed hallway behind each door."""
-HALL_SIDE_M = 0.3
-"""How far that hallway reaches beyond the opening on both sides."""
-FLUSH_M = 0.03
-"""Fixtures flatter than this (sockets, switches) do not keep furniture from the wall."""
+TRIM_M = 0.07  # width of a door's architrave, on both sides and above
+REVEAL_GAP_M = 0.04  # what is kept free round a window (its sill board reaches beyond the opening)
+APPROACH_M = 0.6  # depth of floor kept free before a door that opens outwards
+HALL_DEPTH_M = 1.2  # depth of the closed hallway behind each door
+HALL_SIDE_M = 0.3  # how far that hallway reaches beyond the opening on both sides
+FLUSH_M = 0.03  # fixtures flatter than this (sockets, switches) do not keep furniture from the wall
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,8 @@ LEAST_EDGE_M = 0.2  # chosen: a shorter wall is a slip of the plan
 LEAST_ANGLE_RAD = math.radians(40)
 OPENINGS_APART_M = 0.05  # chosen: room for two frames' edges
 UNDER_CEILING_M = 0.1  # chosen: the lintel
-OUTLOOK_M = 1.5
-"""Nothing of the house stands so near before a window."""
-FROM_CAMERA_M = 0.45
-"""Kept free of doors and hanging lamps: the tripod's feet stand 0.41 m from the camera's axis."""
+OUTLOOK_M = 1.5  # nothing of the house stands so near before a window
+FROM_CAMERA_M = 0.45  # kept free of doors and hanging lamps: the tripod's feet stand 0.41 m from the camera's axis
 IN_WINDOW = ("roller blind", "venetian blind")
 OVER_WINDOW = ("curtain", "curtain rod")
 
@@ -157,17 +155,14 @@ def _fixture_place_problems(plan: Plan, fixture: Fixture) -> list[str]:
     return wrong
 
 
-CORNER_M = 0.15
-"""Least distance of a window from the corner of its wall."""
-PIER_M = 0.3
-"""Least wall between two windows."""
+CORNER_M = 0.15  # least distance of a window from the corner of its wall
+PIER_M = 0.3  # least wall between two windows
 STYLES = ("standard", "wide", "tall", "french", "high")
 STYLE_SHARES = (0.42, 0.2, 0.13, 0.17, 0.08)
 WIDTHS_M = {"standard": (0.8, 1.5), "wide": (1.5, 3.6), "tall": (0.55, 0.9), "french": (0.8, 2.4), "high": (0.9, 1.8)}
 SILLS_M = {"standard": (0.78, 1.0), "wide": (0.4, 0.92), "tall": (0.3, 0.6), "french": (0.0, 0.0), "high": (1.0, 1.1)}
 MOST_WINDOWS = 4  # chosen: few rooms have more
-LEAST_GLAZING = 0.09
-"""Window area per floor area; building codes ask for about a tenth to an eighth."""
+LEAST_GLAZING = 0.09  # window area per floor area; building codes ask for about a tenth to an eighth
 
 
 @dataclass(frozen=True)

@@ -19,16 +19,14 @@ OPAL = Material("opal glass", (0.82, 0.82, 0.8), roughness=0.2)
 SHADE = Material("lamp shade", (0.74, 0.71, 0.65))
 WARM_RGB: Vector = (1.846, 0.826, 0.233)
 """Light of an incandescent lamp (CIE illuminant A) in linear Rec. 709 at luminance 1."""
-NEUTRAL_RGB: Vector = (1.414, 0.924, 0.533)
-"""Light of 4000 K, likewise."""
+NEUTRAL_RGB: Vector = (1.414, 0.924, 0.533)  # light of 4000 K, likewise
 LUMINANCE_CD_M2 = {
     "dome lamp": (3500.0, 7000.0),
     "disc lamp": (3000.0, 6500.0),
     "pendant lamp": (2000.0, 4000.0),
     "spot": (15000.0, 30000.0),
 }
-BULB_CD_M2 = 8000.0
-"""Of the opal globe within a pendant's shade."""
+BULB_CD_M2 = 8000.0  # of the opal globe within a pendant's shade
 
 
 def lamp(fixture: Fixture, ceiling_m: float, finish: Finish) -> list[Part]:
@@ -111,13 +109,11 @@ def _pendant(
 # What hangs at windows: curtains on their rods, roller and venetian blinds.
 
 ROD_AWAY_M = 0.075  # chosen: from the wall to the rod's axis
-BLIND_AWAY_M = 0.05
-"""How deep in the reveal a blind hangs."""
+BLIND_AWAY_M = 0.05  # how deep in the reveal a blind hangs
 SLAT_M = 0.025  # the common 25 mm venetian blind
 SLAT_PITCH_M = 0.0215  # of 25 mm slats
 STACK_PITCH_M = 0.0035  # slats drawn up
-STACKED_BELOW_M = 0.3
-"""A venetian blind no longer than this is drawn up."""
+STACKED_BELOW_M = 0.3  # a venetian blind no longer than this is drawn up
 
 
 def curtain(fixture: Fixture, finish: Finish) -> list[Part]:
@@ -195,10 +191,8 @@ def venetian_blind(fixture: Fixture, finish: Finish) -> list[Part]:
 
 PLASTIC = Material("white plastic", (0.78, 0.78, 0.75), roughness=0.25)
 DARK = Material("dark plastic", (0.03, 0.03, 0.03), roughness=0.4)
-MODULE_M = 0.081
-"""Width of one socket or switch."""
-STANDOFF_M = 0.025
-"""Air between a radiator and its wall."""
+MODULE_M = 0.081  # width of one socket or switch
+STANDOFF_M = 0.025  # air between a radiator and its wall
 
 
 def fixture_parts(plan: Plan, finish: Finish) -> list[Part]:

@@ -198,8 +198,7 @@ def _board(window: Window) -> Mesh:
 LEAF_M = 0.04  # usual interior door, 40 mm
 GAP_M = 0.003  # usual gap around a leaf
 UNDERCUT_M = 0.007  # usual gap under a leaf
-KNUCKLE_M = 0.016
-"""The hinge's axis before the wall's face: an opened leaf stands clear of the architrave."""
+KNUCKLE_M = 0.016  # the hinge's axis before the wall's face: an opened leaf stands clear of the architrave
 CASING_M = 0.015  # chosen: how far it stands out
 HANDLE_M = 1.03  # usual height of handles
 HALL_OVER_M = 0.2  # chosen: the hall's ceiling above the door

@@ -116,11 +116,9 @@ def plan_rng(plan: Plan, number: int) -> np.random.Generator:
 
 # Floor, ceiling, walls with their holes, skirting and cornice.
 
-LAP_M = 0.002
-"""How far floor and ceiling reach under the walls, so that no light passes between."""
+LAP_M = 0.002  # how far floor and ceiling reach under the walls, so that no light passes between
 ARCHITRAVE_M = 0.065  # chosen: beside a door the skirting ends there
-TO_FLOOR_M = 0.15
-"""A window with a lower sill interrupts the skirting."""
+TO_FLOOR_M = 0.15  # a window with a lower sill interrupts the skirting
 CORNICE_FROM_M = 2.85  # chosen: lower rooms have none
 
 

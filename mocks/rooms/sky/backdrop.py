@@ -21,8 +21,7 @@ from processing.ground.arrays import Doubles, Floats
 # Trees and bushes for the skyline: crowns of leafy balls on trunks.
 
 BARK = (0.095, 0.075, 0.055)
-LEAVES_M = 0.55
-"""Size of a bunch of leaves."""
+LEAVES_M = 0.55  # size of a bunch of leaves
 
 
 def paint_tree(band: Backdrop, tree: Tree, eye_height_m: float) -> None:

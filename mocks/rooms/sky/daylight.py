@@ -78,16 +78,14 @@ def draw_moment(rng: np.random.Generator, lowest_sun_rad: float = LOWEST_SUN_RAD
 LUMINOUS_SOLAR_CONSTANT_LX = 133_100.0
 """Darula, Kittler and Gueymard 2005, Reference luminous solar constant, Solar Energy 79."""
 
-TRADITIONAL_OVERCAST = 16
-"""CIE S 011's sixteenth sky: Moon and Spencer's overcast sky, (1 + 2 sin elevation) / 3."""
+TRADITIONAL_OVERCAST = 16  # CIE S 011's sixteenth sky: Moon and Spencer's overcast sky, (1 + 2 sin elevation) / 3
 
 PARAMETERS = {int(number): tuple(row) for number, row in _TABLES["cie"].items()}
 """Of the CIE's standard skies, by number: gradation a, b; indicatrix c, d, e."""
 
 RAYLEIGH_DEPTH = 0.1
 """Optical thickness of clean dry air for light as the eye weighs it: the unit of luminous turbidity."""
-OZONE_DEPTH = 0.027
-"""Of 300 DU in the Chappuis band, weighed the same way."""
+OZONE_DEPTH = 0.027  # of 300 DU in the Chappuis band, weighed the same way
 
 CLOUD_ENHANCEMENT = 1.15
 """The most that clouds beside the sun add to a clear sky's global illuminance: rarely more in minutes' means

@@ -18,8 +18,7 @@ from processing.ground.arrays import Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 
 EARTH_IN_CLOUD_HEIGHTS = 3200.0  # 6,371 km over clouds at 2 km
-CLEARING_RAD = math.radians(3.0)
-"""Around the sun the clouds are as thick as the sun's share of light says."""
+CLEARING_RAD = math.radians(3.0)  # around the sun the clouds are as thick as the sun's share of light says
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,8 @@ import numpy as np
 from mocks.worlds.light import Vector
 from processing.ground.tables import table_of
 
-ROAD_M = 3.0
-"""Half the road's width."""
-PAVEMENT_M = 4.7
-"""From the road's middle to the pavement's outer edge."""
+ROAD_M = 3.0  # half the road's width
+PAVEMENT_M = 4.7  # from the road's middle to the pavement's outer edge
 
 WALLS, ROOFS, LEAVES = (
     tuple((red, green, blue) for red, green, blue in table_of(__package__, "outdoors")["street"][name])

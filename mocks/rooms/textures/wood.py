@@ -19,8 +19,7 @@ from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixe
 from mocks.worlds.light import Reals
 from processing.ground.arrays import Floats, Int32s
 
-WARMTH = 0.3
-"""How much redder the dark grain is than the light."""
+WARMTH = 0.3  # how much redder the dark grain is than the light
 _RINGS, _PER_RING = 256, 16
 _PLANK_PIXELS, _PLANK_TILE_M = 2048, 4.8
 

@@ -19,8 +19,7 @@ from station.session.session import SessionManifest, Side
 
 LEAST_STOPS = 3.0
 """Chosen: daylight outside is 10 to 1,000 times the luminance of a room; less is no window in daylight."""
-LEAST_SHARE = 0.1
-"""Of the largest bright region; chosen: smaller ones are lamps and patches of sunlight."""
+LEAST_SHARE = 0.1  # of the largest bright region; chosen: smaller ones are lamps and patches of sunlight
 BINS = 256  # chosen: a tenth of a stop over the widest range
 SAME_CAMERA_UNCERTAINTY = 0.03
 """Relative, of k2 = 1 between two brackets of one camera; chosen: their curves are estimated apart."""

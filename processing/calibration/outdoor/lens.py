@@ -71,18 +71,14 @@ class LensModel:
 Picture = npt.NDArray[Any]
 """(H, W) or (H, W, 3)."""
 
-_COARSE_PX = 640
-"""Pixels of the longer side in which the circle is first looked for."""
+_COARSE_PX = 640  # pixels of the longer side in which the circle is first looked for
 _RAYS, _FINE_RAYS = 360, 1440  # coarse and fine search; chosen
 _KEPT_A_RAY = 4  # candidates; chosen
 _LEAST_CONTRAST = 0.2  # of an edge; chosen
-_FLOOR = 0.02
-"""Of full scale: contrasts below this level are mostly noise."""
+_FLOOR = 0.02  # of full scale: contrasts below this level are mostly noise
 _TRIALS = 600  # random circles; chosen
-_LEAST_SHARE = 0.25
-"""Of the rays inside the picture that must agree."""
-_TOLERANCE = 0.012
-"""Of the radius, in the coarse search."""
+_LEAST_SHARE = 0.25  # of the rays inside the picture that must agree
+_TOLERANCE = 0.012  # of the radius, in the coarse search
 
 
 @dataclass(frozen=True)

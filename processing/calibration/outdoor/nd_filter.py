@@ -22,11 +22,9 @@ Matrix = tuple[Row, Row, Row]
 
 METHOD = "Cheung 2004"
 """Of colour-science: a plain 3x3 matrix with three terms."""
-_WORST_CONDITION = 50.0
-"""Of a tint that can be undone; chosen: noise would grow as much."""
+_WORST_CONDITION = 50.0  # of a tint that can be undone; chosen: noise would grow as much
 _MOST_SPREAD = 1e4  # chosen: real charts are at 2 to 20, equal patches beyond 1e15
-_LEAST_PATCHES = 6
-"""Chosen: twice the unknowns of a channel."""
+_LEAST_PATCHES = 6  # chosen: twice the unknowns of a channel
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 

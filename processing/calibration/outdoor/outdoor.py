@@ -145,8 +145,7 @@ def _planes(image: RelativeImage, light: Floats) -> Floats:
 _STEEP = 1.25
 """Brightest over darkest of nine pixels, beside which overlaps are exact; chosen: a tenth of a percent at most."""
 _AROUND = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
-_SAME_LX = 1e-4
-"""Relative: by how much boxes may change the illuminance. Chosen."""
+_SAME_LX = 1e-4  # relative: by how much boxes may change the illuminance. Chosen.
 
 
 def _uneven(light: Floats, validity: Bytes) -> Flags:

@@ -27,8 +27,7 @@ from station.session.session import SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
 
-LUX_METER_UNCERTAINTY = 0.05
-"""Relative, standard, of a reading given by --outdoor-lux."""
+LUX_METER_UNCERTAINTY = 0.05  # relative, standard, of a reading given by --outdoor-lux
 
 
 class SkyChoice(OpticsChoice, Protocol):

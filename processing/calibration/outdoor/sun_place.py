@@ -19,8 +19,7 @@ from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import SessionManifest, Side, Site
 
-WATER_CM = 1.5
-"""Precipitable water, the usual mid-latitude value, where none is given."""
+WATER_CM = 1.5  # precipitable water, the usual mid-latitude value, where none is given
 _CLEARNESS_EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)  # Perez et al. 1990, table 1
 _DIRECT_LM_W = (
     (57.20, -4.55, -2.98, 117.12),
@@ -182,10 +181,8 @@ def _checked(time_utc: datetime) -> datetime:
 
 WARN_RAD = math.radians(1.0)
 """Disagreement in elevation that is worth a warning: a camera off level, or a clock that is wrong."""
-REFUSE_RAD = math.radians(8.0)
-"""What was found is not the sun, or not at that time and place."""
-COMPASS_SIGMA_RAD = math.radians(5.0)
-"""Of a heading read from a compass."""
+REFUSE_RAD = math.radians(8.0)  # what was found is not the sun, or not at that time and place
+COMPASS_SIGMA_RAD = math.radians(5.0)  # of a heading read from a compass
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from processing.errors import ParameterError, SunError
 from processing.ground.arrays import Doubles
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 
-_GRID = 9
-"""Samples a side of each pixel on the disc."""
+_GRID = 9  # samples a side of each pixel on the disc
 SUN_RGB = (1.11, 0.99, 0.85)
 """The colour of the sun's disc, Rec. 709 of about 5500 K (CIE daylight): what a clipped pixel does not show."""
 BRIGHTEST_CD_M2 = 2.1e9

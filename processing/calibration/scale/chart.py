@@ -25,8 +25,7 @@ from processing.ground.colour import lab_of_linear
 from processing.pictures.images import RelativeImage, Validity
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions, pixels, point_directions
 
-MAX_MISMATCH = 0.25
-"""Right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5."""
+MAX_MISMATCH = 0.25  # right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5.
 WHITE_WARNING_FRAC = 0.02  # chosen: the patches' own uncertainty
 _MIN_SIGMA = 0.003
 """Relative, of any patch: paint and angle differ that much between two cameras that stand side by side."""

@@ -20,8 +20,7 @@ _SRGB: dict[str, int] = table_of(__package__, "chart")
 PATCH_NAMES = tuple(_SRGB)
 NEUTRALS = tuple(range(18, 24))  # its last row
 WHITE = 18  # number of the white patch
-WINDOW = 0.5
-"""Of a patch's pitch: what is averaged; frames and the blur of edges stay outside."""
+WINDOW = 0.5  # of a patch's pitch: what is averaged; frames and the blur of edges stay outside
 _GRID = 14  # samples across a patch; chosen
 MAX_INVALID_FRAC = 0.1  # of a patch; chosen
 MIN_PIXELS = 4  # across a patch; chosen
@@ -168,8 +167,7 @@ def _mismatch(rgb: Doubles, usable: Flags) -> float:
 # Best is where each patch is even and the lines between patches, which are the chart's dark frame, are dark.
 
 
-_WORK_PX = (480, 960)
-"""Picture widths that the detector works at: patches of 15 to 100 pixels suit it."""
+_WORK_PX = (480, 960)  # picture widths that the detector works at: patches of 15 to 100 pixels suit it
 _WHITE_PERCENTILES = (99.0, 90.0, 99.9)  # exposures that are tried; chosen
 _EVEN_WINDOW = 0.74  # of a patch's side; chosen
 _EVEN_GRID = 9  # samples across a patch; chosen

@@ -25,12 +25,9 @@ from station.session.session import FrameRecord, ReadingRecord
 
 DRIFT_WARNING_FRAC = 0.05  # chosen
 SPOT_WARNING_FRAC = 0.02  # chosen
-MAX_GHOST_SHARE = 0.25
-"""Of the spot: more means that something stood before the target."""
-CURVE_FRAC = 0.004
-"""Of 0.006 stop, what a recovered response curve is held to."""
-NEIGHBOURS = 4.0
-"""Pixels whose noise is one: JPEG and demosaicing share it among neighbours."""
+MAX_GHOST_SHARE = 0.25  # of the spot: more means that something stood before the target
+CURVE_FRAC = 0.004  # of 0.006 stop, what a recovered response curve is held to
+NEIGHBOURS = 4.0  # pixels whose noise is one: JPEG and demosaicing share it among neighbours
 _USABLE = ("ok", "typed")
 
 
@@ -250,8 +247,7 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
 
 SPOT_DIAMETER_RAD = math.radians(1 / 3)
 """Of an LS-160."""
-_SAMPLES = 16_384
-"""Spread evenly over the spot: an edge across it is then right to 0.1 % of its contrast."""
+_SAMPLES = 16_384  # spread evenly over the spot: an edge across it is then right to 0.1 % of its contrast
 
 
 @dataclass(frozen=True)

@@ -195,8 +195,7 @@ def _kept(geometry: Geometry, normal: Vector) -> list[tuple[slice, Doubles]]:
     return list(projected_bands(geometry, normal))
 
 
-CLIPPED_SHARE = 0.01
-"""Of an illuminance, from clipped pixels: more is worth a warning."""
+CLIPPED_SHARE = 0.01  # of an illuminance, from clipped pixels: more is worth a warning
 PLANES = {
     "up": (0.0, 0.0, 1.0),
     "ahead": (0.0, 1.0, 0.0),

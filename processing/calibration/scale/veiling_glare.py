@@ -19,8 +19,7 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity, 
 
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
-RIM_GAP = 1.06
-"""In radii: nearer to the image circle the lens's own blur and its bright rim reach out."""
+RIM_GAP = 1.06  # in radii: nearer to the image circle the lens's own blur and its bright rim reach out
 MIN_SURROUND_PX = 400  # chosen
 MAX_DARK_SHARE = 0.25
 """Of the surround: where more of it is too dark to measure, what is left are the brightest by chance, not the veil."""

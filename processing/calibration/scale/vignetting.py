@@ -31,8 +31,7 @@ def lens_data() -> dict[str, Any]:
     return tomllib.loads(files("processing.calibration").joinpath("lens_data.toml").read_text("utf-8"))
 
 
-EVEN_POWERS = (2, 4, 6)
-"""Of r, what fits take: a rotationally symmetric lens's fall-off is smooth in the middle."""
+EVEN_POWERS = (2, 4, 6)  # of r, what fits take: a rotationally symmetric lens's fall-off is smooth in the middle
 _LEAST, _MOST = 0.02, 4.0  # chosen: no lens falls or rises so far
 _MIN_SAMPLES = 50  # chosen: ten times the unknowns
 

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Point: TypeAlias = tuple[float, float]
-INCHES_PER_M = 100 / 96
-"""An SVG has 96 pixels an inch: 100 a metre."""
+INCHES_PER_M = 100 / 96  # an SVG has 96 pixels an inch: 100 a metre
 PNG_PX_PER_M = 110  # chosen: a room of 8 m fits a screen
 POINTS_PER_M = 72 * INCHES_PER_M
 HALO = "#fdfcfa"

@@ -25,10 +25,8 @@ WALL_M = 0.14  # chosen by eye, as all below
 INK, WALL, PAPER, ZONE, ROUTE, GREY = "#33383d", "#3b4046", "#ffffff", "#8db4d8", "#d1495b", "#767d84"
 FLOOR = "#fbfaf7"
 MARGIN_M = 0.75  # chosen by eye
-HEAD_M = 0.55
-"""Sizes and colours of the drawing were chosen by eye."""
-CELL_M = 0.08
-"""Cells of the grid on which routes are searched (chosen: a route to a stride's tenth)."""
+HEAD_M = 0.55  # sizes and colours of the drawing were chosen by eye
+CELL_M = 0.08  # cells of the grid on which routes are searched (chosen: a route to a stride's tenth)
 
 
 def plan_sheet(plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | None = None) -> Sheet:

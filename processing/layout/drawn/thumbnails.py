@@ -18,20 +18,16 @@ from processing.layout.furniture.model import FurnitureModel, Material, Part
 PAPER, INK, GREY = "#e3e1de", "#2f3337", "#7a8087"
 GROUND = np.array([0.86, 0.85, 0.835])
 """Linear colour of the ground."""
-SUPER = 2
-"""Pixels are drawn this much finer and averaged; each of the finer ones sees another share of the lights."""
+SUPER = 2  # pixels are drawn this much finer and averaged; each of the finer ones sees another share of the lights
 EXPOSURE = 0.86  # chosen by eye, as said above
 FIELD_RAD = math.radians(24.0)
-MARGIN = 0.86
-"""Share of the picture that the furniture's bounds fill at most."""
+MARGIN = 0.86  # share of the picture that the furniture's bounds fill at most
 KEY = np.array([-0.62, 0.50, 0.72])
 """Towards the window, before it is turned with the camera (camera looks along -y)."""
-KEY_SPREAD = 0.22
-"""Tangent of half the window's angle."""
+KEY_SPREAD = 0.22  # tangent of half the window's angle
 DOME_LIGHTS, KEY_LIGHTS = 48, 32
 FROM_THE_RIGHT_RAD, ELEVATION_RAD = -0.62, 0.30
-LIFT_M = 0.004
-"""Shadow rays begin this far above a surface."""
+LIFT_M = 0.004  # shadow rays begin this far above a surface
 
 
 class Surface(NamedTuple):

@@ -14,11 +14,9 @@ from processing.layout.furniture.solids import Solid, box, curve, joined, tube, 
 Span = tuple[float, float]
 BOARD_M = 0.019  # 19 mm, the usual melamine board
 GAP_M = 0.004  # chosen: as between real doors
-OUT_M = 0.026
-"""How far handles stand out; a piece's depth includes them."""
+OUT_M = 0.026  # how far handles stand out; a piece's depth includes them
 BOOKS = 9  # chosen: colours of spines
-PLAIN_M2 = 1.8
-"""Larger fronts hold so many books that their spines stay sharp."""
+PLAIN_M2 = 1.8  # larger fronts hold so many books that their spines stay sharp
 
 
 def case(b: Bench, role: str, low: float, cornice: float = 0.0, out: float = OUT_M) -> None:

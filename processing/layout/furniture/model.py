@@ -102,8 +102,7 @@ class FurnitureModel:
 # Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.
 
 SIDE = 384  # chosen: texels; wood takes three times as many
-WOOD_M = (0.72, 1.44)
-"""Four planks of 0.18 m side by side (chosen: veneer is laid so), each with its own figure."""
+WOOD_M = (0.72, 1.44)  # four planks of 0.18 m side by side (chosen: veneer is laid so), each with its own figure
 PLANKS = 4  # chosen: boards across a picture
 CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)

@@ -100,8 +100,7 @@ def pillow(
     return Solid(body.vertices, body.faces, body.rest)
 
 
-FOLD_M = 0.05
-"""Radius at which a cover turns down over an edge (chosen: a quilt's)."""
+FOLD_M = 0.05  # radius at which a cover turns down over an edge (chosen: a quilt's)
 
 
 def hanging(

@@ -118,8 +118,7 @@ FRONTS = ("+z", "-z", "+x", "-x")
 _SIZES = table_of("processing.layout", "items")["usual_size"]
 _USUAL: dict[str, Size] = {name: (width, depth, height) for name, (width, depth, height) in _SIZES.items()}
 ANY: Size = (0.7, 0.6, 0.8)
-FAR = 1.3
-"""Mean difference of the sizes' logarithms to the usual ones from which a unit is not believed (3.7 times)."""
+FAR = 1.3  # mean difference of the sizes' logarithms to the usual ones from which a unit is not believed (3.7 times)
 MOST_UNEVEN = 1.6  # chosen, as `MOST_DISTORTION`
 OFTEN_WIDE = ("sofa", "tv", "tv stand", "desk", "wardrobe", "bookshelf", "chest")
 LONG = ("single bed", "bed")
