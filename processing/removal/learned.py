@@ -27,12 +27,12 @@ WHITE = 4.0
 """Times the median luminance: what the network is shown as white."""
 SURE, UNSURE = 0.65, 0.25
 """Confidence above which our filling stays, and below which the network's takes its place."""
-LEARNED_CONFIDENCE = 0.5
+LEARNED_CONFIDENCE = 0.5  # of what a user's network fills; chosen by eye, never swept
 INVENTED = 0.1
 """Share of the network's picture from which a texel is no continuation of what is seen."""
 CONTEXT = 0.35
 """Of the hole's size that the network sees around it."""
-THREADS = 2
+THREADS = 2  # chosen by eye, never swept
 
 
 class LamaFiller:

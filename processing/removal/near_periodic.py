@@ -25,9 +25,9 @@ SEARCH_PX = 400
 """Of the longer side of the picture on which the lattice is sought."""
 SOLVE_PX = 100_000
 """Pixels of the window on which copies are chosen."""
-RIM_PX = 6.0
-GRAIN_PX = 2.0
-PASSES = 3
+RIM_PX = 6.0  # chosen by eye, never swept
+GRAIN_PX = 2.0  # chosen by eye, never swept
+PASSES = 3  # of light and copies in turn; chosen by eye, never swept
 
 
 class Repeat(StrEnum):

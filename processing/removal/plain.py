@@ -73,10 +73,10 @@ def _away_px(hole: Flags) -> Floats:
 
 OUTLIER = 4.0
 """Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
-LEAST_SPREAD = 0.01
+LEAST_SPREAD = 0.01  # of log tone; chosen by eye, never swept
 OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
 """Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
-GRAIN_PX = 3.0
+GRAIN_PX = 3.0  # chosen by eye, never swept
 FEW = 0.1
 """Of the columns near the hole: rows with fewer known ones hardly have a profile."""
 TRUSTED = 0.6

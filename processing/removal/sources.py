@@ -15,7 +15,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import ToneScale, fit_illumination, grey
 
-CELL_M = 0.03
+CELL_M = 0.03  # chosen by eye, never swept
 MOST_CELLS = 110
 """Of the longer side."""
 AWAY_M = 0.6
@@ -32,8 +32,8 @@ LEVELS = (4.0, 2.0, 1.0)
 """Times the tolerance: a white board beside a grey box is found before both."""
 EDGE = 0.7
 """Of the tolerance: as far as a thing reaches from what is surely odd."""
-SMOOTH_CELLS = 1.2
-SAMPLES = 800
+SMOOTH_CELLS = 1.2  # chosen by eye, never swept
+SAMPLES = 800  # chosen by eye, never swept
 ACROSS_CELLS, STEEP = 4, 0.6
 """Across so many cells, a thing's border shows so much of what its middle differs by."""
 RIM_CELLS = 2

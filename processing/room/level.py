@@ -25,7 +25,7 @@ Image = TypeVar("Image", RelativeImage, LuminanceImage)
 
 LEAST_TILT_RAD = math.radians(0.2)
 """A smaller tilt is left: to turn the picture costs more sharpness than it gains."""
-LEAST_SUPPORT = 0.5
+LEAST_SUPPORT = 0.5  # chosen by eye, never swept
 MODEL_SIGMA_RAD = math.radians(0.05)
 """What walls and door frames are out of plumb together; edges cannot show it."""
 ROWS_AT_ONCE = 1 << 19

@@ -29,7 +29,7 @@ from processing.surfaces.sun import (
     window_depth,
 )
 
-ROWS = 512
+ROWS = 512  # 0.35 degrees each; chosen by eye, never swept
 AZIMUTHS, ELEVATIONS = 5, 3
 """Directions tried within which the given one may be off."""
 EDGE_M = 0.15

@@ -22,7 +22,7 @@ from processing.light.solver.kernels import FURNITURE, PANE, Key, Ownership, ran
 
 SUBCELLS = 8
 """Along each side of a texel that an outline cuts."""
-MOST_PATCHES = 200_000
+MOST_PATCHES = 200_000  # the shell's texels grow beyond it; chosen by eye, never swept
 
 
 @dataclass(frozen=True)

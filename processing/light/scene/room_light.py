@@ -31,7 +31,7 @@ LOOKS = 8
 """Places on each patch that are looked up in the panorama."""
 BRIGHT_TIMES = 6.0
 """A patch this many times brighter than the median is shot at."""
-SAME_PLACE_M = 0.02
+SAME_PLACE_M = 0.02  # by which a hit may fall short of the place that is looked at; chosen by eye, never swept
 LEAST_SHARE = 0.5
 """Of `LOOKS`, below which a patch counts as unseen."""
 

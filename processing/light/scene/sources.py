@@ -51,7 +51,7 @@ colour may differ: sunlit slats and curtains are brighter than the sky, others a
 simulated rooms: docs/measurements/albedo.md)."""
 GROUND_FROM = 0.4
 """Of what clear glass would show of the ground, from which a cell is clear."""
-GROUND_QUANTILE = 0.5
+GROUND_QUANTILE = 0.5  # of the brighter half the median is taken; chosen by eye, never swept
 MOST_GROUND = 8.0
 """By which the ground may be brighter or darker than its usual albedo makes it."""
 

@@ -24,7 +24,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25
 """Of a pixel's rays for bounces: to each pane, to bright patches."""
-CLEAN_PX = 5
+CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0
 """Over its neighbours and over the other half, from which a pixel shines by chance."""
 
