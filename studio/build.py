@@ -17,8 +17,7 @@ from setuptools.command.build_py import build_py
 
 WEB = Path(__file__).parent / "web"
 CONFIGURATIONS = ("viewer.config.ts", "app.config.ts")
-PATIENCE_S = 900
-"""A ceiling on a step, for slow machines and lines: npm gives up by itself long before."""
+PATIENCE_S = 900  # a ceiling on a step, for slow machines and lines: npm gives up by itself long before
 FETCH = ("--fetch-retries=1", "--fetch-timeout=30000", "--ignore-scripts", "--no-audit", "--no-fund")
 
 

@@ -34,12 +34,9 @@ from studio.programs import Instruments, Jobs, Warm
 
 STATIC = Path(__file__).parent / "static"
 COOKIE = "daylit"
-MOST_BYTES = 64 << 20
-"""Of an upload: a painted mask of full size has a hundredth (chosen)."""
-MOST_IMPORT_BYTES = 4 << 30
-"""Of what is imported (chosen: as much as a zip of a browser's own can hold)."""
-LOOK_S = 0.4
-"""From one look at a session's stamp to the next (chosen: people wait for it, the disk does not)."""
+MOST_BYTES = 64 << 20  # of an upload: a painted mask of full size has a hundredth (chosen)
+MOST_IMPORT_BYTES = 4 << 30  # of what is imported (chosen: as much as a zip of a browser's own can hold)
+LOOK_S = 0.4  # from one look at a session's stamp to the next (chosen: people wait for it, the disk does not)
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; "
     "connect-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"

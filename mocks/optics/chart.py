@@ -20,8 +20,7 @@ from processing.ground.tables import table_of
 PATCHES: list[tuple[str, list[int]]] = list(table_of(__package__, "chart").items())
 """Names and published sRGB values (8 bits) of the Macbeth / X-Rite ColorChecker, row by row, six a row."""
 
-WHITE = 18
-"""Index of the white patch."""
+WHITE = 18  # index of the white patch
 _COLUMNS, _ROWS = 6, 4
 _PITCH_M, _PATCH_M = 0.11, 0.10
 _BOARD_CENTRE_M, _BOARD_M = (0.62, 0.0), 0.30

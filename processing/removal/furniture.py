@@ -14,30 +14,22 @@ from processing.removal.edges import snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
-FLOOR_SLACK_RAD = math.radians(2.5)
-"""Errors of the floor's boundary."""
-ON_FLOOR_SHARE = 0.05
-"""Of a component's solid angle that lies before the floor, from which it stands on it ..."""
-FOOT_SHARE = 0.10
-"""... or of the columns it is seen in, those whose lowest pixel does."""
-LEAST_SR = 2e-5
-"""Smaller components are noise: about 1.5 x 1.5 pixels of 1024 x 512."""
-EVIDENCE_WEIGHT = 1.03
-"""Of the network's log odds."""
+FLOOR_SLACK_RAD = math.radians(2.5)  # errors of the floor's boundary
+ON_FLOOR_SHARE = 0.05  # of a component's solid angle that lies before the floor, from which it stands on it ..
+FOOT_SHARE = 0.10  # ... or of the columns it is seen in, those whose lowest pixel does.
+LEAST_SR = 2e-5  # smaller components are noise: about 1.5 x 1.5 pixels of 1024 x 512
+EVIDENCE_WEIGHT = 1.03  # of the network's log odds
 HERE_WEIGHT, AROUND_WEIGHT = 0.16, 0.40
 """Of the colours' distance from the surface's own, at the place and within `AROUND_RAD` of it."""
 AROUND_RAD = math.radians(1.0)
-BIAS = -1.1
-"""On validation rooms 0.80 of what is taken is furniture, and 0.88 of the furniture is taken."""
+BIAS = -1.1  # on validation rooms 0.80 of what is taken is furniture, and 0.88 of the furniture is taken
 CUT_SHARE = 0.4
 """Of the graph cut's vote beside the probability's: a cut alone loses whole pieces that have the wall's colour."""
 AGREED, FLOOR_DOUBTFUL = 0.55, 0.45
 """Mean probability of two networks that stands against a cut (a pale chair has the wall's colour); least one on floor
 within a doubtful segment. Two real rooms: IoU 0.84 -> 0.86 (looked at) and 0.72 -> 0.80 (only scored)."""
-TAKEN = 0.45
-"""From which of both together a place is furniture."""
-SHARPNESS = 4.0
-"""Of the soft mask about that."""
+TAKEN = 0.45  # from which of both together a place is furniture
+SHARPNESS = 4.0  # of the soft mask about that
 ISLAND_SR = 0.08
 """What furniture goes all round is taken with it up to this size (16 degrees square): it would be left hanging."""
 SEGMENTS = (150.0, 300.0)
@@ -115,8 +107,7 @@ def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
 
 SKIRTING_SHARE, SKIRTING_SLACK_RAD = 0.14, math.radians(1.2)
 """Of the camera's height, as high as skirting may be; error of the floor's boundary against it (chosen)."""
-SKIRTING_LONG_RAD = math.radians(4)
-"""Shorter strips along a wall's foot are things (chosen)."""
+SKIRTING_LONG_RAD = math.radians(4)  # shorter strips along a wall's foot are things (chosen)
 
 
 def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:

@@ -18,8 +18,7 @@ from processing.pictures.images import luminance_cd_m2
 
 # Wide Gaussian blurs at a cost that does not grow with their width.
 
-NARROW_PX = 4.0
-"""Standard deviation up to which the blur is exact; wider ones run on a smaller picture."""
+NARROW_PX = 4.0  # standard deviation up to which the blur is exact; wider ones run on a smaller picture
 
 
 def blurred(picture: Floats, sigma_px: float) -> Floats:
@@ -48,8 +47,7 @@ def known_mean(values: Floats, known: Flags, sigma_px: float) -> tuple[Floats, F
 
 # Tones: the logarithm of light, in which illumination and reflectance add up and every error is a relative one.
 
-TOE = 0.03
-"""Of the median luminance: what is added before the logarithm, so that noise near black stays small."""
+TOE = 0.03  # of the median luminance: what is added before the logarithm, so that noise near black stays small
 TONE_WEIGHTS = np.array(LUMINANCE_WEIGHTS, np.float32)
 
 
@@ -122,14 +120,12 @@ def _as(flat: Floats | Flags, like: Floats) -> Floats:
     return np.asarray(flat if like.ndim == 2 else flat[..., None])
 
 
-CELLS = 7
-"""Of the grid along the longer side."""
+CELLS = 7  # of the grid along the longer side
 SAMPLES = 6000  # of a fit; chosen by eye, never swept
 ROUNDS = 5  # of reweighting; chosen by eye, never swept
 BRIGHT = 1.0  # exponent: brighter pairs count more; chosen by eye, never swept
 LEAST_SHARE = 0.3  # of a window that is known; chosen by eye, never swept
-SLOPE = 0.7
-"""Of the resistance to slopes against that to bends: what the pattern may explain is not light."""
+SLOPE = 0.7  # of the resistance to slopes against that to bends: what the pattern may explain is not light
 
 
 @dataclass(frozen=True)

@@ -21,17 +21,12 @@ from processing.pictures.images import luminance_cd_m2
 from processing.removal.plane_fill import FilledPlane
 from processing.segmentation.segmenters import open_session
 
-SIZE_PX = 512
-"""Of the longer side, where the network takes any."""
-WHITE = 4.0
-"""Times the median luminance: what the network is shown as white."""
-SURE, UNSURE = 0.65, 0.25
-"""Confidence above which our filling stays, and below which the network's takes its place."""
+SIZE_PX = 512  # of the longer side, where the network takes any
+WHITE = 4.0  # times the median luminance: what the network is shown as white
+SURE, UNSURE = 0.65, 0.25  # confidence above which our filling stays, and below which the network's takes its place
 LEARNED_CONFIDENCE = 0.5  # of what a user's network fills; chosen by eye, never swept
-INVENTED = 0.1
-"""Share of the network's picture from which a texel is no continuation of what is seen."""
-CONTEXT = 0.35
-"""Of the hole's size that the network sees around it."""
+INVENTED = 0.1  # share of the network's picture from which a texel is no continuation of what is seen
+CONTEXT = 0.35  # of the hole's size that the network sees around it
 THREADS = 2  # chosen by eye, never swept
 
 

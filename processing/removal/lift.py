@@ -24,14 +24,11 @@ from processing.sphere import Equirectangular
 from processing.sphere.resampling import linear_samples
 from processing.surfaces.maps import surface_maps
 
-BAND_ROWS = 256
-"""Rows that are lifted at once; chosen, 40 MB at full size."""
-LIFT_DOUBT = 0.25
-"""Share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)."""
+BAND_ROWS = 256  # rows that are lifted at once; chosen, 40 MB at full size
+LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
 LIGHT_DOUBT = 0.05
 """Of the light in a room, relative, standard (measured with the truth given: docs/measurements/emptying.md)."""
-REACHES_PX = (1.0, 4.0, 16.0, 64.0)
-"""Of the working size: over which light goes on where a plane's own is not known."""
+REACHES_PX = (1.0, 4.0, 16.0, 64.0)  # of the working size: over which light goes on where a plane's own is not known
 
 
 class Shade(NamedTuple):

@@ -29,15 +29,12 @@ from processing.surfaces.sun import coloured_as_behind
 WORKING_ROWS = 512  # 0.35 degrees a row: 1 cm at 1.6 m; chosen by eye, never swept
 MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16  # 11 degrees a row; chosen by eye, never swept
-CURTAIN_RAD = math.radians(1.5)
-"""From a window, where fixtures are its curtains (chosen)."""
-FLAT = 0.75
-"""Of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)."""
+CURTAIN_RAD = math.radians(1.5)  # from a window, where fixtures are its curtains (chosen)
+FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)
 BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.6, 0.12, math.radians(0.8)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
-BLOCKED = 0.5
-"""Probability of doors, windows and fixtures from which a place is no bare floor or wall."""
+BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,8 @@ from processing.removal.illumination import ToneScale, fit_illumination, grey, l
 from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights, window_around
 from processing.removal.near_periodic_lattice import Lattice, Line, SelfCorrelation
 
-SEARCH_PX = 400
-"""Of the longer side of the picture on which the lattice is sought."""
-SOLVE_PX = 100_000
-"""Pixels of the window on which copies are chosen."""
+SEARCH_PX = 400  # of the longer side of the picture on which the lattice is sought
+SOLVE_PX = 100_000  # pixels of the window on which copies are chosen
 RIM_PX = 6.0  # chosen by eye, never swept
 GRAIN_PX = 2.0  # chosen by eye, never swept
 PASSES = 3  # of light and copies in turn; chosen by eye, never swept
@@ -45,8 +43,7 @@ MANNERS = {
     Repeat.NONE: (1.0, 1.0, 16.0, False),
 }
 """Box (of a cell), liveliness, detail (px), whether guesses take part. Of what does not repeat, a mean is a blur."""
-LOCAL = 0.02
-"""Of the texture's size: the scale below which a pattern without lattice is separated from light."""
+LOCAL = 0.02  # of the texture's size: the scale below which a pattern without lattice is separated from light
 LOOSE_CELL = 0.045
 """Of the texture's size: the neighbourhood in which it is judged whether a copy fits where there is no lattice."""
 

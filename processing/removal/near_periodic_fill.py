@@ -16,20 +16,16 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 from processing.removal.illumination import blurred, spread
 
-GUESS_WEIGHT = 0.25
-"""Of filled pixels against known ones when copies are compared."""
+GUESS_WEIGHT = 0.25  # of filled pixels against known ones when copies are compared
 ROUNDS = 4  # of expectation and maximisation; chosen by eye, never swept
 COARSE_PENALTY = 1.0  # chosen by eye, never swept
 RIM_SCALES = 6  # each twice the one before: up to 32 boxes; chosen by eye, never swept
 UNSEEN_COST = 0.5  # chosen by eye, never swept
 USUAL_PX = 40_000  # pixels of which a shift's usual difference is known; chosen by eye, never swept
-USUAL_SHARE = 1.5
-"""Of a box's pixels that a copy's usual difference counts for."""
-LEAST_COMPARED = 50
-"""Known pixels from which a copy has a usual difference."""
+USUAL_SHARE = 1.5  # of a box's pixels that a copy's usual difference counts for
+LEAST_COMPARED = 50  # known pixels from which a copy has a usual difference
 TIDY = 0.4  # of the box, over which labels vote; chosen by eye, never swept
-PRUNE = 0.002
-"""Share of the hole that a copy must serve after the first round to stay."""
+PRUNE = 0.002  # share of the hole that a copy must serve after the first round to stay
 
 
 @dataclass(frozen=True)
@@ -243,8 +239,7 @@ def _mean(copies: list[Floats], share: Floats) -> Floats:
 # The filled hole at full size: the copies' weighted mean, with the fine detail of the best one, met to the rim.
 
 MIN_SHARE = 0.01  # chosen by eye, never swept
-LARGEST_STEP = 0.3
-"""Tone by which the rim may pull a filling."""
+LARGEST_STEP = 0.3  # tone by which the rim may pull a filling
 
 
 def blend(

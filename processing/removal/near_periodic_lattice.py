@@ -16,8 +16,7 @@ from processing.removal.illumination import known_mean
 #
 # The masked form of Padfield (2012): each shift's means and variances are those of the pixels known in both.
 
-MIN_OVERLAP = 0.12
-"""Of the known pixels that a shift must bring onto known ones."""
+MIN_OVERLAP = 0.12  # of the known pixels that a shift must bring onto known ones
 
 
 @dataclass(frozen=True)
@@ -95,11 +94,9 @@ def _back(spectrum: npt.NDArray[np.complex128], size: list[int]) -> Doubles:
 LATTICE_NCC = 0.52
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
 laminate 0.05 to 0.14 (measured), a real carpet with patches of sun 0.45."""
-PEAK_NCC = 0.13
-"""At a node from which its place counts when the lattice is refined."""
+PEAK_NCC = 0.13  # at a node from which its place counts when the lattice is refined
 CANDIDATES = 48  # peaks that pairs are made of; chosen by eye, never swept
-LONGEST = 0.45
-"""Of a step against the texture's size: a pattern must be seen to repeat."""
+LONGEST = 0.45  # of a step against the texture's size: a pattern must be seen to repeat
 ORIENTED_NCC = 0.52
 """The same, of which way the grain runs: herringbone has 0.71 to 0.75, planks, laminate and carpet none (measured)."""
 NODE_REACH = 5  # nodes of the lattice each way; chosen by eye, never swept
@@ -251,10 +248,8 @@ def _measured(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> Lattice |
 
 # Shifts from which a hole may be filled: lattice nodes, steps along planks, or wherever a texture is like itself.
 
-MOST = 64
-"""Offsets that are tried."""
-LINE_SHARE = 0.6
-"""Of the grain that must run one way."""
+MOST = 64  # offsets that are tried
+LINE_SHARE = 0.6  # of the grain that must run one way
 
 
 @dataclass(frozen=True)

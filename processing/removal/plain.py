@@ -22,18 +22,14 @@ from processing.removal.illumination import ToneScale, blurred, fit_illumination
 # rises from what it is at the rim, which stays as it is, to what it is around. What furniture takes
 # from the whole room cannot be put back without changing what is seen.
 
-NEAR_M = 0.5
-"""From the hole, as far as what is removed is taken to darken the wall."""
+NEAR_M = 0.5  # from the hole, as far as what is removed is taken to darken the wall
 AROUND_M = (1.0, 4.0)
 """Neighbourhoods in which the light further away is measured; the wide one where the near one sees nothing."""
-WIDE_SHARE = 0.02
-"""Of the wide neighbourhood's weight against the near one's."""
-RISE_M = 0.2
-"""From the rim into the hole, on which the light rises."""
+WIDE_SHARE = 0.02  # of the wide neighbourhood's weight against the near one's
+RISE_M = 0.2  # from the rim into the hole, on which the light rises
 MOST_RISE, MOST_RISE_FLOOR = 0.4, 0.12
 """Tone by which it rises at most; floors have bright and dark boards (chosen by four simulated rooms)."""
-LEAST_FAR = 0.3
-"""Of the known texels that must be far from the hole."""
+LEAST_FAR = 0.3  # of the known texels that must be far from the hole
 
 
 def away_from(known: Flags, hole: Flags, px_per_m: float) -> Flags:
@@ -77,18 +73,12 @@ LEAST_SPREAD = 0.01  # of log tone; chosen by eye, never swept
 OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
 """Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
 GRAIN_PX = 3.0  # chosen by eye, never swept
-FEW = 0.1
-"""Of the columns near the hole: rows with fewer known ones hardly have a profile."""
-TRUSTED = 0.6
-"""Trust in a row's profile from which it is its own; below, it is more and more as usual on other walls."""
-UNEVEN = 0.04
-"""Tone by which a row of skirting may vary along the wall."""
-SLOW_ROWS = 0.08
-"""Of the height: slower changes are light."""
-CALM = 5.0
-"""Times the median energy of grain, from which there is more than grain."""
-NEAR = 0.25
-"""Of the texture's width: how far from the hole rows are still looked at for their profile."""
+FEW = 0.1  # of the columns near the hole: rows with fewer known ones hardly have a profile
+TRUSTED = 0.6  # trust in a row's profile from which it is its own; below, it is more and more as usual on other walls
+UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
+SLOW_ROWS = 0.08  # of the height: slower changes are light
+CALM = 5.0  # times the median energy of grain, from which there is more than grain
+NEAR = 0.25  # of the texture's width: how far from the hole rows are still looked at for their profile
 
 
 @dataclass(frozen=True)

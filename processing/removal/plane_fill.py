@@ -19,19 +19,14 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, planes_of
 from processing.surfaces.textures import Texture, unwrap
 
-PATTERN = 0.012
-"""Roughness about light and profile from which a wall or ceiling is no plain paint but a pattern."""
-WALL_NCC = 0.65
-"""Of a wall's lattice: what hangs on it imitates one more easily than on a floor."""
-LEAST_TEXELS = 30
-"""Known texels of a surface, under which it gets one colour."""
+PATTERN = 0.012  # roughness about light and profile from which a wall or ceiling is no plain paint but a pattern
+WALL_NCC = 0.65  # of a wall's lattice: what hangs on it imitates one more easily than on a floor
+LEAST_TEXELS = 30  # known texels of a surface, under which it gets one colour
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
-SURE = 0.35
-"""Confidence under which what was filled is called synthesised."""
+SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
-FRAME_M = 0.08
-"""Around an opening: its frame belongs to it."""
+FRAME_M = 0.08  # around an opening: its frame belongs to it
 
 
 def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
@@ -155,10 +150,8 @@ def _surface(
 
 SKIRTING_PX_PER_M = 80.0  # rows of 12 mm; chosen by eye, never swept
 HIGHEST_M = 0.25  # of a skirting; chosen by eye, never swept
-TOP_M = 0.05
-"""Below that height: what of the wall is just above the skirting, against which it is measured."""
-ABOVE_M = (0.3, 0.6)
-"""Where the wall itself must be seen too."""
+TOP_M = 0.05  # below that height: what of the wall is just above the skirting, against which it is measured
+ABOVE_M = (0.3, 0.6)  # where the wall itself must be seen too
 LEAST_COLUMNS = 12  # of wall that show their skirting; chosen by eye, never swept
 MIXED_PX, FARTHER = 1.5, 1.2
 """Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""

@@ -22,22 +22,16 @@ from processing.surfaces.textures import unwrap, wrap
 
 PX_PER_M = 20.0  # texels of 5 cm; chosen by eye, never swept
 CONTACT_M = 0.10  # chosen by eye, never swept
-FAR_M = 0.7
-"""From furniture, where its shadow no longer counts as seen."""
-REACH_M = 0.8
-"""How far a shadow is followed."""
-LEAST_STOPS = 0.3
-"""Darker than without furniture."""
-NOISE_FACTOR = 2.0
-"""Times the spread (robust standard deviation) of the light far from furniture."""
-MOST_LIFT = 1.5
-"""Stops by which a soft shadow is lifted at most: what is darker is no shadow of furniture."""
+FAR_M = 0.7  # from furniture, where its shadow no longer counts as seen
+REACH_M = 0.8  # how far a shadow is followed
+LEAST_STOPS = 0.3  # darker than without furniture
+NOISE_FACTOR = 2.0  # times the spread (robust standard deviation) of the light far from furniture
+MOST_LIFT = 1.5  # stops by which a soft shadow is lifted at most: what is darker is no shadow of furniture
 LEAST_FAR, LEAST_FAR_SHARE = 60, 0.4
 """Texels far from furniture that a fit needs; of all that are seen, that relighting needs (chosen: a real room with a
 third of its floor seen became a bright shard)."""
 LEAST_M2 = 0.01  # 10 by 10 cm; chosen by eye, never swept
-RELIT_ROWS = 1024
-"""Of the size at which soft shadows are relit: their light is smooth."""
+RELIT_ROWS = 1024  # of the size at which soft shadows are relit: their light is smooth
 
 
 @dataclass(frozen=True)
@@ -183,12 +177,9 @@ def _smooth_fit(values: Floats, far: Flags) -> tuple[Floats, float]:
 # together with it, is replaced with it: a plain wall's continuation is surer than a shadow's strength.
 
 # Chosen by looking at five furnished real rooms (docs/measurements/real.md), unless said otherwise.
-WALL_PX_PER_M = 32.0
-"""Of a wall's texture (chosen)."""
-AWAY_M = 0.3
-"""From what is removed, where a wall shows its light undisturbed (chosen)."""
-FOOT_M, TOP_M = 0.22, 0.12
-"""Skirting and cornice: nothing there is judged (chosen)."""
+WALL_PX_PER_M = 32.0  # of a wall's texture (chosen)
+AWAY_M = 0.3  # from what is removed, where a wall shows its light undisturbed (chosen)
+FOOT_M, TOP_M = 0.22, 0.12  # skirting and cornice: nothing there is judged (chosen)
 BEND, LOCAL_M, PASSES = 0.1, 0.35, 4
 """Stiffness of the slow light (`fit_illumination`); over how much of the wall what it leaves is averaged, and how
 often, without what was odd (chosen)."""
@@ -198,10 +189,8 @@ ODD, ODD_TIMES, ODD_REACH_M = 0.16, 4.0, 0.3
 """Tone, and times that deviation, from which a place is no part of the wall; how far it is so (chosen)."""
 SHADE, SHADE_TIMES, SHADE_COLOUR, SHADE_REACH_M = 0.06, 2.0, 0.5, 0.9
 """The same for shade; its colour may be off by so much of its depth (chosen)."""
-SHADE_STEEP = 0.25
-"""Tone by which it changes within 0.1 m at most: it runs out, things end (chosen)."""
-TOUCH_M, LEAST_TEXELS = 0.1, 200
-"""From what is removed, where shade begins; of a wall that must be seen (chosen)."""
+SHADE_STEEP = 0.25  # tone by which it changes within 0.1 m at most: it runs out, things end (chosen)
+TOUCH_M, LEAST_TEXELS = 0.1, 200  # from what is removed, where shade begins; of a wall that must be seen (chosen)
 FRAME = np.ones((2 * round(0.12 * WALL_PX_PER_M) + 1,) * 2, np.uint8)
 """Around windows and doors, their frames (chosen)."""
 

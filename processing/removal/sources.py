@@ -16,34 +16,21 @@ from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import ToneScale, fit_illumination, grey
 
 CELL_M = 0.03  # chosen by eye, never swept
-MOST_CELLS = 110
-"""Of the longer side."""
-AWAY_M = 0.6
-"""From a cell, where its look is sought: what is smaller and alone is a thing."""
-LEAST_CELLS = 600
-"""Known cells, under which it is unknown what is usual."""
-GREY_WEIGHT, ROUGH_WEIGHT = 0.25, 0.1
-"""Against colour: shadows are darker, and yet the plane."""
-USUAL_SHARE = 0.04
-"""Of the known cells that must look so."""
-TOLERANCE, LEAST_TOLERANCE = 2.6, 0.18
-"""Times the median cell's distance; rests may be a third of all that is seen."""
-LEVELS = (4.0, 2.0, 1.0)
-"""Times the tolerance: a white board beside a grey box is found before both."""
-EDGE = 0.7
-"""Of the tolerance: as far as a thing reaches from what is surely odd."""
+MOST_CELLS = 110  # of the longer side
+AWAY_M = 0.6  # from a cell, where its look is sought: what is smaller and alone is a thing
+LEAST_CELLS = 600  # known cells, under which it is unknown what is usual
+GREY_WEIGHT, ROUGH_WEIGHT = 0.25, 0.1  # against colour: shadows are darker, and yet the plane
+USUAL_SHARE = 0.04  # of the known cells that must look so
+TOLERANCE, LEAST_TOLERANCE = 2.6, 0.18  # times the median cell's distance; rests may be a third of all that is seen
+LEVELS = (4.0, 2.0, 1.0)  # times the tolerance: a white board beside a grey box is found before both
+EDGE = 0.7  # of the tolerance: as far as a thing reaches from what is surely odd
 SMOOTH_CELLS = 1.2  # chosen by eye, never swept
 SAMPLES = 800  # chosen by eye, never swept
-ACROSS_CELLS, STEEP = 4, 0.6
-"""Across so many cells, a thing's border shows so much of what its middle differs by."""
-RIM_CELLS = 2
-"""Around what is odd: its edge, its contact shadow."""
-LEAST_CLUMP = 3
-"""Cells of what is left out: fewer are chance."""
-ISLAND = 0.06
-"""Of the largest part that is seen in one piece: smaller ones are islands."""
-MOST_OUT = 0.35
-"""Of the known cells: if more is odd, the plane is odd."""
+ACROSS_CELLS, STEEP = 4, 0.6  # across so many cells, a thing's border shows so much of what its middle differs by
+RIM_CELLS = 2  # around what is odd: its edge, its contact shadow
+LEAST_CLUMP = 3  # cells of what is left out: fewer are chance
+ISLAND = 0.06  # of the largest part that is seen in one piece: smaller ones are islands
+MOST_OUT = 0.35  # of the known cells: if more is odd, the plane is odd
 
 
 def plane_sources(values: Floats, sources: Flags, px_per_m: float) -> Flags:

@@ -27,15 +27,13 @@ from processing.surfaces.sun import (
     window_depth,
 )
 
-SURE_RATIO = 2.5
-"""The same, where no window is known that could confirm it."""
+SURE_RATIO = 2.5  # the same, where no window is known that could confirm it
 # Without time and site nothing says that there is a sun. Only what looks like nothing else is then taken for its light.
 UNKNOWN_RATIO = 4.0
 """Times its plane's median that such a patch must have (white in an ordinary picture is clipped there)."""
 SHARP_STOPS, SHARP_SHARE, SHARP_RAD = 1.0, 0.6, math.radians(1)
 """Step across its border, along which share of it, within which angle: reflections and lamps fade."""
-FULL_SHARE = 0.75
-"""Of its convex outline on the plane that it fills, as what falls through a window does."""
+FULL_SHARE = 0.75  # of its convex outline on the plane that it fills, as what falls through a window does
 FREE_SHARE = 0.7
 """Of its border that runs over one bare surface: what ends where a wall, a door or furniture begins has its colour."""
 CORE_M, RING_M, SLACK_M = 0.12, 0.35, 0.15

@@ -24,8 +24,7 @@ from processing.segmentation.evidence import SceneClass
 # The surroundings of the nadir seen straight from above, without the panorama's stretching: there and back.
 
 REACH_RAD = math.radians(50)
-SIZE_PX = 320
-"""Side of the nadir picture: 0.31 degrees a pixel."""
+SIZE_PX = 320  # side of the nadir picture: 0.31 degrees a pixel
 
 
 def radius_map() -> Floats:
@@ -65,27 +64,20 @@ def onto_panorama(share: Floats, shape: tuple[int, int]) -> Floats:
     return out
 
 
-CORE_RAD = math.radians(4)
-"""What is found must reach this near to the nadir."""
+CORE_RAD = math.radians(4)  # what is found must reach this near to the nadir
 FULL_RAD, NONE_RAD = math.radians(22), math.radians(42)
 """Strange colours count fully within the first angle, not at all beyond the second."""
 RING_RAD = (math.radians(26), math.radians(49))
 """Where the floor's colours are learned."""
-OUTLIER = 12.0
-"""Squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor."""
-RIM_PX = 12
-"""Of a nadir picture, 3.7 degrees: around what is at the nadir, where feet of a tripod may show (chosen)."""
-LEG_PX = 15
-"""Of a nadir picture, 4.7 degrees: what is narrower may be a leg."""
+OUTLIER = 12.0  # squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor
+RIM_PX = 12  # of a nadir picture, 3.7 degrees: around what is at the nadir, where feet of a tripod may show (chosen)
+LEG_PX = 15  # of a nadir picture, 4.7 degrees: what is narrower may be a leg
 DARKER = (2.5, 5.0)
 """How many times darker than beside it a leg may be, and surely is: gaps of a floor's boards are less, or fainter."""
-PALER = 1.8
-"""How many times brighter than beside it a foot's cap is: a floor's boards differ less (chosen)."""
+PALER = 1.8  # how many times brighter than beside it a foot's cap is: a floor's boards differ less (chosen)
 LEAST_DISC_RAD = math.radians(4)
-FLAT = 0.25
-"""Of the detail in the ring: a disc with less has been painted over."""
-STRONG = 0.6
-"""Mean probability of a part away from the nadir, from which evidence alone makes it the photographer's."""
+FLAT = 0.25  # of the detail in the ring: a disc with less has been painted over
+STRONG = 0.6  # mean probability of a part away from the nadir, from which evidence alone makes it the photographer's
 LEAST_RING_PX = 500  # of floor around the nadir; chosen by eye, never swept
 
 
@@ -194,20 +186,15 @@ def _boards(evidence: Floats, rgb8: Bytes, near: Flags) -> tuple[Flags, int]:
 # The stand is what is thin, hangs together with the board's lower edge, and reaches down from there. A sheet on a wall
 # or on furniture has no stand.
 
-THIN_RAD = math.radians(3.5)
-"""What is narrower may be a pole or a leg; what is wider is left to other evidence."""
-STAND_STOPS, POLE_STOPS = 0.35, 0.12
-"""By which a leg, and a pole over its length, differs from what is beside it."""
+THIN_RAD = math.radians(3.5)  # what is narrower may be a pole or a leg; what is wider is left to other evidence
+STAND_STOPS, POLE_STOPS = 0.35, 0.12  # by which a leg, and a pole over its length, differs from what is beside it
 TEXTURE_SHARE, TEXTURE_TIMES = 0.75, 2.5
 """What this share of a row beside the stand does not exceed is texture; a stand differs by this many times as much."""
-TIP_SHARE = 0.7
-"""Of both, from which a leg goes on to its tip (chosen)."""
+TIP_SHARE = 0.7  # of both, from which a leg goes on to its tip (chosen)
 POLE_REACH, POLE_RAD = 0.1, math.radians(3)
 """Of the board's width, how far from its middle a pole is looked for; over which length it is averaged."""
-REACH = 0.4
-"""Of the board's width, to either side of its middle: how far legs spread."""
-LEAST_POLE_RAD = math.radians(4)
-"""Below the board, from which it stands on something of its own."""
+REACH = 0.4  # of the board's width, to either side of its middle: how far legs spread
+LEAST_POLE_RAD = math.radians(4)  # below the board, from which it stands on something of its own
 
 
 def meter_board(luminance: Floats, target: tuple[float, float], tint: Floats | None = None) -> tuple[Flags, bool]:

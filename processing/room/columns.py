@@ -17,8 +17,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles
 from processing.segmentation.evidence import BoundaryEvidence
 
-COLUMNS = 192
-"""Columns that are fitted: 1.9 degrees each; networks see no more."""
+COLUMNS = 192  # columns that are fitted: 1.9 degrees each; networks see no more
 ERRING_TOGETHER = 1.8
 """Factor on stated uncertainties: neighbouring columns err together, and are counted each for itself."""
 LEAST_SIGMA_RAD = math.radians(0.25)
@@ -26,10 +25,8 @@ LARGEST_SIGMA_RAD = math.radians(30.0)
 STEEPEST_RAD = math.radians(86.0)
 FLATTEST_RAD = math.radians(1.5)
 """Latitudes of boundaries are held within these: beyond, a wall touches the camera or stands 40 m away."""
-RATIO_RANGE = (0.15, 3.0)
-"""Of the ceiling's height over the camera to the camera's over the floor."""
-RATIO_SIGMA = 0.05
-"""Of the ratio's logarithm, with which a fit begins."""
+RATIO_RANGE = (0.15, 3.0)  # of the ceiling's height over the camera to the camera's over the floor
+RATIO_SIGMA = 0.05  # of the ratio's logarithm, with which a fit begins
 
 
 @dataclass(frozen=True)

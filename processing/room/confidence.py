@@ -23,8 +23,7 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import wall_ranges
 
 # What can be seen without any network: whether a picture is a whole, lit panorama.
-LARGEST_BLANK = 0.3
-"""Share of the sphere without data or detail from which a picture is refused."""
+LARGEST_BLANK = 0.3  # share of the sphere without data or detail from which a picture is refused
 STEP_ROWS = 256  # rows that are looked at; chosen by eye, never swept
 
 
@@ -70,8 +69,7 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
     return blank
 
 
-RIVAL_WITHIN = 60.0
-"""Cost by which another room may be worse and still be a rival."""
+RIVAL_WITHIN = 60.0  # cost by which another room may be worse and still be a rival
 
 
 @dataclass(frozen=True)
@@ -158,10 +156,8 @@ tilted, dark and cropped ones among them) and the real ones that may be looked a
 LARGEST_SPREAD = 0.2  # clamps the fit's feature; chosen by eye, never swept
 LEAST_SIGMA_DEG, LEAST_LOSS = 0.25, 0.01
 LEAST, MOST = 0.02, 0.98
-FULLY_EXPLAINED = 0.75
-"""Of a wall's columns: noise leaves no wall without any residual."""
-UNSEEN = 0.3
-"""Of the room's confidence, for a wall of which no column is seen."""
+FULLY_EXPLAINED = 0.75  # of a wall's columns: noise leaves no wall without any residual
+UNSEEN = 0.3  # of the room's confidence, for a wall of which no column is seen
 
 
 def confidence_of(found: Diagnostics) -> float:

@@ -57,15 +57,11 @@ def _straight(before: Doubles, corner: Doubles, after: Doubles) -> bool:
     return abs(turn) < STRAIGHT_RAD
 
 
-EDGE_WEIGHT = 500.0
-"""Squared standard deviations for edges of full strength all along floor or ceiling."""
+EDGE_WEIGHT = 500.0  # squared standard deviations for edges of full strength all along floor or ceiling
 REFINED_AT_MOST = {"standard": 6, "reference": 12}
-REFINED_WITHIN = 300.0
-"""Cost by which a room may be worse than the best before edges are asked."""
-CLASS_WEIGHT = 800.0
-"""Squared standard deviations for a mean loss of 1 over the sphere."""
-LEAST_OVERHEAD = 0.1
-"""Share of ceiling above 50 degrees below which the picture is taken to be outdoors."""
+REFINED_WITHIN = 300.0  # cost by which a room may be worse than the best before edges are asked
+CLASS_WEIGHT = 800.0  # squared standard deviations for a mean loss of 1 over the sphere
+LEAST_OVERHEAD = 0.1  # share of ceiling above 50 degrees below which the picture is taken to be outdoors
 MOST_KEPT = 24  # hypotheses that are refined further; chosen by eye, never swept
 
 

@@ -21,10 +21,8 @@ from processing.surfaces.maps import wall_ranges
 
 SURE_RAD, SURE_RATIO = math.radians(0.1), 0.002
 """Of what is held; chosen: below all that a picture says, and no jump for the robust fit."""
-UNKNOWN = 10.0
-"""Uncertainty of a ceiling's boundary over a wall that was wrong: it may have been another's."""
-NEAR_M, NEAR_SIN = 0.01, 0.005
-"""Within which two walls are one line: below what a hand moves."""
+UNKNOWN = 10.0  # uncertainty of a ceiling's boundary over a wall that was wrong: it may have been another's
+NEAR_M, NEAR_SIN = 0.01, 0.005  # within which two walls are one line: below what a hand moves
 FITS_M, FITS_SIN, CORNER_M = 0.3, 0.25, 1.0
 """How far the estimate may be from a wall, or a corner, that is held, before no room fits around it; chosen."""
 

@@ -26,13 +26,10 @@ from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.maps import wall_ranges
 
 # Walls fitted to boundaries: all parameters of an outline at once, robustly, and what the fit is worth.
-CAP = 3.0
-"""Standard deviations beyond which a column counts as unexplained."""
-BROKEN = 1e3
-"""Residual of an outline that is no room."""
+CAP = 3.0  # standard deviations beyond which a column counts as unexplained
+BROKEN = 1e3  # residual of an outline that is no room
 AZIMUTH_SIGMA_RAD = math.radians(0.7)
-CHANGE_SIGMA = 0.5
-"""Of the logarithm of distances: a weak tie that keeps walls which few columns see."""
+CHANGE_SIGMA = 0.5  # of the logarithm of distances: a weak tie that keeps walls which few columns see
 MOST_ROUNDS = 12  # of the robust fit; chosen by eye, never swept
 
 
@@ -203,17 +200,13 @@ def class_entropy(evidence: SceneEvidence) -> float:
     return float((rows * weight).sum() / weight.sum())
 
 
-PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)
-"""Of a wall, in squared standard deviations: from many walls to few."""
-FREE_EXTRA = 14.0
-"""What a wall at any angle must explain more than one at a right angle."""
-WALL_PRICE = 60.0
-"""Of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds."""
+PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)  # of a wall, in squared standard deviations: from many walls to few
+FREE_EXTRA = 14.0  # what a wall at any angle must explain more than one at a right angle
+WALL_PRICE = 60.0  # of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds
 UNSEEN_PRICE = 40.0  # chosen by eye, never swept
 SLANTED_PRICE = 50.0  # chosen by eye, never swept
 MOST_WALLS = 16  # chosen by eye, never swept
-SIMPLIFIED = (0.03, 0.06, 0.1)
-"""Of the bare polygon: tolerances in camera heights."""
+SIMPLIFIED = (0.03, 0.06, 0.1)  # of the bare polygon: tolerances in camera heights
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,7 @@ from processing.sphere import Equirectangular
 Kind = Literal["HorizonNet", "LED2-Net", "LGT-Net"]
 
 WIDTH_PX, HEIGHT_PX = 1024, 512
-SIGMA_RAD = math.radians(1.0)
-"""Taken for all columns: none of these networks states its own."""
+SIGMA_RAD = math.radians(1.0)  # taken for all columns: none of these networks states its own
 LEAST_LATITUDE_RAD = 0.01  # chosen: keeps distances finite
 CONTRACTS = "HorizonNet gives [1,2,1024] and [1,1,1024], LED2-Net [1,2,1024], LGT-Net [1,256] and [1,1]"
 

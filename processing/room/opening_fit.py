@@ -25,8 +25,7 @@ from processing.segmentation.evidence import SceneClass
 
 # How well rectangles on a wall explain what is seen there (compiled).
 
-APART_TEXELS = 1.5
-"""Outlines that are nearer to each other are one."""
+APART_TEXELS = 1.5  # outlines that are nearer to each other are one
 
 
 class WallSums(NamedTuple):
@@ -143,15 +142,12 @@ Box = tuple[float, float, float, float]
 
 HIDING = (SceneClass.FURNITURE, SceneClass.TRIPOD, SceneClass.FIXTURE)
 """What may hide an opening: there, classes say nothing."""
-COMMON_EDGE = 0.3
-"""Edge strength anywhere on a wall."""
+COMMON_EDGE = 0.3  # edge strength anywhere on a wall
 FRAMES_M = (0.03, 0.045, 0.06, 0.075, 0.1)
 REACH_M, PASSES = 0.3, 3
-STAY_PER_M = 1.0
-"""What a side pays for leaving its place without a reason."""
+STAY_PER_M = 1.0  # what a side pays for leaving its place without a reason
 LEAST_SIDE_M = 0.3  # chosen: narrower than windows and doors are
-AROUND_M = 0.3
-"""Width of the wall around an opening that its light is compared with."""
+AROUND_M = 0.3  # width of the wall around an opening that its light is compared with
 
 
 @dataclass(frozen=True)

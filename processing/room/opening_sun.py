@@ -30,15 +30,11 @@ from processing.surfaces.sun import (
 )
 
 ROWS = 512  # 0.35 degrees each; chosen by eye, never swept
-AZIMUTHS, ELEVATIONS = 5, 3
-"""Directions tried within which the given one may be off."""
-EDGE_M = 0.15
-"""By which windows, and so their beams, may be estimated wrong."""
-DETAIL_STOPS = 0.25
-"""Standard deviation within `DETAIL_RAD`: what shows more is no evenly lit wall."""
+AZIMUTHS, ELEVATIONS = 5, 3  # directions tried within which the given one may be off
+EDGE_M = 0.15  # by which windows, and so their beams, may be estimated wrong
+DETAIL_STOPS = 0.25  # standard deviation within `DETAIL_RAD`: what shows more is no evenly lit wall
 DETAIL_RAD = math.radians(1.5)
-LEAST_SHARE_OF_OPENING = 0.1
-"""Of an opening: less sun in it changes nothing."""
+LEAST_SHARE_OF_OPENING = 0.1  # of an opening: less sun in it changes nothing
 
 
 def find_openings_in_sun(

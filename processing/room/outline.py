@@ -24,8 +24,7 @@ from processing.room.columns import Columns
 ALONG_X, ALONG_Y, FREE = 0, 1, 2
 """Kinds of wall, in axes turned by the walls' azimuth: seen at +-90 degrees, at 0 or 180 degrees, or at any angle."""
 LEAST_COLUMNS = 3  # of the shortest wall; chosen by eye, never swept
-CAP = 3.0
-"""Standard deviations beyond which a column is unexplained."""
+CAP = 3.0  # standard deviations beyond which a column is unexplained
 ROUNDS = 4  # chosen by eye, never swept
 STARTS = 24  # columns at which a turn may begin, eight of them evenly around; chosen by eye, never swept
 
@@ -164,10 +163,8 @@ def _walk(cost: Any, begin: Any, start: int) -> Any:
 
 
 NEARLY_PARALLEL = math.sin(math.radians(12.0))
-SAME_WALL = 0.05
-"""Relative difference of distances below which parallel neighbours are one wall."""
-MEETING = 0.22
-"""Relative difference of distances at a border up to which two walls are taken to meet there."""
+SAME_WALL = 0.05  # relative difference of distances below which parallel neighbours are one wall
+MEETING = 0.22  # relative difference of distances at a border up to which two walls are taken to meet there
 
 
 @dataclass(frozen=True)

@@ -30,14 +30,10 @@ from processing.surfaces.maps import wall_ranges
 #
 # A strip holds log luminance over offsets in latitude from the prediction, one column an azimuth. HDR is used as it is:
 # log differences are contrasts of the surfaces, in the darkest corner and beside a window alike.
-REACH_RAD = math.radians(2.6)
-"""Of a strip to both sides."""
-SIDE_RAD = math.radians(0.3)
-"""Height that is averaged on either side of an edge; at least a pixel."""
-LEAST_CONTRAST = 0.08
-"""Log difference at which an edge counts half."""
-DARK_SHARE = 1e-3
-"""Of the picture's median luminance, below which contrast is noise."""
+REACH_RAD = math.radians(2.6)  # of a strip to both sides
+SIDE_RAD = math.radians(0.3)  # height that is averaged on either side of an edge; at least a pixel
+LEAST_CONTRAST = 0.08  # log difference at which an edge counts half
+DARK_SHARE = 1e-3  # of the picture's median luminance, below which contrast is noise
 
 
 @dataclass(frozen=True)
@@ -122,28 +118,22 @@ SHIFTS = np.linspace(-0.08, 0.08, 81)
 SHIFT_SIGMA = 0.03  # chosen by eye, never swept
 RATIO_SHIFTS = np.linspace(-0.06, 0.06, 61)
 RATIO_SHIFT_SIGMA = 0.015  # chosen by eye, never swept
-RATIO_WEIGHT = 4.0
-"""The network's word on the heights stands on all columns at once."""
+RATIO_WEIGHT = 4.0  # the network's word on the heights stands on all columns at once
 SKIRTING = (0.025, 0.08)
 """Relative distances by which a skirting's upper edge seems farther than its lower one: 4 to 12 cm of 1.6 m."""
 SKIRTING_LESS = 0.7  # chosen by eye, never swept
-SKIRTING_SEEN = 0.5
-"""Strength of a second edge above the floor's from which the wall has a skirting."""
+SKIRTING_SEEN = 0.5  # strength of a second edge above the floor's from which the wall has a skirting
 SKIRTING_DEPTH = 0.009
 """By which a skirting stands before its wall, in camera heights: 14 mm of 1.6 m, as most do; the floor ends there."""
 PEAK_WITHIN_RAD = math.radians(0.35)
 LEAST_STRENGTH = 0.25  # chosen by eye, never swept
 EDGE_SIGMA_RAD = math.radians(0.12)
 STRENGTH_WITHIN_RAD = math.radians(0.2)
-LEAST_COLUMNS = 8
-"""Columns with an edge that make a wall refined."""
-LEAST_GAIN = 0.08
-"""Mean strength along a wall below which it shows no edge."""
-PROBE_RAD = math.radians(2.0)
-"""How far from a boundary the classes are asked what is there."""
+LEAST_COLUMNS = 8  # columns with an edge that make a wall refined
+LEAST_GAIN = 0.08  # mean strength along a wall below which it shows no edge
+PROBE_RAD = math.radians(2.0)  # how far from a boundary the classes are asked what is there
 LEAST_CLEAR = 0.5  # more likely than not
-COLUMN_WEIGHT = 0.25
-"""Of a column in choosing shifts: neighbours carry the same evidence."""
+COLUMN_WEIGHT = 0.25  # of a column in choosing shifts: neighbours carry the same evidence
 
 
 @dataclass(frozen=True)

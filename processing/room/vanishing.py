@@ -28,11 +28,9 @@ WIDEST_PX = 2048
 """Larger panoramas are reduced to this width by area: lines of 1/600 of the picture's width are found there."""
 VIEW_FOV_RAD = math.radians(75)
 OVERLAP = 0.3  # of neighbouring views; chosen by eye, never swept
-CONTRAST_STOPS = 2.5
-"""Of local contrast in the tone-mapped copy, from black to white."""
+CONTRAST_STOPS = 2.5  # of local contrast in the tone-mapped copy, from black to white
 SURROUND_RAD = math.radians(12)
-DARK_SHARE = 0.02
-"""Of the median luminance: what is darker is noise, and is not stretched."""
+DARK_SHARE = 0.02  # of the median luminance: what is darker is noise, and is not stretched
 SHORTEST_RAD = math.radians(1.2)
 END_ERROR_PX = 0.5
 """Standard error of a segment's end across the segment, in pixels of the reduced picture (measured on flat edges)."""
@@ -125,15 +123,13 @@ MOST_TILT_RAD = math.radians(40)
 """Of the camera: beyond 45 degrees nothing distinguishes the vertical from the walls' horizontals."""
 SEARCH_RAD, FINE_RAD = math.radians(1.2), math.radians(0.5)
 """How far edges of a real room may be off their axis: while searching, and at the end."""
-LONGEST_RAD = math.radians(40)
-"""An arc counts by its length, up to this."""
+LONGEST_RAD = math.radians(40)  # an arc counts by its length, up to this
 PAIRS, KEPT, FEWEST = 1500, 8, 12
 """Pairs drawn for the vertical, candidates that are looked at closely, and fewest arcs."""
 AZIMUTH_STEPS = 120  # 0.75 degrees each; chosen by eye, never swept
 SECTORS = 12  # of 30 degrees, left out in turn (jackknife); chosen by eye, never swept
 APART_RAD = math.radians(1.5)
-TILT_COST = 0.3
-"""Of merit, for one radian of tilt, squared."""
+TILT_COST = 0.3  # of merit, for one radian of tilt, squared
 
 
 @dataclass(frozen=True)

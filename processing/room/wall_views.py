@@ -26,8 +26,7 @@ WIDEST_PX = 3360
 """Of the panorama that walls are taken from: all that `MOST_PX_PER_M` asks for where they are 4.5 m away or nearer."""
 EDGE_STOPS = 0.25
 """A step in log2 luminance, over one texel, at which an edge counts half: faint and strong edges count nearly alike."""
-LEAST_SEEN = 0.02
-"""Share of a wall that must be seen."""
+LEAST_SEEN = 0.02  # share of a wall that must be seen
 
 
 @dataclass(frozen=True)

@@ -87,8 +87,7 @@ def class_matrix(names: Sequence[str], table: Table) -> Floats:
 Array = npt.NDArray[Any]
 
 MAX_CONTRACT_BYTES = 1 << 20
-IGNORED_LABEL = 255
-"""Of class maps: by custom, a pixel that no class is given to, unless there are so many classes."""
+IGNORED_LABEL = 255  # of class maps: by custom, a pixel that no class is given to, unless there are so many classes
 UNKNOWN = 1.0 / len(SceneClass)
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]

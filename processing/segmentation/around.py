@@ -25,16 +25,11 @@ from processing.sphere.resampling import resample
 from processing.sphere.views import Panorama, cut_view, stitch_views, view_at, view_ring
 
 COARSE_FOV_RAD = math.radians(110)
-COARSE_WORTH = 0.02
-"""Of a wide view beside a fine one of the same place."""
-EVIDENT = 0.3
-"""Probability from which floor or furniture is evidence."""
-LEAST_SHARE = 0.02
-"""Of a view's pixels that must show such evidence."""
-FUSED_ROWS = 256
-"""0.7 degrees a pixel, as networks for ordinary pictures resolve views of 90 degrees."""
-KNOWN = 0.5
-"""Probability of the likeliest class from which a place counts as known."""
+COARSE_WORTH = 0.02  # of a wide view beside a fine one of the same place
+EVIDENT = 0.3  # probability from which floor or furniture is evidence
+LEAST_SHARE = 0.02  # of a view's pixels that must show such evidence
+FUSED_ROWS = 256  # 0.7 degrees a pixel, as networks for ordinary pictures resolve views of 90 degrees
+KNOWN = 0.5  # probability of the likeliest class from which a place counts as known
 
 
 @dataclass(frozen=True)

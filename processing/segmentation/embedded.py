@@ -27,12 +27,9 @@ from processing.sphere import Equirectangular
 # The network is shown a small tone-mapped copy of a panorama. The exposure is taken from the picture itself and the
 # curve has no white point, so that a calibrated picture with the sun in it and a JPEG of the same room look alike.
 
-WIDTH_PX, HEIGHT_PX = 256, 128
-"""Of the network's classes and columns."""
-SEEN_PX = SEEN_WIDTH_PX, SEEN_HEIGHT_PX = 512, 256
-"""Of the picture that it is shown."""
-MIDDLE = 0.18
-"""To which the picture's median luminance is scaled."""
+WIDTH_PX, HEIGHT_PX = 256, 128  # of the network's classes and columns
+SEEN_PX = SEEN_WIDTH_PX, SEEN_HEIGHT_PX = 512, 256  # of the picture that it is shown
+MIDDLE = 0.18  # to which the picture's median luminance is scaled
 BRIGHTEST = 12.0
 """Scaled values are cut here before pixels are averaged: the sun may fill one pixel of the copy, not its neighbours."""
 KNEE = 0.35  # what the network is trained with; chosen by eye, never swept
@@ -117,8 +114,7 @@ SHIPPED = Path(__file__).with_name("room_network.onnx")
 TURNS_PX = {"draft": (0,), "standard": (0, 134), "reference": (0, 71, 134, 205)}
 """By quality: by how many columns the picture is turned; every second turn is mirrored too. Not multiples of 16, by
 which the network's answer only turns along."""
-LEAST_CONTRAST = 0.004
-"""Of what the network is shown (0..1): a picture that varies less says nothing."""
+LEAST_CONTRAST = 0.004  # of what the network is shown (0..1): a picture that varies less says nothing
 LEAST_LATITUDE_RAD = 0.01  # chosen: keeps distances finite
 _OUTPUTS = ("probabilities", "columns", "details")  # (2, H, W): skirting's share, log distance in camera heights
 

@@ -19,8 +19,7 @@ from station.session.folder import file_sha256
 if TYPE_CHECKING:
     from processing.segmentation.segmenters import TfliteSegmenter
 
-DOWNLOAD_TIMEOUT_S = 30.0
-"""Without a byte, after which a download is given up (chosen)."""
+DOWNLOAD_TIMEOUT_S = 30.0  # without a byte, after which a download is given up (chosen)
 
 
 class KnownModel(NamedTuple):

@@ -19,8 +19,7 @@ THREADS = 2  # chosen by eye, never swept
 # How ONNX networks are opened: on the processor, a few threads, silent, and never from files beside them.
 
 MOST_BYTES = 2 << 30
-_TOLD = 300
-"""Characters of the runtime's message that are passed on."""
+_TOLD = 300  # characters of the runtime's message that are passed on
 
 
 def open_session(

@@ -18,8 +18,7 @@ from processing.calibration.response.curve import NoiseModel
 from processing.ground.arrays import Doubles, Floats, Int64s
 from processing.pictures.mosaic import FULL
 
-CLIP_CODE = 64224
-"""98 % of full scale: from here on a sample counts as clipped."""
+CLIP_CODE = 64224  # 98 % of full scale: from here on a sample counts as clipped
 _DARK_UNCERTAINTY = 0.5  # as in the 8-bit loops
 
 

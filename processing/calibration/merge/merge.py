@@ -62,8 +62,7 @@ WELL_GAIN_SIGMA = 0.005
 LINEAR_BELOW = 0.01  # of full scale in the longest raw frame; chosen: photons still give 6 % of noise there
 JUDGED_CODES = (16, 240)
 """Codes of coded frames that can show movement: nearer the ends coding, its chroma above all, moves them as much."""
-JPEG_TOP_CODE = 249
-"""Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
+JPEG_TOP_CODE = 249  # above it, a code may be a clipped one after coding, chroma at half resolution above all
 
 
 @dataclass(frozen=True)

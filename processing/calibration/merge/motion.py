@@ -138,13 +138,11 @@ def _shift(before: Codes, after: Codes, both: _Range) -> tuple[float, float] | N
 
 
 NEIGHBOURS_PX = 5  # chosen: larger than noise, smaller than a hand
-MIN_NEIGHBOURS = 8
-"""Of 25 odd pixels: noise and coding make single ones."""
+MIN_NEIGHBOURS = 8  # of 25 odd pixels: noise and coding make single ones
 CORE_PX = 5
 """Side of what moved in processed frames; chosen: a hot well spreads over three in demosaicing, over four in coding."""
 USABLE = 0.02  # of the best frame's signal to noise squared; chosen
-MEASURES_WELL = 0.5
-"""Of the best frame's worth."""
+MEASURES_WELL = 0.5  # of the best frame's worth
 CHUNK_PX = 1 << 20  # pixels settled at a time, for memory
 
 

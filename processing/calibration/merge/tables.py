@@ -29,8 +29,7 @@ from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 CODES = 256  # of 8 bits
-TRACE_SNR2 = 1e-6
-"""Squared signal to noise of a bound that is no measurement."""
+TRACE_SNR2 = 1e-6  # squared signal to noise of a bound that is no measurement
 TAPER_CODES = 6
 """Below the clipping code weights fall to a quarter: whether a sample there counts must not hang on its own noise."""
 RISE_SIGMAS = 6.0  # chosen
@@ -192,8 +191,7 @@ MAX_SIGMA = 0.25  # relative, of a sample that is compared; chosen
 BINS = 5  # of the level; chosen
 PARTS, PART_SAMPLES = (6, 12), 16  # rows and columns of parts whose light may change alone, and their least; chosen
 CODES_8BIT = 256  # tables of as many are of 8-bit frames
-CLEAR_OF_BLACK = 8
-"""Codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve."""
+CLEAR_OF_BLACK = 8  # codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve
 CLEAR_OF_WHITE = 16
 """Codes below the last unclipped one that do not count: of two all but white frames only they are left, and coding and
 tone mapping bend them (a real bracket's white pair showed 0.9 stop that is not there)."""

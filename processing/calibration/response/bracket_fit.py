@@ -27,8 +27,7 @@ from processing.calibration.response.shutter import TimeEstimate, TimeEvidence
 from processing.errors import ResponseError
 from processing.ground.arrays import Doubles, Flags
 
-_QUICK_PATCHES = 1000
-"""How many patches the first rounds use: they need only come near."""
+_QUICK_PATCHES = 1000  # how many patches the first rounds use: they need only come near
 SLOPPY_STOPS = 0.5
 """Of single times, by a shutter that is off in most frames; chosen: thrice a bad one's sixth of a stop."""
 _MOST_WRONG = 3  # frames of a bracket; chosen
@@ -41,11 +40,9 @@ _WIDEST_STOPS = 4.5  # chosen: two frames' ranges must overlap
 _REFINE = 3  # rounds; chosen
 _QUICK_ROUNDS = 3  # chosen
 _MIDDLE = 128  # code
-_MOST_ROUNDS, _SETTLED_STOPS = 8, 1e-3
-"""Chosen: most brackets settle within four rounds."""
+_MOST_ROUNDS, _SETTLED_STOPS = 8, 1e-3  # chosen: most brackets settle within four rounds
 _BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
-_OUTLIER = 5.0
-"""Standard deviations beyond which a patch has moved."""
+_OUTLIER = 5.0  # standard deviations beyond which a patch has moved
 _LEAST_SAMPLES = 40  # patches; chosen: more than unknowns
 _LEAST_CODES = 48  # of 256; chosen
 _LEAST_NEAR = 5  # patches within two codes; chosen

@@ -100,8 +100,7 @@ class NoiseModel:
 
 SLOPE_SMOOTHING = 8.0
 """Of 256 steps over the root of the code; chosen on published curves: 0 raises their 90th percentile to .02."""
-FINE_STEPS = 16
-"""Table entries a code; between them tables are interpolated."""
+FINE_STEPS = 16  # table entries a code; between them tables are interpolated
 
 
 @dataclass(frozen=True)
@@ -180,11 +179,9 @@ class PatchNoise:
 
 
 _LOW, _HIGH = 5.0, 250.0  # predicted codes that are used; chosen: clear of cut-off noise
-_LEAST_LONG_CODE = 8.0
-"""Codes of the longer exposure that predict."""
+_LEAST_LONG_CODE = 8.0  # codes of the longer exposure that predict
 _BINS = 40  # over the code; chosen
-_LEAST = 20
-"""Differences that a bin must hold."""
+_LEAST = 20  # differences that a bin must hold
 _TRIM = 4.0  # robust standard deviations; chosen: what moved does not count
 _ROUNDS = 4  # of reweighting; chosen
 

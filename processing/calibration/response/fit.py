@@ -94,8 +94,7 @@ _CELLS, _CELL_PATCHES = 16, 8  # of the code, and patches a cell needs; chosen
 CELL_COUNT = 30
 """Patches that count as one in choosing the prior's strength: errors of neighbouring codes and places are alike. Chosen
 on published curves left out (median .0038 stop; 1: .0039, 100: .0054) and hostile JPEG (.020; 1: .043)."""
-_MOST_SHIFT = 0.2
-"""Stops: a correction of the second order that is larger is none."""
+_MOST_SHIFT = 0.2  # stops: a correction of the second order that is larger is none
 
 
 @dataclass(frozen=True)

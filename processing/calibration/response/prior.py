@@ -26,8 +26,7 @@ LOG_STRENGTHS = tuple(np.arange(3.5, 6.1, 0.5))
 """Of 1 / stops2, of the smooth rest: curves that were left out of the fit are most probable from 3.5 to 6."""
 DRIFT_LOG_STRENGTHS = tuple(np.arange(3.5, 5.1, 0.25))
 """Of a change of a known curve: second differences between knots of 0.018 to 0.003 stop."""
-_FREE2 = 100.0
-"""Squared stops: what a line over the root of the code may be."""
+_FREE2 = 100.0  # squared stops: what a line over the root of the code may be
 
 
 class Candidate(NamedTuple):

@@ -30,10 +30,8 @@ measured on simulated cameras whose channels have tone curves of their own it ke
 (docs/reference/calibration.md). Where the frames come nowhere near white the gauge is code 128."""
 LEAST_HIGH = 235
 """Code that the frames must reach in all channels for the white gauge; chosen: 20 codes of extrapolation at most."""
-_PIXELS = 9
-"""Of each patch, all, to estimate the noise of single pixels."""
-_ROUNDING = 1 / 12
-"""Squared codes: the variance of rounding to whole codes."""
+_PIXELS = 9  # of each patch, all, to estimate the noise of single pixels
+_ROUNDING = 1 / 12  # squared codes: the variance of rounding to whole codes
 MODEL_CODES = 0.25
 """Of the standard deviation of one pixel's coding: how far a smooth curve may be from the camera's mean code (kinks of
 the tone curve, coders that drop what is small). Measured on published curves left out of the prior."""
@@ -41,14 +39,10 @@ INFLATION = 1.2
 """Of the fit's own uncertainty: no camera's curve is drawn from the published ones. Measured on the same curves:
 without it 2 sigmas cover 80 % of the codes."""
 MODES = 6  # of a channel's curve; chosen: 99 % of its variance
-BIN_CODES = 8
-"""Codes a bin of the residuals; chosen."""
-FIRST, LAST = 20, 235
-"""Codes over which two curves are compared; chosen: clear of black and of white."""
-LEAST_DRIFT_STOPS = 0.02
-"""A drift below is of no consequence: 1.4 % of light."""
-_SIGNIFICANT = 3.0
-"""Standard deviations that a drift must exceed; chosen."""
+BIN_CODES = 8  # codes a bin of the residuals; chosen
+FIRST, LAST = 20, 235  # codes over which two curves are compared; chosen: clear of black and of white
+LEAST_DRIFT_STOPS = 0.02  # a drift below is of no consequence: 1.4 % of light
+_SIGNIFICANT = 3.0  # standard deviations that a drift must exceed; chosen
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,8 @@ from processing.ground.arrays import Bytes, Doubles, Flags, Int64s
 
 CHANNELS = ("red", "green", "blue")
 PATCH_PX = 3  # pixels a side; chosen
-CANDIDATES = 10_000
-"""Patches looked at in all brackets together."""
-MAX_SAMPLES = 3_200
-"""Patches kept for a channel."""
+CANDIDATES = 10_000  # patches looked at in all brackets together
+MAX_SAMPLES = 3_200  # patches kept for a channel
 FLAT_SPREAD = 0.03
 """Greatest standard deviation within a patch over its mean code where it is exposed well: about a tenth of a stop."""
 _WELL_EXPOSED = 235.0  # code; chosen: clear of white
@@ -29,8 +27,7 @@ _SPREAD_BINS = 12  # over the code; chosen
 _NOISY, _NOISE_CODES = 1.8, 6.0
 """Times the usual spread of equally bright patches, and codes at most, that still pass as noise."""
 TIME_RANGE_S = (1e-7, 1e5)  # chosen: beyond any shutter, and squares of times stay within float32
-_LEAST_SHARE = 0.25
-"""Of the patches are kept, the smoothest, however rough the scene."""
+_LEAST_SHARE = 0.25  # of the patches are kept, the smoothest, however rough the scene
 
 
 @dataclass(frozen=True)

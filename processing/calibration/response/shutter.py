@@ -16,8 +16,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Int64s
 
-RULE_SIGMA_STOPS = 0.02
-"""How far a shutter may be from its rule: 1.4 %."""
+RULE_SIGMA_STOPS = 0.02  # how far a shutter may be from its rule: 1.4 %
 WRONG_STOPS = 0.12
 """A time that is off by more is none of a shutter's tolerance but a wrong entry: a third of a stop is the next dial."""
 _CLEAR_CHI2 = 100.0
@@ -26,8 +25,7 @@ _DECISIVE_CHI2 = 10.0  # chosen: odds of 150 to 1
 _CLEAR_SIGMAS, _CLEAR_TOLERANCES = 3.0, 6.0  # chosen: by which times must be off their rule to be changed
 _STIFF = 1e3  # chosen: holds what frames cannot show
 _SAME_STOPS = 1e-6  # rounding error
-_LEAST_FRAMES = 4
-"""Of one bracket: two or three frames fit any times with a curve to match."""
+_LEAST_FRAMES = 4  # of one bracket: two or three frames fit any times with a curve to match
 
 
 class ShutterRule(StrEnum):

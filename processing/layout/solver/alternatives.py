@@ -45,8 +45,7 @@ TURNED_RAD = 0.6  # chosen: 34 degrees are seen at a glance
 APART_WORTH = 0.1
 """What an alternative gains whose whole footprint stands elsewhere than in any before it (chosen: of three in 14 of the
 rooms of `benchmarks arrange`, 65 % do, not 48 %, for 0.01 of the mean score)."""
-SAME_MAIN_COSTS = 0.05
-"""So much better must one be that leaves the main piece where it was."""
+SAME_MAIN_COSTS = 0.05  # so much better must one be that leaves the main piece where it was
 
 
 @dataclass

@@ -20,18 +20,13 @@ from processing.layout.solver.walk_grid import Grid, wall_clearance2
 Row: TypeAlias = tuple[Doubles, float, float, int]
 """Corners (4, 2), bottom and top in metres, and class of an outline."""
 
-PERSON_M = 2.0
-"""Use zones and paths are this high: what hangs above does not matter."""
-KEEP_FREE_RADIUS_M = 0.3
-"""Half the side of the square around a place kept free (chosen: a tripod's feet)."""
+PERSON_M = 2.0  # use zones and paths are this high: what hangs above does not matter
+KEEP_FREE_RADIUS_M = 0.3  # half the side of the square around a place kept free (chosen: a tripod's feet)
 BEFORE_EYE_M, TALL_M = 0.9, 1.3
 """Likewise for what is taller than the second (chosen: 0.9 m off, a wardrobe takes a fifth of the horizon)."""
-UNDER_SILL_M = 0.05
-"""A piece before a window ends this much below its sill."""
-PATH_SLACK_M = 1e-3
-"""Paths are measured to a millimetre."""
-LEAST_WALL_M = 0.2
-"""Nothing is placed along shorter walls (chosen: less than the narrowest piece's depth)."""
+UNDER_SILL_M = 0.05  # a piece before a window ends this much below its sill
+PATH_SLACK_M = 1e-3  # paths are measured to a millimetre
+LEAST_WALL_M = 0.2  # nothing is placed along shorter walls (chosen: less than the narrowest piece's depth)
 MOST_DIRECTIONS, MOST_OFFSETS, OFFSET_M = 3, 20, 0.25
 """Directions and offsets of the lines for what stands free, and the step between them (chosen: time of a search)."""
 NO_EDGE = -1.0  # a mark: the line lies along no wall

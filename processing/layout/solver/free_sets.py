@@ -19,8 +19,7 @@ from numba import njit
 
 from processing.ground.arrays import Doubles, Int64s
 
-SKIN_M = 1e-7
-"""Overlaps thinner than this are contact (chosen: above rounding, below what is measured)."""
+SKIN_M = 1e-7  # overlaps thinner than this are contact (chosen: above rounding, below what is measured)
 BODY, ZONE, DOOR, WINDOW, RUG, KEPT = 0, 1, 2, 3, 4, 5
 """Classes of obstacles: piece, use zone, door, window, rug, place kept free. Rectangles are pieces, zones or rugs."""
 

@@ -25,14 +25,11 @@ from processing.layout.solver.units import (
     zone_choices,
 )
 
-GAP_M = 0.05
-"""Between a bed and its nightstands."""
+GAP_M = 0.05  # between a bed and its nightstands
 ROLES: dict[str, str] = table_of("processing.layout", "items")["roles"]
 HUNG_TV_M = 1.0  # chosen: the eyes of people who sit
-END_TO_WALL = -0.6
-"""Bonus of a desk with an end to the wall."""
-SIDEWAYS_BED = -2.5
-"""Bonus of a bed with a side to the wall, and so mostly with its head in the room: a last resort."""
+END_TO_WALL = -0.6  # bonus of a desk with an end to the wall
+SIDEWAYS_BED = -2.5  # bonus of a bed with a side to the wall, and so mostly with its head in the room: a last resort
 LAST_SPLIT = 3  # chosen: three ways to break a group up
 
 

@@ -23,8 +23,7 @@ from processing.layout.solver.poses import Stand, anchor, outline_rows, stands
 from processing.layout.solver.search import Search
 from processing.layout.solver.units import Unit
 
-HALVINGS = 7
-"""The missing width is found to 1/128 of the piece's."""
+HALVINGS = 7  # the missing width is found to 1/128 of the piece's
 LEAST_WIDTH_M = 0.05  # chosen: narrower than any piece
 _RULES = {
     "window": ("window free", "nothing taller than the sill stands before a window"),

@@ -29,10 +29,8 @@ from processing.layout.solver.walk_grid import Walk, rect_distance2
 
 KEPT_INTERVALS = 40
 """Intervals that walls and fixed outlines forbid on a line, at most (chosen: 24 corners make fewer than 20)."""
-MOST_PLACES = 4000
-"""Places of one unit that are looked at, at most."""
-MOST_LEVELS = 14
-"""Pieces that a place may be level with, at most."""
+MOST_PLACES = 4000  # places of one unit that are looked at, at most
+MOST_LEVELS = 14  # pieces that a place may be level with, at most
 SAME_PLACE_M = 1e-3  # chosen: a millimetre
 
 

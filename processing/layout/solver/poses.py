@@ -27,8 +27,7 @@ from processing.layout.solver.steering import ROLE
 from processing.layout.solver.units import Rect, zone_choices, zone_rect
 from processing.layout.verify import Judge, Piece
 
-LIST_STEP_M = 1e-4
-"""Lengths are compared to this step when frames are (chosen: what a plan is drawn to)."""
+LIST_STEP_M = 1e-4  # lengths are compared to this step when frames are (chosen: what a plan is drawn to)
 SNAP_M = 1e-7
 """Coordinates in the canonical frame are rounded to this (chosen: above rounding, below `DEEP_M` of the judge)."""
 Pose: TypeAlias = Vector

@@ -91,14 +91,10 @@ def take_away(free, reached):  # type: ignore[no-untyped-def]
 
 
 SEATS = ("sofa", "armchair")
-SLIM_M = 0.2
-"""Half the width of the walker of the score `walk`."""
-HEAD_ROOM_M = 2.0
-"""What hangs above this is in nobody's way."""
-HIDDEN_M = 0.1
-"""What hangs on a wall may be covered by so much at its lower edge."""
-AT_WALL_M = 0.06
-"""A head this near to a wall stands at it (chosen: a skirting board)."""
+SLIM_M = 0.2  # half the width of the walker of the score `walk`
+HEAD_ROOM_M = 2.0  # what hangs above this is in nobody's way
+HIDDEN_M = 0.1  # what hangs on a wall may be covered by so much at its lower edge
+AT_WALL_M = 0.06  # a head this near to a wall stands at it (chosen: a skirting board)
 
 
 def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:

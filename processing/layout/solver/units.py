@@ -19,12 +19,9 @@ from processing.layout.solver.free_sets import BODY, RUG, ZONE
 
 Rect: TypeAlias = tuple[float, float, float, float]
 """x0, x1, y0, y1 in metres."""
-LEAST_ZONE_M = 1e-6
-"""Use zones less deep than this are none."""
-PLACE_M = 0.61
-"""Width of one place at a dining table (24 in, docs/reference/arrangement.md)."""
-BIG_M2 = 0.25
-"""Footprint from which pieces distinguish arrangements."""
+LEAST_ZONE_M = 1e-6  # use zones less deep than this are none
+PLACE_M = 0.61  # width of one place at a dining table (24 in, docs/reference/arrangement.md)
+BIG_M2 = 0.25  # footprint from which pieces distinguish arrangements
 MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")
 """What rooms are for: left out last."""
 

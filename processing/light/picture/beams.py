@@ -19,8 +19,7 @@ from processing.light.solver.sky import sky_beams
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import LightMap
 
-FAR_M = 100.0
-"""Chosen: beyond every pane."""
+FAR_M = 100.0  # chosen: beyond every pane
 Pose: TypeAlias = tuple[float, float, float, float, float]
 """Cosine and sine of a body's turn, and where its own origin stands, m."""
 

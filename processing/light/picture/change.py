@@ -30,13 +30,10 @@ from processing.light.solver.upsample import Places, upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
-MISFIT = 0.5
-"""Of log luminance between photograph and model, beyond which the model's sun is not believed."""
+MISFIT = 0.5  # of log luminance between photograph and model, beyond which the model's sun is not believed
 LARGE_ROWS = 1024  # taller pictures take a quarter of the sun's samples; chosen by eye, never swept
-MOST_SAMPLES = 128
-"""Rays to the sun from a node in half shadow."""
-MOST_BANDS = 4
-"""At once, each of some 60 MB; chosen."""
+MOST_SAMPLES = 128  # rays to the sun from a node in half shadow
+MOST_BANDS = 4  # at once, each of some 60 MB; chosen
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 
 

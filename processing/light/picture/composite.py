@@ -25,8 +25,7 @@ from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.light.solver.upsample import Places, upsampled
 from processing.sphere import Equirectangular
 
-IBL_ROWS = 512
-"""Height of the picture in which furniture's light by the panorama is gathered."""
+IBL_ROWS = 512  # height of the picture in which furniture's light by the panorama is gathered
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,8 @@ from processing.light.solver.kernels import FIRST, SECOND, compiled
 from processing.light.solver.sight import FIRST_PART, Sight, sight_along
 from processing.light.solver.stage import Stage
 
-MOST_GAIN = 4.0
-"""By which new furniture may brighten a place of the room."""
-RAYS = 8
-"""In each pixel of an edge."""
+MOST_GAIN = 4.0  # by which new furniture may brighten a place of the room
+RAYS = 8  # in each pixel of an edge
 STEP_M, TURNED = 0.01, 0.9
 """Height of a step, and cosine between normals, from which two pixels of one part are an edge."""
 

@@ -28,16 +28,11 @@ from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import LightMap
 from processing.sphere import Equirectangular
 
-HEAD_ON = 0.04
-"""Reflectance of all that is no metal, seen head on (n = 1.5)."""
-MATTE_FROM = 0.8
-"""Roughness from which a surface is matte to the eye: cloth, plaster, raw clay."""
-LEAST_WIDTH = 0.02
-"""Of the microfacets' slopes; a perfect mirror is one of 0."""
-FLOOR_WIDTH = 0.06
-"""Of a varnished or tiled floor's, where its gloss was measured but not its roughness."""
-SAME_PLACE = 0.03
-"""Relative difference of distances within which the camera sees the place itself."""
+HEAD_ON = 0.04  # reflectance of all that is no metal, seen head on (n = 1.5)
+MATTE_FROM = 0.8  # roughness from which a surface is matte to the eye: cloth, plaster, raw clay
+LEAST_WIDTH = 0.02  # of the microfacets' slopes; a perfect mirror is one of 0
+FLOOR_WIDTH = 0.06  # of a varnished or tiled floor's, where its gloss was measured but not its roughness
+SAME_PLACE = 0.03  # relative difference of distances within which the camera sees the place itself
 
 
 @dataclass(frozen=True)

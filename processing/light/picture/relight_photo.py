@@ -32,12 +32,10 @@ from processing.sphere import Equirectangular, directions, solid_angles
 
 FULL, NONE = 0.35, 0.9
 """Of log luminance between photograph and scene: up to which its detail is kept, and from which none of it is."""
-MOST_GAIN = 50.0
-"""By which what is seen through a window may become brighter."""
+MOST_GAIN = 50.0  # by which what is seen through a window may become brighter
 DARK, LIGHT = 0.45, 0.7
 """Of the sky's luminance: up to which a pixel of a window shows a tree or a house, and from which it shows the sky."""
-LAND_BLUR = 0.004
-"""Of a picture's height: how far its land may lie beside where the camera sees it."""
+LAND_BLUR = 0.004  # of a picture's height: how far its land may lie beside where the camera sees it
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 
 
@@ -146,10 +144,8 @@ def _upon(pane: Pane, middle: Doubles, outdoors: Outdoors) -> float:
 
 HIGHEST_RAD = math.radians(30)
 """Above which nothing is looked for: a tree seen as high from outdoors shades windows, and is left as it is."""
-STEP = 0.3
-"""Of log luminance or of log colour, from one row to the next below: within a degree the sky changes less."""
-MEMORY = 0.7
-"""Of the sky so far, when the next row of it is taken in."""
+STEP = 0.3  # of log luminance or of log colour, from one row to the next below: within a degree the sky changes less
+MEMORY = 0.7  # of the sky so far, when the next row of it is taken in
 COMES_BACK = 4
 """Rows of 0.7 degrees that look like the sky above: what was above them is no land; through a tree fewer show."""
 WHITE = 0.9  # albedo above which no ground is; chosen by eye, never swept

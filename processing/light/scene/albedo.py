@@ -32,10 +32,8 @@ from processing.sphere.resampling import resample
 from processing.surfaces.maps import FLOOR, planes_of
 from processing.surfaces.textures import unwrap
 
-LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95
-"""Of real surfaces: soot 0.02 to 0.04, fresh white paint 0.9."""
-DARK_SHARE = 0.01
-"""Of the median irradiance, below which albedo is not measured."""
+LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95  # of real surfaces: soot 0.02 to 0.04, fresh white paint 0.9
+DARK_SHARE = 0.01  # of the median irradiance, below which albedo is not measured
 HALF_SHADOW = 0.35
 """Of log albedo from its surface's: a pixel near the sun's patch that fits neither sun nor shade is left out."""
 PX_PER_M = 50.0  # texels of 2 cm; chosen by eye, never swept

@@ -28,8 +28,7 @@ STEP_RAD = math.radians(3.0)
 LEAST_PIXELS = 150  # of a window's view that can be compared; chosen by eye, never swept
 LEAST_LIKENESS, LEAST_LEAD = 0.35, 0.12
 """Correlation of log luminance and of colour that the best way must have, and by how much it must lead the others."""
-BESIDE_RAD = math.radians(30.0)
-"""Around the best way, within which others are no rivals."""
+BESIDE_RAD = math.radians(30.0)  # around the best way, within which others are no rivals
 
 SAME_SUN_RAD = math.radians(7.0)
 """By which the heights of the sun outdoors and of the sunlight in the room may differ; that in the room is searched."""

@@ -36,14 +36,11 @@ from processing.surfaces.maps import SurfaceMaps, surface_maps
 
 ROUNDS = 6
 """Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
-SUN_TIMES = 2.0
-"""What its surface gives in the shade, from which a patch near the sun's may be lit by it; chosen."""
-DARK_SHARE = 0.002
-"""Of the median irradiance, below which a patch shows none; chosen."""
+SUN_TIMES = 2.0  # what its surface gives in the shade, from which a patch near the sun's may be lit by it; chosen
+DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
 MOST_RATIO = 3.0
 """By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
-MOST_CLIPPED = 0.1
-"""Of the windows' pixels, from which their light is a lower bound that is far off; chosen."""
+MOST_CLIPPED = 0.1  # of the windows' pixels, from which their light is a lower bound that is far off; chosen
 MISFIT = -7
 """Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
 
@@ -292,8 +289,7 @@ def _both_lights(
     return _Both(with_up, without_up, ~missed & (with_up @ WEIGHTS > 0))
 
 
-SAME_PLACE = 0.02
-"""Of a place's distance and in metres: nearer to each other, both rooms show the same place."""
+SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, both rooms show the same place
 
 
 def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags) -> Floats:
@@ -320,14 +316,10 @@ def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:
     return np.asarray(np.clip(ratio, 1 / MOST_RATIO, MOST_RATIO))
 
 
-GUARD_RAD = 0.02
-"""Over which reflectance is compared; chosen: contact shadows are wider, patterns finer."""
-FAR_RATIO = 0.1
-"""Of a plane's own ratio, within which a place counts as far from furniture; chosen."""
-LEAST_FAR = 50
-"""Pixels, fewer of which say nothing of a plane's reflectance."""
-LEAST_LOCAL = 0.03
-"""Natural logarithm: a local change below it is not weighed; chosen, 3 % is not seen."""
+GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
+FAR_RATIO = 0.1  # of a plane's own ratio, within which a place counts as far from furniture; chosen
+LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
+LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is not weighed; chosen, 3 % is not seen
 
 
 def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Flags, maps: SurfaceMaps) -> Doubles:

@@ -16,18 +16,14 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validi
 from processing.sphere import Equirectangular, directions, point_directions, solid_angles
 from processing.sphere.resampling import resample
 
-GROUND_ALBEDO = 0.2
-"""Grass, soil and asphalt lie between 0.1 and 0.3."""
-SUN_SEARCH_RAD = math.radians(2.5)
-"""Around the brightest place: the disc as lenses and merging blur it."""
-SUN_TIMES_SKY = 20.0
-"""The sun is what exceeds the sky beside it this many times; a cloud's edge does not."""
+GROUND_ALBEDO = 0.2  # grass, soil and asphalt lie between 0.1 and 0.3
+SUN_SEARCH_RAD = math.radians(2.5)  # around the brightest place: the disc as lenses and merging blur it
+SUN_TIMES_SKY = 20.0  # the sun is what exceeds the sky beside it this many times; a cloud's edge does not
 SPACE_SUN = np.array([1.09, 0.98, 0.96])
 """Colour of the sun above the air: x 0.322, y 0.331 (ASTM E490)."""
 AIR_DEPTH = np.array([0.147, 0.2, 0.324])
 """Optical depth for red, green and blue of clean air (0.06, 0.10, 0.20) and usual haze (Angstrom's 1.3 and 0.1)."""
-MOST_TINT = 0.35
-"""Natural logarithm: by which two channels may differ from that colour; chosen, twice what haze does."""
+MOST_TINT = 0.35  # natural logarithm: by which two channels may differ from that colour; chosen, twice what haze does
 LEAST_SUN_LX = 500.0
 """Of an excess that is called the sun; a veiled sun below is left in the sky, where it neither flickers nor matters."""
 
@@ -55,8 +51,7 @@ def outdoors_of(
     return Outdoors(with_ground(panorama, known, found, ground_albedo), found)
 
 
-_COARSE_PX = 16
-"""Between the directions by which the sun's neighbourhood is found."""
+_COARSE_PX = 16  # between the directions by which the sun's neighbourhood is found
 
 
 def _sun_apart(image: LuminanceImage, weights: Floats) -> tuple[Floats, Sun | None]:

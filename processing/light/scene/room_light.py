@@ -27,13 +27,10 @@ from processing.light.solver.stage import Stage
 from processing.light.solver.transport import BrightPatches, bounced, links_of
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 
-LOOKS = 8
-"""Places on each patch that are looked up in the panorama."""
-BRIGHT_TIMES = 6.0
-"""A patch this many times brighter than the median is shot at."""
+LOOKS = 8  # places on each patch that are looked up in the panorama
+BRIGHT_TIMES = 6.0  # a patch this many times brighter than the median is shot at
 SAME_PLACE_M = 0.02  # by which a hit may fall short of the place that is looked at; chosen by eye, never swept
-LEAST_SHARE = 0.5
-"""Of `LOOKS`, below which a patch counts as unseen."""
+LEAST_SHARE = 0.5  # of `LOOKS`, below which a patch counts as unseen
 
 
 @dataclass(frozen=True)
@@ -147,8 +144,7 @@ def _bright(stage: Stage, light: MeasuredLight) -> BrightPatches | None:
     return BrightPatches.of(stage, np.where(over[:, None], np.pi * light.radiance, 0.0))
 
 
-HEAD_ON = 0.04
-"""Reflectance of varnish, glaze and polish (n = 1.5) seen head on."""
+HEAD_ON = 0.04  # reflectance of varnish, glaze and polish (n = 1.5) seen head on
 LEAST_GLOSS = 0.5
 """A smaller slope is that of a matte floor under an irradiance in error: of 13 simulated rooms (validation seeds) the
 four matte floors have -1.2 to 0.3, the nine glossy ones 0.7 and more."""

@@ -28,10 +28,8 @@ from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, pla
 # transmittance head on implies.
 
 
-INDEX = 1.526
-"""Of refraction: window glass."""
-TABLE = 257
-"""Angles (even in their cosine) of `transmittance_table`; linear between them to 0.05 %."""
+INDEX = 1.526  # of refraction: window glass
+TABLE = 257  # angles (even in their cosine) of `transmittance_table`; linear between them to 0.05 %
 
 
 def transmittance_at(cosine: Doubles, head_on: Vector, sheets: int) -> Doubles:

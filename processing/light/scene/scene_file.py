@@ -19,8 +19,7 @@ from processing.errors import SceneError
 from processing.light.scene.scene import Material, Outdoors, Pane, Part, Scene, Sun, Surface
 
 VERSION = 1  # of the file's format, raised when it changes
-MOST_BYTES = 4 << 30
-"""Of all arrays together; a room's own take some hundred megabytes at most."""
+MOST_BYTES = 4 << 30  # of all arrays together; a room's own take some hundred megabytes at most
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -31,29 +31,23 @@ from processing.light.solver.transport import bounced, links_of, patch_points
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 
-USUAL: Vector = (0.75, 0.77, 0.75)
-"""Transmittance of double glazing, where it cannot be measured."""
+USUAL: Vector = (0.75, 0.77, 0.75)  # transmittance of double glazing, where it cannot be measured
 LEAST_GLASS, MOST_GLASS = 0.4, 0.95
 """Between which a transmittance is believed: coated triple glazing has 0.5 and more, single glass 0.9."""
 GLASS_WIDTH, GLASS_STEPS = 0.05, 80
 """Natural logarithm: over which ratios indoors to outdoors count as alike, and at how many levels they are counted."""
 LEAST_CLEAR = 0.08
 """Of the window, below which what is like clear glass may be chance: bars and curtains often leave little clear."""
-LEAST_PIXELS = 24
-"""Of sky seen through windows, for their transmittance to be measured."""
-ABOVE_HORIZON = 0.02
-"""Sine of the elevation above which the outdoor picture is compared."""
-CELL_M = 0.04
-"""Of a pane; chosen, as wide as sashes are."""
+LEAST_PIXELS = 24  # of sky seen through windows, for their transmittance to be measured
+ABOVE_HORIZON = 0.02  # sine of the elevation above which the outdoor picture is compared
+CELL_M = 0.04  # of a pane; chosen, as wide as sashes are
 CLEAR_FROM, CLEAR_TO, CLEAR_COLOUR = 0.8, 1.25, 0.25
 """Of what clear glass would show, between which a cell before the sky is clear, and by how much (natural logarithm) its
 colour may differ: sunlit slats and curtains are brighter than the sky, others are not of its colour (measured in three
 simulated rooms: docs/measurements/albedo.md)."""
-GROUND_FROM = 0.4
-"""Of what clear glass would show of the ground, from which a cell is clear."""
+GROUND_FROM = 0.4  # of what clear glass would show of the ground, from which a cell is clear
 GROUND_QUANTILE = 0.5  # of the brighter half the median is taken; chosen by eye, never swept
-MOST_GROUND = 8.0
-"""By which the ground may be brighter or darker than its usual albedo makes it."""
+MOST_GROUND = 8.0  # by which the ground may be brighter or darker than its usual albedo makes it
 
 
 def measured_windows(
@@ -166,10 +160,8 @@ def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, tra
     return np.asarray(np.clip(np.median(ratio[best], axis=0), 1 / MOST_GROUND, MOST_GROUND))
 
 
-LAMP_TIMES = 1.6
-"""Of all the light that falls on a place: less may be an error of the irradiance, or a highlight."""
-LEAST_SR = 5e-5
-"""Of a lamp as the camera sees it: 0.4 degrees wide. Smaller spots are noise, or do not matter."""
+LAMP_TIMES = 1.6  # of all the light that falls on a place: less may be an error of the irradiance, or a highlight
+LEAST_SR = 5e-5  # of a lamp as the camera sees it: 0.4 degrees wide. Smaller spots are noise, or do not matter.
 
 
 @dataclass(frozen=True)
@@ -216,8 +208,7 @@ def find_lamps(
     return emission, sorted(lamps, key=lambda lamp: -lamp.solid_angle_sr * lamp.luminance_cd_m2)
 
 
-SUN_MARGIN_M = 0.25
-"""Around the sun's patch, where the model's edges may be wrong."""
+SUN_MARGIN_M = 0.25  # around the sun's patch, where the model's edges may be wrong
 
 
 def open_sun(stage: Stage, sight: Sight) -> Doubles:
@@ -257,8 +248,7 @@ def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doub
 
 STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))
 """Times what a clipped picture shows of its windows, that are tried: to six stops, a sunlit lawn behind a dim room."""
-LEAST_PATCHES = 12
-"""Of a surface, fewer of which say nothing of how even it is; chosen."""
+LEAST_PATCHES = 12  # of a surface, fewer of which say nothing of how even it is; chosen
 AS_GOOD = 0.1
 """By which an unevenness may exceed the least and be as good; chosen by coverage: docs/measurements/emptying.md."""
 

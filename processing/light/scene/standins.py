@@ -22,32 +22,24 @@ from processing.light.scene.scene import Material, Part
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import Columns, columns_of, latitudes
 
-VOXEL_M = 0.08
-"""Chosen: finer than furniture is deep, and some 50,000 voxels in a room."""
+VOXEL_M = 0.08  # chosen: finer than furniture is deep, and some 50,000 voxels in a room
 EDGE_M, UNEVEN = 0.5, 0.25
 """Height of the lower edge of what stands on legs: chairs and tables, whose thin legs masks leave out. A piece counts
 as such as far as this share of its columns ends above the floor; beds and cabinets end on it (fitted to six validation
 rooms: docs/measurements/emptying.md)."""
-SLAB_M = 0.12
-"""Thickness that what floats has at least: table tops with their frame; chosen."""
+SLAB_M = 0.12  # thickness that what floats has at least: table tops with their frame; chosen
 LOW_M = 0.6
 """Height at which furniture that the camera looks down on ends: between seats (0.45 m) and tables (0.75 m); chosen."""
-DEPTH_M = 0.4
-"""Of what is as high as the camera or higher: shelves and wardrobes have 0.3 to 0.6 m."""
-MOST_DEPTH_M = 2.2
-"""No piece is deeper: the length of a bed."""
-HUNG_M = 0.1
-"""Depth of what hangs on a wall; chosen."""
+DEPTH_M = 0.4  # of what is as high as the camera or higher: shelves and wardrobes have 0.3 to 0.6 m
+MOST_DEPTH_M = 2.2  # no piece is deeper: the length of a bed
+HUNG_M = 0.1  # depth of what hangs on a wall; chosen
 FLOATS = 1.15
 """Times the distance of the feet around it, from which a column's lower edge is not on the floor; chosen."""
-AROUND_RAD = math.radians(4.0)
-"""Within which those feet are looked for: half a table at 3 m."""
+AROUND_RAD = math.radians(4.0)  # within which those feet are looked for: half a table at 3 m
 SURE, SKIN = 0.15, 0.05
 """Of an estimated distance: so much nearer nothing stands, so much farther something does (fitted to two rooms)."""
-LEAST_FOOT_M = 0.25
-"""Nearer to the camera stands its own tripod."""
-LEAST_PIXELS = 4
-"""Of a mask's piece; chosen, less is noise."""
+LEAST_FOOT_M = 0.25  # nearer to the camera stands its own tripod
+LEAST_PIXELS = 4  # of a mask's piece; chosen, less is noise
 USUAL_ALBEDO = (0.35, 0.35, 0.35)
 """Before it is measured: the mean of the furniture of simulated rooms (training seeds)."""
 

@@ -21,8 +21,7 @@ from processing.ground.mitsuba_variants import CUDA, LLVM, SCALAR, load_mitsuba,
 
 ASKED = "DAYLIT_RENDERER"
 EMBREE = "embree"
-NEARLY = 0.999
-"""Of the way to a place, that must be free for it to be seen."""
+NEARLY = 0.999  # of the way to a place, that must be free for it to be seen
 VARIANTS = {"llvm": LLVM, "cuda": CUDA, "scalar": SCALAR}
 
 

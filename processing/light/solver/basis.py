@@ -26,8 +26,7 @@ from processing.light.solver.stage import Stage
 from processing.light.solver.transport import Links, light_map, links_of, patch_points
 from processing.sphere import Equirectangular
 
-MOST_BYTES = 1 << 30
-"""Chosen: what a computer of 8 GiB can spare."""
+MOST_BYTES = 1 << 30  # chosen: what a computer of 8 GiB can spare
 EFFORT_FIELDS = ("texel_m", "rows", "pixel_samples", "patch_samples", "sun_samples", "clean")
 """That count for a basis, as they stand in its file."""
 VERSION = 3  # of the file's format, raised when it changes

@@ -22,11 +22,9 @@ from processing.light.solver.stage import Stage
 from processing.light.solver.transport import LightMap, bounced, light_map, links_of
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
-PANE_SHARE, SHOT_SHARE = 0.5, 0.25
-"""Of a pixel's rays for bounces: to each pane, to bright patches."""
+PANE_SHARE, SHOT_SHARE = 0.5, 0.25  # of a pixel's rays for bounces: to each pane, to bright patches
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
-FIREFLY_TIMES = 8.0
-"""Over its neighbours and over the other half, from which a pixel shines by chance."""
+FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
 
 
 @dataclass(frozen=True)
@@ -184,8 +182,7 @@ def relative_error(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -
     return float(np.sqrt(np.mean(relative[solid] ** 2)))
 
 
-WRAP = 0.125
-"""Share of a panorama's width that is repeated beyond its seam."""
+WRAP = 0.125  # share of a panorama's width that is repeated beyond its seam
 
 
 def denoiser_available() -> bool:

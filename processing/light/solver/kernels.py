@@ -17,14 +17,11 @@ from processing.ground.arrays import Doubles, Floats, Int32s
 
 Key: TypeAlias = tuple[int, ...]
 """The seed, then what the numbers are for."""
-_DOMAIN = 811
-"""Chosen: keeps these random numbers apart from those of other rooms of the code with the same seed."""
+_DOMAIN = 811  # chosen: keeps these random numbers apart from those of other rooms of the code with the same seed
 FIRST, SECOND = 0.7548776662466927, 0.5698402909980532
 """Roberts's R2 sequence (2018): n * (FIRST, SECOND) mod 1 covers the square evenly for every n."""
-STEP_OFF_M = 2e-4
-"""How far rays start off their surface; chosen: above the rounding of float32 in a room of 20 m."""
-FURNITURE, PANE = -1, -2
-"""Owners of triangles that belong to no surface of the room."""
+STEP_OFF_M = 2e-4  # how far rays start off their surface; chosen: above the rounding of float32 in a room of 20 m
+FURNITURE, PANE = -1, -2  # owners of triangles that belong to no surface of the room
 
 
 class Ownership(NamedTuple):

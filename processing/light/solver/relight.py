@@ -24,12 +24,10 @@ from processing.light.solver.transport import bounced, patch_points, settled
 from processing.light.solver.upsample import Neighbours, Places, Steps
 from processing.sphere import Equirectangular
 
-MOST = 0.7
-"""Of a row or a column, from which on what is covered runs along it."""
+MOST = 0.7  # of a row or a column, from which on what is covered runs along it
 BAR_M = 0.12
 """As wide as a bar in the middle of a window may be; what is wider and does not hang from its top is outdoors."""
-DRAWN = 0.85
-"""Of what is seen before the sky: covered as much, all of it is a drawn blind or curtain."""
+DRAWN = 0.85  # of what is seen before the sky: covered as much, all of it is a drawn blind or curtain
 
 
 def panes_for_sun(panes: tuple[Pane, ...], eye_height_m: float) -> tuple[Pane, ...]:
@@ -73,10 +71,8 @@ def _thin(flags: Flags, most: float) -> Flags:
     return out
 
 
-PATCH_SHOTS, PIXEL_SHOTS = 4, 2
-"""At what the sun lights; chosen (benchmark relight)."""
-SUN_PLACES = 16
-"""Places on each patch from which the sun is looked for."""
+PATCH_SHOTS, PIXEL_SHOTS = 4, 2  # at what the sun lights; chosen (benchmark relight)
+SUN_PLACES = 16  # places on each patch from which the sun is looked for
 
 
 @dataclass(frozen=True)

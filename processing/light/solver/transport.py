@@ -27,8 +27,7 @@ SETTLED = 1e-5
 """Of all light: how much may still be to come when bounces end; chosen, far below the noise of any effort."""
 SKY_SHARE, SUN_SHARE, SHOT_SHARE = 0.25, 0.25, 0.25
 """Of the rays spent on bounces: to each pane, to the sun, to what it lights. Chosen (benchmark render)."""
-GOALS = 8192
-"""Places on bright patches that shots are aimed at; chosen: more change no error (benchmark render)."""
+GOALS = 8192  # places on bright patches that shots are aimed at; chosen: more change no error (benchmark render)
 
 
 class Links(NamedTuple):

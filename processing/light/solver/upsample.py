@@ -15,12 +15,9 @@ from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.light.solver.kernels import compiled
 from processing.light.solver.sight import Sight
 
-REACH_PX = 3
-"""How far a large pixel looks for small ones of its own surface."""
-MOST = 4
-"""Small pixels that a large one is made of."""
-RADIUS_PX = 3
-"""Of the neighbours over which irradiance is smoothed; chosen (benchmark relight)."""
+REACH_PX = 3  # how far a large pixel looks for small ones of its own surface
+MOST = 4  # small pixels that a large one is made of
+RADIUS_PX = 3  # of the neighbours over which irradiance is smoothed; chosen (benchmark relight)
 NEARNESS = 0.2
 """Of the harmonic mean distance of what a place sees: over this much of it, irradiance hardly changes (Ward 1988)."""
 
