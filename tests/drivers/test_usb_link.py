@@ -456,6 +456,9 @@ def test_closing_never_raises(call: str) -> None:
     link = open_link(device)
     device.fail[call] = usb_error(errno.ENODEV)
     link.close()
+    assert call in device.calls
+    with pytest.raises(DeviceLostError, match="closed"):
+        link.read(512, 1.0)
 
 
 def test_reset_then_opening_anew_finds_the_camera_at_its_new_address() -> None:

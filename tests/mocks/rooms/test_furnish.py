@@ -95,8 +95,11 @@ def test_no_rug_lies_on_carpet() -> None:
 def test_meshes_of_a_room_stay_inside_it() -> None:
     plan, items = rooms()[0]
     low, high = np.min(plan.polygon, axis=0), np.max(plan.polygon, axis=0)
+    assert items
     for item in items:
-        for part in item_parts(item, finish()):
+        parts = item_parts(item, finish())
+        assert parts, item.kind
+        for part in parts:
             assert (part.mesh.vertices[:, :2] > low - 1e-3).all(), item.kind
             assert (part.mesh.vertices[:, :2] < high + 1e-3).all(), item.kind
             assert part.mesh.vertices[:, 2].max() < plan.height_m

@@ -153,7 +153,9 @@ def test_round_ones_are_round(kind: str) -> None:
 
 def test_parts_say_what_they_belong_to() -> None:
     for kind in MODELS:
-        for part in built(kind, 5):
+        parts = built(kind, 5)
+        assert parts, kind
+        for part in parts:
             assert part.surface == kind
             assert part.instance == 3
             assert part.ade in ADE20K.values() or part.ade == NO_CLASS

@@ -48,7 +48,9 @@ def test_a_door_takes_its_trim_and_a_socket_takes_nothing_from_cupboards() -> No
 
 def test_spans_meet_nothing_that_is_taken_and_cannot_grow() -> None:
     window, radiator = Window(2, 1.2, 1.4, 1.0, 1.2), Fixture("radiator", 2, 1.3, 1.2, 0.12, 0.6, 0.1)
-    for span in free_spans(plan_with(window, radiator), 2):
+    spans = free_spans(plan_with(window, radiator), 2)
+    assert spans
+    for span in spans:
         assert not span.overlaps(WallSpan(1.2, 2.6, 1.0, 2.2))
         assert not span.overlaps(WallSpan(1.3, 2.5, 0.12, 0.72))
 

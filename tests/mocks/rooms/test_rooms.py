@@ -71,6 +71,7 @@ def test_the_same_seed_gives_the_same_room_in_any_process() -> None:
 
 def test_meshes_are_finite_and_whole() -> None:
     for number in SOME:
+        assert parts_of(number)
         for part in parts_of(number):
             mesh = part.mesh
             assert all(np.isfinite(values).all() for values in (mesh.vertices, mesh.normals, mesh.uv)), part.surface

@@ -182,7 +182,9 @@ def test_surfaces_have_the_plans_areas() -> None:
 def test_walls_look_into_the_room_and_their_texture_runs_from_their_start() -> None:
     for seed in range(10):
         plan = plan_of(seed)
-        for part in (p for p in parts_of(seed) if p.surface == "wall"):
+        walls = [p for p in parts_of(seed) if p.surface == "wall"]
+        assert {p.wall for p in walls} == set(range(len(plan.polygon)))
+        for part in walls:
             _, inward = plan.wall_axes(part.wall)
             assert part.mesh.normals == pytest.approx(np.tile((*inward, 0.0), (len(part.mesh.normals), 1)))
             for (x, y, z), (u, v) in zip(part.mesh.vertices, part.mesh.uv, strict=True):
@@ -194,12 +196,13 @@ def test_planks_lie_along_the_longest_wall() -> None:
     for seed in range(10):
         plan = plan_of(seed)
         along, _ = plan.wall_axes(max(range(len(plan.polygon)), key=plan.wall_length_m))
-        for part in parts_of(seed):
-            if part.surface in ("floor", "ceiling"):
-                assert part.mesh.uv[:, 0] == pytest.approx(part.mesh.vertices[:, :2] @ along)
-                assert np.linalg.norm(part.mesh.uv, axis=1) == pytest.approx(
-                    np.linalg.norm(part.mesh.vertices[:, :2], axis=1)
-                )
+        level = [part for part in parts_of(seed) if part.surface in ("floor", "ceiling")]
+        assert {part.surface for part in level} == {"floor", "ceiling"}
+        for part in level:
+            assert part.mesh.uv[:, 0] == pytest.approx(part.mesh.vertices[:, :2] @ along)
+            assert np.linalg.norm(part.mesh.uv, axis=1) == pytest.approx(
+                np.linalg.norm(part.mesh.vertices[:, :2], axis=1)
+            )
 
 
 @pytest.mark.parametrize("hinge", ["start", "end"])
@@ -239,7 +242,9 @@ def test_fixtures_stay_in_the_room_and_skirting_leaves_doors_free() -> None:
             )
             for d in plan.doors
         ]
-        for part in (p for p in parts_of(seed) if p.role is Role.FIXTURE):
+        fixtures = [p for p in parts_of(seed) if p.role is Role.FIXTURE]
+        assert "skirting" in {p.surface for p in fixtures}
+        for part in fixtures:
             x, y, z = part.mesh.vertices.T
             assert z.min() > -0.01
             assert z.max() < plan.height_m + 0.01
@@ -265,6 +270,7 @@ def test_a_lit_lamp_gives_light(kind: str) -> None:
 
 
 def test_the_same_plan_gives_the_same_meshes() -> None:
+    assert parts_of(7)
     for a, b in zip(parts_of(7), shell_parts(plan_of(7), FINISH), strict=True):
         assert np.array_equal(a.mesh.vertices, b.mesh.vertices)
         assert np.array_equal(a.mesh.faces, b.mesh.faces)

@@ -117,6 +117,7 @@ def test_form_factor_is_what_an_integral_gives(axis, sign, point):
 
 def test_rays_meet_the_block_before_the_wall():
     plan = plan_room(0)
+    assert plan.blocks
     for number, block in enumerate(plan.blocks):
         middle = (np.array(block.low) + np.array(block.high)) / 2 - (0, 0, CAMERA_HEIGHT_M)
         face, point = cast(plan, (middle / np.linalg.norm(middle)).astype(np.float32)[None])

@@ -94,6 +94,7 @@ def test_invalid_pixels_do_not_bleed(method):
     picture[10:20, 30:50], weights[10:20, 30:50] = 1e9, 0
     for target in one_of_each(48).values():
         moved, coverage = resample(picture, there, target, method=method, weights=weights)
+        assert (coverage > 0).mean() > 0.1
         assert moved.max() <= 1.0001
         np.testing.assert_allclose(moved[coverage > 0], 1, rtol=1e-4)
         assert (moved[coverage == 0] == 0).all()
