@@ -18,10 +18,11 @@ import json
 import os
 import re
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import numba
 from numba.core import config
 from numba.core.caching import UserProvidedCacheLocator
 from platformdirs import user_cache_path
@@ -35,7 +36,7 @@ Described = Any
 
 _IMPORTS = re.compile(rb"^from (processing[\w.]*) import (\([^)]*\)|[^\n]*)", re.M)
 """What a file imports when it is loaded; imports within functions are none of a kernel's names."""
-_KERNELS = re.compile(rb"numba|^@compiled\b", re.M)
+_KERNELS = re.compile(rb"numba|^@(compiled|inner)\b", re.M)
 
 
 @cache
@@ -91,6 +92,19 @@ class ByContent(UserProvidedCacheLocator):
         except OSError:
             return None
         return place
+
+
+def compiled(function: Callable[..., Any], **more: Any) -> Any:
+    """Compile a function for calls from Python and from other kernels; kept on disk where its cache can be written."""
+    settings = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True} | more
+    try:
+        return numba.njit(cache=True, **settings)(function)
+    except RuntimeError:  # numba: no folder for its cache
+        return numba.njit(**settings)(function)
+
+
+inner = partial(compiled, no_cpython_wrapper=True)
+"""Compile a function that only kernels call: what would take its arguments from Python need not be compiled."""
 
 
 def load_kernels(progress: Callable[[int, int], None] = lambda _done, _all: None) -> int:

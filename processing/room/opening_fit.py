@@ -16,10 +16,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import cv2
-import numba as nb
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.kernels import compiled, inner
 from processing.room.wall_views import WallView
 from processing.segmentation.evidence import SceneClass
 
@@ -44,7 +44,7 @@ class WallSums(NamedTuple):
     """(3,): the camera's (u, v) and its distance from the wall, m."""
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _summed(table: Any, y: float, x: float) -> float:
     row, column = min(int(y), table.shape[0] - 2), min(int(x), table.shape[1] - 2)
     down, right = y - row, x - column
@@ -53,7 +53,7 @@ def _summed(table: Any, y: float, x: float) -> float:
     return float(above * (1 - down) + below * down)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def region(table: Any, px_per_m: float, u0: float, v0: float, u1: float, v1: float) -> float:
     """Return the sum (m2) of a rectangle from running sums (H + 1, W + 1); ends between texels count in part."""
     height, width = table.shape[0] - 1, table.shape[1] - 1
@@ -63,7 +63,7 @@ def region(table: Any, px_per_m: float, u0: float, v0: float, u1: float, v1: flo
     return total / px_per_m**2
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def edge(table: Any, px_per_m: float, at_m: float, start_m: float, end_m: float) -> float:
     """Return the sum (m) of edges along a line from running sums (LINES, N + 1); 0 at the wall's own ends."""
     at = at_m * px_per_m
@@ -79,7 +79,7 @@ def edge(table: Any, px_per_m: float, at_m: float, start_m: float, end_m: float)
     return float((one * (1 - share) + other * share) / px_per_m)
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _shown(eye: Any, recess_m: float, box: Any, out: Any) -> None:
     u0, v0, u1, v1 = box[0], box[1], box[2], box[3]
     if recess_m <= 0:
@@ -92,7 +92,7 @@ def _shown(eye: Any, recess_m: float, box: Any, out: Any) -> None:
     out[3] = min(v1, eye[1] + (v1 - eye[1]) * k)
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _glass(upright: Any, level: Any, px_per_m: float, frames_m: Any, shown: Any) -> float:
     """Return the edges around the glass, within a frame as wide on all sides as suits best."""
     best = -np.inf
@@ -104,7 +104,7 @@ def _glass(upright: Any, level: Any, px_per_m: float, frames_m: Any, shown: Any)
     return best
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def box_scores(wall: WallSums, recess_m: float, weights: Any, frames_m: Any, boxes: Any, out: Any) -> None:
     """Fill ``out`` (N,) with the scores of rectangles ``boxes`` (N, 4), m.
 

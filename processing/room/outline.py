@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from processing.ground.arrays import Doubles
+from processing.ground.kernels import compiled, inner
 from processing.room.columns import Columns
 
 # Which walls explain the columns: the cheapest division of the turn into stretches that each show one wall.
@@ -64,7 +64,7 @@ def stretch_costs(columns: Columns, turned_rad: float, kinds: tuple[int, ...] = 
     return Costs(cost, fit)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _fit_all(values: Any, weight: Any, basis: Any, kind: int, n: int, cost: Any, fit: Any) -> None:
     longest = cost.shape[1] - 1
     for first in range(n):
@@ -76,7 +76,7 @@ def _fit_all(values: Any, weight: Any, basis: Any, kind: int, n: int, cost: Any,
                 fit[first, count, 1] = b
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _fit_one(values: Any, weight: Any, basis: Any, kind: int, n: int, first: int, count: int) -> Any:
     """Return a, b, the capped cost, and whether the wall is before the camera in all columns."""
     a, b, total = 0.0, 0.0, 0.0
@@ -145,7 +145,7 @@ def divide(costs: Costs, corner: Doubles, price: float, kinds: dict[int, float])
     return total, stretches[::-1]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _walk(cost: Any, begin: Any, start: int) -> Any:
     """Return the least cost of dividing the turn from a column on, and where the stretch before each end begins."""
     n, longest = cost.shape[0], cost.shape[1] - 1

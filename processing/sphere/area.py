@@ -17,12 +17,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Indices, Vector
+from processing.ground.kernels import compiled
 from processing.sphere.geometry import (
     Equirectangular,
     Fisheye,
@@ -136,7 +136,7 @@ def _by_gauss(lens: Fisheye, u: Doubles, v: Doubles, normal: Vector | None) -> D
     return total / (len(shifts) ** 2 * lens.radius_px**2)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _gauss_sums(u: Any, v: Any, shifts: Any, table: Any, normal: Any, projected: bool, total: Any) -> None:
     """Fill the sums over Gauss's points of cells with middles ``u``, ``v`` (N,), in radii."""
     last = table.shape[1] - 1

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba as nb
 import numpy as np
 
 from processing.ground.arrays import Doubles, Int8s
+from processing.ground.kernels import compiled, inner
 
 CLEAR, CUT, HIDDEN = 0, 1, 2
 """Of a corner: in the plane · moved onto the edge of its field · behind it (cells with such a corner are left out)."""
@@ -32,7 +32,7 @@ class Net(NamedTuple):
 FAR = 1e9  # picture coordinates beyond this are as good as hidden, and would overflow an integer
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _add_piece(x0: float, y0: float, x1: float, y1: float, first: int, count: int, area: Any, cover: Any) -> None:
     """Add an edge's piece within one row: in each column the area to its right, and the height that later ones get.
 
@@ -66,7 +66,7 @@ def _add_piece(x0: float, y0: float, x1: float, y1: float, first: int, count: in
         cover[i] += share
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def row_overlaps(px: Any, py: Any, row: int, first: int, count: int, area: Any, cover: Any) -> None:
     """Fill ``area`` (W,) with a quadrilateral's signed overlaps with ``count`` pixels of a row from column ``first``.
 
@@ -103,7 +103,7 @@ def row_overlaps(px: Any, py: Any, row: int, first: int, count: int, area: Any, 
         carried += cover[i]
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _quad(x: Any, y: Any, state: Any, i: int, j: int, px: Any, py: Any) -> int:
     """Put a cell's corners into ``px``, ``py`` and return the worst of their states."""
     worst = 0
@@ -117,7 +117,7 @@ def _quad(x: Any, y: Any, state: Any, i: int, j: int, px: Any, py: Any) -> int:
     return worst
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _signed_area(px: Any, py: Any) -> float:
     return float(0.5 * ((px[2] - px[0]) * (py[3] - py[1]) - (px[3] - px[1]) * (py[2] - py[0])))
 
@@ -128,7 +128,7 @@ MOST_BOX_PX = 4.0
 LEAST_FILLED = 0.5  # of the box's area, that the cell's is: less is a sliver, bent or cut. Chosen.
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _box(px: Any, py: Any, plane: Any, near: Any, live: int, solid: float, light: Any) -> bool:
     """Add a cell's light by the box that has its middle and its widths, unless something ``near`` wants better.
 
@@ -157,7 +157,7 @@ def _box(px: Any, py: Any, plane: Any, near: Any, live: int, solid: float, light
     return True
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _exact(px: Any, py: Any, plane: Any, density: Any, weights: Any, scratch: Any, light: Any) -> float:
     """Add a cell's light by its overlaps with the plane's pixels and return its solid angle; ``scratch`` (2, W)."""
     height, width, channels = plane.shape
@@ -179,7 +179,7 @@ def _exact(px: Any, py: Any, plane: Any, density: Any, weights: Any, scratch: An
     return total
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def gather(net: Any, source: Any, near: Any, live: int, solid: Any, light: Any, weight: Any) -> None:
     """Add to each target cell the plane's light: the ``net`` is the target (h, w), the plane the source.
 
@@ -207,7 +207,7 @@ def gather(net: Any, source: Any, near: Any, live: int, solid: Any, light: Any, 
                 light[j // parts, i // parts, c] += found[c]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def finish(light: Any, weight: Any, solid: Any, values: Any, share: Any) -> None:
     """Fill means (h, w, C) and covered shares (h, w) from sums of light and weight.
 
@@ -222,7 +222,7 @@ def finish(light: Any, weight: Any, solid: Any, values: Any, share: Any) -> None
                 values[j, i, c] = light[j, i, c] / weight[j, i] if covered else 0.0
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def interval_means(picture: Any, weights: Any, rows: Any, columns: Any, band: Any, values: Any, share: Any) -> None:
     """Fill a band's means (h, w, C) and covered shares (h, w) where overlaps are products of intervals.
 
@@ -255,7 +255,7 @@ def interval_means(picture: Any, weights: Any, rows: Any, columns: Any, band: An
                 values[j, i, c] = mean / total if covered else 0.0
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def turned_corners(way: Any, radii: Any, first: int, x: Any, y: Any, state: Any) -> None:
     """Fill places of one fisheye's corners, rows from ``first`` on, in another that looks the same way.
 
@@ -277,7 +277,7 @@ def turned_corners(way: Any, radii: Any, first: int, x: Any, y: Any, state: Any)
             state[j, i] = CLEAR if inside <= way[8] else CUT
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def scatter(net: Any, source: Any, solid: Any, weights: Any, density: Any, light: Any, weight: Any) -> None:
     """Hand each source cell's light to the plane's pixels: the ``net`` is the source (h, w, C), the plane the target.
 

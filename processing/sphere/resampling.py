@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from typing import Any, Literal
 
 import cv2
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.kernels import compiled, inner
 from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pixels
 from processing.sphere.resampling_area import area_resample
 
@@ -59,7 +59,7 @@ def cubic_samples(picture: Floats, x: Floats, y: Floats) -> Floats:
     return out
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _weights(t: float, into: Any) -> None:
     into[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
     into[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
@@ -67,7 +67,7 @@ def _weights(t: float, into: Any) -> None:
     into[3] = t * t * (-0.5 + 0.5 * t)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _sample(picture: Any, x: Any, y: Any, out: Any) -> None:
     height, width, channels = picture.shape
     across, down = np.empty(4), np.empty(4)

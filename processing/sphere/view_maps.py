@@ -7,14 +7,15 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import cv2
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Floats, Indices
+from processing.ground.kernels import compiled, inner
 from processing.sphere import Equirectangular, Perspective, pixels, point_directions, view_axes
 
 # Where the pixels of a perspective view lie in a panorama, ten times as fast as by the general way (compiled).
@@ -50,7 +51,7 @@ def view_in_panorama(panorama: Equirectangular, view: Perspective) -> tuple[Floa
     return x, y
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@partial(inner, inline="always")
 def _angle(rise: float, run: float) -> float:
     """Return arctan2(rise, run) without branches; 0 for (0, 0)."""
     high, low = max(abs(rise), abs(run)), min(abs(rise), abs(run))
@@ -65,7 +66,7 @@ def _angle(rise: float, run: float) -> float:
     return -found if rise < 0 else found
 
 
-@nb.njit(nogil=True, cache=True)
+@compiled
 def _fill(axes: Any, focal_px: float, width: int, height: int, x: Any, y: Any) -> None:
     per_turn, per_half = width / (2 * math.pi), height / math.pi
     for j in range(x.shape[0]):

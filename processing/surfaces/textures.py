@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numba as nb
 import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int16s
+from processing.ground.kernels import compiled, inner
 from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, Plane, check_stands, in_sight, plane_map
@@ -49,12 +49,12 @@ class _Seen(NamedTuple):
     ceiling_m: float
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _fineness(extent_px: float) -> int:
     return min(MOST_FINE, max(1, int(np.ceil(0.8 * extent_px))))
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _add_sample(picture: Any, masked: Any, x: float, y: float, sums: Any) -> bool:
     """Add the panorama's value at a place in pixels to ``sums``; False where a masked pixel has part in it."""
     height, width, channels = picture.shape
@@ -78,7 +78,7 @@ def _add_sample(picture: Any, masked: Any, x: float, y: float, sums: Any) -> boo
     return True
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _unwrapped(picture: Any, masked: Any, yaw_rad: float, texture: _Rectified, known: Any, density: Any) -> None:
     """Fill a texture's values and its ``known`` and ``density`` (H, W), from a panorama ``picture`` (H, W, C)."""
     axes, px_per_m, seen, values = texture
@@ -114,7 +114,7 @@ def _unwrapped(picture: Any, masked: Any, yaw_rad: float, texture: _Rectified, k
                     values[i, j, c] = sums[c] / count
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _plane_met(floor: Any, dx: float, dy: float, dz: float, camera_m: float, ceiling_m: float) -> int:
     """Return which plane a ray from the camera meets: 0 floor, 1 ceiling, 2 + i wall i."""
     nearest, wall = np.inf, -1
@@ -131,7 +131,7 @@ def _plane_met(floor: Any, dx: float, dy: float, dz: float, camera_m: float, cei
     return 1 if height > ceiling_m else 2 + wall
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _add_texel(texture: Any, inside: Any, x: float, y: float, sums: Any) -> None:
     """Add a texture's value at a place in texels, from texels inside its outline where there are any."""
     height, width, channels = texture.shape
@@ -151,7 +151,7 @@ def _add_texel(texture: Any, inside: Any, x: float, y: float, sums: Any) -> None
         sums[k] += c * texture[down, left, k] + d * texture[down, right, k]
 
 
-@nb.njit(cache=True, nogil=True)
+@inner
 def _alone(planes: Any, row: int, column: int) -> bool:
     """Return whether a pixel's neighbours all see its plane."""
     height, width = planes.shape
@@ -162,7 +162,7 @@ def _alone(planes: Any, row: int, column: int) -> bool:
     return True
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _wrapped(texture: _Rectified, index: int, seen: _Seen, out: Any) -> None:
     """Fill ``out`` (N, C) for pixels that see plane ``index``, each averaged over the part of it that sees the plane.
 

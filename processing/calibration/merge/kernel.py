@@ -8,35 +8,23 @@ samples disagree, are looked at again with all frames (`suspicion`).
 # mypy: disable-error-code="no-untyped-def,attr-defined"
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import carray, types
 from numba.extending import intrinsic
 
+from processing.ground import kernels
 from processing.ground.arrays import Bytes, Floats, Indices, Int64s
 from processing.ground.colour import LUMINANCE_WEIGHTS
-
-# Compiled loops: numba's settings in one place, and what its language lacks.
-#
-# Compilation takes seconds once; the machine code is kept beside the package, or in the user's cache folder where the
-# package cannot be written, or nowhere where neither can (then each process compiles anew).
-
 
 # Not nnan and ninf: infinities are an honest uncertainty. Sums may be reordered and products fused.
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function: without the GIL, kept on disk where a folder can be written; 1/0 is inf, not an error."""
-    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST_MATH}
-    try:
-        return numba.njit(cache=True, **settings)(function)  # type: ignore[no-any-return]
-    except RuntimeError:  # numba: no folder for its cache
-        return numba.njit(**settings)(function)  # type: ignore[no-any-return]
+compiled, inner = (partial(made, fastmath=FAST_MATH) for made in (kernels.compiled, kernels.inner))
 
 
 def _pointer(of: types.Type, bits: ir.Type) -> Any:
@@ -123,7 +111,7 @@ _ONE, _TINY = np.float32(1.0), np.float32(1e-30)  # of the type of the sums
 VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)  # `Validity`, as the loops write it
 
 
-@compiled
+@inner
 def scan(addresses, offset, low, high, rise):
     """Fill the smallest and largest code of each frame in a run, and how much brighter than the longer frame it is.
 
@@ -142,7 +130,7 @@ def scan(addresses, offset, low, high, rise):
         low[f], high[f], rise[f] = least, most, rises
 
 
-@compiled
+@inner
 def accumulate(addresses, offset, first, end, lanes_at, sums_at):
     """Sum the table entries of frames first..end-1 over a run: 12 floats a pixel at ``sums_at``.
 
@@ -167,7 +155,7 @@ def accumulate(addresses, offset, first, end, lanes_at, sums_at):
                 add_four(at + _TWICE, blue + _ENTRY * np.uint64(frame[3 * i + 2]))
 
 
-@compiled
+@inner
 def resolve(sums_at, start, shared, common, trigger, out):
     """Turn a run's sums into means, relative uncertainty of luminance and validity; return how many disagree.
 
@@ -203,7 +191,7 @@ def resolve(sums_at, start, shared, common, trigger, out):
     return disagreeing
 
 
-@compiled
+@inner
 def suspicion(addresses, pixel, table):
     """Return chi-squared of all frames at a pixel and its degrees of freedom: dark samples and bounds count too.
 
@@ -235,7 +223,7 @@ def suspicion(addresses, pixel, table):
     return chi2, freedom
 
 
-@compiled
+@inner
 def chi2_limit(freedom, shared):
     """Return what chance exceeds once in 100,000, and half as much again, since noise is not quite Gaussian.
 
@@ -245,7 +233,7 @@ def chi2_limit(freedom, shared):
     return 1.5 * (freedom + (1.0 + 2.0 * shared) * (6.0 * np.sqrt(2.0 * freedom) + 8.0))
 
 
-@compiled
+@inner
 def judge_run(addresses, start, every, table, shared, out):
     """Judge the suspect pixels of a run (``every``: all its pixels): 0 fine, 1 odd, 2 surely something moved.
 

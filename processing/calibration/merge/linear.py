@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import carray
 
-from processing.calibration.merge.kernel import bytes_at, chi2_limit, compiled
+from processing.calibration.merge.kernel import bytes_at, chi2_limit, compiled, inner
 from processing.calibration.response.curve import NoiseModel
 from processing.ground.arrays import Doubles, Floats, Int64s
 from processing.pictures.mosaic import FULL
@@ -69,12 +69,12 @@ def linear_samples(noise: NoiseModel, times_s: Doubles, time_sigma: Doubles) -> 
     return LinearSamples(times_s, time_sigma, rows)
 
 
-@compiled
+@inner
 def _expected_variance(noise, c, x, time_sigma):
     return noise[c, 0] * max(x, 0.0) + noise[c, 1] + noise[c, 2] + (time_sigma * x) ** 2
 
 
-@compiled
+@inner
 def _channel(addresses, pixel, c, times, sigma, noise):
     """Return mean radiance, its variance, chi-squared and its degrees of freedom, and whether only a bound is known."""
     mean, variance, chi2, used, bound = 0.0, np.inf, 0.0, 0, 0.0

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats, Vector
+from processing.ground.kernels import compiled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
 from processing.pictures.modes import LEVEL_SHIFT, LEVELS, shared_error
 from processing.sphere import Equirectangular, Geometry
@@ -106,7 +106,7 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
     )
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled
 def _add_light(rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminance: Any, sums: Any, levels: Any) -> None:
     """Add light to ``sums``: all, valid pixels' errors squared and straight, the others' errors, solid angle seen, and
     light by `Validity`; to ``levels`` valid light by the upper bits of its luminance (`shared_error`). ``weights``

@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from processing.ground.arrays import Doubles, Int64s
+from processing.ground.kernels import compiled, inner
 
 SKIN_M = 1e-7  # overlaps thinner than this are contact (chosen: above rounding, below what is measured)
 BODY, ZONE, DOOR, WINDOW, RUG, KEPT = 0, 1, 2, 3, 4, 5
@@ -40,7 +40,7 @@ class Outlines(NamedTuple):
     """(N,)."""
 
 
-@njit(cache=True)
+@inner
 def extent_in_strip(xs, ys, y0, y1):  # type: ignore[no-untyped-def]
     """Return (low, high) of a convex outline's x within the open strip y0 < y < y1; low > high where it has none.
 
@@ -67,7 +67,7 @@ def extent_in_strip(xs, ys, y0, y1):  # type: ignore[no-untyped-def]
     return low, high
 
 
-@njit(cache=True)
+@compiled
 def add_forbidden(outlines, count, line, rects, kinds, out, found):  # type: ignore[no-untyped-def]
     """Append what the first `count` outlines forbid to `out` (M, 2) from row `found`; return how many.
 
@@ -104,7 +104,7 @@ def add_forbidden(outlines, count, line, rects, kinds, out, found):  # type: ign
     return found
 
 
-@njit(cache=True)
+@compiled
 def add_walls(walls, line, rects, out, found):  # type: ignore[no-untyped-def]
     """Append the intervals that wall segments (W, 4) forbid to every rectangle (R, 6); return how many."""
     ox, oy, ux, uy = line[0], line[1], line[2], line[3]
@@ -123,7 +123,7 @@ def add_walls(walls, line, rects, out, found):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(cache=True)
+@compiled
 def merged(intervals, count):  # type: ignore[no-untyped-def]
     """Sort and merge the first `count` open intervals (M, 2) in place; return how many are left.
 
@@ -146,7 +146,7 @@ def merged(intervals, count):  # type: ignore[no-untyped-def]
     return kept
 
 
-@njit(cache=True)
+@compiled
 def complement(forbidden, count, high, out):  # type: ignore[no-untyped-def]
     """Write what `count` merged open intervals (M, 2) leave of [0, high] into `out` (K, 2); return how many."""
     found, at = 0, 0.0
@@ -170,7 +170,7 @@ def complement(forbidden, count, high, out):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(cache=True)
+@compiled
 def inside_walls(walls, x, y):  # type: ignore[no-untyped-def]
     """Return whether a point is in the room (even-odd over all wall segments (W, 4), columns too)."""
     odd = False
@@ -181,7 +181,7 @@ def inside_walls(walls, x, y):  # type: ignore[no-untyped-def]
     return odd
 
 
-@njit(cache=True)
+@compiled
 def rects_inside(walls, line, s, rects):  # type: ignore[no-untyped-def]
     """Return whether the middles of all rectangles (R, 6) are in the room; with no wall through them, so are they."""
     for r in range(rects.shape[0]):

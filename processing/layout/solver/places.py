@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from processing.ground.arrays import Doubles, Int64s, UInt64s
+from processing.ground.kernels import compiled, inner
 from processing.layout.solver.field import Field
 from processing.layout.solver.free_sets import (
     SKIN_M,
@@ -181,7 +181,7 @@ def joined(tables: Sequence[UnitTable]) -> UnitTable:
     return UnitTable(Variants(rects, kinds, *others), lines, slots, intervals, before[:, 3].astype(np.int64), *rest)
 
 
-@njit(cache=True)
+@inner
 def close_outside(walls, line, rects, count, forbidden, gaps):  # type: ignore[no-untyped-def]
     """Append to `forbidden` (N, 2) the gaps in which the rectangles (R, 6) are outside; return how many rows there are.
 
@@ -196,7 +196,7 @@ def close_outside(walls, line, rects, count, forbidden, gaps):  # type: ignore[n
     return count
 
 
-@njit(cache=True)
+@compiled
 def standing(walls, fixed, variants, lines, allowed):  # type: ignore[no-untyped-def]
     """Return what walls (W, 4) and fixed outlines forbid: intervals (V, L, KEPT_INTERVALS, 2) and counts (V, L).
 
@@ -225,7 +225,7 @@ def standing(walls, fixed, variants, lines, allowed):  # type: ignore[no-untyped
     return out, counts
 
 
-@njit(cache=True)
+@inner
 def free_on(table, slot, placed, work):  # type: ignore[no-untyped-def]
     """Write the free intervals of a slot beside what is placed to `work.free`; return how many."""
     v, line = table.slots[slot, 0], table.lines[table.slots[slot, 1]]
@@ -239,7 +239,7 @@ def free_on(table, slot, placed, work):  # type: ignore[no-untyped-def]
     return complement(work.forbidden, count, line[4] - table.variants.widths[v], work.free)
 
 
-@njit(cache=True)
+@inner
 def add_new(places, count, s):  # type: ignore[no-untyped-def]
     """Append s to `places` (N,) where it is not there yet; return how many there are."""
     for i in range(count):
@@ -251,7 +251,7 @@ def add_new(places, count, s):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True)
+@inner
 def places_in(low, high, fractions, wanted, out):  # type: ignore[no-untyped-def]
     """Write the places tried in a free interval to `out` (N,); return how many.
 
@@ -266,7 +266,7 @@ def places_in(low, high, fractions, wanted, out):  # type: ignore[no-untyped-def
     return found
 
 
-@njit(cache=True)
+@inner
 def main_at(table, slot, s, out):  # type: ignore[no-untyped-def]
     """Write x, y, facing x, facing y of a slot's main piece at s to `out` (4,)."""
     main, line = table.variants.mains[table.slots[slot, 0]], table.lines[table.slots[slot, 1]]
@@ -276,7 +276,7 @@ def main_at(table, slot, s, out):  # type: ignore[no-untyped-def]
     out[2], out[3] = main[2] * ux - main[3] * uy, main[2] * uy + main[3] * ux
 
 
-@njit(cache=True)
+@inner
 def place_rect(rect, line, s, out):  # type: ignore[no-untyped-def]
     """Write the corners (4, 2) in the room of a unit's rectangle (6,) at s on a line (6,)."""
     for c in range(4):
@@ -286,7 +286,7 @@ def place_rect(rect, line, s, out):  # type: ignore[no-untyped-def]
         out[c, 1] = line[1] + x * line[3] + y * line[2]
 
 
-@njit(cache=True)
+@inner
 def keeps_near(table, u, slot, s, anchors):  # type: ignore[no-untyped-def]
     """Return whether a unit's main piece at s stands as near to an anchor (A, 7) of its host's role as it has to."""
     if table.near[u, 0] < 0:
@@ -312,7 +312,7 @@ def keeps_near(table, u, slot, s, anchors):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@inner
 def score_at(room, table, u, slot, s, gap, anchors):  # type: ignore[no-untyped-def]
     """Return the score of a unit's slot at s in the free interval `gap` (low, high), beside anchors (A, 7)."""
     v, line = table.slots[slot, 0], table.lines[table.slots[slot, 1]]
@@ -329,7 +329,7 @@ def score_at(room, table, u, slot, s, gap, anchors):  # type: ignore[no-untyped-
     return table.variants.bonus[v] - sliver + score_spot(table.roles[u], spot, room, anchors)
 
 
-@njit(cache=True)
+@compiled
 def places_of(room, table, u, placed, fractions, work):  # type: ignore[no-untyped-def]
     """Write all places of a unit beside what is placed to `work.slots`, `places`, `scores`; return how many.
 

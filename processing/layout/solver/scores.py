@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numba import njit
 
+from processing.ground.kernels import compiled, inner
 from processing.layout.plan import FloorPlan, Window
 from processing.layout.solver.field import Floor
 from processing.layout.solver.free_sets import inside_walls
@@ -16,7 +16,7 @@ from processing.layout.solver.poses import Stand
 from processing.layout.solver.walk_grid import WORD, count_bits, lowest, spread, stamp
 
 
-@njit(cache=True)
+@inner
 def box_corners(box, out):  # type: ignore[no-untyped-def]
     """Write the corners (4, 2) of a box (x, y, cos, sin, half width, half depth)."""
     for c in range(4):
@@ -26,7 +26,7 @@ def box_corners(box, out):  # type: ignore[no-untyped-def]
         out[c, 1] = box[1] + u * box[3] + v * box[2]
 
 
-@njit(cache=True)
+@compiled
 def largest_circle(points, clear, boxes):  # type: ignore[no-untyped-def]
     """Return the radius of the largest circle around one of the points (n, 2) that walls (clear) and boxes leave."""
     best = 0.0
@@ -46,7 +46,7 @@ def largest_circle(points, clear, boxes):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True)
+@compiled
 def share_in_one_piece(clearance2, grid, radius, boxes):  # type: ignore[no-untyped-def]
     """Return the share, in the largest part, of the cells where a walker's middle may be (radius from walls, boxes).
 
@@ -79,7 +79,7 @@ def share_in_one_piece(clearance2, grid, radius, boxes):  # type: ignore[no-unty
     return best / total if total > 0 else 0.0
 
 
-@njit(cache=True)
+@inner
 def take_away(free, reached):  # type: ignore[no-untyped-def]
     """Clear the reached bits of a grid; return how many there were."""
     count = 0

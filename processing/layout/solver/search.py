@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from processing.ground.arrays import Doubles, Int64s
+from processing.ground.kernels import compiled, inner
 from processing.layout.items import Item
 from processing.layout.solver.field import PATH_SLACK_M, PERSON_M, Field
 from processing.layout.solver.free_sets import BODY, ZONE
@@ -201,7 +201,7 @@ class Search:
         return Walk(grid, blocked, self._doors, radius, reach)
 
 
-@njit(cache=True)
+@inner
 def copy_grid(old, new):  # type: ignore[no-untyped-def]
     """Copy a grid (rows, words)."""
     for i in range(old.shape[0]):
@@ -209,13 +209,13 @@ def copy_grid(old, new):  # type: ignore[no-untyped-def]
             new[i, j] = old[i, j]
 
 
-@njit(cache=True)
+@inner
 def copy_state(old, new):  # type: ignore[no-untyped-def]
     """Copy one state."""
     new.slots[:], new.places[:], new.gains[:] = old.slots, old.places, old.gains
 
 
-@njit(cache=True)
+@inner
 def put(table, u, slot, s, placed, blocked, walk):  # type: ignore[no-untyped-def]
     """Append a unit to what is placed, and mark in `blocked` (rows, words) where its bodies leave no way."""
     v, line = table.slots[slot, 0], table.lines[table.slots[slot, 1]]
@@ -235,7 +235,7 @@ def put(table, u, slot, s, placed, blocked, walk):  # type: ignore[no-untyped-de
     placed.counts[1] += 1
 
 
-@njit(cache=True)
+@inner
 def walkable(walk, blocked, placed, work):  # type: ignore[no-untyped-def]
     """Return whether all doors and use zones are joined by floor that is not `blocked` (rows, words)."""
     zones = 0
@@ -246,7 +246,7 @@ def walkable(walk, blocked, placed, work):  # type: ignore[no-untyped-def]
     return connected(walk, blocked, work.zones[:zones], work.flood)
 
 
-@njit(cache=True)
+@inner
 def best_rows(scores, noise, rows):  # type: ignore[no-untyped-def]
     """Write the rows of the best of `scores` (M,) to `rows` (K,), best first, each with noise; return how many."""
     keys = np.empty(rows.size)
@@ -264,7 +264,7 @@ def best_rows(scores, noise, rows):  # type: ignore[no-untyped-def]
     return kept
 
 
-@njit(cache=True)
+@inner
 def order_of(table, slots, taken, order):  # type: ignore[no-untyped-def]
     """Write the units to place to `order` (U,); return how many.
 
@@ -289,7 +289,7 @@ def order_of(table, slots, taken, order):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(cache=True)
+@inner
 def take_out(table, most, taken):  # type: ignore[no-untyped-def]
     """Mark up to `most` units at random in `taken` (U,), with those that stand by them; rugs always, as they follow."""
     for u in range(taken.size):
@@ -302,7 +302,7 @@ def take_out(table, most, taken):  # type: ignore[no-untyped-def]
                 taken[guest] = True
 
 
-@njit(cache=True)
+@inner
 def loss_left(table, slots):  # type: ignore[no-untyped-def]
     """Return the loss of what has no place; slots (U,)."""
     total = 0.0
@@ -312,7 +312,7 @@ def loss_left(table, slots):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@inner
 def one_round(room, table, state, taken, how, placed, work):  # type: ignore[no-untyped-def]
     """Place in `state` (one of `States`) what has no place or was taken out, `taken` (U,)."""
     order, rows = np.empty(state.slots.size, np.int64), np.empty(how.tried, np.int64)
@@ -339,7 +339,7 @@ def one_round(room, table, state, taken, how, placed, work):  # type: ignore[no-
             placed.counts[0], placed.counts[1] = n_outlines, n_anchors
 
 
-@njit(cache=True)
+@compiled
 def rebuild(room, table, seed, how, found, placed, work):  # type: ignore[no-untyped-def]
     """Run rounds; write the best state so far to row 0 of `found` and, once all is placed, further whole ones after it.
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from processing.ground.kernels import inner
 
 ROLE = {
     name: number
@@ -47,14 +48,14 @@ class Spot(NamedTuple):
     """1 in the middle of its line, else 0."""
 
 
-@njit(cache=True)
+@inner
 def ramp(value, zero, one):  # type: ignore[no-untyped-def]
     """Return 0 at `zero`, 1 at `one`, linear between (either may be larger)."""
     t = (value - zero) / (one - zero)
     return min(1.0, max(0.0, t))
 
 
-@njit(cache=True)
+@inner
 def covered(spot, windows, more):  # type: ignore[no-untyped-def]
     """Return the metres of windows (K, 8) behind a spot and `more` metres to either side of it."""
     total = 0.0
@@ -64,7 +65,7 @@ def covered(spot, windows, more):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@inner
 def facing(spot, anchor):  # type: ignore[no-untyped-def]
     """Return the distance to an anchor (7,), how much the spot looks at it and it at the spot, -1 to 1."""
     dx, dy = anchor[0] - spot.x, anchor[1] - spot.y
@@ -72,7 +73,7 @@ def facing(spot, anchor):  # type: ignore[no-untyped-def]
     return d, (spot.fx * dx + spot.fy * dy) / d, -(anchor[2] * dx + anchor[3] * dy) / d
 
 
-@njit(cache=True)
+@inner
 def score_bed(spot, doors, windows):  # type: ignore[no-untyped-def]
     """Return how well a bed lies: seeing doors (D, 2) without lying in their line, head at a wall without windows."""
     total = -0.5 * min(1.0, covered(spot, windows, 0.0)) + 0.35 * spot.centred
@@ -86,7 +87,7 @@ def score_bed(spot, doors, windows):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@inner
 def score_view(spot, anchors):  # type: ignore[no-untyped-def]
     """Return how well a TV and the seats among the anchors (A, 7) see each other: opposite, at a good distance."""
     total = 0.0
@@ -100,7 +101,7 @@ def score_view(spot, anchors):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@inner
 def score_desk(spot, windows):  # type: ignore[no-untyped-def]
     """Return how well daylight falls on a desk: from a side, near."""
     best = 0.0
@@ -112,7 +113,7 @@ def score_desk(spot, windows):  # type: ignore[no-untyped-def]
     return 0.6 * best + 0.3 * min(1, spot.ends)
 
 
-@njit(cache=True)
+@inner
 def score_near(spot, anchors, role, want, spread):  # type: ignore[no-untyped-def]
     """Return 1 where the nearest anchor of a role is `want` metres away, falling to 0 over `spread`; 0 without one."""
     best = 0.0
@@ -123,7 +124,7 @@ def score_near(spot, anchors, role, want, spread):  # type: ignore[no-untyped-de
     return best
 
 
-@njit(cache=True)
+@inner
 def score_seat(spot, anchors):  # type: ignore[no-untyped-def]
     """Return how well a seat stands to sofa and TV."""
     total = 0.15 * min(1, spot.ends)
@@ -136,7 +137,7 @@ def score_seat(spot, anchors):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@inner
 def score_small(role, spot, anchors):  # type: ignore[no-untyped-def]
     """Return how well a small piece or a rug stands to what it belongs to."""
     if role == NIGHT:
@@ -149,7 +150,7 @@ def score_small(role, spot, anchors):  # type: ignore[no-untyped-def]
     return 0.4 * spot.ends + 0.3 * score_near(spot, anchors, SOFA, 1.3, 1.5)
 
 
-@njit(cache=True)
+@inner
 def hidden(role, spot, hung):  # type: ignore[no-untyped-def]
     """Return the metres of what hangs on walls (K, 8) that a piece of a role hides."""
     total, one = 0.0, np.empty((1, 8))
@@ -160,13 +161,13 @@ def hidden(role, spot, hung):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@inner
 def score_spot(role, spot, room, anchors):  # type: ignore[no-untyped-def]
     """Return the steering score of a spot for a role; `room`: `search.Room`, `anchors` (A, 7)."""
     return score_role(role, spot, room, anchors) - HUNG_WEIGHT * hidden(role, spot, room.hung)
 
 
-@njit(cache=True)
+@inner
 def score_role(role, spot, room, anchors):  # type: ignore[no-untyped-def]
     """Return it without what the piece hides; `anchors` (A, 7)."""
     windows = room.windows

@@ -13,9 +13,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from processing.ground.arrays import Doubles, Flags, UInt64s
+from processing.ground.kernels import compiled, inner
 from processing.layout.solver.free_sets import inside_walls
 
 WORD = 64  # bits of a word
@@ -63,7 +63,7 @@ def packed(cells: Flags) -> UInt64s:
     return bits
 
 
-@njit(cache=True)
+@inner
 def between(first, last, word):  # type: ignore[no-untyped-def]
     """Return the bits of columns first..last (inclusive) that lie in word number `word` of a row."""
     low, high = max(first - WORD * word, 0), min(last - WORD * word, WORD - 1)
@@ -72,7 +72,7 @@ def between(first, last, word):  # type: ignore[no-untyped-def]
     return (_ALL >> np.uint64(WORD - 1 - (high - low))) << np.uint64(low)
 
 
-@njit(cache=True)
+@inner
 def upwards(seeds, free):  # type: ignore[no-untyped-def]
     """Return the free bits that seeds (free bits too) reach towards higher columns."""
     for step in (1, 2, 4, 8, 16, 32):
@@ -81,7 +81,7 @@ def upwards(seeds, free):  # type: ignore[no-untyped-def]
     return seeds
 
 
-@njit(cache=True)
+@inner
 def downwards(seeds, free):  # type: ignore[no-untyped-def]
     """Return the free bits that seeds reach towards lower columns."""
     for step in (1, 2, 4, 8, 16, 32):
@@ -90,7 +90,7 @@ def downwards(seeds, free):  # type: ignore[no-untyped-def]
     return seeds
 
 
-@njit(cache=True)
+@inner
 def fill_row(reached, free):  # type: ignore[no-untyped-def]
     """Let the reached bits of a row, shape (words,), spread along its free runs."""
     words = reached.size
@@ -106,7 +106,7 @@ def fill_row(reached, free):  # type: ignore[no-untyped-def]
         carry = reached[w] & _ONE
 
 
-@njit(cache=True)
+@inner
 def take_from(reached, free, i, j):  # type: ignore[no-untyped-def]
     """Let row j's reached cells spread to row i of grids (rows, words); return whether any is new."""
     new = False
@@ -120,7 +120,7 @@ def take_from(reached, free, i, j):  # type: ignore[no-untyped-def]
     return new
 
 
-@njit(cache=True)
+@compiled
 def spread(reached, free, row):  # type: ignore[no-untyped-def]
     """Let what is reached in one row spread over four neighbours through the free cells, grids (rows, words)."""
     rows = free.shape[0]
@@ -141,7 +141,7 @@ def spread(reached, free, row):  # type: ignore[no-untyped-def]
                 break
 
 
-@njit(cache=True)
+@compiled
 def count_bits(word):  # type: ignore[no-untyped-def]
     """Return how many bits of a word are set."""
     count = 0
@@ -151,13 +151,13 @@ def count_bits(word):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True)
+@compiled
 def lowest(word):  # type: ignore[no-untyped-def]
     """Return a word's lowest set bit alone."""
     return word & (~word + _ONE)
 
 
-@njit(cache=True)
+@compiled
 def rect_distance2(corners, px, py):  # type: ignore[no-untyped-def]
     """Return the squared distance of a point (m2) to a filled rectangle: corners (4, 2) m in ring order."""
     ax, ay = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -170,7 +170,7 @@ def rect_distance2(corners, px, py):  # type: ignore[no-untyped-def]
     return ou * ou + ov * ov
 
 
-@njit(cache=True)
+@compiled
 def wall_clearance2(walls, grid, rows, columns):  # type: ignore[no-untyped-def]
     """Return the squared distance in m2 to the walls (W, 4) at cell middles, (rows, columns); -1 outside the room."""
     out = np.empty((rows, columns))
@@ -193,7 +193,7 @@ def wall_clearance2(walls, grid, rows, columns):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@inner
 def span_within(corners, y, radius):  # type: ignore[no-untyped-def]
     """Return (low, high) of the x at height y at most `radius` m from a convex (C, 2) outline; low > high: none.
 
@@ -220,7 +220,7 @@ def span_within(corners, y, radius):  # type: ignore[no-untyped-def]
     return low, high
 
 
-@njit(cache=True)
+@inner
 def rows_within(corners, radius, grid, rows):  # type: ignore[no-untyped-def]
     """Return (first, end) of the rows whose middles may be within `radius` metres of an outline (C, 2)."""
     low, high = corners[0, 1], corners[0, 1]
@@ -230,7 +230,7 @@ def rows_within(corners, radius, grid, rows):  # type: ignore[no-untyped-def]
     return first, min(rows, int(np.ceil((high + radius - grid.y0) / grid.cell)) + 1)
 
 
-@njit(cache=True)
+@inner
 def columns_within(corners, i, radius, grid, words):  # type: ignore[no-untyped-def]
     """Return (first, last) of row i's columns with middles within `radius` of an outline (C, 2); first > last: none."""
     low, high = span_within(corners, grid.y0 + (i + 0.5) * grid.cell, radius)
@@ -241,7 +241,7 @@ def columns_within(corners, i, radius, grid, words):  # type: ignore[no-untyped-
     return max(0, first), min(WORD * words - 1, last)
 
 
-@njit(cache=True)
+@compiled
 def stamp(blocked, corners, grid, radius):  # type: ignore[no-untyped-def]
     """Set the bits of `blocked` (rows, words) of middles are nearer than `radius` to a convex (C, 2) outline."""
     rows, words = blocked.shape
@@ -253,7 +253,7 @@ def stamp(blocked, corners, grid, radius):  # type: ignore[no-untyped-def]
                 blocked[i, w] |= between(a, b, w)
 
 
-@njit(cache=True)
+@compiled
 def touches(reached, corners, grid, reach):  # type: ignore[no-untyped-def]
     """Return whether a reached cell's middle, (rows, words) bits, lies within `reach` of a convex (C, 2) outline."""
     rows, words = reached.shape
@@ -267,7 +267,7 @@ def touches(reached, corners, grid, reach):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@inner
 def all_touched(reached, outlines, grid, reach):  # type: ignore[no-untyped-def]
     """Return whether reached cells (rows, words) come within `reach` metres of each of the outlines (K, 4, 2)."""
     served = 0
@@ -276,7 +276,7 @@ def all_touched(reached, outlines, grid, reach):  # type: ignore[no-untyped-def]
     return served == outlines.shape[0]
 
 
-@njit(cache=True)
+@inner
 def flood(free, reached, corners, grid):  # type: ignore[no-untyped-def]
     """Mark in `reached` the free cells connected to the first free one in an outline (C, 2); return if there is one.
 
@@ -295,7 +295,7 @@ def flood(free, reached, corners, grid):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@compiled
 def connected(walk, blocked, zones, work):  # type: ignore[no-untyped-def]
     """Return whether one connected patch serves all doors and zones; always so where no doors are to be reached.
 

@@ -14,7 +14,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Indices, Int16s, Int64s
-from processing.light.solver.kernels import STEP_OFF_M, compiled, cosine_rays, random
+from processing.ground.kernels import compiled
+from processing.light.solver.kernels import STEP_OFF_M, cosine_rays, random
 from processing.light.solver.sky import sky_beams
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import LightMap

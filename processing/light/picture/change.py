@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector
+from processing.ground.kernels import compiled, inner
 from processing.ground.threads import side_by_side
 from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, little
 from processing.light.picture.edges import MOST_GAIN, smooth_edges
 from processing.light.picture.highlights import Mirrors, few_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
-from processing.light.solver.kernels import compiled
 from processing.light.solver.sight import FIRST_PART, NOTHING, Sight, albedo_of, emission_of, sight_along
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import block_px, sun_of
@@ -299,7 +299,7 @@ def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
             band.gain[i, j] = weights[0] * gain[0] + weights[1] * gain[1] + weights[2] * gain[2]
 
 
-@compiled
+@inner
 def _gain(given, weights, photo, n, gain):  # type: ignore[no-untyped-def]
     """Fill by how much furniture changes (3,) what a pixel of the room shows, ``photo`` (3,)."""
     gain[:] = np.float32(1)

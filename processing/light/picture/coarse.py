@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int32s, Vector
-from processing.light.solver.kernels import FURNITURE, compiled
+from processing.ground.kernels import compiled, inner
+from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.stage import Stage
 
 CAP_RAD = 0.03
@@ -100,7 +101,7 @@ def _mark(middle, reach, per_rad, around, found):  # type: ignore[no-untyped-def
                 found[r, c % columns] = 1
 
 
-@compiled
+@inner
 def little(shown, photo, i, j) -> bool:  # type: ignore[no-untyped-def]
     """Return whether a pixel (i, j) hardly differs from the photograph's."""
     for c in range(3):
@@ -109,7 +110,7 @@ def little(shown, photo, i, j) -> bool:  # type: ignore[no-untyped-def]
     return True
 
 
-@compiled
+@inner
 def add_mirrored(old, new, gain, weights, photo, i, j, shown):  # type: ignore[no-untyped-def]
     """Add to ``shown`` what a glossy floor mirrors now, ``new`` (3,), less what it mirrored before, ``old`` (3,).
 
@@ -152,7 +153,7 @@ def fill_plain(nodes, step, near, photo, weights, band):  # type: ignore[no-unty
                     _one_plain(nodes, (j, below, i, beside), (u, v, r, k), corner, photo, weights, mixed, band)
 
 
-@compiled
+@inner
 def _agree(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyped-def]
     """Return whether four nodes show one thing in one light; fill ``corner`` (4, 3) with their gains."""
     label = nodes.label[j, i]
@@ -170,7 +171,7 @@ def _agree(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyp
     return True
 
 
-@compiled
+@inner
 def _one_plain(nodes, at, place, corner, photo, weights, mixed, band):  # type: ignore[no-untyped-def]
     """Fill one pixel from its block's corners; ``at``: their rows and columns; ``mixed`` (3, 3): scratch.
 

@@ -18,10 +18,11 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Vector
+from processing.ground.kernels import compiled, inner
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Material
 from processing.light.solver.irradiance import denoised
-from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random
+from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, random
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.light.solver.sun import sun_of
@@ -167,7 +168,7 @@ def _sun_glint(
     return np.asarray(sun * fresnel * (facets * 0.5 / (shade_v + shade_l))[:, None], dtype=np.float32)
 
 
-@compiled
+@inner
 def _facet(x, y, z, u, w):  # type: ignore[no-untyped-def]
     """Return a place (3) on the half sphere that a direction (x, y, z) sees, even over what it sees of it."""
     flat = (x * x + y * y) ** 0.5

@@ -7,13 +7,12 @@ ray, in metres; ``normals`` (N, 3) are unit; ``shifts`` (N, 2) in [0, 1) turn ea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
-import numba
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.ground.kernels import compiled, inner
 
 Key: TypeAlias = tuple[int, ...]
 """The seed, then what the numbers are for."""
@@ -46,15 +45,6 @@ def random(key: Key, rows: int, columns: int) -> Doubles:
     there, and their difference is quiet.
     """
     return np.random.default_rng([_DOMAIN, *key]).random((rows, columns))
-
-
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function, kept on disk where its cache can be written."""
-    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-    try:
-        return numba.njit(cache=True, **settings)(function)  # type: ignore[no-any-return]
-    except RuntimeError:  # numba: no folder for its cache
-        return numba.njit(**settings)(function)  # type: ignore[no-any-return]
 
 
 @compiled
@@ -117,7 +107,7 @@ def met_patches(origins, directions, triangle, distance, ownership, patch, facin
         facing[i] = cosine
 
 
-@compiled
+@inner
 def _on_rectangle(x0, y0, z0, x1, y1, p, q):  # type: ignore[no-untyped-def]
     """Return the solid angle of a rectangle (x0..x1, y0..y1) at z0 < 0, and a place (x, y) on it for p, q in 0..1.
 

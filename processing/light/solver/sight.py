@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
-from processing.light.solver.kernels import PANE, compiled
+from processing.ground.kernels import compiled
+from processing.light.solver.kernels import PANE
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
 from processing.sphere import Geometry, directions
 

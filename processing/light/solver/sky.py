@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Floats, Indices, Int64s, UInt16s
+from processing.ground.kernels import compiled
 from processing.light.scene.scene import Outdoors, Pane, transmittance_table
-from processing.light.solver.kernels import PANE, Key, compiled, pane_rays, random
+from processing.light.solver.kernels import PANE, Key, pane_rays, random
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample

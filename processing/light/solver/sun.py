@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
+from processing.ground.kernels import compiled, inner
 from processing.light.scene.scene import Sun
-from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random, towards_panes
+from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, random, towards_panes
 from processing.light.solver.sight import Sight
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 
@@ -299,7 +300,7 @@ def _fill_blocks(step, label, normals, points, chosen, sure, tint, todo):  # typ
                         todo[r, k] = True
 
 
-@compiled
+@inner
 def _one_plane(top, bottom, left, right, label, normals, points, chosen):  # type: ignore[no-untyped-def]
     first = label[top, left]
     for r in range(top, bottom + 1):

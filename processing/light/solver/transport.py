@@ -16,7 +16,8 @@ import numpy as np
 
 from processing.errors import NoBalanceError, ParameterError
 from processing.ground.arrays import Doubles, Floats, Indices, Int32s
-from processing.light.solver.kernels import STEP_OFF_M, Key, compiled, cosine_rays, random
+from processing.ground.kernels import compiled
+from processing.light.solver.kernels import STEP_OFF_M, Key, cosine_rays, random
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.light.solver.sun import sunlight
