@@ -6,7 +6,7 @@ RUN := $(BIN)/python
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 export PYTHONDONTWRITEBYTECODE ?=
 
-.PHONY: web demo test check torture bench lock clean help
+.PHONY: web wheel demo test check torture bench lock clean help
 help:
 	@sed -n 's/^## //p' Makefile
 
@@ -30,6 +30,10 @@ $(VENV)/.web: studio/build.py $(shell find studio/web -path '*/node_modules' -pr
 
 ## make web       build the studio and the report's viewer (part of set-up)
 web: $(VENV)/.web
+
+## make wheel     build dist/daylit-*.whl, with pages and kernels built: an installed daylit compiles nothing on first use
+wheel: $(VENV)/.core $(VENV)/.web
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist .
 
 ## make demo      set up, then the main job on simulated instruments: capture at full size, process, stage, report
 demo: $(VENV)/.core $(VENV)/.web

@@ -6,6 +6,7 @@ Where their registry cannot be reached nothing else fails: pages without what wa
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -58,14 +59,26 @@ def _run(command: Sequence[str], node: str) -> None:
     subprocess.run(command, cwd=WEB, env={**os.environ, "PATH": path}, check=True, timeout=PATIENCE_S)
 
 
+def compile_kernels(package: Path) -> None:
+    """Compile the pipeline's kernels into a package's folder, where what they need is installed."""
+    code = "from processing.ground.kernels import load_kernels; load_kernels()"
+    if importlib.util.find_spec("numba") is None:
+        print("kernels are left to be compiled on first use: numba is not here (pip wheel --no-build-isolation)")  # noqa: T201
+        return
+    environment = {**os.environ, "DAYLIT_KERNELS": str(package.resolve())}
+    subprocess.run([sys.executable, "-c", code], cwd=WEB.parents[1], env=environment, check=True, timeout=PATIENCE_S)
+
+
 class BuildPy(build_py):
     """Wheels hold what was built; an installation for development leaves that to ``make``."""
 
     def run(self) -> None:
-        """Build, then gather the package's files."""
+        """Build, gather the package's files, and compile kernels among them."""
         if not self.editable_mode:
             build()
         super().run()
+        if not self.editable_mode:
+            compile_kernels(Path(self.build_lib, "processing"))
 
 
 def main() -> int:

@@ -6,7 +6,8 @@ process and its children, memory the most that they held together, disk what the
 ``demo_wall_s``: `daylit demo` with no compiled kernels. ``rerun_s``: nothing has changed. ``rerun_unneeded_cpu_s``:
 --repair-sun after a run without it (an upper bound: the demo's sky has a sun). ``one_more_cpu_s``: a fourth one.
 ``draft_moved_m``: furthest that a piece stands from where the standard run put it, of pieces that both placed.
-``first_use_extra_cpu_s``: small, with no compiled kernels against with. ``growth_exponent``: of CPU, from half to full
+``first_use_extra_cpu_s``: small, with no compiled kernels against with; ``first_use_wheel_extra_cpu_s``: with no more
+than a wheel brings. ``growth_exponent``: of CPU, from half to full
 size (quick: small to quarter) by pixels.
 
 A full run takes some ten minutes of two idle cores, most of it `demo_wall_s`, whose session the other figures are of. A
@@ -29,6 +30,7 @@ from benchmarks.memory import MemoryWatch
 from benchmarks.paired import cost_of
 from mocks.optics.picture_cache import default_folder
 from processing.commands.demo import GENERATED
+from studio.build import compile_kernels
 
 WORLD = GENERATED
 SUNLESS = "bedroom-7"
@@ -91,13 +93,16 @@ def fresh(source: Path, into: Path) -> Path:
     return into / source.name
 
 
-def daylit(arguments: list[str], **environment: str) -> dict[str, float]:
-    """Run the command in a process of its own; return CPU and wall seconds and its peak memory (MB)."""
+def daylit(arguments: list[str], home: Path | None = None, **environment: str) -> dict[str, float]:
+    """Run the command (of the program in ``home``) in a process of its own; return CPU and wall seconds and its peak
+    memory (MB).
+    """
     child = subprocess.Popen(
         [sys.executable, "-m", "daylit", *arguments, "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         env={**os.environ, **environment},
+        cwd=home,
         text=True,
     )
     watch, said = MemoryWatch(0.1, child.pid), ""
@@ -163,10 +168,26 @@ def moved_m(one: Path, other: Path) -> float:
 
 
 def first_use(source: Path, profile: Path, folder: Path, **kernels: str) -> dict[str, float]:
-    """Return how many CPU seconds the first use takes more than the second, which has compiled kernels."""
-    spent = []
-    for number in range(2):
-        session = fresh(source, folder / f"use-{number}")
-        arguments = ["process", str(session), "--calibration", str(profile)]
-        spent.append(daylit(arguments, **kernels)["cpu_s"])
-    return {"first_use_extra_cpu_s": round(spent[0] - spent[1], 2)}
+    """Return how many CPU seconds the first use takes more than the second: of a checkout, and of a wheel."""
+
+    def cpu_s(name: str, home: Path | None, **kernels: str) -> float:
+        session = fresh(source, folder / name)
+        return daylit(["process", str(session), "--calibration", str(profile)], home, **kernels)["cpu_s"]
+
+    first, second = (cpu_s(f"use-{number}", None, **kernels) for number in range(2))
+    wheel = as_installed(folder / "installed")
+    shipped = cpu_s("use-wheel", wheel, DAYLIT_KERNELS=str(folder / "unused"))
+    return {
+        "first_use_extra_cpu_s": round(first - second, 2),
+        "first_use_wheel_extra_cpu_s": round(shipped - second, 2),
+    }
+
+
+def as_installed(folder: Path) -> Path:
+    """Return the folder with this program as a wheel installs it, with the kernels that its building compiles."""
+    root, leave = Path(__file__).parents[2], shutil.ignore_patterns("__pycache__", "web")
+    for package in ("drivers", "mocks", "processing", "station", "studio"):
+        shutil.copytree(root / package, folder / package, ignore=leave)
+    shutil.copy(root / "daylit.py", folder)
+    compile_kernels(folder / "processing")
+    return folder

@@ -17,19 +17,35 @@ import importlib
 import json
 import os
 import re
+import shutil
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+from llvmlite.binding import get_host_cpu_features  # type: ignore[import-untyped]
 from numba.core.caching import UserProvidedCacheLocator
 from platformdirs import user_cache_path
 
 types: Any = importlib.import_module("numba.core.types")
+config: Any = importlib.import_module("numba.core.config")
+njit: Any = numba.njit
+"""Its types do not know all of its options."""
+
+# Kernels are compiled for a processor of the last ten years rather than for this one: a wheel's serve everybody, and
+# every machine rounds alike.
+V3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+"""What x86-64-v3 adds to its predecessors (System V ABI, x86-64 psABI, table 3.1), as LLVM calls it."""
+_host = get_host_cpu_features()
+if all(_host.get(one) for one in V3) and not config.CPU_NAME:
+    config.CPU_NAME, config.CPU_FEATURES = "x86-64-v3", ""
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "kernels.json"
+SHIPPED = ROOT / "kernels"
+"""Where a wheel has kernels compiled when it was built (`studio.build`); copied to the user's cache on first use."""
 Described = Any
 """A type as JSON: "float64", {"array": [dtype, dimensions, layout, writable]}, {"tuple": [...]}, {"named": ...}."""
 
@@ -87,20 +103,30 @@ class ByContent(UserProvidedCacheLocator):
         if getattr(config, "CACHE_DIR", "") or not Path(py_file).resolve().is_relative_to(ROOT):
             return None
         place = cls(py_func, py_file)
+        path = Path(place._cache_path)
         try:
+            if not path.exists() and (shipped := SHIPPED / place._stamp[:20] / path.name).is_dir():
+                _copy_whole(shipped, path)
             place.ensure_cache_path()  # type: ignore[no-untyped-call]
         except OSError:
             return None
         return place
 
 
+def _copy_whole(source: Path, target: Path) -> None:
+    """Copy a folder so that nobody sees half of it; one that another process made meanwhile stays."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent) as folder, suppress(OSError):
+        shutil.copytree(source, Path(folder, "whole")).rename(target)
+
+
 def compiled(function: Callable[..., Any], **more: Any) -> Any:
     """Compile a function for calls from Python and from other kernels; kept on disk where its cache can be written."""
-    settings = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True} | more
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True} | more
     try:
-        return numba.njit(cache=True, **settings)(function)
+        return njit(cache=True, **settings)(function)
     except RuntimeError:  # numba: no folder for its cache
-        return numba.njit(**settings)(function)
+        return njit(**settings)(function)
 
 
 inner = partial(compiled, no_cpython_wrapper=True)

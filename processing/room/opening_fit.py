@@ -59,7 +59,7 @@ def region(table: Any, px_per_m: float, u0: float, v0: float, u1: float, v1: flo
     height, width = table.shape[0] - 1, table.shape[1] - 1
     x0, x1 = min(max(u0 * px_per_m, 0.0), width), min(max(u1 * px_per_m, 0.0), width)
     y0, y1 = min(max(v0 * px_per_m, 0.0), height), min(max(v1 * px_per_m, 0.0), height)
-    total = _summed(table, y1, x1) - _summed(table, y0, x1) - _summed(table, y1, x0) + _summed(table, y0, x0)
+    total: float = _summed(table, y1, x1) - _summed(table, y0, x1) - _summed(table, y1, x0) + _summed(table, y0, x0)
     return total / px_per_m**2
 
 

@@ -105,6 +105,46 @@ def test_a_kernel_is_made_of_what_it_calls_and_of_constants(tmp_path: Path, monk
     kernels.source_digest.cache_clear()
 
 
+def test_what_a_wheel_brings_is_copied_whole_and_not_compiled(tmp_path: Path) -> None:
+    """The kernel is loaded from the package's own folder, which stays as it is; another source's is not taken."""
+    packages = ("processing", "station", "drivers")
+    ignore = shutil.ignore_patterns("__pycache__", "static", "templates", "*.onnx")
+    for name in packages:
+        shutil.copytree(kernels.ROOT.parent / name, tmp_path / name, ignore=ignore, copy_function=shutil.copyfile)
+    shipped = tmp_path / "processing" / "kernels"
+    assert _misses(tmp_path, shipped.parent) == "1"
+    before = sorted((one, one.stat().st_mtime_ns) for one in shipped.rglob("*"))
+    assert _misses(tmp_path, tmp_path / "user") == "0"
+    assert sorted((one, one.stat().st_mtime_ns) for one in shipped.rglob("*")) == before
+    source = tmp_path / "processing" / "ground" / "seam.py"
+    source.write_text(source.read_text() + "\n")
+    assert _misses(tmp_path, tmp_path / "other") == "0"
+    source = tmp_path / "processing" / "room" / "outline.py"
+    source.write_text(source.read_text() + "\n")
+    assert _misses(tmp_path, tmp_path / "third") == "1"
+
+
+def _misses(root: Path, kept: Path) -> str:
+    code = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from processing.ground import kernels
+kernels.LIST = kernels.ROOT / "one.json"
+kernels.LIST.write_text('{"processing.room.outline:_walk": ' + sys.argv[2] + "}")
+print(kernels.load_kernels())
+"""
+    listed = json.dumps(json.loads(kernels.LIST.read_text("utf-8"))["processing.room.outline:_walk"])
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(root), listed],
+        env={"DAYLIT_KERNELS": str(kept), "PATH": "/usr/bin:/bin"},
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
 def _place(root: Path, tmp_path: Path) -> str:
     done = subprocess.run(
         [sys.executable, "-c", CODE, str(root)],
