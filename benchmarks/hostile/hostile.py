@@ -201,8 +201,8 @@ def _measured(merged: RelativeImage, spot: Flags, reading: float) -> LuminanceIm
     """Return the picture as the product makes a session's indoor one."""
     displayed = float(merged.luminance()[spot].mean(dtype=np.float64))
     picture = scaled(merged, ScaleFactor(reading / displayed, METER_SIGMA, measured=reading))
-    mean = float(np.mean(picture.luminance_cd_m2()))
-    return widened(picture, camera_modes(mean, two_lenses=True))
+    longitude = (np.flatnonzero(spot.any(axis=0)).mean() + 0.5) / spot.shape[1] * 2 * np.pi - np.pi
+    return widened(picture, camera_modes(picture, two_lenses=True, measured=(reading, float(longitude))))
 
 
 def _spot(truth: Doubles) -> Flags:

@@ -53,6 +53,7 @@ class ResponseRecord(_Record):
     method: SafeText = "daylit"
     n_samples: Annotated[int, Field(ge=0)] = 0
     residual_stops: NonNegative = 0.0
+    clip_together: bool = False
 
     @model_validator(mode="after")
     def _is_a_curve(self) -> Self:

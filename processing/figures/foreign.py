@@ -28,7 +28,7 @@ from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
-from processing.pictures.modes import camera_modes, modes_of, widened, with_modes
+from processing.pictures.modes import camera_modes, falloff_mode, modes_of, widened, with_modes
 from processing.pictures.radiance import read_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
@@ -111,7 +111,7 @@ def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:
             if not isinstance(image.geometry, Fisheye):
                 raise ParameterError("a lens's fall-off needs a fisheye picture", advice="give --view")
             rgb = one.falloff.correct(rgb, image.geometry)
-            modes = camera_modes(1.0, two_lenses=False, falloff_sigma=one.falloff.relative_uncertainty)[1:]
+            modes = [falloff_mode(one.falloff.relative_uncertainty)] if one.falloff.relative_uncertainty else []
         octaves = math.log2(float(np.dot(one.gains, LUMINANCE_WEIGHTS)))
         moved = with_modes(image.attributes, [mode.moved(octaves) for mode in modes_of(image)])
         image = widened(replace(image, rgb=np.asarray(rgb, np.float32), attributes=moved), modes)
@@ -170,8 +170,7 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
     picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes({"scale": said}, modes))
-    mean = float(np.mean(luminance_map(picture)))
-    return widened(picture, camera_modes(mean, two_lenses=False))
+    return widened(picture, camera_modes(picture))
 
 
 # Opening, scaling and summing up pictures for ``daylit figures``.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
@@ -21,13 +22,20 @@ from processing.sphere import Equirectangular, directions
 
 KEY = "shared_modes"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
-Kind = Literal["level", "seam", "axis", "whole"]
+Kind = Literal["level", "seam", "axis", "whole", "scatter"]
 LEVEL_SHIFT = 20  # bits of a float32, dropped: what is left steps by an eighth of an octave
 LEVELS = 1 << (32 - LEVEL_SHIFT)
 SEAM_SIGMA = 0.02
 """Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""
-VEIL_INDEX = 0.005
-"""Stray light over the mean luminance where none was measured; chosen: good lenses have 0.003 to 0.02 (ISO 9358)."""
+VEIL_INDEX = 0.0125
+"""Stray light over the mean luminance where none was measured; chosen: the root mean square of the 0.003 to 0.02 that
+good lenses have (ISO 9358)."""
+LEFT_INDEX = 0.005  # chosen: what is left of it after it was measured around the image circle, and taken off
+STRAY_CELLS = (16, 32)
+"""Rows and columns of a panorama's map of stray light; chosen: 11 degrees, for it is smooth."""
+STRAY_NEAR_RAD = 0.1
+"""Within it scattered light falls off no more; beyond by the square of the angle, as lenses' glare does (Talvala and
+others 2007; chosen)."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +45,15 @@ class SharedMode:
     name: str
     kind: Kind
     places: tuple[float, ...]
-    """Where `values` are: log2 luminance, or sine of the angle from the picture's axis; of a seam (-1, 1)."""
+    """Where `values` are: log2 luminance, or sine of the angle from the picture's axis; of a seam (-1, 1). Of scatter:
+    rows and columns of its map, and its relative error where the picture's scale was measured."""
     values: tuple[float, ...]
-    """Relative error of luminance for one standard deviation."""
+    """Relative error of luminance for one standard deviation; of scatter its luminance, row by row."""
 
     def moved(self, octaves: float, anchor: float | None = None) -> SharedMode:
         """Return the mode of the picture times 2^octaves; with ``anchor`` (log2 luminance) it is 0 there: known."""
+        if self.kind == "scatter":
+            return replace(self, values=tuple(2**octaves * value for value in self.values))
         if self.kind != "level":
             return self
         places = tuple(place + octaves for place in self.places)
@@ -108,6 +119,10 @@ def relative_error(
         return mode.of_levels(luminance)
     if mode.kind == "whole":
         return np.full(luminance.shape, mode.values[0], np.float32)
+    if mode.kind == "scatter":
+        light = _scattered(mode, image.rgb.shape[1], image.rgb.shape[0], rows)
+        # Where it is all there is, more of it is no news.
+        return np.asarray(np.minimum(light / np.maximum(luminance, np.float32(1e-30)), 2) - mode.places[2], np.float32)
     if mode.kind == "seam" and isinstance(image.geometry, Equirectangular):
         height, width = image.rgb.shape[:2]
         latitude = (0.5 - (np.arange(height)[rows] + 0.5) / height) * math.pi
@@ -154,17 +169,56 @@ def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
     return found
 
 
-def camera_modes(mean_luminance: float, *, two_lenses: bool, falloff_sigma: float = 0.0) -> list[SharedMode]:
-    """Return the modes of a lens that no measurement has covered: stray light, a seam, fall-off at the rim.
+def _scattered(mode: SharedMode, width: int, height: int, rows: slice) -> Floats:
+    """Return the light of a scatter mode at rows of a picture, (h, W), between its cells' middles."""
+    cells = np.reshape(np.array(mode.values), (int(mode.places[0]), int(mode.places[1])))
+    down, across = (
+        _between((np.arange(size)[part] + 0.5) / size, count)
+        for size, part, count in zip((height, width), (rows, slice(None)), cells.shape, strict=True)
+    )
+    return np.asarray((down @ cells) @ across.T, dtype=np.float32)
 
-    ``mean_luminance``: of the picture, in its unit; ``falloff_sigma``: relative, at 90 degrees from the axis.
+
+def _between(places: Doubles, count: int) -> Doubles:
+    """Return the weights (n, count) of cells for places 0..1, linear between the cells' middles."""
+    return np.maximum(1 - np.abs(np.clip(places * count - 0.5, 0, count - 1)[:, None] - np.arange(count)), 0)
+
+
+def stray_light(image: LuminanceImage, index: float, measured: float | None = None) -> SharedMode:
+    """Return what a lens may scatter: ``index`` of the light around, in a panorama the near more than the far.
+
+    ``measured``: luminance by which the picture was scaled, cd/m2: what scatters there is in the scale.
     """
-    places = np.arange(-14.0, 15.0, 1.0)
-    veil = VEIL_INDEX * np.minimum(2.0**-places, 2.0 / VEIL_INDEX)
-    level = math.log2(max(mean_luminance, 1e-30))
-    found = [SharedMode("stray light", "level", tuple(places + level), tuple(veil.tolist()))]
+    luminance = luminance_cd_m2(image.rgb) * (image.validity != Validity.OUTSIDE)
+    if not isinstance(image.geometry, Equirectangular):
+        seen = max(int(np.count_nonzero(image.validity != Validity.OUTSIDE)), 1)
+        around = np.full((1, 1), luminance.sum(dtype=np.float64) / seen)
+    else:
+        rows, columns = STRAY_CELLS
+        light = cv2.resize(luminance, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
+        rays = directions(Equirectangular(columns, rows))[0].reshape(-1, 3).astype(np.float64)
+        angle = np.arccos(np.clip(rays @ rays.T, -1, 1))
+        share = np.hypot(rays[:, 0], rays[:, 1]) / (angle**2 + STRAY_NEAR_RAD**2)
+        around = (share @ light.reshape(-1) / share.sum(axis=1)).reshape(rows, columns)
+    known = 0.0 if measured is None else min(index * float(around.mean()) / measured, 2.0)
+    values = tuple((index * around).reshape(-1).tolist())
+    return SharedMode("stray light", "scatter", (*map(float, around.shape), known), values)
+
+
+def camera_modes(
+    image: LuminanceImage, *, two_lenses: bool = False, measured: tuple[float, float] | None = None
+) -> list[SharedMode]:
+    """Return the modes of a lens that no measurement has covered: stray light, and a seam.
+
+    ``measured``: luminance in cd/m2, and longitude in radians, of the spot by which the picture was scaled.
+    """
+    found = [stray_light(image, VEIL_INDEX, measured[0] if measured else None)]
     if two_lenses:
-        found.append(SharedMode("stitching", "seam", (-0.1, 0.1), (-SEAM_SIGMA, SEAM_SIGMA)))
-    if falloff_sigma:
-        found.append(SharedMode("fall-off", "axis", (0.0, 1.0), (0.0, falloff_sigma)))
+        own = math.copysign(SEAM_SIGMA, math.cos(measured[1])) if measured else 0.0
+        found.append(SharedMode("stitching", "seam", (-0.1, 0.1), (-SEAM_SIGMA - own, SEAM_SIGMA - own)))
     return found
+
+
+def falloff_mode(sigma: float) -> SharedMode:
+    """Return the mode of a lens's fall-off; ``sigma``: relative, at 90 degrees from the axis."""
+    return SharedMode("fall-off", "axis", (0.0, 1.0), (0.0, sigma))

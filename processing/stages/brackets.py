@@ -52,6 +52,11 @@ class SideBracket:
         return self.frames[0].size_px
 
 
+def is_panorama_camera(device: DeviceRecord | None) -> bool:
+    """Return whether a device is a camera of two lenses, by its model."""
+    return device is not None and any(name in device.model.upper() for name in PANORAMA_CAMERAS)
+
+
 def side_bracket(
     manifest: SessionManifest, session_path: Path, side: Side, frames: Literal["auto", "raw", "jpeg"] = "auto"
 ) -> SideBracket | None:
@@ -84,7 +89,7 @@ def _raw_bracket(
     """Return the raw files beside pictures, where each has one that shows the same; or the raw files alone."""
     if [raw.stop for raw in raws] != [picture.stop for picture in pictures]:
         raise BracketError(f"{len(raws)} raw files beside {len(pictures)} pictures", where=pictures[0].file)
-    if device and any(name in device.model.upper() for name in PANORAMA_CAMERAS):
+    if is_panorama_camera(device):
         raise BracketError("a panorama camera's raw files show its lenses apart", where=raws[0].file)
     _check_settings(pictures[0].side, raws)
     size_px = None if pictures[0].is_raw else frame_of(session_path / pictures[0].file).size_px
@@ -124,8 +129,7 @@ def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     outdoor picture of a panorama camera, twice as wide as high, is a panorama, taken from behind the glass.
     """
     width_px, height_px = bracket.size_px
-    model = bracket.device.model.upper() if bracket.device else ""
-    if bracket.side is Side.INDOOR or (width_px == 2 * height_px and any(name in model for name in PANORAMA_CAMERAS)):
+    if bracket.side is Side.INDOOR or (width_px == 2 * height_px and is_panorama_camera(bracket.device)):
         return Equirectangular(width_px, height_px)
     circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)

@@ -183,7 +183,8 @@ def calibrate_indoor(
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
     lenses = any(device.kind == "theta_z1" for device in session.devices if device.role == "indoor")
-    picture = widened(picture, camera_modes(float(luminance_cd_m2(picture.rgb).mean()), two_lenses=lenses))
+    spot = (scale.measured, math.radians(target["longitude_deg"])) if scale.measured else None
+    picture = widened(picture, camera_modes(picture, two_lenses=lenses, measured=spot))
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {
         "k1": scale.value,

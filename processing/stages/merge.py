@@ -19,11 +19,19 @@ from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import check_response, estimate_noise, recover_response, residuals_by_code
 from processing.calibration.response.samples import Bracket8, take_samples
 from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, camera_rule, true_time_s
-from processing.errors import BracketError, ProcessingError, ResponseError
+from processing.errors import BracketError, PictureFileError, ProcessingError, ResponseError
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
 from processing.pictures.mosaic import FULL, PEDESTAL
-from processing.stages.brackets import DECODERS, SideBracket, coarse, decoded, merge_geometry, side_bracket
+from processing.stages.brackets import (
+    DECODERS,
+    SideBracket,
+    coarse,
+    decoded,
+    is_panorama_camera,
+    merge_geometry,
+    side_bracket,
+)
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
@@ -75,7 +83,7 @@ def run(context: StageContext) -> StageOutput:
             gathered.left_out[side.value] = f"the session has no {side} frames"
             continue
         try:
-            _merge_side(context, bracket, profile, gathered, 2 * number)
+            _merge_or_jpegs(context, bracket, profile, gathered, 2 * number)
         except (ResponseError, BracketError) as error:
             if not gathered.artifacts:
                 raise
@@ -93,6 +101,22 @@ def run(context: StageContext) -> StageOutput:
         left_out=gathered.left_out,
         honoured=_honoured(context, gathered),
     )
+
+
+def _merge_or_jpegs(
+    context: StageContext, bracket: SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
+) -> None:
+    """Merge a side; by its JPEGs, with a warning, where raw files that nobody insists on break or contradict."""
+    try:
+        return _merge_side(context, bracket, profile, gathered, step)
+    except (PictureFileError, ResponseError, BracketError) as error:
+        asked = context.parameters_of(MergeParameters).frames
+        beside = any(not frame.is_raw for frame in context.session.pictures(bracket.side))
+        if asked != "auto" or not bracket.records[0].is_raw or not beside:
+            raise
+        jpegs = side_bracket(context.session, context.session_path, bracket.side, "jpeg")
+        assert jpegs is not None
+        _merge_side(context, replace(jpegs, raw_refused=str(error)), profile, gathered, step)
 
 
 def _merge_side(
@@ -132,6 +156,9 @@ def _gather(
     gathered.warnings += response.warnings
     if bracket.raw_refused:
         gathered.left_out[f"{side} raw files"] = bracket.raw_refused[:500]
+        if not is_panorama_camera(bracket.device):
+            text = f"{side}: merged from its JPEGs, for its raw files cannot be used: {bracket.raw_refused}"
+            gathered.warnings.append(StageWarning(code="raw-files", message=text[:500]))
     gathered.warnings += (StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings)
     for use in report.frames:
         if use.used_share == 0:

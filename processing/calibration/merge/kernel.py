@@ -79,7 +79,8 @@ class Lookup(NamedTuple):
     clip: Indices
     """(3,): the last code of each channel that is not clipped."""
     limits: Int64s
-    """(3,): code from which any channel is clipped, from which all are, and the rise that is not noise."""
+    """(4,): code from which any channel is clipped, from which all are, the rise that is not noise, and 1 where a
+    clipped channel voids the others, as a colour matrix behind the wells does."""
     last: Int64s
     """(F,): where frame k is unclipped, frames after ``last[k]`` are left out."""
 
@@ -156,6 +157,27 @@ def accumulate(addresses, offset, first, end, lanes_at, sums_at):
 
 
 @inner
+def accumulate_clear(addresses, offset, first, end, table, sums_at):
+    """Sum as `accumulate` does, without the pixels of which a channel is clipped; of the shortest frame all count.
+
+    ``addresses``: (F,) uint64.
+    """
+    lanes_at = np.uint64(table.lanes.ctypes.data)
+    carray(floats_at(sums_at), 12 * RUN_PX)[:] = 0
+    for f in range(first, end):
+        frame = carray(bytes_at(addresses[f] + offset), RUN)
+        red = lanes_at + np.uint64(f) * _FRAME
+        for i in range(RUN_PX):
+            r, g, b = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
+            if f < addresses.shape[0] - 1 and (r > table.clip[0] or g > table.clip[1] or b > table.clip[2]):
+                continue
+            at = sums_at + _PIXEL * np.uint64(i)
+            add_four(at, red + _ENTRY * np.uint64(r))
+            add_four(at + _ENTRY, red + _CHANNEL + _ENTRY * np.uint64(g))
+            add_four(at + _TWICE, red + _CHANNEL + _CHANNEL + _ENTRY * np.uint64(b))
+
+
+@inner
 def resolve(sums_at, start, shared, common, trigger, out):
     """Turn a run's sums into means, relative uncertainty of luminance and validity; return how many disagree.
 
@@ -202,7 +224,10 @@ def suspicion(addresses, pixel, table):
         total = sum_v = sum_vv = bound = 0.0
         used = 0
         for f in range(addresses.shape[0]):
-            code = carray(bytes_at(addresses[f] + np.uint64(3 * pixel + c)), 1)[0]
+            codes = carray(bytes_at(addresses[f] + np.uint64(3 * pixel)), 3)
+            code = codes[c]
+            if table.limits[3] and (codes[0] > table.clip[0] or codes[1] > table.clip[1] or codes[2] > table.clip[2]):
+                continue
             if code > table.clip[c]:
                 bound = max(bound, float(table.saturation[f, c]))
                 continue
@@ -284,7 +309,10 @@ def merge_runs(addresses, runs, table, shared, common, out, uses, sums):
         for f in range(count):
             moved |= rise[f] > most_rise
             uses[f] += first <= f < end
-        accumulate(addresses, offset, first, end, lanes_at, sums_at)
+        if table.limits[3]:
+            accumulate_clear(addresses, offset, first, end, table, sums_at)
+        else:
+            accumulate(addresses, offset, first, end, lanes_at, sums_at)
         odd = resolve(sums_at, start, together, floor, trigger, out)
         if moved or odd:
             judge_run(addresses, start, moved, table, shared, out)

@@ -31,7 +31,7 @@ from processing.calibration.merge.tables import (
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
-from processing.ground.arrays import Bytes, Doubles, Int64s
+from processing.ground.arrays import Bytes, Doubles, Floats, Int64s
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.ground.threads import threads
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
@@ -193,8 +193,11 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             for s in frame_shifts(codes, samples)
         ]
     planes, uses = _fuse(codes, samples, job)
-    modes = _widen(planes, samples, job)
-    ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
+    modes, more2 = _widen(planes, samples, job)
+    ghost = None
+    if job.options.ghosts:
+        ghost = _ghosts(codes, samples, planes, job)
+        planes.uncertainty[ghost > 0] = np.sqrt(np.square(planes.uncertainty) + more2)[ghost > 0]
     if colours := job.options.colours:
         light = demosaiced(planes.rgb, colours.cell, LINEAR_BELOW / float(job.order.times_s[0]))
         planes.rgb = np.maximum(light @ colours.matrix.T.astype(np.float32), 0)
@@ -300,7 +303,7 @@ def _fuse_runs(
 ) -> Doubles:
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
-    limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
+    limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise, tables.clip_together])
     judged = tables.samples
     if coded:
         judged = judged.copy()
@@ -327,10 +330,11 @@ def _in_bands(work: Callable[[int, int], object], count: int, band: int, workers
         list(pool.map(lambda first: work(first, min(first + band, count)), firsts))
 
 
-def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> list[SharedMode]:
+def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> tuple[list[SharedMode], Floats]:
     """Return what all pixels share; add it, and what texture hides, to each pixel's uncertainty, in place.
 
-    Samples that disagree by what the texture around them explains are no longer suspect.
+    What is added, squared, is the second array (H, W): what one frame shows has it too. Samples that disagree by what
+    the texture around them explains are no longer suspect.
     """
     if isinstance(samples, MergeTables):
         modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
@@ -342,7 +346,7 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> l
         # Two frames differ by the root of two of what each is off by; the spot that sets the scale is off as well.
         modes.append(SharedMode("light that changed", "whole", (0.0,), (job.wander,)))
         shared = np.hypot(shared, np.float32(job.wander))
-    u2 = np.square(planes.uncertainty) + np.square(shared)
+    u2 = np.square(shared)
     if job.options.colours is not None:
         u2 += np.float32(WELL_GAIN_SIGMA**2)
     if job.coded:
@@ -351,8 +355,8 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> l
         planes.suspect[explained | (planes.uncertainty < SHARED_SIGMAS * shared)] = 0
         # Less what the pixels' own noise shows of contrast.
         u2 += CONTRAST_SHARE**2 * np.maximum(np.square(contrast) - np.square(planes.uncertainty), 0)
-    np.sqrt(u2, out=planes.uncertainty)
-    return modes
+    np.sqrt(np.square(planes.uncertainty) + u2, out=planes.uncertainty)
+    return modes, u2
 
 
 def _ghosts(codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes: Planes, job: _Job) -> Bytes:

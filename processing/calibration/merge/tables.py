@@ -54,6 +54,8 @@ class MergeTables:
     """(F,): where frame k is unclipped, frames after ``last[k]`` are left out."""
     rise: int
     """A code that grows by more from one frame to the next shorter one is not noise."""
+    clip_together: bool = False
+    """Whether a sample counts only where no channel of its frame is clipped."""
 
     @property
     def every(self) -> Int64s:
@@ -145,6 +147,7 @@ def merge_tables(
         int(max(curve.high)) + 1,
         _last_useful(curve, own, times_s, max_error),
         int(np.clip(np.ceil(RISE_SIGMAS * np.sqrt(2) * worst) + 1, 2, 120)),
+        curve.clip_together,
     )
 
 
@@ -289,7 +292,8 @@ def _pair(longer: Seen, shorter: Seen, tables: Samples, assumed: tuple[int, floa
     ratio = float(np.median(tables.saturation[place + 1] / tables.saturation[place]))
     mean = (ratio * a.astype(np.float64) + b) / (ratio + 1)
     low, high = _range(tables, place, factor)
-    good = (mean > low) & (mean < high) & (a > 0) & (b > 0)
+    # Where one channel is clipped a camera's colour matrix has bent the others.
+    good = (mean > low) & (mean < high).all(axis=1, keepdims=True) & (a > 0) & (b > 0)
     if good.sum() < MIN_SAMPLES:
         return _Pair(None, 0.0, np.empty((0, 3)))
     stops = np.log2(np.maximum(a, TINY).astype(np.float64) / np.maximum(b, TINY))

@@ -20,8 +20,8 @@ from processing.calibration.scale.luminance import Calibrated, ScaleFactor, comb
 from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
-from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import SharedMode, camera_modes, modes_of, widened, with_modes
+from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.modes import LEFT_INDEX, SharedMode, falloff_mode, modes_of, stray_light, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import SessionManifest, Side
 
@@ -132,13 +132,12 @@ def _with_shared(picture: LuminanceImage, optics: OutdoorOptics) -> LuminanceIma
 
     The last two are in the pixels' own uncertainty already, which sums take as independent.
     """
-    seen = picture.validity != Validity.OUTSIDE
-    mean = float(luminance_cd_m2(picture.rgb[seen]).mean()) if seen.any() else 0.0
-    falloff = optics.vignetting.relative_uncertainty if optics.vignetting else 0.0
-    veil, *others = camera_modes(mean, two_lenses=False, falloff_sigma=falloff)
+    others = []
+    if optics.vignetting and optics.vignetting.relative_uncertainty:
+        others.append(falloff_mode(optics.vignetting.relative_uncertainty))
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
-    picture = widened(picture, [veil])
+    picture = widened(picture, [stray_light(picture, LEFT_INDEX)])
     return replace(picture, attributes=with_modes(picture.attributes, [*modes_of(picture), *others]))
 
 

@@ -56,6 +56,8 @@ class ResponseCurve:
     """Robust rms residual of the fit."""
     modes: Doubles | None = None
     """(M, 3, 256) stops: independent errors of the curves, one standard deviation each; None: only `sigma_log2`."""
+    clip_together: bool = False
+    """Whether codes say nothing where another channel is clipped: see `response.clip_together`."""
 
     @property
     def exposure(self) -> Doubles:

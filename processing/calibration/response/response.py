@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,6 +42,10 @@ MODES = 6  # of a channel's curve; chosen: 99 % of its variance
 BIN_CODES = 8  # codes a bin of the residuals; chosen
 FIRST, LAST = 20, 235  # codes over which two curves are compared; chosen: clear of black and of white
 LEAST_DRIFT_STOPS = 0.02  # a drift below is of no consequence: 1.4 % of light
+CLIP_CELLS, CLIP_PATCHES = 16, 20  # of the code, and patches of either kind that a cell needs; chosen
+CLIP_STOPS, CLIP_SIGMAS, CLIP_SHARE = 0.012, 4.0, 0.2
+"""Stops and standard deviations by which the two kinds are apart in such a share of the patches; chosen on simulated
+cameras with and without a 5D Mark II's matrix."""
 _SIGNIFICANT = 3.0  # standard deviations that a drift must exceed; chosen
 
 
@@ -78,7 +82,13 @@ def recover_response(
     Raises `ResponseError`: frames from which no curve can be recovered; `BracketError`: frames that are no bracket.
     """
     samples = take_samples(brackets, seed)
-    fit = fit_daylit(samples, free_times=estimate_times, priors=None if prior is None else [prior] * 3)
+    priors = None if prior is None else [prior] * 3
+    fit = fit_daylit(samples, free_times=estimate_times, priors=priors)
+    together = clip_together(samples, fit)
+    if together:
+        red, green, blue = (data.only(data.clear) for data in samples.channels)
+        samples = replace(samples, channels=(red, green, blue))
+        fit = fit_daylit(samples, free_times=estimate_times, priors=priors)
     channels = fit.channels
     low, high = zip(*((one.low, one.high) for one in channels), strict=True)
     gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
@@ -95,6 +105,7 @@ def recover_response(
         n_samples=sum(data.n_samples for data in samples.channels),
         residual_stops=1.4826 * float(np.median(sizes)) if sizes.size else 0.0,
         modes=_curve_modes(channels, MIDDLE_CODE),
+        clip_together=together,
     )
     times = tuple(float(t) for t in np.exp2(fit.log2_times))
     return ResponseFit(
@@ -108,6 +119,33 @@ def recover_response(
         tuple(one.held_out for one in channels),
         fit.estimate.rule if fit.estimate.decided else None,
     )
+
+
+def clip_together(samples: Samples, fit: DaylitFit) -> bool:
+    """Return whether a channel's codes are others where another channel is clipped: the camera mixes its channels.
+
+    Cameras bring their own colours to sRGB by a matrix after their wells have saturated. Patches of one frame and like
+    code are compared, those with a clipped channel against those without.
+    """
+    rows = []
+    for data, one in zip(samples.channels, fit.channels, strict=True):
+        seen = one.weighed
+        cell = data.frame * CLIP_CELLS + (seen.predicted * (CLIP_CELLS / 256)).astype(np.int64)
+        for k in np.unique(cell):
+            both = [seen.residual[(seen.weight > 0) & (cell == k) & (data.clear == clear)] for clear in (True, False)]
+            if min(len(part) for part in both) >= CLIP_PATCHES:
+                middle = [float(np.median(part)) for part in both]
+                # Of a median: 1.253 times the mean's.
+                doubt = [
+                    1.253 * 1.4826 * float(np.median(np.abs(part - m))) / len(part) ** 0.5
+                    for part, m in zip(both, middle, strict=True)
+                ]
+                rows.append((abs(middle[1] - middle[0]), float(np.hypot(*doubt)), len(both[1])))
+    if not rows:
+        return False
+    apart, sigma, count = np.array(rows).T
+    clear = (apart > CLIP_STOPS) & (apart > CLIP_SIGMAS * sigma)
+    return bool(count[clear].sum() > CLIP_SHARE * count.sum())
 
 
 def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:

@@ -83,6 +83,8 @@ class ChannelSamples:
     """(n,) variance of the codes within the patch: its texture and its noise."""
     starts: Int64s
     """(n_samples,) first observation of each sample."""
+    clear: Flags
+    """(n,) whether no channel of the patch is clipped in that frame."""
 
     @property
     def n_samples(self) -> int:
@@ -92,10 +94,16 @@ class ChannelSamples:
     def part(self, count: int) -> ChannelSamples:
         """Return about ``count`` of the patches, spread over all."""
         every = max(self.n_samples // max(count, 1), 1)
-        mine = np.flatnonzero(self.sample % every == 0)
-        sample = self.sample[mine] // every
+        return self.only(self.sample % every == 0)
+
+    def only(self, kept: Flags) -> ChannelSamples:
+        """Return the observations ``kept``, of shape (n,), of patches that two frames still show."""
+        seen = np.add.reduceat(kept.astype(np.int64), self.starts)[self.sample] if kept.size else kept
+        mine = np.flatnonzero(kept & (seen >= 2))
+        sample = np.unique(self.sample[mine], return_inverse=True)[1]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
-        return ChannelSamples(sample, self.frame[mine], self.mean[mine], self.pixels[mine], self.spread2[mine], starts)
+        frame, mean, pixels = self.frame[mine], self.mean[mine], self.pixels[mine]
+        return ChannelSamples(sample, frame, mean, pixels, self.spread2[mine], starts, self.clear[mine])
 
 
 @dataclass(frozen=True)
@@ -172,7 +180,7 @@ def _duplicates(patches: Bytes, times_s: Sequence[float]) -> list[int]:
 
 
 def _channel(brackets: Sequence[tuple[Bytes, int]], channel: int, left_out: frozenset[int]) -> ChannelSamples:
-    parts: list[tuple[Int64s, Int64s, Doubles, Bytes, Doubles]] = []
+    parts: list[tuple[Int64s, Int64s, Doubles, Bytes, Doubles, Flags]] = []
     count = 0
     share = max(MAX_SAMPLES // len(brackets), 1)
     for patches, first_frame in brackets:
@@ -184,14 +192,16 @@ def _channel(brackets: Sequence[tuple[Bytes, int]], channel: int, left_out: froz
         kept = _spread_over_codes(mean, usable, share)
         sample, frame = np.nonzero(usable[:, kept].T)
         which = (frame, kept[sample])
-        parts.append((sample + count, frame + first_frame, mean[which], codes[which], spread2[which]))
+        clear = np.all([_unclipped(*_moments(patches[..., c]))[which] for c in range(3)], axis=0)
+        parts.append((sample + count, frame + first_frame, mean[which], codes[which], spread2[which], clear))
         count += kept.size
     sample = np.concatenate([p[0] for p in parts])
     frame = np.concatenate([p[1] for p in parts])
     means, spreads = (np.concatenate([p[i] for p in parts]) for i in (2, 4))
+    clear = np.concatenate([p[5] for p in parts])
     pixels = np.concatenate([p[3] for p in parts])
     starts = np.flatnonzero(np.diff(sample, prepend=-1))
-    return ChannelSamples(sample, frame, means, pixels, spreads, starts)
+    return ChannelSamples(sample, frame, means, pixels, spreads, starts, clear)
 
 
 def _moments(codes: Bytes) -> tuple[Doubles, Doubles]:
@@ -202,10 +212,14 @@ def _moments(codes: Bytes) -> tuple[Doubles, Doubles]:
     return total / count, np.maximum(square - total * total / count, 0.0) / (count - 1)
 
 
+def _unclipped(mean: Doubles, spread2: Doubles) -> Flags:
+    return np.asarray(mean + _CLEAR_ABOVE * np.sqrt(spread2) < 254.5)
+
+
 def _usable(mean: Doubles, spread2: Doubles) -> Flags:
     """Return (frames, patches): neither clipped nor dark as a whole, of patches that are smooth where best exposed."""
     spreads = np.sqrt(spread2)
-    seen = (mean > np.maximum(0.5, _CLEAR_BELOW * spreads)) & (mean + _CLEAR_ABOVE * spreads < 254.5)
+    seen = (mean > np.maximum(0.5, _CLEAR_BELOW * spreads)) & _unclipped(mean, spread2)
     best = np.argmax(np.where(mean < _WELL_EXPOSED, mean, 0.0), axis=0)
     each = np.arange(mean.shape[1])
     able = seen.sum(axis=0) >= 2

@@ -24,6 +24,7 @@ _CLEAR_CHI2 = 100.0
 _DECISIVE_CHI2 = 10.0  # chosen: odds of 150 to 1
 _CLEAR_SIGMAS, _CLEAR_TOLERANCES = 3.0, 6.0  # chosen: by which times must be off their rule to be changed
 _STIFF = 1e3  # chosen: holds what frames cannot show
+_LITTLE = 0.05  # of the largest information on a time; chosen
 _SAME_STOPS = 1e-6  # rounding error
 _LEAST_FRAMES = 4  # of one bracket: two or three frames fit any times with a curve to match
 
@@ -165,7 +166,10 @@ def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles) -> tuple[Do
         right = (evidence.right - evidence.matrix @ change)[free]
         inside = np.ix_(free, free)
         # All times to a common power with the curve stretched to fit look the same: that much is the rule's to say.
-        stretch = (now + change - (now + change).mean())[free]
+        # A frame that shows little counts little here, or it would make up for the stretch of all others.
+        known = np.diag(evidence.matrix) / max(_LITTLE * float(np.diag(evidence.matrix).max()), 1e-300)
+        known = np.clip(known, 1e-9, 1.0)
+        stretch = (known * (now + change - np.average(now + change, weights=known)))[free]
         prior = np.eye(int(free.sum())) / RULE_SIGMA_STOPS**2
         prior += np.outer(stretch, stretch) * (_STIFF * max(float(np.diag(evidence.matrix).max()), 1.0))
         covariance[inside] = np.linalg.inv(evidence.matrix[inside] + prior)

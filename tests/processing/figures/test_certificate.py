@@ -31,7 +31,7 @@ def picture(*, veil: bool = True) -> LuminanceImage:
     light = np.broadcast_to(level[None, :, None], (SIZE[1], SIZE[0], 3)).copy()
     doubt = np.broadcast_to((0.01 + 0.1 / level)[None], SIZE[::-1]).astype(np.float32)
     image = LuminanceImage(light, doubt, np.zeros(SIZE[::-1], np.uint8), Equirectangular(*SIZE), 0.013)
-    return widened(image, camera_modes(100.0, two_lenses=True)) if veil else image
+    return widened(image, camera_modes(image, two_lenses=True)) if veil else image
 
 
 def test_the_budget_adds_up_to_the_illuminances_own_uncertainty() -> None:

@@ -12,7 +12,9 @@ from PIL import Image
 
 import daylit
 from benchmarks.hostile.worlds import MATRIX_5D2, TIMES_S, HostileBracket, HostileCamera, HostileWorld, hostile_bracket
+from processing.errors import PictureFileError
 from processing.pictures.exr import read_exr
+from processing.pictures.frames import RawFrame
 from processing.pictures.images import RelativeImage, luminance_cd_m2
 from station.session.store import load_manifest
 from tests.station.frames.pictures import exif
@@ -122,3 +124,23 @@ def test_raw_files_of_another_size_leave_the_jpegs(
     assert "192 x 96" in result["left_out"]["indoor raw files"]
     assert daylit.main(["process", str(session), "--until", "merge", "--frames", "raw"]) != 0
     assert "192 x 96" in capsys.readouterr().err
+
+
+def test_a_raw_file_that_breaks_leaves_the_jpegs_and_says_so(
+    bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decode = RawFrame.decode
+
+    def broken(frame: RawFrame, reduce: int = 1) -> np.ndarray:
+        if frame.name.endswith("03_1-15s.dng"):
+            raise PictureFileError("it is damaged", where=frame.name)
+        return decode(frame, reduce)
+
+    monkeypatch.setattr(RawFrame, "decode", broken)
+    _, result, session = merged(capsys, folder(bracket, tmp_path / "card", "jpg", "dng"))
+    assert result["metrics"]["indoor"]["response_source"] == "recovered"
+    assert len(result["metrics"]["indoor"]["frames"]) == len(TIMES_S)
+    assert "03_1-15s.dng" in result["left_out"]["indoor raw files"]
+    assert any("from its JPEGs" in w["message"] and "03_1-15s.dng" in w["message"] for w in result["warnings"])
+    assert daylit.main(["process", str(session), "--until", "merge", "--frames", "raw"]) != 0
+    assert "03_1-15s.dng" in capsys.readouterr().err

@@ -101,6 +101,18 @@ def test_a_shutter_clearly_off_its_rule_is_followed_for_the_most_part() -> None:
     assert moved[1] - moved[0] == pytest.approx(0.2, abs=0.03)
 
 
+def test_a_frame_that_shows_nothing_does_not_make_up_for_all_the_others_stretch() -> None:
+    """A curve's prior pulls at the slope that frames do not show; the times given hold it."""
+    given_log2 = np.log2(NOMINAL)
+    stretched = 0.02 * (given_log2 - given_log2[3])
+    told = evidence(given_log2 + stretched, given_log2)
+    for part in (told.matrix, told.right):
+        part[0] = 0.0
+    told.matrix[:, 0] = 0.0
+    found = estimate_times(told, NOMINAL)
+    assert np.abs(np.log2(np.array(found.times_s) / NOMINAL)).max() < 0.02
+
+
 def test_a_small_change_is_doubt_and_no_other_time() -> None:
     given_log2 = np.log2(NOMINAL)
     off = np.zeros(len(NOMINAL))
