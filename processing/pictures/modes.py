@@ -181,7 +181,9 @@ def _scattered(mode: SharedMode, width: int, height: int, rows: slice) -> Floats
 
 def _between(places: Doubles, count: int) -> Doubles:
     """Return the weights (n, count) of cells for places 0..1, linear between the cells' middles."""
-    return np.maximum(1 - np.abs(np.clip(places * count - 0.5, 0, count - 1)[:, None] - np.arange(count)), 0)
+    return np.asarray(
+        np.maximum(1 - np.abs(np.clip(places * count - 0.5, 0, count - 1)[:, None] - np.arange(count)), 0)
+    )
 
 
 def stray_light(image: LuminanceImage, index: float, measured: float | None = None) -> SharedMode:
