@@ -23,8 +23,7 @@ import psutil
 
 from benchmarks.shared_data import DATA
 from benchmarks.whole.batch_sessions import DIVISOR, ZONE, make_sessions
-from processing.batch.croissant import Description
-from processing.batch.dataset import build, check
+from processing.batch.dataset import Description, build, check
 from processing.batch.run import BatchReport, BatchRequest, run_batch
 from processing.batch.work import Outcome, Task, work
 from processing.running.requests import RunRequest

@@ -177,7 +177,7 @@ def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about:
     \b
     Example: daylit dataset build rooms --name "Rooms of 2023" --licence CC-BY-4.0 --zone America/New_York
     """
-    from processing.batch.croissant import Description
+    from processing.batch.dataset import Description
     from processing.batch.dataset import build as make
     from processing.batch.dataset import summary as sum_up
     from processing.calibration.outdoor.sun_place import zone_named

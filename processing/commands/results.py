@@ -291,8 +291,7 @@ def proof(
       daylit proof sessions/2023-05-19T1554Z_coda-320 --check
     """
     from drivers.clock import SystemClock
-    from processing.exchange.credentials import read_signer, self_made_signer
-    from processing.exchange.proof import check_proof, write_proof
+    from processing.exchange.proof import check_proof, read_signer, self_made_signer, write_proof
 
     if sign is not None if checked else digest is not None:
         raise click.UsageError("--digest goes with --check, --sign without it")

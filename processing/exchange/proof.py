@@ -8,18 +8,177 @@ content credentials (C2PA) that are chained to the frames.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Mapping
+from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
 from processing.errors import ParameterError
-from processing.exchange.credentials import Signer, credentials_of, signed_jpeg
 from processing.pictures.writing import write_bytes
 from station.session import strict_json
 from station.session.folder import file_sha256
 from station.session.store import load_manifest
+
+# C2PA content credentials in JPEG files: signed by a named certificate, or by one made here that says so.
+#
+# Signing and reading are c2pa-python's (C2PA specification 2); this module says what is signed. A self-made certificate
+# shows that bytes are as they were written, and vouches for nobody: readers call it untrusted.
+
+LABEL = "org.daylit.proof"
+"""Of the assertion that chains a picture to its frames."""
+SELF_MADE = "made by daylit for one proof - vouched for by nobody"
+"""Common name of a certificate that was made here: whoever reads it knows."""
+_KINDS = "http://cv.iptc.org/newscodes/digitalsourcetype/"
+SOURCES = {"original": _KINDS + "computationalCapture", "result": _KINDS + "compositeSynthetic"}
+"""IPTC's digital source types: several exposures joined by computer; a photograph with synthetic parts."""
+ALGORITHMS = {"Ed25519PublicKey": "ed25519", "RSAPublicKey": "ps256", "secp256r1": "es256", "secp384r1": "es384"}
+"""C2PA's words by kind of key, or curve."""
+VALID_FOR = timedelta(days=3650)  # chosen: as long as a sale is disputed
+
+
+class Signer(NamedTuple):
+    """A certificate chain with its key, and what is said of it."""
+
+    chain: bytes
+    """PEM, the signer's own first."""
+    key: bytes
+    """PEM, PKCS 8, not encrypted."""
+    algorithm: str
+    """In C2PA's words."""
+    facts: Mapping[str, str | bool]
+    """Name, digest (SHA-256 of the certificate's DER), and whether it is self-made."""
+
+
+def _c2pa() -> ModuleType:
+    try:
+        import c2pa
+    except ImportError as error:
+        raise ParameterError(
+            "content credentials need c2pa-python, which is not installed",
+            where="--sign",
+            advice="pip install 'daylit[c2pa]', or leave --sign out",
+        ) from error
+    module: ModuleType = c2pa
+    return module
+
+
+def self_made_signer(now: datetime) -> Signer:
+    """Return a signer whose key is forgotten after use: an authority (C2PA asks for one) and a certificate of its."""
+    _c2pa()
+    from cryptography import x509
+    from cryptography.hazmat.primitives import serialization as form
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    keys, made = (Ed25519PrivateKey.generate(), Ed25519PrivateKey.generate()), []
+    names = [x509.Name.from_rfc4514_string(f"CN={one},O=daylit") for one in (f"authority {SELF_MADE}", SELF_MADE)]
+    for key, name, authority in zip(keys, names, (True, False), strict=True):
+        own, above = key.public_key(), keys[0].public_key()
+        usage = x509.KeyUsage(not authority, False, False, False, False, authority, authority, False, False)
+        made.append(
+            x509.CertificateBuilder(names[0], name, own, x509.random_serial_number())
+            .not_valid_before(now - timedelta(days=1))
+            .not_valid_after(now + VALID_FOR)
+            .add_extension(x509.BasicConstraints(authority, 0 if authority else None), critical=True)
+            .add_extension(usage, critical=True)
+            .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.EMAIL_PROTECTION]), critical=False)
+            .add_extension(x509.SubjectKeyIdentifier.from_public_key(own), critical=False)
+            .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(above), critical=False)
+            .sign(keys[0], None)
+        )
+    chain = b"".join(one.public_bytes(form.Encoding.PEM) for one in reversed(made))
+    return _signer(chain, keys[1], self_made=True)
+
+
+def read_signer(path: Path) -> Signer:
+    """Return the signer of a PEM file: certificates, the signer's own first, and its private key, in any order.
+
+    Raises `ParameterError` for a file that holds no such pair.
+    """
+    _c2pa()
+    from cryptography import x509
+    from cryptography.hazmat.primitives import serialization as form
+
+    text = path.read_bytes()
+    try:
+        certificates = x509.load_pem_x509_certificates(text)
+        start = text.index(b"-----BEGIN", max(0, text.index(b"PRIVATE KEY-----") - 40))
+        key = form.load_pem_private_key(text[start:], password=None)
+    except (ValueError, TypeError) as error:
+        advice = "give one PEM file with the certificate, those above it, and the private key without a password"
+        raise ParameterError(f"no certificate with its key: {error}", where=str(path), advice=advice) from error
+    chain = b"".join(one.public_bytes(form.Encoding.PEM) for one in certificates)
+    return _signer(chain, key, self_made=False)
+
+
+def _signer(chain: bytes, key: Any, *, self_made: bool) -> Signer:
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes
+    from cryptography.hazmat.primitives import serialization as form
+
+    own = x509.load_pem_x509_certificates(chain)[0]
+    public: Any = own.public_key()
+    kind = public.curve.name if hasattr(public, "curve") else type(public).__name__
+    if kind not in ALGORITHMS:
+        raise ParameterError("a key that C2PA does not know", where="--sign", advice="give Ed25519, ECDSA or RSA")
+    facts = {"name": own.subject.rfc4514_string(), "sha256": own.fingerprint(hashes.SHA256()).hex()}
+    plain = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
+    return Signer(chain, plain, ALGORITHMS[kind], facts | {"self_made": self_made})
+
+
+def signed_jpeg(jpeg: bytes, signer: Signer, title: str, proof: Mapping[str, Any], original: bytes | None) -> bytes:
+    """Return a JPEG with credentials; ``proof`` is said in its assertion ``org.daylit.proof``.
+
+    ``original``: the JPEG with credentials that it was made from, None of a photograph. Raises `ParameterError` where
+    c2pa refuses certificate or picture.
+    """
+    c2pa = _c2pa()
+    kind = "original" if original is None else "result"
+    made: dict[str, Any] = {"action": "c2pa.created", "digitalSourceType": SOURCES[kind]}
+    actions = [made]
+    if original is not None:
+        made = {"action": "c2pa.edited", "digitalSourceType": SOURCES[kind], "description": str(proof["statement"])}
+        actions = [{"action": "c2pa.opened", "parameters": {"ingredientIds": ["original"]}}, made]
+    manifest = {
+        "claim_generator_info": [{"name": "daylit"}],
+        "title": title,
+        "format": "image/jpeg",
+        "assertions": [
+            {"label": "c2pa.actions.v2", "data": {"actions": actions}},
+            {"label": LABEL, "data": dict(proof)},
+        ],
+    }
+    out = io.BytesIO()
+    try:
+        with c2pa.Builder(manifest) as builder:
+            if original is not None:
+                above = {"title": f"original of {title}", "relationship": "parentOf", "label": "original"}
+                builder.add_ingredient(above, "image/jpeg", io.BytesIO(original))
+            info = c2pa.C2paSignerInfo(signer.algorithm.encode(), signer.chain, signer.key, None)
+            builder.sign(c2pa.Signer.from_info(info), "image/jpeg", io.BytesIO(jpeg), out)
+    except c2pa.C2paError as error:
+        raise ParameterError(
+            f"C2PA refuses to sign: {error}", where=title, advice="look at certificate and key"
+        ) from error
+    return out.getvalue()
+
+
+def credentials_of(jpeg: bytes) -> tuple[bool, Mapping[str, Any]]:
+    """Return whether C2PA's reader finds credentials that hold, and what their assertion says."""
+    c2pa = _c2pa()
+    try:
+        with c2pa.Reader("image/jpeg", io.BytesIO(jpeg)) as reader:
+            holds = reader.get_validation_state() in ("Valid", "Trusted")
+            body = json.loads(reader.json())
+            said = body["manifests"][body["active_manifest"]]["assertions"]
+    except (c2pa.C2paError, KeyError, ValueError):
+        return False, {}
+    return holds, next((one["data"] for one in said if one["label"] == LABEL), {})
+
 
 NAME = "proof.json"
 STATEMENT = (

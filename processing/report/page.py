@@ -8,14 +8,34 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from processing.ground.room_model import RoomModel
 from processing.pictures.writing import write_bytes
-from processing.report.client import ClientData
-from processing.report.data import ReportData, Widget, size_text
+from processing.report.data import (
+    Cards,
+    Comparison,
+    Embedded,
+    Quantity,
+    ReportData,
+    Scene,
+    Shot,
+    Viewer,
+    Widget,
+    size_text,
+)
+from processing.report.sections import floor_area_m2
+from processing.report.states import packed
+from processing.stages.contract import StageContext
+from station.session.session import SessionManifest
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -101,3 +121,194 @@ def _short(value: float) -> str:
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+# The page for a client: pictures, before and after, a tour, the plan with its measures, and files; nothing to learn. It
+# says nothing that the run does not warrant: what was added or removed is said with each picture, beside the unaltered
+# original, and a room whose shape is doubtful is called so.
+
+
+PAGE_PX, PAGE_QUALITY = 1600, 80
+"""Of stills within the page; the files beside it are larger. Chosen, with `TOUR_PX`, for pages of a few megabytes."""
+TOUR_PX = ((3, 2560), (99, 2048))
+"""Most states of the tour, and the width of their panoramas then."""
+TOUR_QUALITY = 76  # chosen: below the 82 of lab.html, for fewer bytes
+MOST_COMPARED = 3  # chosen: fits a page
+MOST_TOUR = 5  # chosen: the page stays one that can be sent
+DOUBTFUL = 0.5  # confidence of a room's shape below which the page says so: it is as likely wrong as right
+STILLS = Path("..", "stills")
+"""Where stills lie as seen from the page."""
+
+
+@dataclass(frozen=True)
+class Still(Embedded):
+    """A framed picture on the page, with its statement and its files."""
+
+    data: bytes
+    """JPEG."""
+    alt: str
+    statement: str
+    file: str
+    """The full-size picture, relative to the page."""
+    original: str
+    """The unaltered photograph in the same frame; empty where this is it."""
+
+
+@dataclass(frozen=True)
+class ClientData:
+    """All that the client's page shows."""
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    stills: tuple[Still, ...]
+    notices: tuple[str, ...]
+    """What a reader must know before trusting a picture."""
+    compared: Comparison | None
+    tour: Viewer | None
+    plan: Embedded | None
+    measures: tuple[Quantity, ...]
+    day: Cards | None
+    downloads: tuple[tuple[str, str], ...]
+    """File relative to the page, and what it is."""
+    made_with: str
+
+
+@dataclass(frozen=True)
+class _Plan(Embedded):
+    data: bytes
+
+
+def client_data(context: StageContext, lab: ReportData) -> ClientData:
+    """Return what the client's page shows, from the stills and what the laboratory's page gathered."""
+    found = context.optional_artifact("stills", "stills") or {"stills": ()}
+    folder = context.session_path / "stages" / "stills"
+    stills = [one for one in found["stills"] if (folder / one["file"]).is_file()]
+    room: RoomModel | None = context.optional_artifact("room", "room")
+    widgets = [widget for section in lab.sections for widget in section.widgets]
+    viewers = [widget for widget in widgets if isinstance(widget, Viewer)]
+    plan = context.optional_artifact("arrange", "plan-1")
+    days = [w for s in lab.sections if s.title == "Times of day" for w in s.widgets if isinstance(w, Cards)]
+    return ClientData(
+        title=context.session.site.name or context.session.name,
+        facts=_facts(context.session),
+        stills=tuple(_still(folder, one) for one in stills),
+        notices=_notices(context, room, [one["state"] for one in stills]),
+        compared=_compared(folder, stills),
+        tour=_tour(viewers[0]) if viewers else None,
+        plan=_Plan(plan.read_bytes()) if isinstance(plan, Path) else None,
+        measures=() if room is None else _measures(room),
+        day=days[0] if days else None,
+        downloads=_downloads(context.session_path, stills),
+        made_with=lab.made_with,
+    )
+
+
+def _facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
+    times = sorted(frame.taken_utc for frame in session.frames if frame.taken_utc is not None)
+    when: datetime = times[len(times) // 2] if times else session.created_utc
+    text = f"{when.day} {when:%B %Y}, {when:%H:%M} UTC"
+    site = session.site
+    if site.longitude_deg is not None and session.bracket.mode != "panorama":
+        text += f" ({when + timedelta(hours=site.longitude_deg / 15):%H:%M} by the sun)"
+    found = [("Photographed" if session.bracket.mode != "panorama" else "Received", text)]
+    if site.latitude_deg is not None and site.longitude_deg is not None:
+        found.append(("Place", f"{site.latitude_deg:.4f}°, {site.longitude_deg:.4f}°"))
+    return tuple(found)
+
+
+def _still(folder: Path, one: Mapping[str, Any]) -> Still:
+    edited = one["state"] != "photograph"
+    shows = f" with {', '.join(name.replace('-', ' ') for name in one['shows'])}" if one["shows"] else ""
+    return Still(
+        _smaller((folder / one["file"]).read_bytes(), PAGE_PX),
+        f"The room, {one['state'].replace('-', ' ')}{shows}",
+        one["statement"].partition(" Unaltered original:")[0],
+        (STILLS / one["file"]).as_posix(),
+        (STILLS / one["original"]).as_posix() if edited else "",
+    )
+
+
+def _smaller(jpeg: bytes, width_px: int, quality: int = PAGE_QUALITY) -> bytes:
+    """Return a JPEG at most so wide, with its XMP."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(jpeg)) as opened:
+        size = (min(width_px, opened.width), round(opened.height * min(1.0, width_px / opened.width)))
+        out = io.BytesIO()
+        xmp = opened.info.get("xmp", b"")
+        opened.resize(size, Image.Resampling.LANCZOS).save(out, "JPEG", quality=quality, subsampling=0, xmp=xmp)
+    return out.getvalue()
+
+
+def _notices(context: StageContext, room: RoomModel | None, states: list[str]) -> tuple[str, ...]:
+    found = []
+    if any(state.startswith("staged") for state in states):
+        found.append("Furniture in pictures marked as virtually staged is not there.")
+    if context.optional_artifact("remove", "empty") is not None:
+        found.append("Furniture that stood in the room was removed by computer: what it hid is computed, not seen.")
+    if room is not None and room.source == "estimated" and room.confidence < DOUBTFUL:
+        found.append(
+            f"The room's shape is doubtful (confidence {room.confidence:.0%}): measures, and where furniture stands, "
+            "may be wrong."
+        )
+    return tuple(found)
+
+
+def _compared(folder: Path, stills: list[Any]) -> Comparison | None:
+    """Return original and result of the best frames of one state under a slider; None where nothing was changed."""
+    edited = [one for one in stills if one["state"] != "photograph"]
+    same = [one for one in edited if one["state"] == edited[0]["state"]][:MOST_COMPARED]
+    if not same:
+        return None
+    after = same[0]["state"].replace("-", " ").capitalize()
+    scenes = []
+    for number, one in enumerate(same, 1):
+        pictures = [_smaller((folder / one[name]).read_bytes(), 1280) for name in ("original", "file")]
+        tag = f"{after}: virtual" if after.startswith("Staged") else after
+        shots = (
+            Shot("Original", pictures[0], f"View {number}: the room as it was photographed"),
+            Shot(after, pictures[1], f"View {number}: {one['statement']}", tag),
+        )
+        scenes.append(Scene(f"View {number}", shots, 1280, 1280 * 2 // 3))
+    return Comparison(tuple(scenes), "Original", after)
+
+
+def _tour(lab: Viewer) -> Viewer:
+    """Return the viewer with smaller panoramas and without the maps of its probe."""
+    some = lab.states[:MOST_TOUR]
+    width = next(width for most, width in TOUR_PX if len(some) <= most)
+    nothing, unknown = packed(np.zeros((1, 2), np.uint16)), packed(np.zeros((1, 2), np.uint8))
+    states = tuple(
+        replace(
+            state,
+            jpeg=_smaller(state.jpeg, width, TOUR_QUALITY),
+            luminance=nothing,
+            uncertainty=unknown,
+            validity=unknown,
+            map_px=(2, 1),
+        )
+        for state in some
+    )
+    return replace(lab, states=states)
+
+
+def _measures(room: RoomModel) -> tuple[Quantity, ...]:
+    doubt = " (estimated from the picture)" if room.source == "estimated" else ""
+    lengths = " · ".join(f"{room.wall_length_m(k):.2f}" for k in range(len(room.floor)))
+    return (
+        Quantity("Floor", round(floor_area_m2(room), 1), "m²", note=f"scale: camera {room.camera_height_m:g} m high"),
+        Quantity("Ceiling", round(room.ceiling_height_m, 2), "m", note=f"height{doubt}"),
+        Quantity("Walls", len(room.floor), "", note=f"{lengths} m"),
+        Quantity("Windows and doors", len(room.openings), ""),
+    )
+
+
+def _downloads(session: Path, stills: list[Any]) -> tuple[tuple[str, str], ...]:
+    found = [((STILLS / one["file"]).as_posix(), f"picture {k}, full size") for k, one in enumerate(stills, 1)]
+    for stage, name, what in (
+        ("render", "staged-1.glb", "model in three dimensions (glTF)"),
+        ("arrange", "plan-1.svg", "plan"),
+    ):
+        if (session / "stages" / stage / name).is_file():
+            found.append((f"../{stage}/{name}", what))
+    return (*found, ("lab.html", "figures, uncertainties and methods, for the laboratory"))

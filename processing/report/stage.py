@@ -19,9 +19,8 @@ from processing.report.calibration_sections import (
     light_section,
     outdoor_section,
 )
-from processing.report.client import client_data
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
-from processing.report.page import build_client_page, build_page, write_page
+from processing.report.page import build_client_page, build_page, client_data, write_page
 from processing.report.room_states import display_in
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections

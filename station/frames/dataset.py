@@ -17,7 +17,7 @@ from datetime import date
 from pathlib import Path
 
 from station.errors import SessionNotFoundError, UsageError
-from station.frames.import_files import JPEG_SUFFIXES, RAW_SUFFIXES, has_suffix
+from station.frames.import_plan import JPEG_SUFFIXES, RAW_SUFFIXES, has_suffix
 from station.session.session import Side
 
 MAX_FOLDERS = 20_000  # chosen: the larger of the two datasets has some three hundred

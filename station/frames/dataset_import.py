@@ -14,8 +14,7 @@ from drivers.errors import DaylitError
 from station.errors import AmbiguousImportError, IncompleteBracketError, SessionError
 from station.frames.check import FrameChecker
 from station.frames.dataset import Bracket, Doubt, Pair, TableRow, find_brackets, pair_brackets, read_table, row_of
-from station.frames.import_files import JPEG_SUFFIXES, has_suffix, inspect_files, sort_entries
-from station.frames.import_plan import Candidate
+from station.frames.import_plan import JPEG_SUFFIXES, Candidate, has_suffix, inspect_files, sort_entries
 from station.frames.importer import ImportReport, ImportRequest, import_session
 from station.frames.rules import same_stop
 from station.session.session import SessionStatus, Side, Site, WarningRecord

@@ -17,8 +17,18 @@ from station.capture.intake import drift_frac
 from station.errors import FrameRejectedError, IncompleteBracketError, UsageError, software_versions
 from station.frames.check import FrameChecker, picture_format
 from station.frames.facts import FrameFacts, Reason
-from station.frames.import_files import inspect_files, list_folder, raw_only, sort_entries
-from station.frames.import_plan import Candidate, Refusal, join_stops, plan_side, refusal, stop_of
+from station.frames.import_plan import (
+    Candidate,
+    Refusal,
+    inspect_files,
+    join_stops,
+    list_folder,
+    plan_side,
+    raw_only,
+    refusal,
+    sort_entries,
+    stop_of,
+)
 from station.frames.rules import rejection
 from station.session.session import (
     MAX_ROOM_CHARACTERS,

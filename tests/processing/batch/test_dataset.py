@@ -11,8 +11,18 @@ from pathlib import Path
 import pytest
 
 import daylit
-from processing.batch.croissant import COLUMNS, MEANING, Description, read_index, split_of
-from processing.batch.dataset import SUMS_NAME, build, check, read_sums, summary
+from processing.batch.dataset import (
+    COLUMNS,
+    MEANING,
+    SUMS_NAME,
+    Description,
+    build,
+    check,
+    read_index,
+    read_sums,
+    split_of,
+    summary,
+)
 from processing.errors import ParameterError
 from station.session.session import MANIFEST_NAME, Site
 from station.session.store import SessionStore

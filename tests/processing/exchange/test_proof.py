@@ -15,8 +15,17 @@ from PIL import Image
 
 import daylit
 from processing.errors import ParameterError
-from processing.exchange.credentials import LABEL, credentials_of, read_signer, self_made_signer
-from processing.exchange.proof import NAME, _canonical, _chain, check_proof, write_proof
+from processing.exchange.proof import (
+    LABEL,
+    NAME,
+    _canonical,
+    _chain,
+    check_proof,
+    credentials_of,
+    read_signer,
+    self_made_signer,
+    write_proof,
+)
 from tests.station.session.sessions import complete_session
 
 MUTATIONS = 10_000 if os.environ.get("DAYLIT_TORTURE") == "1" else 200

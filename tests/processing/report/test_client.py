@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from processing.report.client import DOUBTFUL, client_data
-from processing.report.page import build_client_page
+from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
 from processing.report.stills import run as frame
 from processing.stages.contract import StageContext
