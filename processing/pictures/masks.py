@@ -64,6 +64,8 @@ def _marked(picture: ImageFile, path: Path) -> Flags:
             f"has pixels of the kind {picture.mode}, of which nobody knows what is white",
             advice="give a PNG of 8 or 16 bits, black and white",
         )
+    if picture.mode in ("1", "L") and "transparency" not in picture.info:
+        return np.asarray(np.asarray(picture.convert("L")) >= 128)
     if picture.mode in ("LA", "RGBA", "La", "RGBa", "PA") or "transparency" in picture.info:
         values = np.asarray(picture.convert("RGBA"))
         return np.asarray((values[..., :3].max(axis=2) >= 128) & (values[..., 3] >= 128))

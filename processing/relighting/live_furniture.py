@@ -114,6 +114,9 @@ class LiveFurniture:
         fits = np.abs(np.log(np.maximum(model, 1e-6) / np.maximum(shown, 1e-6))) < MISFIT
         back = np.zeros_like(fits) if sunless is None else resized(sunless.astype(np.float32), self.large.shape) > 0.5
         self._returns, self._old_sun = back.ravel() & ~fits, self._old_sun * fits[:, None]
+        old = self._old + self._old_sun
+        self._dark, self._all_old = old <= 0, np.maximum(old, np.float32(1e-9))
+        self._most_gain = np.where(self._returns, np.float32(np.inf), np.float32(MOST_GAIN))[:, None]
         self._pieces: dict[tuple[Any, ...], _Piece] = {}
 
     def sunlit(self, sight: Sight) -> tuple[Field, Indices]:
@@ -156,12 +159,14 @@ class LiveFurniture:
 
     def _gain(self, bodies: Sequence[Body], glow: Any) -> Floats:
         """Return by how much furniture changes what pixels (N, 3) of the room show."""
-        back, sun = self._returns[:, None], self._sun_in_room(bodies)
-        old = self._old + self._old_sun
-        gain = (self._in_room(bodies, glow) + np.where(back, sun, np.minimum(sun, self._old_sun))) / np.maximum(
-            old, 1e-9
-        )
-        return np.where(old > 0, np.where(back, gain, np.minimum(gain, MOST_GAIN)), 1).astype(np.float32)
+        gain, sun = self._in_room(bodies, glow), self._sun_in_room(bodies)
+        returned = sun[self._returns]
+        np.minimum(sun, self._old_sun, out=sun)
+        sun[self._returns] = returned
+        gain = np.asarray((gain + sun) / self._all_old, np.float32)
+        np.minimum(gain, self._most_gain, out=gain)
+        gain[self._dark] = 1
+        return gain
 
     def _furnish(self, pieces: Sequence[_Piece], lights: Sequence[Floats], rgb: Floats) -> None:
         """Fill the pixels (N, 3) that show furniture, the nearest piece of each."""

@@ -311,7 +311,7 @@ def _image(
 
 TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
 """Of the largest texture."""
-QUICK_TEXELS, MOST_KEPT = 20_000, 60
+QUICK_TEXELS, MOST_KEPT = 12_000, 60
 """Of a preview's largest texture (chosen: a floor's boards are still seen), and how many fillings it remembers."""
 FINER = 1.25  # texels to a panorama's pixel where the plane is nearest, so that copying costs no sharpness
 

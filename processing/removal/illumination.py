@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.sparse import csr_array
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 from processing.ground.colour import LUMINANCE_WEIGHTS
@@ -292,12 +293,12 @@ def _robust(design: Doubles, target: Doubles, base: Doubles, bending: Doubles, b
     """Return the nodes (n, c) by iteratively reweighted least squares (Huber on the grey residual)."""
     # In proportion to the data, so that the stiffness does not depend on the number of samples.
     stiff = bending.T @ bending * (bend * 0.02 * base.sum()) + 1e-6 * base.sum() * np.eye(design.shape[1])
-    weight = base
+    weight, sparse = base, csr_array(design)  # a row has at most eight nodes
     nodes = np.zeros((design.shape[1], target.shape[1]))
     for _ in range(ROUNDS):
-        weighted = design * weight[:, None]
-        nodes = np.linalg.solve(design.T @ weighted + stiff, weighted.T @ target)
-        off = np.abs(grey((target - design @ nodes).astype(np.float32)))
+        weighted = csr_array(sparse.multiply(weight[:, None]))
+        nodes = np.linalg.solve((sparse.T @ weighted).toarray() + stiff, weighted.T @ target)
+        off = np.abs(grey((target - sparse @ nodes).astype(np.float32)))
         scale = max(1.5 * float(np.median(off)), 1e-4)
         weight = base / np.maximum(off / scale, 1.0)
     return nodes

@@ -18,6 +18,8 @@ STATES = {
 """Pictures of the room, and where each may lie."""
 CARD = "stages/stills/still-1.jpg"
 """What shows a session at a glance where there is one; else the middle frame of the room does, or its photograph."""
+SCREEN_PX, LARGEST_PX = 2048, 4096
+"""Width of a panorama on a screen, and of the picture that smaller ones are made of (chosen)."""
 JPEG_QUALITY = 88  # chosen: artifacts are not seen at twice the size
 
 
@@ -26,13 +28,14 @@ def picture_of(session: Path, state: str) -> Path | None:
     return next((p for name in STATES.get(state, ()) if (p := session / name).is_file()), None)
 
 
-def look_of(session: Path, image: Any) -> Any:
-    """Return how a session's pictures are shown: in its own display; ``image``: for the place of its windows."""
+def look_of(session: Path) -> Any:
+    """Return how a session's pictures are shown: in its own display, its windows as a screen resolves them."""
     from processing.exchange.showing import panes_of, session_shown
     from processing.report.states import Look
+    from processing.sphere import Equirectangular
 
     found = session_shown(session)
-    return Look(found.display, panes_of(found.room, image.geometry))
+    return Look(found.display, panes_of(found.room, Equirectangular(SCREEN_PX, SCREEN_PX // 2)))
 
 
 def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
@@ -47,16 +50,15 @@ def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
     if path is None:
         raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
     look = picture_of(session, "Photograph") or path
-    return _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns, width_px)
+    whole = _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns)
+    return whole if width_px >= LARGEST_PX else small_jpeg(io.BytesIO(whole), width_px)
 
 
 @lru_cache(maxsize=24)
-def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int, width_px: int) -> bytes:
+def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int) -> bytes:
     from processing.pictures.exr import read_exr
 
-    image = read_exr(path)
-    look = look_of(look_path.parents[2], image if path == look_path else read_exr(look_path))
-    return shown_jpeg(image.rgb, look, width_px)
+    return shown_jpeg(read_exr(path).rgb, look_of(look_path.parents[2]), LARGEST_PX)
 
 
 def shown_jpeg(rgb: Any, look: Any, width_px: int) -> bytes:
@@ -78,13 +80,12 @@ def viewer_json(session: Path, state: str) -> str:
     from processing.pictures.exr import read_exr
     from processing.report.states import State, viewer
 
-    path, photograph = picture_of(session, state), picture_of(session, "Photograph")
-    if path is None or photograph is None:
+    path = picture_of(session, state)
+    if path is None:
         raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
-    first = read_exr(photograph)
-    image: Any = first if path == photograph else read_exr(path)
+    image: Any = read_exr(path)
     name = path.relative_to(session).as_posix()
-    return viewer([State(state, image, state.startswith("Staged"), name)], look_of(session, first)).json
+    return viewer([State(state, image, state.startswith("Staged"), name)], look_of(session)).json
 
 
 def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
@@ -94,13 +95,13 @@ def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
     return small_jpeg(session / file, width_px)
 
 
-def small_jpeg(path: Path, width_px: int) -> bytes:
+def small_jpeg(file: Path | io.BytesIO, width_px: int) -> bytes:
     """Return a JPEG file's picture at most ``width_px`` wide and high."""
     from PIL import Image
 
-    with Image.open(path) as frame:
+    with Image.open(file) as frame:
         frame.draft("RGB", (width_px, width_px))
         frame.thumbnail((width_px, width_px))
         out = io.BytesIO()
-        frame.convert("RGB").save(out, "JPEG", quality=82)
+        frame.convert("RGB").save(out, "JPEG", quality=JPEG_QUALITY)
     return out.getvalue()

@@ -34,7 +34,7 @@ from processing.running.choices import go_on_with, going_on
 from processing.running.fingerprint import visible_part
 from processing.running.requests import RunRequest, given_answers, given_files, parameters
 from processing.running.results import RESULT_NAME, parse_result
-from processing.running.screens import look_of, shown_jpeg
+from processing.running.screens import SCREEN_PX, look_of, shown_jpeg
 from processing.stages.contract import Quality, StageContext
 from processing.stages.detect import LAYERS, drawn_over
 from processing.stages.materials import emptied as sunlit_anew
@@ -158,7 +158,6 @@ def _small_shade(path: Path, into: Path) -> Path:
     return into
 
 
-WIDTH_PX = 2048  # of a preview (chosen: a screen's)
 KINDS = ("captured", "clear", "overcast")
 FURNISHED = ("materials/scene.npz", "remove/empty.exr", "render/staged.json")
 """What a room that furniture stands in depends on."""
@@ -190,7 +189,7 @@ class Warm:
     def _emptied(self, _asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         image = self._previews.emptied()
         facts = {"size_px": list(image.rgb.shape[1::-1]), "media": "image/jpeg"}
-        return facts, shown_jpeg(image.rgb, look_of(self._session, image), WIDTH_PX)
+        return facts, shown_jpeg(image.rgb, look_of(self._session), SCREEN_PX)
 
     def _room(self, asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         """Return the room estimated again around what the one that is sent holds."""
@@ -208,12 +207,12 @@ class Warm:
         key = [path.stat().st_mtime_ns for name in FURNISHED if (path := self._session / "stages" / name).is_file()]
         if self._furnished is None or self._furnished[0] != key:
             live = LiveFurniture(self._session, self._previews.sunless())
-            self._furnished = key, live, look_of(self._session, live.photograph)
+            self._furnished = key, live, look_of(self._session)
         _, live, look = self._furnished
         items = [PlacedItem.model_validate_json(json.dumps(item)) for item in asked["items"]]
         chosen = go_on_with(self._session, dict.fromkeys(("style", "furniture")))
         image = live.staged(items, chosen["style"] or style_of(self._session), chosen["furniture"])
-        return {"media": "image/jpeg"}, shown_jpeg(image.rgb, look, WIDTH_PX)
+        return {"media": "image/jpeg"}, shown_jpeg(image.rgb, look, SCREEN_PX)
 
     def _lit(self, asked: dict[str, Any]) -> tuple[Any, Any]:
         """Return the room that is asked for, as it is on disk, and how it is lit then; no time: as it was captured."""
