@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from processing.errors import ParameterError
 from station.session.store import load_manifest
@@ -95,7 +95,7 @@ def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
     return small_jpeg(session / file, width_px)
 
 
-def small_jpeg(file: Path | io.BytesIO, width_px: int) -> bytes:
+def small_jpeg(file: Path | BinaryIO, width_px: int) -> bytes:
     """Return a JPEG file's picture at most ``width_px`` wide and high."""
     from PIL import Image
 
