@@ -128,12 +128,12 @@ DESTINATION_PC = 4
 2 on those with SD (lists of a 5D Mark III and a 60D)."""
 LIST_FORM = 3  # the list of allowed values, as in the recordings
 
-_TABLES = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
+_tables = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
 
 
 def _table(name: str) -> dict[int, float]:
     """Return a table of ``codes.toml`` by code; "1/60" is a sixtieth."""
-    return {int(code, 16): 1 / int(v[2:]) if isinstance(v, str) else v for code, v in _TABLES[name].items()}
+    return {int(code, 16): 1 / int(v[2:]) if isinstance(v, str) else v for code, v in _tables[name].items()}
 
 
 SHUTTER_CODES = _table("shutter_thirds")

@@ -52,12 +52,12 @@ F_NUMBER_TIMES_100 = {0: "auto", 210: "2.1", 350: "3.5", 560: "5.6"}
 F_NUMBER_INDEX = {0: "auto", 1: "2.1", 2: "3.5", 3: "5.6"}
 """The two encodings that sources disagree about (devices.md 2.6); the driver asks the camera which it uses."""
 
-_TABLES = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
-ISO_VALUES: tuple[int, ...] = tuple(_TABLES["iso"])
+_tables = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
+ISO_VALUES: tuple[int, ...] = tuple(_tables["iso"])
 ISO_AUTO = 0xFFFF  # Ricoh's USB API
 
-SHUTTER_FRACTIONS: tuple[tuple[int, int], ...] = tuple((above, below) for above, below in _TABLES["shutter"])
+SHUTTER_FRACTIONS: tuple[tuple[int, int], ...] = tuple((above, below) for above, below in _tables["shutter"])
 """Legal (numerator, denominator) in manual mode, longest first; on the wire LE32 numerator, LE32 denominator."""
 
-ERROR_INFO_BITS = {int(bit, 16): (str(text), bool(usable)) for bit, (text, usable) in _TABLES["error_info"].items()}
+ERROR_INFO_BITS = {int(bit, 16): (str(text), bool(usable)) for bit, (text, usable) in _tables["error_info"].items()}
 """Bit of ErrorInfo -> (meaning, whether the camera can still shoot)."""

@@ -61,8 +61,6 @@ class BenchOptions:
     clock: Clock = field(default_factory=SystemClock)
     timing: Mapping[str, CameraTiming] = field(default_factory=dict)
     faults: Mapping[str, FaultSchedule] = field(default_factory=dict)
-    meter_language: str = "ls160"
-    meter_noise_frac: float = 1e-3
     meter_faults: tuple[MeterFault, ...] = ()
     measuring_s: float = MEASURING_S
     shots: Mapping[str, ShotSource] = field(default_factory=dict)
@@ -120,8 +118,7 @@ def make_bench(
     direction = _meter_direction(world)
     meter = SimulatedMeter(
         lambda t_s: meter_luminance_cd_m2(world, direction, t_s),
-        language=options.meter_language,
-        noise_frac=options.meter_noise_frac,
+        language="ls160",
         measuring_s=options.measuring_s,
         faults=options.meter_faults,
         seed=options.seed,

@@ -77,7 +77,7 @@ class SimulatedCanon5D2(CanonBody):
         if press not in (HALF, FULL, HALF_AND_FULL):
             raise Refusal(Response.INVALID_PARAMETER)
         if press & HALF or not self.half_pressed:
-            self._press_half(with_af=not (request.param(1) and self.options.honours_no_af))
+            self._press_half(with_af=not request.param(1))
         if press & FULL:
             if self.full_pressed:
                 raise Refusal(Response.DEVICE_BUSY)

@@ -16,7 +16,7 @@ from drivers.canon_5d2.codes import DESTINATION_PC, CanonEvent, CanonOperation, 
 from drivers.clock import Clock
 from drivers.ptp.codes import DataType, Event, Operation, Response
 from mocks.instruments import canon_records
-from mocks.instruments.canon_records import D11E, D11F, READ_ONLY, CanonOptions, CanonSettings, Record
+from mocks.instruments.canon_records import D11E, D11F, FULL_BATTERY, READ_ONLY, CanonOptions, CanonSettings, Record
 from mocks.instruments.exposures import CameraTiming, ShotSource
 from mocks.instruments.faults import FaultKind, FaultSchedule
 from mocks.instruments.ptp import wire as ptp_wire
@@ -183,7 +183,7 @@ class CanonBody(SimulatedCamera):
 
     def refuse_undrained(self) -> None:
         """Answer busy while the host has events to fetch."""
-        if self.records and self.options.busy_until_drained:
+        if self.records:
             raise Refusal(Response.DEVICE_BUSY)
 
     def _set_remote_mode(self, request: Request) -> Answer:
@@ -217,7 +217,7 @@ class CanonBody(SimulatedCamera):
         values[CanonProp.CAMERA_TIME] = int(self.local_now().timestamp())
         low = self.faults.condition(FaultKind.BATTERY_LOW)
         empty = low and low.number("percent") < LOW_BATTERY_PERCENT
-        values[CanonProp.BATTERY_POWER] = EMPTY_BATTERY if empty else self.options.battery_power
+        values[CanonProp.BATTERY_POWER] = EMPTY_BATTERY if empty else FULL_BATTERY
         manual = self.options.lens_manual and not self.faults.condition(FaultKind.AUTOFOCUS)
         values[CanonProp.FOCUS_MODE] = canon_codes.FOCUS_MANUAL if manual else 0
 

@@ -110,16 +110,16 @@ READ_ONLY = frozenset({0xD105, 0xD111, 0xD116, 0xD11B, 0xD1A0, 0xD1AF, 0xD1BF, D
 TEXTS = (CanonProp.OWNER, CanonProp.ARTIST, CanonProp.COPYRIGHT)
 """Not in the first reply: they come only when asked for with 9127."""
 
+FULL_BATTERY = 2  # code of D111 (libgphoto2)
+
 
 @dataclass(frozen=True)
 class CanonOptions:
     """The camera's switches and menus; what is None is as the ``body`` (the name of a recording) was recorded.
 
-    ``ae_mode`` is the dial (3 = M, 4 = bulb); ``lens_manual`` the lens switch. ``busy_until_drained``: answer busy to
-    settings and releases while the host has not fetched all events. ``honours_no_af``: parameter 2 of RemoteReleaseOn
-    keeps a lens on AF from focusing. ``battery_power`` is the code of D111 (2 full; codes from libgphoto2).
-    ``values`` and ``custom_functions`` change what is recorded: (property or function, value). ``image_size_px`` of
-    large pictures may be smaller than life, for speed.
+    ``ae_mode`` is the dial (3 = M, 4 = bulb); ``lens_manual`` the lens switch. ``values`` and ``custom_functions``
+    change what is recorded: (property or function, value). ``image_size_px`` of large pictures may be smaller than
+    life, for speed.
     """
 
     body: str = "eos_5d2"
@@ -128,10 +128,6 @@ class CanonOptions:
     ae_mode: int | None = AE_MANUAL
     lens_manual: bool = True
     focus_finds: bool = True
-    honours_no_af: bool = True
-    busy_until_drained: bool = True
-    auto_power_off_s: int | None = None
-    battery_power: int = 2
     destination: int | None = None
     values: tuple[tuple[int, int], ...] = ()
     custom_functions: tuple[tuple[int, int], ...] = ()
@@ -159,9 +155,8 @@ class CanonSettings:
         turned = {
             CanonProp.AUTO_EXPOSURE_MODE: options.ae_mode,
             CanonProp.FOCUS_MODE: FOCUS_MANUAL if options.lens_manual else ONE_SHOT,
-            CanonProp.AUTO_POWER_OFF: options.auto_power_off_s,
             CanonProp.CAPTURE_DESTINATION: options.destination,
-            CanonProp.BATTERY_POWER: options.battery_power,
+            CanonProp.BATTERY_POWER: FULL_BATTERY,
             **dict(options.values),
         }
         self.values |= {prop: value for prop, value in turned.items() if value is not None}

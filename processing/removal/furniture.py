@@ -54,15 +54,12 @@ class FurnitureFound:
     dropped_sr: float
 
 
-def find_furniture(
-    probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, floor_filter: bool = True, whole: bool = False
-) -> FurnitureFound:
+def find_furniture(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, whole: bool = False) -> FurnitureFound:
     """Return the furniture of an upright panorama.
 
     ``probabilities`` (8, H, W).
     ``maps``: of the room, at the same size.
     ``rgb8`` (H, W, 3), sRGB.
-    ``floor_filter``: False: keep what hangs on walls too.
     ``whole``: complete things to the borders of their colours: for evidence that two networks share.
     """
     # The probability (H, W) of furniture: the network's, what the room says, and unusual colours. Weights are a
@@ -81,8 +78,6 @@ def find_furniture(
         likely = np.where((maps.plane == FLOOR) & (prior < FLOOR_DOUBTFUL), 0, prior).astype(np.float32)
         soft = np.where(completed(agreed, likely, rgb8), np.maximum(soft, np.float32(0.75)), soft)
     mask = without_skirting(soft > 0.5, maps)
-    if not floor_filter:
-        return FurnitureFound(mask, soft, 0, 0.0)
     kept, dropped, dropped_sr = attached(mask, maps.plane == FLOOR)
     islands = islands_in(kept, maps.opening >= 0)
     return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)

@@ -140,33 +140,34 @@ def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, 
     return png_bytes(np.asarray(shown, dtype=np.uint8))
 
 
-def luminance_picture(
-    luminance: Floats, unit: str = "cd/m2", *, width_px: int = 1200, limits: tuple[float, float] | None = None
-) -> bytes:
-    """Return a PNG of luminance (H, W) in false colours with its scale, at most ``width_px`` wide."""
-    small = _shrunk(luminance, width_px)
-    low, high = limits or display_range(small)
+def luminance_picture(luminance: Floats, unit: str = "cd/m2") -> bytes:
+    """Return a PNG of luminance (H, W) in false colours with its scale, at most `MAP_PX` wide."""
+    small = _shrunk(luminance)
+    low, high = display_range(small)
     return png_bytes(with_legend(false_colour(small, low, high), legend(low, high, unit, small.shape[0])))
 
 
-def uncertainty_map(uncertainty: Floats, *, width_px: int = 1200) -> bytes:
+def uncertainty_map(uncertainty: Floats) -> bytes:
     """Return a PNG of relative standard uncertainty (H, W) in per cent with its scale; grey: nothing known."""
     finite = np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)
-    picture = uncertainty_picture(_shrunk(finite, width_px))
+    picture = uncertainty_picture(_shrunk(finite))
     return png_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
 
 
-def cct_picture(rgb: Floats, *, width_px: int = 1200) -> bytes:
+def cct_picture(rgb: Floats) -> bytes:
     """Return a PNG of correlated colour temperature (H, W, 3 linear RGB) with its scale; grey: no meaningful CCT."""
-    kelvin, meaningful = colour_temperature_k(_shrunk(rgb, width_px))
+    kelvin, meaningful = colour_temperature_k(_shrunk(rgb))
     low, high = CCT_RANGE_K
     shown = np.where(meaningful, np.clip(kelvin, low, high), 0)
     return png_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
 
 
-def _shrunk(values: Floats, width_px: int) -> Floats:
+MAP_PX = 1200  # width of maps on the page; chosen by eye
+
+
+def _shrunk(values: Floats) -> Floats:
     """Return every n-th pixel: numbers stay numbers of the picture, no means of valid and invalid."""
-    step = max(1, -(-values.shape[1] // width_px))
+    step = max(1, -(-values.shape[1] // MAP_PX))
     return values[step // 2 :: step, step // 2 :: step]
 
 

@@ -8,7 +8,6 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.merge.merge import merge
 from processing.calibration.optics import stated_circle
@@ -27,7 +26,7 @@ from processing.calibration.profile_records import (
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, camera_rule
-from processing.calibration.scale.chart import chart_at, find_chart_around
+from processing.calibration.scale.chart import find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import BracketError, LensError, ProfileError, ResponseError
 from processing.ground.arrays import Bytes, Doubles, Vector
@@ -221,22 +220,16 @@ def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFi
     return replace(camera, vignetting=replace(found.vignetting, f_number=f_number))
 
 
-def with_filter(
-    camera: CameraFit, filtered: SessionSide, plain: SessionSide, corners: dict[str, npt.ArrayLike] | None = None
-) -> CameraFit:
-    """Return the camera with the filter that the chart with and without it shows.
-
-    ``corners``: by "filtered" and "plain" the chart's corners in pixels, shape (4, 2).
-    """
-    given = corners or {}
-    found = [_patches(camera, taken, given.get(name)) for name, taken in (("filtered", filtered), ("plain", plain))]
+def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) -> CameraFit:
+    """Return the camera with the filter that the chart with and without it shows."""
+    found = [_patches(camera, taken) for taken in (filtered, plain)]
     return replace(camera, filter=fit_nd_filter(*found, source="chart with and without the filter"))
 
 
-def _patches(camera: CameraFit, taken: SessionSide, corners: npt.ArrayLike | None) -> Doubles:
+def _patches(camera: CameraFit, taken: SessionSide) -> Doubles:
     """Return the chart's patches (24, 3) at equal exposure; those that are clipped or dark are not finite."""
     image = replace(camera, filter=None).corrected(camera.merged(taken))
-    chart = (find_chart_around(image) if corners is None else chart_at(image, corners)).chart
+    chart = find_chart_around(image).chart
     state = taken.state
     if state.iso is None or state.f_number is None:
         raise ProfileError(

@@ -148,9 +148,7 @@ def resample_labels(
     return out
 
 
-def resample_uncertainty(
-    uncertainty: npt.ArrayLike, source: Geometry, target: Geometry, *, method: Method = "area"
-) -> Floats:
+def resample_uncertainty(uncertainty: npt.ArrayLike, source: Geometry, target: Geometry) -> Floats:
     """Return relative standard uncertainties (H, W) in another geometry; inf where less than half is known.
 
     Neighbours are taken to err together (demosaicing and JPEG make it so): variances are averaged, not reduced.
@@ -160,9 +158,8 @@ def resample_uncertainty(
         raise ParameterError("uncertainties that are NaN or negative", advice="give inf where nothing is known")
     known = np.isfinite(u)
     # Squares of finite float32 may overflow; beyond 1e9 nothing is known anyway.
-    variance, share = resample(
-        np.minimum(np.where(known, u, 0.0), 1e9) ** 2, source, target, method=method, weights=known.astype(np.float32)
-    )
+    squares = np.minimum(np.where(known, u, 0.0), 1e9) ** 2
+    variance, share = resample(squares, source, target, weights=known.astype(np.float32))
     return np.where(share >= 0.5, np.sqrt(variance), np.float32(np.inf)).astype(np.float32)
 
 

@@ -142,20 +142,16 @@ def clear_beam(
     return Beam(normal * efficacy, BEAM_UNCERTAINTY, normal, linke_turbidity, diffuse, around, top, mass)
 
 
-def direct_efficacy_lm_w(
-    zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float, water_cm: float = WATER_CM
-) -> float:
+def direct_efficacy_lm_w(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float) -> float:
     """Return the luminous efficacy of the beam (Perez et al. 1990); ``brightness`` is their Delta."""
     a, b, c, d = _DIRECT_LM_W[_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
-    return max(0.0, a + b * water_cm + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
+    return max(0.0, a + b * WATER_CM + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
 
 
-def diffuse_efficacy_lm_w(
-    zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float, water_cm: float = WATER_CM
-) -> float:
+def diffuse_efficacy_lm_w(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float) -> float:
     """Return the luminous efficacy of the sky's own light on level ground (Perez et al. 1990, table 4, diffuse)."""
     a, b, c, d = _DIFFUSE_LM_W[_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
-    return max(0.0, a + b * water_cm + c * math.cos(zenith_rad) + d * math.log(max(brightness, 1e-3)))
+    return max(0.0, a + b * WATER_CM + c * math.cos(zenith_rad) + d * math.log(max(brightness, 1e-3)))
 
 
 def _clearness_bin(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float) -> int:
