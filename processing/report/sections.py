@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
+from processing.ground.polygons import signed_area
 from processing.ground.room_model import RoomModel
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage
@@ -211,6 +212,4 @@ def _ends(room: RoomModel, opening: int) -> tuple[str, tuple[float, float], tupl
 
 def floor_area_m2(room: RoomModel) -> float:
     """Return the area of the floor."""
-    corners = np.array(room.floor)
-    following = np.roll(corners, -1, axis=0)
-    return float((corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum() / 2)
+    return signed_area(np.array(room.floor))

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 
 from processing.errors import ViewpointError
-from processing.ground.arrays import Doubles, Flags, Floats, Int32s, Vector
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.polygons import inside
 from processing.light.picture.render import render
 from processing.light.scene.scene import Part, Scene, Surface
 from processing.light.solver.irradiance import EFFORTS, Effort
-from processing.light.solver.sight import GLASS, Sight, sight_of
+from processing.light.solver.sight import GLASS, Sight, own_pixels, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, Perspective
@@ -87,28 +87,11 @@ def _as_photographed(stage: Stage, photograph: Floats, camera_m: Vector, sight: 
         known[part] = hits.distance_m > far[part] * (1 - SAME_PLACE) - SAME_PLACE_M
     own = sight_of(stage, Equirectangular(2 * rows, rows), camera_m).label.reshape(rows, 2 * rows)
     chosen = np.flatnonzero(known)
-    value, weight = own_pixels(photograph, own, way[chosen], sight.label[chosen])
+    value, weight = own_pixels(photograph, own, way[chosen], sight.label[chosen], least=1e-4)
     out = np.zeros((len(known), 3), np.float32)
     out[chosen] = value
     known[chosen] = weight > 0
     return out, known
-
-
-def own_pixels(photograph: Floats, labels: Int32s, rays: Floats, label: Int32s) -> tuple[Floats, Floats]:
-    """Return a panorama's values (N, 3) along rays from those of the four pixels around that show the ray's label."""
-    rows, columns = labels.shape
-    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
-    y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
-    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    value, weight = np.zeros((len(rays), 3), np.float32), np.zeros(len(rays), np.float32)
-    for right in (0, 1):
-        for down in (0, 1):
-            column, row = (left + right) % columns, np.clip(top + down, 0, rows - 1)
-            share = np.abs(1 - right - (x - left)) * np.abs(1 - down - (y - top))
-            share = np.where(labels[row, column] == label, share + 1e-4, 0).astype(np.float32)
-            value += share[:, None] * photograph[row, column]
-            weight += share
-    return np.asarray(value / np.maximum(weight, 1e-9)[:, None], dtype=np.float32), weight
 
 
 def _gains(shown: Floats, rendered: Floats, known: Flags, sight: Sight) -> Floats:

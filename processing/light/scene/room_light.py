@@ -21,7 +21,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
-from processing.light.solver.sight import FIRST_PART, Sight, looked_up
+from processing.light.solver.sight import FIRST_PART, Sight, looked_up, own_pixels
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import BrightPatches, bounced, links_of
@@ -65,7 +65,7 @@ def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, 
     out[p.item[furniture]] = FIRST_PART + p.part[furniture]
     for number, (columns, rows, first) in enumerate(stage.patches.grids):
         out[first : first + columns * rows] = number
-    value, weight = _own_pixels(panorama, sight, way[visible], out[which[visible]])
+    value, weight = own_pixels(panorama, sight.label.reshape(sight.shape), way[visible], out[which[visible]])
     total, share = np.zeros((patches.count, 3)), np.zeros(patches.count)
     np.add.at(total, which[visible], value * weight[:, None])
     np.add.at(share, which[visible], weight)
@@ -73,27 +73,6 @@ def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, 
     radiance[share < LEAST_SHARE] = 0
     _fill_unseen(stage, radiance, share >= LEAST_SHARE)
     return MeasuredLight(radiance, share / LOOKS)
-
-
-def _own_pixels(panorama: Floats, sight: Sight, rays: Floats, surface: np.ndarray) -> tuple[Doubles, Doubles]:
-    """Return a panorama's values (N, 3) along rays from the four pixels around, and what share of them could be used.
-
-    Of use are pixels that see the ray's own surface (N,).
-    """
-    rows, columns = sight.shape
-    label = sight.label.reshape(sight.shape)
-    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
-    y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
-    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    value, weight = np.zeros((len(rays), 3)), np.zeros(len(rays))
-    for right in (0, 1):
-        for down in (0, 1):
-            column, row = (left + right) % columns, np.clip(top + down, 0, rows - 1)
-            share = np.abs(1 - right - (x - left)) * np.abs(1 - down - (y - top))
-            share = np.where(label[row, column] == surface, share, 0)
-            value += share[:, None] * panorama[row, column]
-            weight += share
-    return value / np.maximum(weight, 1e-9)[:, None], weight
 
 
 def _fill_unseen(stage: Stage, radiance: Doubles, seen: np.ndarray) -> None:

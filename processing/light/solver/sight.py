@@ -192,3 +192,25 @@ def looked_up(panorama: Floats, rays: Floats) -> Floats:
     wrapped = np.concatenate([panorama[:, -1:], panorama, panorama[:, :1]], axis=1)
     u: Doubles = (x.astype(np.float64) * columns + 1) / (columns + 2)
     return surface_values(wrapped, u, np.clip(y.astype(np.float64), 0.5 / rows, 1 - 0.5 / rows))
+
+
+def own_pixels(
+    panorama: Floats, labels: Int32s, rays: Floats, label: Int32s, *, least: float = 0.0
+) -> tuple[Doubles, Doubles]:
+    """Return a panorama's values (N, 3) along rays from the four pixels around, and what share of them could be used.
+
+    Of use are pixels whose label, of ``labels`` (H, W), is the ray's own (N,); ``least``: of each one's share.
+    """
+    rows, columns = labels.shape
+    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
+    y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    value, weight = np.zeros((len(rays), 3)), np.zeros(len(rays))
+    for right in (0, 1):
+        for down in (0, 1):
+            column, row = (left + right) % columns, np.clip(top + down, 0, rows - 1)
+            share = np.abs(1 - right - (x - left)) * np.abs(1 - down - (y - top))
+            share = np.where(labels[row, column] == label, share + least, 0)
+            value += share[:, None] * panorama[row, column]
+            weight += share
+    return value / np.maximum(weight, 1e-9)[:, None], weight

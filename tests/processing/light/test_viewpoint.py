@@ -9,9 +9,10 @@ import pytest
 
 from processing.errors import ViewpointError
 from processing.light.picture.render import render
-from processing.light.picture.viewpoint import check_place, own_pixels, seen_from
+from processing.light.picture.viewpoint import check_place, seen_from
 from processing.light.scene.scene import plain
 from processing.light.solver.irradiance import Effort
+from processing.light.solver.sight import own_pixels
 from processing.sphere import Equirectangular, Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
