@@ -332,17 +332,14 @@ def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, qu
 def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirectangular) -> None:
     """Mix, in place, the target's pixels of a panorama (H, W, 3) that lie on an edge of floor or ceiling.
 
-    Of the row in which a column's edge lies, the share beyond the edge is what the next row shows. Nothing outside the
-    target changes. Edges between walls are upright in the picture, and have no steps.
+    The row in which a column's edge lies shows what the next ones do, by their shares. Nothing outside the target
+    changes. Edges between walls are upright in the picture, and have no steps.
     """
     for edge in boundary_rows(room, geometry):
         row = np.floor(edge).astype(np.intp)
         columns = np.flatnonzero((row >= 1) & (row < len(out) - 1))
         row = row[columns]
         lower = (row + 1 - edge[columns])[:, None]
-        # The pixel's middle decides which side it was drawn for.
-        above, below, here = out[row - 1, columns], out[row + 1, columns], out[row, columns]
-        mixed = np.where(lower > 0.5, lower * here + (1 - lower) * above, 0)
-        mixed = np.where(lower > 0.5, mixed, (1 - lower) * here + lower * below)
+        mixed = lower * out[row + 1, columns] + (1 - lower) * out[row - 1, columns]
         chosen = target[row, columns]
         out[row[chosen], columns[chosen]] = mixed[chosen]

@@ -72,14 +72,16 @@ def find_furniture(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, who
     odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (maps.opening >= 0)
     prior = np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
     vote = CUT_SHARE * snapped(prior, rgb8) + (1 - CUT_SHARE) * prior
-    soft = np.clip(0.5 + SHARPNESS * (vote - TAKEN), 0, 1).astype(np.float32)
+    soft, stays = np.clip(0.5 + SHARPNESS * (vote - TAKEN), 0, 1).astype(np.float32), np.zeros_like(maps.plane, bool)
     if whole:
         agreed = (soft > 0.5) | (probabilities[SceneClass.FURNITURE] > AGREED)
         likely = np.where((maps.plane == FLOOR) & (prior < FLOOR_DOUBTFUL), 0, prior).astype(np.float32)
         soft = np.where(completed(agreed, likely, rgb8), np.maximum(soft, np.float32(0.75)), soft)
+        stays = _by_segment(staying(probabilities, rgb8, maps.plane == FLOOR), soft > 0.5, rgb8)
+        soft[stays] = 0
     mask = without_skirting(soft > 0.5, maps)
     kept, dropped, dropped_sr = attached(mask, maps.plane == FLOOR)
-    islands = islands_in(kept, maps.opening >= 0)
+    islands = islands_in(kept, (maps.opening >= 0) | stays)
     return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)
 
 
@@ -98,6 +100,40 @@ def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
         parts = np.bincount(labels, (weight * doubtful).ravel())
         grown_to |= (seeds > SEED_SHARE * np.maximum(parts, 1e-9))[labels].reshape(mask.shape) & doubtful
     return grown_to
+
+
+STAYS, MOST_FURNITURE, STAYS_SR = 0.5, 0.25, 3e-3
+"""Probability of openings, and of fixtures, from which they surely are some; mean one of furniture up to which such a
+part is none (a wardrobe's doors have 0.32; doors, mirrors and curtains of seven real rooms up to 0.14); least size."""
+
+
+def staying(probabilities: Floats, rgb8: Bytes, flat: Flags) -> Flags:
+    """Return the doors, windows, curtains, mirrors (H, W) that are no furniture whatever their colours, each whole.
+
+    Parts of another colour that may be such (a curtain's shaded end) go with them. ``flat`` (H, W): the floor.
+    """
+    found, furniture = np.zeros_like(flat), probabilities[SceneClass.FURNITURE]
+    for classes in ([SceneClass.WINDOW, SceneClass.DOOR], [SceneClass.FIXTURE]):
+        own = probabilities[classes].sum(axis=0)
+        _, labels = components(own > STAYS)
+        weight = np.broadcast_to(row_solid_angles(labels.shape), labels.shape)
+        size, less, low = (np.bincount(labels.ravel(), (weight * part).ravel()) for part in (1, furniture, flat))
+        sure = (size > STAYS_SR) & (less < MOST_FURNITURE * size) & (low < size / 2)
+        sure[0] = False
+        found |= completed(sure[labels], np.where(own > furniture, own, 0).astype(np.float32), rgb8)
+    return found
+
+
+def _by_segment(stays: Flags, mask: Flags, rgb8: Bytes) -> Flags:
+    """Return what stays (H, W) where that and a ``mask`` (H, W) of furniture meet: a segment of colour is what more of
+    it is without contradiction, and stays where it is contradicted all over."""
+    cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, SEGMENTS[0], SEGMENT_PX)
+    labels = cutter.processImage(rgb8)
+    weight = np.broadcast_to(row_solid_angles(labels.shape), labels.shape)
+    one, other = (np.bincount(labels.ravel(), (weight * part).ravel()) for part in (stays & ~mask, mask & ~stays))
+    found = (one >= other)[labels] & (stays | (mask & (one > 0)[labels]))
+    # The rim of furniture, of mixed colours, is its own.
+    return np.asarray(found & ~((one == 0)[labels] & grown(mask & ~found, TOUCH_RAD)), bool)
 
 
 SKIRTING_SHARE, SKIRTING_SLACK_RAD = 0.14, math.radians(1.2)

@@ -17,8 +17,9 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats, Int16s
 from processing.ground.room_model import OpeningKind, RoomModel
+from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage, Validity
-from processing.removal.fill import Emptied, PlaneFiller, Quick, empty_room
+from processing.removal.fill import Emptied, PlaneFiller, Quick, empty_room, soften_edges
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import linear_samples
@@ -28,6 +29,8 @@ BAND_ROWS = 256  # rows that are lifted at once; chosen, 40 MB at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
 LIGHT_DOUBT = 0.05
 """Of the light in a room, relative, standard (measured with the truth given: docs/measurements/emptying.md)."""
+SHOULDER = 1.5  # stops below clipping from which less is lifted (chosen): clipped places stay, and steps are seen
+SHOULDER_PX = 3.0  # of the working size, its smoothness (chosen)
 REACHES_PX = (1.0, 4.0, 16.0, 64.0)  # of the working size: over which light goes on where a plane's own is not known
 
 
@@ -70,10 +73,10 @@ def lifted(
     maps = surface_maps(room, geometry)
     windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
     glass = np.isin(maps.opening, windows)
-    planes = _by_plane(shade, room)
+    planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance = np.empty_like(image.rgb)
     change = np.zeros(image.rgb.shape[:2], np.float32)
-    for rows, lift, light in _bands(planes, maps.plane, glass):
+    for rows, lift, light, _ in _bands(planes, maps.plane, glass):
         reflectance[rows] = math.pi * image.rgb[rows] * np.exp(lift) / light
         change[rows] = lift.mean(axis=-1)
     gain = relit(reflectance, shade.shadow, (target, foreign), room)
@@ -90,14 +93,27 @@ def lifted(
     )
     made, rgb = done.image.rgb, image.rgb.copy()
     stays = ~target & (image.validity == Validity.VALID)
-    for rows, lift, light in _bands(planes, maps.plane, glass):
-        hole, kept = target[rows], stays[rows]
-        rgb[rows][hole] = (made[rows] * light / math.pi)[hole]
-        rgb[rows][kept] = (image.rgb[rows] * np.exp(lift) * gain[rows])[kept]
+    for rows, lift, light, much in _bands(planes, maps.plane, glass):
+        hole, kept, less = target[rows], stays[rows], np.exp(lift * (much - 1))
+        rgb[rows][hole] = (made[rows] * less * light / math.pi)[hole]
+        rgb[rows][kept] = (image.rgb[rows] * less * np.exp(lift) * gain[rows])[kept]
+        change[rows] *= much[..., 0]
+    # Each plane has its own light: their edges are mixed again.
+    soften_edges(rgb, target, room, geometry)
     change[~stays] = 0
     uncertainty = np.where(stays, np.hypot(done.image.uncertainty, LIFT_DOUBT * np.abs(change)), done.image.uncertainty)
     lit = replace(done.image, rgb=rgb, uncertainty=uncertainty.astype(np.float32))
     return replace(done, image=lit), change
+
+
+def _put_on(image: LuminanceImage, rows: int) -> Floats:
+    """Return (rows, 2 rows), 0..1: how much of the lift is put on, less within `SHOULDER` stops below clipping."""
+    level, clipped = image.rgb.max(axis=-1), image.validity == Validity.CLIPPED
+    if not clipped.any():
+        return np.ones((rows, 2 * rows), np.float32)
+    stops = np.log2(float(np.quantile(level[clipped], 0.05)) / np.maximum(level, 1e-6))
+    much = resized(np.clip(stops / SHOULDER, 0, 1).astype(np.float32), (rows, 2 * rows))
+    return np.asarray(cv2.GaussianBlur(much, (0, 0), SHOULDER_PX), np.float32)
 
 
 def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Floats]:
@@ -105,13 +121,15 @@ def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Flo
     (H, 2 H), for a panorama of ``rows``."""
     plane = surface_maps(room, Equirectangular(2 * rows, rows)).plane
     light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
-    for band, lift, lit in _bands(_by_plane(shade, room), plane, np.zeros(plane.shape, bool)):
+    planes = _by_plane(shade, room, np.ones(shade.seen.shape, np.float32))
+    for band, lift, lit, _ in _bands(planes, plane, np.zeros(plane.shape, bool)):
         light[band], doubt[band] = lit, LIFT_DOUBT * np.abs(lift.mean(axis=-1))
     return light, np.hypot(doubt, LIGHT_DOUBT)
 
 
-def _by_plane(shade: Shade, room: RoomModel) -> dict[int, Floats]:
-    """Return, for each plane, log change and log light (h, w + 2, 6), continued beyond it, a column round the seam."""
+def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> dict[int, Floats]:
+    """Return, for each plane, log change, how ``much`` (h, w) of it is put on, and log light (h, w + 2, 7), continued
+    beyond it, a column round the seam."""
     high, wide = shade.seen.shape
     plane = surface_maps(room, Equirectangular(wide, high)).plane
     light = np.log(np.maximum(shade.without_lx, 1e-6))
@@ -120,14 +138,14 @@ def _by_plane(shade: Shade, room: RoomModel) -> dict[int, Floats]:
     for number in np.unique(plane):
         mine = plane == number
         usual = _continued(light, mine & lit) if (mine & lit).any() else _continued(light, lit)
-        lift = _continued(shade.log_change, mine & shade.seen)
+        lift = _continued(np.concatenate([shade.log_change, much[..., None]], axis=-1), mine & shade.seen)
         both = np.concatenate([lift, usual], axis=-1)
         found[int(number)] = np.concatenate([both[:, -1:], both, both[:, :1]], axis=1)
     return found
 
 
 def _continued(values: Floats, known: Flags) -> Floats:
-    """Return values (h, w, 3) that go on smoothly where they are not ``known`` (h, w); 0 where none is."""
+    """Return values (h, w, C) that go on smoothly where they are not ``known`` (h, w); 0 where none is."""
     out = np.where(known[..., None], values, 0).astype(np.float32)
     weight, todo = known.astype(np.float32), ~known
     for reach in REACHES_PX:
@@ -141,20 +159,23 @@ def _continued(values: Floats, known: Flags) -> Floats:
     return out
 
 
-def _bands(planes: dict[int, Floats], plane: Int16s, glass: Flags) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Yield bands of rows of the whole picture: log change (h, W, 3), 0 on glass, and irradiance (h, W, 3), lx."""
+def _bands(planes: dict[int, Floats], plane: Int16s, glass: Flags) -> Iterator[tuple[slice, Floats, Floats, Floats]]:
+    """Yield bands of rows of the whole picture: log change (h, W, 3), 0 on glass, irradiance (h, W, 3), lx, and how
+    much of the change is put on, (h, W, 1)."""
     high, wide = plane.shape
     small_high, small_wide = next(iter(planes.values())).shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
+    usual = np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes.values()], axis=0)
     for start in range(0, high, BAND_ROWS):
         rows = slice(start, min(start + BAND_ROWS, high))
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
-        both = np.zeros((rows.stop - rows.start, wide, 6), np.float32)
+        both = np.zeros((rows.stop - rows.start, wide, 7), np.float32)
         for number in np.unique(plane[rows]):
             row, column = np.nonzero(plane[rows] == number)
             for first in range(0, len(row), 1 << 14):
                 part = slice(first, first + (1 << 14))
                 at = x[None, column[part]], y[None, row[part]]
                 both[row[part], column[part]] = linear_samples(planes[int(number)], *at)[0]
-        both[..., :3][glass[rows]] = 0
-        yield rows, both[..., :3], np.exp(both[..., 3:])
+        # What is seen through glass is not lit by the room: it goes on as it is, in one light.
+        both[glass[rows]] = np.append(np.zeros(4, np.float32), usual)
+        yield rows, both[..., :3], np.exp(both[..., 4:]), both[..., 3:4]

@@ -26,7 +26,7 @@ NEAR_M = 0.5  # from the hole, as far as what is removed is taken to darken the 
 AROUND_M = (1.0, 4.0)
 """Neighbourhoods in which the light further away is measured; the wide one where the near one sees nothing."""
 WIDE_SHARE = 0.02  # of the wide neighbourhood's weight against the near one's
-RISE_M = 0.2  # from the rim into the hole, on which the light rises
+RISE_M = 0.4  # from the rim into the hole, on which the light rises
 MOST_RISE, MOST_RISE_FLOOR = 0.4, 0.12
 """Tone by which it rises at most; floors have bright and dark boards (chosen by four simulated rooms)."""
 LEAST_FAR = 0.3  # of the known texels that must be far from the hole
@@ -79,6 +79,7 @@ UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
 SLOW_ROWS = 0.08  # of the height: slower changes are light
 CALM = 5.0  # times the median energy of grain, from which there is more than grain
 NEAR = 0.25  # of the texture's width: how far from the hole rows are still looked at for their profile
+DRIFT = 0.1  # tone by which a wall's light may change from the nearest that is surely it into a hole (chosen)
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,10 @@ def fill_plain(
     tone = np.where(known[..., None], tone - level, 0).astype(np.float32)
     lit = known if px_per_m is None else away_from(known, hole, px_per_m)
     slow = fit_illumination(tone, lit, hole, None, bend=0.1)
+    if px_per_m is not None:
+        # Light does not grow on into what nobody sees.
+        rim = spread(slow, lit)
+        slow = np.clip(slow, rim - DRIFT, rim + DRIFT)
     rest = np.where(known[..., None], tone - slow, 0).astype(np.float32)
     profile = _profile(rest, known, hole, usual_rows) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
     rest = np.where(known[..., None], rest - profile, 0).astype(np.float32)

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.illumination import ToneScale, grey, known_mean
+from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
 from processing.removal.sources import plane_sources
@@ -20,7 +21,9 @@ from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, planes_of
 from processing.surfaces.textures import Texture, unwrap
 
 PATTERN = 0.012  # roughness about light and profile from which a wall or ceiling is no plain paint but a pattern
-WALL_NCC = 0.65  # of a wall's lattice: what hangs on it imitates one more easily than on a floor
+MOST_GRAIN = 0.06  # roughness above which no wall's grain is seen but curtains and things, not copied (chosen)
+WALL_NCC = 0.72  # of a wall's lattice: what hangs on it imitates one more easily than on a floor
+LITTLE = 0.15  # share of a floor seen under which a lattice must be as strong as on walls (chosen on two real rooms)
 LEAST_TEXELS = 30  # known texels of a surface, under which it gets one colour
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
@@ -48,6 +51,27 @@ def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
     level = np.log(np.maximum(luminance, 1e-9))
     local, _ = known_mean(level, known, max(3.0, 0.08 * max(known.shape)))
     return known & (level > local + math.log(factor))
+
+
+STRIP_M, STRIP_PX = 0.25, 3.0
+"""Beside the hole, of which a column's tone is the mean; at least (chosen)."""
+
+
+def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Floats:
+    """Return a texture (H, W, 3), linear light, whose columns go on in the ``hole`` (H, W) as what is ``known`` ends.
+
+    A column of which nothing is known is as those beside it.
+    """
+    scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
+    tall = 2 * round(max(STRIP_M * px_per_m, STRIP_PX) / 2) + 1
+    share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
+    tone = cv2.blur(np.where(known[..., None], scale.tone(values), 0).astype(np.float32), (1, tall))
+    above = np.maximum.accumulate(np.where(known, rows, -len(rows)), axis=0)
+    below = np.minimum.accumulate(np.where(known, rows, 2 * len(rows))[::-1], axis=0)[::-1]
+    nearest = np.where(rows - above <= below - rows, above, below)
+    seen = (nearest >= 0) & (nearest < len(rows))
+    ends = np.take_along_axis(tone / np.maximum(share, 1e-6), np.where(seen, nearest, 0)[..., None], axis=0)
+    return np.where(hole[..., None], scale.light(spread(ends.astype(np.float32), seen)), values)
 
 
 @dataclass(frozen=True)
@@ -92,10 +116,9 @@ def fill_plane(
         rest &= ~region
         if inside.any():
             # Leaves, panes and curtains run upright: each column goes on.
-            flipped = np.ascontiguousarray(values.swapaxes(0, 1))
-            filled = fill_plain(flipped, (known & region).T, inside.T, level_rows=True, most_rough=PATTERN)
-            values = np.ascontiguousarray(filled.values.swapaxes(0, 1))
-            confidence[inside] = 0.7 * filled.confidence.T[inside]
+            values[inside] = hanging(values, known & region, inside, texture.px_per_m)[inside]
+            away = cv2.distanceTransform((~(known & region)).astype(np.uint8), cv2.DIST_L2, 5)
+            confidence[inside] = 0.66 * np.exp(-away[inside] / (0.35 * max(region.shape)))
     inside = hole & rest
     continued, how = np.ones_like(hole), "openings only"
     if inside.any() and (sources & rest).sum() < LEAST_TEXELS:
@@ -121,7 +144,9 @@ def _surface(
     """Return values, confidence, whether it is a continuation, and how it was filled."""
     if texture.plane.index == FLOOR:
         found = analyse(values, sources)
-        if found.repeat is Repeat.NONE:
+        little = sources.sum() < LITTLE * (sources | hole).sum()
+        weak = little and found.lattice is not None and found.lattice.strength < WALL_NCC
+        if found.repeat is Repeat.NONE or weak:
             plain = fill_plain(values, sources, hole, level_rows=False)
             return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
         done = complete(values, sources, hole, density=texture.density, found=found)
@@ -129,7 +154,14 @@ def _surface(
         wall = texture.plane.index >= FIRST_WALL
         usual = skirting.rows(len(hole), texture.px_per_m) if wall and skirting is not None else None
         plain = fill_plain(
-            values, sources, hole, level_rows=wall, usual_rows=usual, beside=sources, px_per_m=texture.px_per_m
+            values,
+            sources,
+            hole,
+            level_rows=wall,
+            usual_rows=usual,
+            beside=sources,
+            most_rough=MOST_GRAIN,
+            px_per_m=texture.px_per_m,
         )
         said = f"plain (roughness {plain.roughness:.3f})"
         if plain.roughness < PATTERN:

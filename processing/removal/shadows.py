@@ -7,18 +7,20 @@ along its foot always counts: contact shadow, and light that bounced off it. The
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import resized
-from processing.removal.illumination import ToneScale, fit_illumination, grey, known_mean
-from processing.sphere import Equirectangular
-from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, Plane, planes_of
-from processing.surfaces.textures import unwrap, wrap
+from processing.ground.seam import components, grown, resized, row_solid_angles
+from processing.removal.illumination import ToneScale, fit_illumination, grey, known_mean, spread
+from processing.sphere import Equirectangular, directions
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, Plane, planes_of, surface_maps
+from processing.surfaces.textures import texel_places, unwrap, wrap
 
 PX_PER_M = 20.0  # texels of 5 cm; chosen by eye, never swept
 CONTACT_M = 0.10  # chosen by eye, never swept
@@ -78,19 +80,70 @@ def find_shadows(
 
 
 def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None], room: RoomModel) -> Floats:
-    """Return factors (H, W, 3) float32 that take the soft shadows of furniture off a panorama (H, W, 3), linear.
+    """Return factors (H, W, 3) float32 that take soft shadows and lamps' glow off a panorama (H, W, 3), linear.
 
     ``shadow`` (H, W); ``hidden``: what is removed (1 there), and what else seems no part of its surface, (H, W): that
     teaches nothing, but for shadow (the dark under a bed is taken for the bed); light falls on it as beside it.
     """
     shape, removed = (rgb.shape[0], rgb.shape[1]), hidden[0]
-    if shadow is None or not (shadow & ~removed).any():
-        return np.ones((*shape, 3), np.float32)
-    gone = removed if hidden[1] is None else removed | (hidden[1] & ~shadow)
     small = (min(shape[0], RELIT_ROWS), min(shape[1], 2 * RELIT_ROWS))
-    shade, hidden_too = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shadow, gone))
-    gain = resized(relit_gain(resized(rgb, small), shade, hidden_too, room), shape)
-    return np.where(removed[..., None], np.float32(1), gain)
+    shade = np.zeros(shape, bool) if shadow is None else shadow
+    others = np.zeros(shape, bool) if hidden[1] is None else hidden[1]
+    light = resized(rgb, small)
+    less, gone, thing = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shade, removed, others))
+    gain = unglowed(light, gone, thing, room)
+    if (less & ~gone).any():
+        gain *= relit_gain(light, less, gone | (thing & ~less), room)
+    return np.where(removed[..., None], np.float32(1), resized(gain, shape))
+
+
+LAMP, CLIPPED = 3.0, 0.2
+"""Stops above the median of what stays, or below the brightest of all: what goes there was a lit lamp (chosen)."""
+MOST_LAMP_SR = 0.1  # chosen: larger things are no lamps
+GLOW_M, GLOW_CORE_M, LEAST_GLOW = 1.3, 0.6, 0.3
+"""Reach of a lamp's glow; how near, and by how many stops, a quarter of that must be brighter (chosen)."""
+MOST_GLOW = 4.0  # stops that are taken off at most (chosen: a clipped wall)
+OWN_RAD = math.radians(2)  # chosen: what is bright so near to what is removed is its own rim
+FAR_AWAY = np.full((1, 3), 1e6)  # where lamps are that there are not
+
+
+def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Floats:
+    """Return factors (H, W, 3) that take the glow of ``removed`` lamps (H, W) off walls and ceiling, linear light.
+
+    As for shade, a smooth surface through what is far from them says what light is left. ``things`` (H, W): what else
+    is no part of a surface; such lamps that stay keep the glow that is nearer to them.
+    """
+    geometry, gain = Equirectangular(rgb.shape[1], rgb.shape[0]), np.ones_like(rgb)
+    log2 = np.log2(np.maximum(rgb, 1e-6)).astype(np.float32)
+    maps = surface_maps(room, geometry)
+    glass = maps.opening >= 0
+    level = log2.max(axis=-1)
+    bright = (level > min(np.median(np.append(level[~removed & ~glass], 0)) + LAMP, level.max() - CLIPPED)) & ~glass
+    _, labels = components(bright & removed)
+    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
+    lamps = (labels > 0) & (size < MOST_LAMP_SR)[labels]
+    if not lamps.any():
+        return gain
+    # Where lamps are seen on walls: those that go, and those that stay.
+    away = directions(geometry)[0] * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
+    stay = bright & things & ~grown(removed, OWN_RAD)
+    trees = [cKDTree(away[mask][::3] if mask.any() else FAR_AWAY) for mask in (lamps, stay)]
+    for plane in planes_of(room)[CEILING:]:
+        texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=removed | things | glass)
+        near, other = (tree.query(texel_places(plane, PX_PER_M))[0] for tree in trees)
+        far, core = texture.known & (near > GLOW_M), texture.known & (near < GLOW_CORE_M)
+        if far.sum() < LEAST_FAR or not core.any():
+            continue
+        fade = np.clip(2 * (1 - near / GLOW_M), 0, 1) * (near < other)
+        glow = [_smooth_fit(texture.values[..., k], far)[0] for k in range(3)]
+        more = np.clip(texture.values - np.stack(glow, axis=-1), 0, MOST_GLOW)
+        if float(np.quantile(more[core].mean(axis=-1), 0.75)) < LEAST_GLOW:
+            continue
+        # It goes on to what is removed, and under things that are not.
+        more = (spread(more.astype(np.float32), texture.known) * fade[..., None]).astype(np.float32)
+        values, where = wrap(more, plane, PX_PER_M, room, geometry, ~removed & ~glass)
+        gain[where] = np.exp2(-values)
+    return gain
 
 
 def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:

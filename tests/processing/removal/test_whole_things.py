@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.furniture import FurnitureFound, with_things, without_skirting
+from processing.removal.furniture import FurnitureFound, find_furniture, with_things, without_skirting
 from processing.removal.masks import _with_things
-from processing.removal.shadows import find_wall_shade
+from processing.removal.plane_fill import hanging
+from processing.removal.shadows import find_wall_shade, unglowed
+from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FLOOR, surface_maps
 from tests.processing.removal.painted_room import box_room
@@ -130,3 +132,41 @@ def test_a_patterned_wall_has_no_shade_to_find() -> None:
     checks = (np.arange(ROWS)[:, None] // 6 + np.arange(2 * ROWS)[None] // 6) % 2 == 0
     light[checks & ~chest] *= 0.5
     assert not find_wall_shade(light, ROOM, GEOMETRY, chest, NONE).any()
+
+
+def test_a_door_of_a_strange_colour_stays_and_a_wardrobe_with_doors_goes() -> None:
+    door, wardrobe = box(100, 150, 230, 250), box(100, 160, 300, 330)
+    light = grey_room()
+    light[door | wardrobe] = (0.25, 0.06, 0.02)
+    probabilities = np.zeros((len(SceneClass), *NONE.shape), np.float32)
+    probabilities[SceneClass.WALL], probabilities[SceneClass.FLOOR] = MAPS.plane != FLOOR, MAPS.plane == FLOOR
+    probabilities[:, door | wardrobe] = 0
+    for where, furniture in ((door, 0.2), (wardrobe, 0.45)):
+        probabilities[SceneClass.DOOR, where] = 1 - furniture
+        probabilities[SceneClass.FURNITURE, where] = furniture
+    found = find_furniture(probabilities, MAPS, shown(light), whole=True).mask
+    assert not (found & door).any()
+    assert found[wardrobe].mean() > 0.9
+
+
+def test_glow_of_a_lamp_that_goes_is_taken_off_the_wall_and_that_of_one_that_stays_is_kept() -> None:
+    glow = np.hypot(*np.meshgrid(np.arange(2 * ROWS) - 260, np.arange(ROWS) - 110))
+    lamp, light = glow < 5, np.full((ROWS, 2 * ROWS, 3), 0.5, np.float32)
+    light *= 1 + 1.5 * np.exp(-((glow / 14) ** 2))[..., None]
+    light[lamp] = 8
+    wall = MAPS.plane == MAPS.plane[110, 260]
+    around = wall & (glow > 7) & (glow < 10)
+    gone = unglowed(light, lamp, NONE, ROOM)
+    assert np.median((light * gone)[around]) < 0.6 < 0.9 < np.median(light[around])
+    assert np.all(gone[wall & (glow > 60)] > 0.97)
+    assert np.all(unglowed(light, NONE, lamp, ROOM) == 1), "it stays, and so does its light"
+
+
+def test_a_curtain_goes_on_as_it_hangs() -> None:
+    folds = np.linspace(0.2, 0.9, 40, dtype=np.float32)
+    curtain = np.broadcast_to(folds[None, :, None], (60, 40, 3)).copy()
+    hole = np.zeros((60, 40), bool)
+    hole[35:, 5:30] = hole[10:, 20] = True
+    done = hanging(np.where(hole[..., None], 0, curtain).astype(np.float32), ~hole, hole, 40.0)
+    np.testing.assert_allclose(done, curtain, rtol=0.02)
+    np.testing.assert_array_equal(done[~hole], curtain[~hole])
