@@ -294,7 +294,7 @@ def corrected(page: Any, session: str, room: RoomModel) -> float:
 
 def drag(page: Any, mark: str, to: Sequence[float], *, drop: bool = True) -> None:
     """Drag something on the plan to a place in metres by the mouse, and wait until it is saved."""
-    box = page.locator(f".plan {mark}").bounding_box()
+    box = box_of(page, f".plan {mark}")
     before = page.locator("[data-part=facts], [data-part=verdict]").first.get_attribute("data-saved")
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     place = page.evaluate(_TO_SCREEN, list(to))
@@ -306,6 +306,16 @@ def drag(page: Any, mark: str, to: Sequence[float], *, drop: bool = True) -> Non
     page.mouse.up()
     changed = "(old) => (document.querySelector('[data-saved]')?.dataset.saved ?? null) !== old"
     until(page, changed, before)
+
+
+def box_of(page: Any, mark: str) -> dict[str, float]:
+    """Where a mark is, which may just be drawn anew."""
+    end_s = time.monotonic() + PATIENCE_MS / 1000
+    while (box := page.locator(mark).first.bounding_box()) is None:
+        if time.monotonic() > end_s:
+            raise TimeoutError(mark)
+        page.wait_for_timeout(20)
+    return dict(box)
 
 
 def emptied(page: Any, session: str, server: int) -> tuple[float, float, float]:
@@ -340,30 +350,3 @@ _WATCH = """() => {
     requestAnimationFrame(() => setTimeout(() => window.moveTimes.push(performance.now() - begin)));
   }, { capture: true });
 }"""
-
-
-def pictures(session: Path, into: Path) -> None:
-    """Write the guide's screenshots of a session that was processed: ``python -m benchmarks.whole.studio SESSION``."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as started, served(session.parent) as (links, _):
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(links[0])
-        page.wait_for_selector("#screen[data-ready]")
-        for kind in ("room", "remove", "furnish", "light"):
-            screen(page, session.name, kind)
-            if kind == "furnish":
-                page.wait_for_selector("[data-part=lit][data-seconds]", timeout=PATIENCE_MS)
-            if kind == "light":
-                page.wait_for_selector(".viewer.ready", timeout=PATIENCE_MS)
-                page.locator(".seat").focus()
-                page.keyboard.press("Enter")
-                page.get_by_text("DGP").wait_for()
-            page.wait_for_timeout(4000)  # the panorama is drawn when it has come
-            page.screenshot(path=into / f"studio-{kind}.jpg", quality=70, type="jpeg")
-        browser.close()
-
-
-if __name__ == "__main__":
-    pictures(Path(sys.argv[1]).resolve(), Path(__file__).parents[2] / "docs" / "images")

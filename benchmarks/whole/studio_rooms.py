@@ -191,7 +191,7 @@ class _User:
 
     def _drag(self, corner: int, goal: Any) -> None:
         page = self.page
-        box = page.locator(f"[data-corner='{corner}']").bounding_box()
+        box = self.browser.box_of(page, f"[data-corner='{corner}']")
         place = page.evaluate(self.browser._TO_SCREEN, list(goal))  # noqa: SLF001 (the same benchmark)
         page.keyboard.down("Shift")
         page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)

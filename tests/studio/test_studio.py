@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import re
+import shutil
 import signal
 import time
 import urllib.error
@@ -51,6 +54,7 @@ pytestmark = [
 ]
 PATIENCE_MS = 60_000
 AXE = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
+SHOTS = Path(__file__).parents[2] / "docs" / "images"
 TRUTH = RoomModel(
     source="given",
     floor=((2.2, -1.8), (2.2, 2.4), (-2.3, 2.4), (-2.3, -1.8)),
@@ -72,6 +76,7 @@ class Opened:
     base: str
     server: Any
     complaints: list[str]
+    given: Path | None = None
 
     def fresh(self, name: str) -> Path:
         """A session of its own."""
@@ -97,6 +102,8 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
         context = browser.new_context(viewport={"width": 1440, "height": 900}, reduced_motion="reduce")
         found = Opened(context.new_page(), context, folder, session, lit, link.split("/?")[0], server, [])
+        if own := os.environ.get("DAYLIT_SESSION"):
+            found.given = shutil.copytree(own, folder / Path(own).name)
         listen(found.page, found.complaints)
         found.page.goto(link)
         found.page.wait_for_selector("#screen[data-ready]")
@@ -528,20 +535,46 @@ def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
 
 @pytest.mark.parametrize("width", [1440, 390])
 def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
+    """Each is pictured, too: ``DAYLIT_SESSION=SESSION pytest -k screens_fit`` writes the guide's, of that session."""
     opened.page.set_viewport_size({"width": width, "height": 844})
     script = AXE.read_text("utf-8")
+    given = opened.given and opened.given.name
     for kind in ("", "capture", "room", "remove", "furnish", "light", "results"):
         opened.page.goto(f"{opened.base}/#/")
         if kind:
-            screen(opened.page, (opened.lit if kind == "light" else opened.session).name, kind)
+            screen(opened.page, given or (opened.lit if kind == "light" else opened.session).name, kind)
         if kind in ("light", "results"):
-            opened.page.wait_for_selector(".viewer.ready")
+            opened.page.wait_for_selector(".viewer.ready", timeout=4 * PATIENCE_MS)
+        pictured(opened, kind or "sessions", width)
         opened.page.evaluate(script)
         found = opened.page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])")
         assert found == [], kind
         assert opened.page.evaluate("() => document.documentElement.scrollWidth") <= width, kind
         assert kind == "" or "daylit " in opened.page.locator("footer code").inner_text()
     opened.page.set_viewport_size({"width": 1440, "height": 900})
+
+
+def pictured(opened: Opened, kind: str, width: int) -> None:
+    """A screenshot shows something on its whole width; of a given session it goes to the guide."""
+    page, name = opened.page, f"studio-{kind}{'-phone' if width < 600 else ''}.jpg"
+    if opened.given:
+        if kind == "furnish":
+            page.wait_for_selector("[data-part=lit][data-seconds]", timeout=4 * PATIENCE_MS)
+        if kind == "light":
+            page.locator(".seat").focus()
+            page.keyboard.press("Enter")
+            page.get_by_text("DGP").wait_for(timeout=4 * PATIENCE_MS)
+        until(page, "() => !document.querySelector('.stage.opening')", limit_ms=4 * PATIENCE_MS)
+        page.evaluate("() => { document.activeElement.blur(); scrollTo(0, 0); }")
+        page.wait_for_timeout(1000)
+    data = page.screenshot(type="jpeg", quality=72)
+    grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+    assert grey.shape == (844, width)
+    assert (np.array([part.std() for part in np.array_split(grey, 3, axis=1)]) > 4).all(), kind
+    if opened.given and (SHOTS / name).exists():
+        (SHOTS / name).write_bytes(data)
+    elif opened.given:
+        (opened.folder / name).write_bytes(data)
 
 
 def test_a_killed_server_loses_nothing(opened: Opened) -> None:

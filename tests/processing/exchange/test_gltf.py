@@ -14,6 +14,7 @@ from PIL import Image
 
 from processing.errors import ParameterError
 from processing.exchange.gltf import scene_glb, write_scene_glb
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.scene import Part, Scene, Sun
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, directions
@@ -238,3 +239,47 @@ def test_a_box_has_four_corners_a_side_and_one_texture_is_written_once(tmp_path:
     assert len(read.images) == len(read.textures) == len(read.materials) == 1
     assert [read.accessors[mesh.primitives[0].attributes.POSITION].count for mesh in read.meshes] == [24, 24]
     assert path.stat().st_size < 12_000
+
+
+def test_reveals_hang_on_their_wall_and_hold_their_glass() -> None:
+    """Of an L-shaped room: each reveal begins on its window's outline in the wall, and ends on the pane's; none floats.
+
+    Outlines are worked out here from corners and metres along the wall alone.
+    """
+    floor = ((2.5, -2.0), (2.5, 2.0), (0.0, 2.0), (0.0, 0.5), (-2.5, 0.5), (-2.5, -2.0))
+    places = ((0, 1.0, 3.0, 0.9, 2.7), (2, 0.2, 1.3, 0.0, 2.1), (3, 0.1, 2.5, 0.9, 2.2), (5, 3.0, 4.9, 1.0, 2.0))
+    windows = tuple(
+        Opening(kind=OpeningKind.WINDOW, wall=w, start_m=a, end_m=b, sill_m=low, head_m=high)
+        for w, a, b, low, high in places
+    )
+    room = RoomModel(source="given", floor=floor, camera_height_m=1.5, ceiling_height_m=2.7, openings=windows)
+    found = loaded(scene_glb(scene_of(room, uniform_sky(), reveal_m=0.2))).geometry
+    assert sum(name.startswith("reveal-") for name in found) == 4 * len(windows)
+    for number, (wall, a, b, low, high) in enumerate(places):
+        foot, to = np.array(floor[wall]), np.array(floor[(wall + 1) % len(floor)])
+        along = (to - foot) / np.hypot(*(to - foot))
+        outward = np.array([along[1], -along[0]])
+        corners = [(a, low), (b, low), (b, high), (a, high)]
+        inner = np.array([[*(foot + m * along), z] for m, z in corners])
+        outer = inner + 0.2 * np.array([*outward, 0.0])
+        made = [found[f"reveal-{number}-{side}"] for side in ("sill", "end", "head", "start")]
+        for k, mesh in enumerate(made):
+            wanted = np.array([inner[k], inner[(k + 1) % 4], outer[k], outer[(k + 1) % 4]])
+            vertices = np.column_stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]])
+            away = np.linalg.norm(vertices[:, None] - wanted[None], axis=2)
+            assert away.min(axis=1).max() < 1e-5, "a reveal has no corner elsewhere"
+            assert away.min(axis=0).max() < 1e-5, "nor lacks one"
+        beside = (f"wall-{wall}", f"wall-{(wall + 1) % 6}", f"wall-{(wall - 1) % 6}", "ceiling", "floor")
+        for names, rim in ((beside, inner), ((f"pane-{number}",), outer)):
+            edge = np.concatenate([np.linspace(p, q, 9) for p, q in zip(rim, np.roll(rim, -1, axis=0), strict=True)])
+            seen = np.column_stack([edge[:, 0], edge[:, 2], -edge[:, 1]])
+            assert max(min(distance_m(found[name], place) for name in names) for place in seen) < 1e-5, names
+        middle = np.append(inner.mean(axis=0)[:2], inner[:, 2].mean())
+        gap = distance_m(found[f"wall-{wall}"], np.array([middle[0], middle[2], -middle[1]]))
+        assert gap > 0.99 * min(b - a, high - low) / 2, "the wall is open there"
+
+
+def distance_m(mesh: Any, place: np.ndarray) -> float:
+    """From a place to the nearest point of a mesh."""
+    near = trimesh.triangles.closest_point(mesh.triangles, np.repeat(place[None], len(mesh.triangles), axis=0))
+    return float(np.linalg.norm(near - place, axis=1).min())

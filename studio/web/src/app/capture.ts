@@ -56,7 +56,7 @@ export async function captureScreen(session: Overview): Promise<Screen> {
     facts.replaceChildren(
       ...now.devices.map((one) => fact(one.role, [`${one.model}${one.simulated ? " (simulated)" : ""}`, one.lens, one.nd_filter, clock(one.clock_offset_s)].filter(Boolean).join(" · "))),
       ...(stops.length ? [fact("Plan", `${stops.length} stops a side, ${exposure(Math.max(...stops))} to ${exposure(Math.min(...stops))}: the shutters are open for ${stops.reduce((sum, s) => sum + s, 0).toFixed(0)} s`)] : []),
-      ...(one ? [] : [fact("Meter", readings.join(", ") || "no reading yet")]),
+      ...(one ? [] : [fact("Readings", readings.join(", ") || "no reading yet")]),
       ...(now.drift_frac === undefined ? [] : [fact("Drift of the light", `${(100 * now.drift_frac).toFixed(1)} %`)]),
       ...(one ? [] : [fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
       ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));

@@ -171,7 +171,10 @@ export async function removeScreen(session: Overview): Promise<Screen> {
     corners.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
     context.stroke();
     for (const [x, y] of corners) context.fillRect(x - 4, y - 4, 8, 8);
-    const percent = (kind: number): string => `${((100 * mask.reduce((sum, one) => sum + Number(one === kind), 0)) / mask.length).toFixed(1)} %`;
+    const percent = (kind: number): string => {
+      const share = (100 * mask.reduce((sum, one) => sum + Number(one === kind), 0)) / mask.length;
+      return `${share.toFixed(share && share < 1 ? 2 : 1)} %`;
+    };
     facts.textContent = `${percent(GOES)} of the picture will be removed, ${percent(SUN)} as direct sunlight · ${found.corrected ? "corrected by hand" : "as detected"}`;
   }
 
