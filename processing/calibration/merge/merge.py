@@ -197,7 +197,8 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     ghost = None
     if job.options.ghosts:
         ghost = _ghosts(codes, samples, planes, job)
-        planes.uncertainty[ghost > 0] = np.sqrt(np.square(planes.uncertainty) + more2)[ghost > 0]
+        moved = ghost > 0
+        planes.uncertainty[moved] = np.sqrt(np.square(planes.uncertainty[moved]) + more2[moved])
     if colours := job.options.colours:
         light = demosaiced(planes.rgb, colours.cell, LINEAR_BELOW / float(job.order.times_s[0]))
         planes.rgb = np.maximum(light @ colours.matrix.T.astype(np.float32), 0)

@@ -28,8 +28,8 @@ from processing.errors import ResponseError
 from processing.ground.arrays import Doubles, Flags
 
 _QUICK_PATCHES = 1000  # how many patches the first rounds use: they need only come near
-SLOPPY_STOPS = 0.5
-"""Of single times, by a shutter that is off in most frames; chosen: thrice a bad one's sixth of a stop."""
+SLOPPY_STOPS = 0.67
+"""Of single times, by a shutter that is off in most frames; chosen: four times a bad one's sixth of a stop."""
 _MOST_WRONG = 3  # frames of a bracket; chosen
 _CLEAR_OF_BLACK = 12.0  # codes; chosen: above cut-off noise
 _LEAST_CLEAR_PATCHES = 60

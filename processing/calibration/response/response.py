@@ -21,6 +21,7 @@ from processing.calibration.response.fit import spline_basis, weigh
 from processing.calibration.response.prior import CurvePrior, drift_prior
 from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
 from processing.calibration.response.shutter import ShutterRule
+from processing.errors import ResponseError
 from processing.ground.arrays import Doubles, Int64s
 
 WHITE_CODE, MIDDLE_CODE = 255, 128
@@ -87,8 +88,12 @@ def recover_response(
     together = clip_together(samples, fit)
     if together:
         red, green, blue = (data.only(data.clear) for data in samples.channels)
-        samples = replace(samples, channels=(red, green, blue))
-        fit = fit_daylit(samples, free_times=estimate_times, priors=priors)
+        try:
+            clear = replace(samples, channels=(red, green, blue))
+            fit, samples = fit_daylit(clear, free_times=estimate_times, priors=priors), clear
+        except ResponseError:
+            # Too little is clear of the end: a curve that some samples bend is better than none.
+            together = False
     channels = fit.channels
     low, high = zip(*((one.low, one.high) for one in channels), strict=True)
     gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
