@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,17 +84,7 @@ def recover_response(
     Raises `ResponseError`: frames from which no curve can be recovered; `BracketError`: frames that are no bracket.
     """
     samples = take_samples(brackets, seed)
-    priors = None if prior is None else [prior] * 3
-    fit = fit_daylit(samples, free_times=estimate_times, priors=priors)
-    together = clip_together(samples, fit)
-    if together:
-        red, green, blue = (data.only(data.clear) for data in samples.channels)
-        try:
-            clear = replace(samples, channels=(red, green, blue))
-            fit, samples = fit_daylit(clear, free_times=estimate_times, priors=priors), clear
-        except ResponseError:
-            # Too little is clear of the end: a curve that some samples bend is better than none.
-            together = False
+    samples, fit, together = _fitted(samples, None if prior is None else [prior] * 3, free_times=estimate_times)
     channels = fit.channels
     low, high = zip(*((one.low, one.high) for one in channels), strict=True)
     gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
@@ -124,6 +115,20 @@ def recover_response(
         tuple(one.held_out for one in channels),
         fit.estimate.rule if fit.estimate.decided else None,
     )
+
+
+def _fitted(
+    samples: Samples, priors: Sequence[CurvePrior] | None, *, free_times: bool
+) -> tuple[Samples, DaylitFit, bool]:
+    """Return the samples that count, their fit, and whether those with any clipped channel are left out."""
+    fit = fit_daylit(samples, free_times=free_times, priors=priors)
+    if clip_together(samples, fit):
+        red, green, blue = (data.only(data.clear) for data in samples.channels)
+        clear = replace(samples, channels=(red, green, blue))
+        # Where too little is clear of the end, a curve that some samples bend is better than none.
+        with suppress(ResponseError):
+            return clear, fit_daylit(clear, free_times=free_times, priors=priors), True
+    return samples, fit, False
 
 
 def clip_together(samples: Samples, fit: DaylitFit) -> bool:
