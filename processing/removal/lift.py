@@ -111,7 +111,7 @@ def _put_on(image: LuminanceImage, rows: int) -> Floats:
     level, clipped = image.rgb.max(axis=-1), image.validity == Validity.CLIPPED
     if not clipped.any():
         return np.ones((rows, 2 * rows), np.float32)
-    stops = np.log2(float(np.quantile(level[clipped], 0.05)) / np.maximum(level, 1e-6))
+    stops = np.log2(float(np.median(level[clipped])) / np.maximum(level, 1e-6))
     much = resized(np.clip(stops / SHOULDER, 0, 1).astype(np.float32), (rows, 2 * rows))
     return np.asarray(cv2.GaussianBlur(much, (0, 0), SHOULDER_PX), np.float32)
 
