@@ -53,7 +53,7 @@ MOVES = 12
 """Of the mouse in a drag."""
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
-PATIENCE_MS = 60_000
+PATIENCE_MS, PATIENCE_LARGE_MS = 60_000, 300_000
 ITEMS = "bed, nightstand, chest"
 DARK = 3.0
 """Of the things in the room, where the floor has 18 to 24."""
@@ -86,8 +86,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             first_preview_s, preview_s, preview_cpu_s = emptied(page, next(iter(made.values())).name, server.pid)
             begin_s = time.perf_counter()
             with MemoryWatch(pid=server.pid) as watch:
-                screen(page, large.name, "results")
-                page.wait_for_selector(".viewer.ready")
+                screen(page, large.name, "results", limit_ms=PATIENCE_LARGE_MS)
+                page.wait_for_selector(".viewer.ready", timeout=PATIENCE_LARGE_MS)
             full_size_s, tab_mb = time.perf_counter() - begin_s, renderer_mb()
         if not quick:
             real = _real_rooms(browser)
@@ -273,12 +273,12 @@ def until(page: Any, script: str, arg: object = None, *, limit_ms: float = PATIE
         page.wait_for_timeout(20)
 
 
-def screen(page: Any, session: str, kind: str) -> None:
+def screen(page: Any, session: str, kind: str, *, limit_ms: float = PATIENCE_MS) -> None:
     """Open a screen of a session and wait until it stands."""
     page.evaluate(
         "([session, kind]) => { location.hash = `#/${encodeURIComponent(session)}/${kind}`; }", [session, kind]
     )
-    until(page, "() => document.querySelector('#screen').dataset.ready === location.hash")
+    until(page, "() => document.querySelector('#screen').dataset.ready === location.hash", limit_ms=limit_ms)
 
 
 def corrected(page: Any, session: str, room: RoomModel) -> float:
