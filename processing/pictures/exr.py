@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError, PictureFileError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.threads import threads
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.writing import check_image, check_light, check_size, refused, write_whole
@@ -167,6 +167,8 @@ CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 LIGHT_BITS = 13
 """Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
 UNCERTAINTY_BITS = 7  # of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well
+ESTIMATED_BITS, ESTIMATED_UNCERTAINTY_BITS = 10, 4
+"""The same of light that was estimated: 5e-4 and 3 % at most, where it is known to 2 % at best (chosen)."""
 _LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
 """Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
 UNSCALED = "luminance in relative units"
@@ -203,6 +205,15 @@ def handed_on(image: RelativeImage | LuminanceImage) -> RelativeImage | Luminanc
     uncertainty = np.clip(image.uncertainty, _LEAST_HALF, _MOST_HALF)
     uncertainty[np.isinf(image.uncertainty)] = np.inf
     return replace(image, rgb=to_bits(image.rgb, LIGHT_BITS), uncertainty=to_bits(uncertainty, UNCERTAINTY_BITS))
+
+
+def estimated(image: LuminanceImage, where: Flags) -> LuminanceImage:
+    """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
+    rgb, uncertainty = image.rgb.copy(), image.uncertainty.copy()
+    for k, chosen in enumerate(where):  # row by row: little memory
+        rgb[k, chosen] = to_bits(rgb[k, chosen][None], ESTIMATED_BITS)[0]
+        uncertainty[k, chosen] = to_bits(uncertainty[k, chosen][None], ESTIMATED_UNCERTAINTY_BITS)[0]
+    return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 
 def to_bits(values: Floats, bits: int) -> Floats:

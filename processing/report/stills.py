@@ -22,7 +22,7 @@ from processing.ground.arrays import Doubles
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.pictures.display import screen
-from processing.pictures.exr import write_exr
+from processing.pictures.exr import estimated, write_exr
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import resample_labels
@@ -317,7 +317,9 @@ def _stills(
         path = context.folder / f"{name}.jpg"
         write_jpeg(path, rgb8, staged=kind != "photograph", title=title, statement=statement, **how)
         write_jpeg(context.folder / f"{name}-original.jpg", original, title=f"{context.session.name}, original", **how)
-        write_exr(context.folder / f"{name}-light.exr", _light(image, measured, frame))
+        cut = _light(image, measured, frame)
+        made = np.full(cut.uncertainty.shape, kind != "photograph")
+        write_exr(context.folder / f"{name}-light.exr", estimated(cut, made))
         found.append(
             {
                 "file": f"{name}.jpg",

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown, resized, share_of_sphere
-from processing.pictures.exr import LIGHT_BITS, to_bits
+from processing.pictures.exr import ESTIMATED_BITS, estimated, to_bits
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, Quick, empty_room
 from processing.removal.learned import LamaFiller
@@ -27,6 +27,7 @@ from processing.stages.upright import check_mask_size, known_room, mask_in_size,
 
 FOREIGN = 0.4  # probability of furniture or fixtures from which a floor is not filled from a place
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
+LIFT_STEP = 2.0**-10  # of log luminance as kept: a thousandth, where shade is known to a tenth (chosen)
 LITTLE = 0.3  # mean confidence of the filled pixels below which there is a warning (chosen)
 
 
@@ -43,9 +44,14 @@ def nothing_to_remove(context: StageContext) -> str | None:
 def run(context: StageContext) -> StageOutput:
     """Fill the target plane by plane."""
     found, change, share = emptied(context)
+    filled = found.provenance > 0
     if change is not None:
         with (context.folder / "lift.npz").open("wb") as file:
-            np.savez_compressed(file, log_luminance=change.astype(np.float16))
+            steps = np.round(change / LIFT_STEP) * LIFT_STEP
+            np.savez_compressed(file, log_luminance=steps.astype(np.float16))
+        filled |= change != 0
+    assert isinstance(found.image, LuminanceImage)
+    found = replace(found, image=estimated(found.image, filled))
     context.progress(0.95, "writing")
     _write_details(context.folder / "surfaces.npz", found)
     return _output(found, change, share, context)
@@ -125,7 +131,7 @@ def _write_details(path: Path, found: Emptied) -> None:
     }
     for filled in found.textures:
         name = filled.texture.plane.name
-        arrays[f"{name}_rgb"] = to_bits(filled.values, LIGHT_BITS)
+        arrays[f"{name}_rgb"] = to_bits(filled.values, ESTIMATED_BITS)
         arrays[f"{name}_hole"] = filled.hole
         arrays[f"{name}_px_per_m"] = np.array(filled.texture.px_per_m)
     # As NumPy packs them, but by the fastest level: a sixth of the time for a few percent more bytes.
@@ -143,7 +149,6 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
         text = f"mean confidence of what was filled: {sure:.2f}; too little of the surfaces is seen"
         warnings.append(StageWarning(code="confidence", message=text))
     warnings += [StageWarning(code="hidden", message=note) for note in found.notes if "hidden altogether" in note]
-    assert isinstance(found.image, LuminanceImage)
     finest = max((one.hole.size for one in found.textures), default=0)
     return StageOutput(
         artifacts={"empty": found.image, "filled": filled, "surfaces": True, "lift": None if change is None else True},

@@ -27,7 +27,7 @@ from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
-from processing.pictures.exr import write_stage_exr
+from processing.pictures.exr import estimated, write_stage_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
@@ -208,7 +208,7 @@ def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
     image, method = work.empty.image, work.asked.method
     kept = staged.kept if method == "differential" else staged.kept & (method == "ibl")
     doubt = np.hypot(np.minimum(image.uncertainty, 1.0), np.float32(MODELLED))
-    return replace(
+    picture = replace(
         image,
         rgb=staged.rgb,
         uncertainty=np.where(kept, image.uncertainty, doubt).astype(np.float32),
@@ -216,6 +216,7 @@ def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
         ghost=None,
         attributes={**image.attributes, "staged": True, "method": method, "arrangement": one.rank},
     )
+    return estimated(picture, ~kept)
 
 
 def _honoured(
