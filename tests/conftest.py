@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from platformdirs import user_cache_path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,7 +34,8 @@ sys.dont_write_bytecode = False
 gc.set_threshold(100_000, 20, 100)
 """Chosen: at Python's own 700 a quarter of the collection and half of reading sources goes into looking for garbage."""
 
-settings.register_profile("same", derandomize=True, max_examples=30)
+SLOW = [HealthCheck.too_slow]  # a busy machine, not a test's fault
+settings.register_profile("same", derandomize=True, max_examples=30, suppress_health_check=SLOW)
 settings.register_profile("new", print_blob=True)
 settings.load_profile("new" if LONG else "same")
 

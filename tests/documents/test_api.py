@@ -86,7 +86,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.chdir(tmp_path)
     assert runpy.run_path(str(ROOT / "examples" / "first_room.py"))["main"]() == 0
     printed = capsys.readouterr().out
-    assert "complete" in printed
+    assert "18 frames" in printed
     assert "cd/m2" in printed
     notebook = json.loads((ROOT / "examples" / "first_room.ipynb").read_text("utf-8"))
     names: dict[str, object] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
 from processing.ground.kernels import compiled
 from processing.light.solver.kernels import PANE
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage, on_faces, part_albedo, surface_values
 from processing.sphere import Geometry, directions
 
 NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
@@ -118,14 +119,23 @@ def _round(stage: Stage, label: Int32s, triangle: Int32s, point: Floats, normal:
     """Turn the normals of round furniture as its shape turns, never beyond the edge of what faces the eye."""
     for number, chosen in by_label(label, FIRST_PART).items():
         part = stage.scene.parts[number - FIRST_PART]
-        if part.normals is None:
-            continue
-        smooth = part_normals(part, stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64))
-        assert smooth is not None
-        flat = normal[chosen]
-        agree = np.einsum("ij,ij->i", smooth, flat)
-        smooth *= np.where(agree < 0, np.float32(-1), np.float32(1))[:, None]
-        normal[chosen] = np.where(np.abs(agree)[:, None] > LEAST_AGREEMENT, smooth, flat)
+        if part.normals is not None:
+            face, places = stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64)
+            _turn(on_faces(part, np.asarray(part.normals, np.float64), face, places), chosen, normal)
+
+
+@compiled
+def _turn(smooth, chosen, normal):  # type: ignore[no-untyped-def]
+    """Put smooth normals (K, 3), of any length, in place of those of pixels chosen (K,) where the two agree."""
+    for i in range(chosen.shape[0]):
+        n, length, agree = chosen[i], 0.0, 0.0
+        for c in range(3):
+            length += smooth[i, c] * smooth[i, c]
+            agree += smooth[i, c] * normal[n, c]
+        length = max(math.sqrt(length), 1e-12) * (-1.0 if agree < 0 else 1.0)
+        if agree / length > LEAST_AGREEMENT:
+            for c in range(3):
+                normal[n, c] = smooth[i, c] / length
 
 
 def albedo_of(stage: Stage, sight: Sight) -> Floats:

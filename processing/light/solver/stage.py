@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.ground.kernels import compiled
 from processing.light.scene.patches import Patches, patches_of
 from processing.light.scene.scene import Outdoors, Pane, Part, Scene
 from processing.light.scene.tracer import Hits, Tracer, tracer_of
@@ -91,38 +92,43 @@ def _shares(fine: int, coarse: int) -> Doubles:
 
 
 def part_albedo(part: Part, face: Int32s, places: Doubles) -> Doubles:
-    """Return the albedo (N, 3) of places (N, 3) on a part's faces (N,); metals count as matte of their base colour."""
-    colour = np.broadcast_to(np.asarray(part.material.colour, np.float64), (len(face), 3))
+    """Return the albedo (N, 3) of places (N, 3), m, on a part's faces (N,); metals count as matte of their base
+    colour.
+    """
+    colour = np.array(part.material.colour, np.float64)
     texture = part.material.texture
     if texture is None or part.uv is None:
-        return colour
-    s, t = part_shares(part, face, places)
-    uv = part.uv[part.faces[face]].astype(np.float64)
-    at = uv[:, 0] + s[:, None] * (uv[:, 1] - uv[:, 0]) + t[:, None] * (uv[:, 2] - uv[:, 0])
+        return np.broadcast_to(colour, (len(face), 3))
+    uv = on_faces(part, np.asarray(part.uv, np.float64), face, places)
     high, wide = texture.shape[:2]
-    x = np.floor((at[:, 0] % 1.0) * wide).astype(int).clip(0, wide - 1)
-    y = np.floor((1 - at[:, 1] % 1.0) * high).astype(int).clip(0, high - 1)
-    return np.asarray(colour * texture[y, x])
+    x = ((uv[:, 0] % 1.0) * wide).astype(np.int32).clip(0, wide - 1)
+    y = ((1 - uv[:, 1] % 1.0) * high).astype(np.int32).clip(0, high - 1)
+    return np.asarray(colour * texture.reshape(-1, 3)[y * wide + x])
 
 
-def part_shares(part: Part, face: Int32s, places: Doubles) -> tuple[Doubles, Doubles]:
-    """Return the shares (N,), (N,) that a face's second and third corner have in places (N, 3), m, on it, 0 to 1."""
-    corners = part.vertices_m[part.faces[face]]
-    a, b, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], places - corners[:, 0]
-    aa, ab, bb = (a * a).sum(1), (a * b).sum(1), (b * b).sum(1)
-    wa, wb = (w * a).sum(1), (w * b).sum(1)
-    scale = 1 / np.maximum(aa * bb - ab * ab, 1e-30)
-    return np.clip((bb * wa - ab * wb) * scale, 0, 1), np.clip((aa * wb - ab * wa) * scale, 0, 1)
+def on_faces(part: Part, values: Doubles, face: Int32s, places: Doubles) -> Doubles:
+    """Return values (V, K) of a part's corners, mixed to (N, K) at places (N, 3), m, on its faces (N,)."""
+    out = np.empty((len(face), values.shape[1]))
+    _mix_corners(np.ascontiguousarray(part.vertices_m), np.ascontiguousarray(part.faces), values, face, places, out)
+    return out
 
 
-def part_normals(part: Part, face: Int32s, places: Doubles) -> Floats | None:
-    """Return the smooth normals (N, 3) of places (N, 3) on a part's faces (N,); None where its faces are flat."""
-    if part.normals is None:
-        return None
-    s, t = part_shares(part, face, places)
-    three = part.normals[part.faces[face]].astype(np.float64)
-    mixed = three[:, 0] + s[:, None] * (three[:, 1] - three[:, 0]) + t[:, None] * (three[:, 2] - three[:, 0])
-    return np.asarray(mixed / np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12), dtype=np.float32)
+@compiled
+def _mix_corners(vertices, faces, values, face, places, out):  # type: ignore[no-untyped-def]
+    """Fill ``out`` (N, K); see `on_faces`. Shares of a face's second and third corner are held to 0 to 1."""
+    for i in range(face.shape[0]):
+        p, q, r = faces[face[i], 0], faces[face[i], 1], faces[face[i], 2]
+        aa = ab = bb = wa = wb = 0.0
+        for c in range(3):
+            a, b = vertices[q, c] - vertices[p, c], vertices[r, c] - vertices[p, c]
+            w = places[i, c] - vertices[p, c]
+            aa, ab, bb, wa, wb = aa + a * a, ab + a * b, bb + b * b, wa + w * a, wb + w * b
+        scale = 1 / max(aa * bb - ab * ab, 1e-30)
+        s = min(max((bb * wa - ab * wb) * scale, 0.0), 1.0)
+        t = min(max((aa * wb - ab * wa) * scale, 0.0), 1.0)
+        for k in range(values.shape[1]):
+            first = values[p, k]
+            out[i, k] = first + s * (values[q, k] - first) + t * (values[r, k] - first)
 
 
 def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
