@@ -176,8 +176,7 @@ UNSCALED = "luminance in relative units"
 
 _DAMAGED = "damaged on the disk or on the way; the library could not read all of it"
 _AGAIN = "copy it again, or let the stage that made it run again (--force)"
-_UNDERSHOOT = 0.05
-"""Lossy compression makes small negative values of black ones, up to this share of the picture's mean."""
+_UNDERSHOOT = 0.05  # of the picture's mean: lossy compression makes negative values of black ones
 
 Channels = dict[str, npt.NDArray[Any]]
 
@@ -210,9 +209,9 @@ def handed_on(image: RelativeImage | LuminanceImage) -> RelativeImage | Luminanc
 def estimated(image: LuminanceImage, where: Flags) -> LuminanceImage:
     """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
     rgb, uncertainty = image.rgb.copy(), image.uncertainty.copy()
-    for k, chosen in enumerate(where):  # row by row: little memory
-        rgb[k, chosen] = to_bits(rgb[k, chosen][None], ESTIMATED_BITS)[0]
-        uncertainty[k, chosen] = to_bits(uncertainty[k, chosen][None], ESTIMATED_UNCERTAINTY_BITS)[0]
+    for values, bits in ((rgb, ESTIMATED_BITS), (uncertainty, ESTIMATED_UNCERTAINTY_BITS)):
+        for row, chosen in zip(values, where, strict=True):  # row by row: little memory
+            row[chosen] = to_bits(row[chosen][None], bits)[0]
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 
