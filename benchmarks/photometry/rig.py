@@ -178,8 +178,8 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     pixel_sr = 2 * math.pi / (math.pi * camera.lens.circle.radius_px**2)
     optics = OutdoorOptics(camera.lens, camera.vignetting, camera.filter)
     view = outdoor_view(OutdoorView.HEMISPHERICAL, max(64, round(2 * camera.lens.circle.radius_px)))
-    seen = outdoor.correct_vignetting(outdoor.with_lens(merged, optics), optics)
-    flat = scaled(outdoor.project(outdoor.correct_colour(seen, optics), view), scale)
+    lit = outdoor.correct_vignetting(outdoor.with_lens(merged, optics), optics)
+    flat = scaled(outdoor.project(outdoor.correct_colour(lit, optics), view), scale)
     lux = illuminance_lx(flat).value_lx
     true_lux = _true_lux(taken.world)
     return Outdoor(
