@@ -88,7 +88,8 @@ def published_curve() -> ResponseCurve:
     text = (FOLDER / "response_function_files" / "Response_function.rsp").read_text("ascii")
     rows = [[float(v) for v in line.split()[1:]] for line in text.splitlines() if line.strip()]
     exposure = np.array([np.polyval(row, np.arange(256) / 255) for row in rows])
-    return ResponseCurve(np.log2(exposure), np.zeros((3, 256)), (5, 5, 5), (250, 250, 250), 255, "published polynomial")
+    zero, name = np.zeros((3, 256)), "published polynomial"
+    return ResponseCurve(np.log2(exposure), zero, (5, 5, 5), (250, 250, 250), 255, method=name)
 
 
 def published_circle(size_px: tuple[int, int]) -> ImageCircle:
