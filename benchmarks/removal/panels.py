@@ -1,4 +1,4 @@
-"""Pictures of removal to look at: before with mask, Telea, ours, and the truth or the paper authors' own result.
+"""Pictures of removal to look at: before with our own mask, Telea in it, ours by the pipeline as it stands, the truth.
 
 ``python -m benchmarks.removal.panels penn_bed FOLDER``   the paper's example room; its pictures are not ours to ship:
                                                         name a folder outside the project
@@ -9,8 +9,8 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,11 +19,15 @@ from benchmarks.removal.composed import Case
 from benchmarks.removal.composites import composites
 from benchmarks.removal.real import WHITE_CD_M2, encoded, image_of, penn_bed
 from benchmarks.removal.rivals import rivals
-from benchmarks.removal.rooms import MIDDLE, target_of
-from benchmarks.truth_rooms import kept_list, room_model_of, truth_of
-from processing.ground.arrays import Bytes, Flags
+from benchmarks.removal.rooms import MIDDLE
+from benchmarks.truth_rooms import kept_list, truth_of
+from processing.ground.arrays import Bytes, Flags, Floats
+from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.fill import empty_room
+from processing.pictures.masks import read_mask
+from processing.running.panorama_session import panorama_session
+from processing.running.requests import RunRequest
+from processing.running.runner import process
 
 WIDTH_PX, BAND_PX = 760, 22
 TOP, BOTTOM = 0.12, 0.94
@@ -55,34 +59,46 @@ def panel(pictures: dict[str, Bytes]) -> Bytes:
 
 def penn() -> dict[str, Bytes]:
     """Return the paper's example room."""
-    image, room, target, theirs = penn_bed()
+    image, _, _, theirs = penn_bed()
     before = np.ascontiguousarray(encoded(image.rgb / WHITE_CD_M2))
-    ours = encoded(empty_room(image, target, room).image.rgb / WHITE_CD_M2)
-    telea = rivals(slow=False)["opencv_telea"](before, target)
-    return {MASKED: marked(before, target), "the authors' result": theirs, "OpenCV Telea": telea, "daylit": ours}
+    hole, ours = emptied(image.rgb)
+    telea = rivals(slow=False)["opencv_telea"](before, hole)
+    shown = encoded(ours / WHITE_CD_M2)
+    return {MASKED: marked(before, hole), "the authors' result": theirs, "OpenCV Telea": telea, "daylit": shown}
 
 
 def lebombo() -> dict[str, Bytes]:
     """Return the real flat with rendered furniture."""
     case = Case(next(iter(composites(1))))
-    before, hole = np.ascontiguousarray(encoded(case.one.furnished * case.scale)), case.hole()
-    ours = empty_room(image_of(case.one.furnished), hole, case.one.room, sunlight=case.masks().sunlight).image.rgb
-    return _four(before, hole, encoded(ours * case.scale), case.shown)
+    return _four(case.one.furnished, case.scale, case.shown)
 
 
 def simulated() -> dict[str, Bytes]:
     """Return a simulated room of a validation seed."""
-    number, use = kept_list("validation", 1)[0]
-    room, truth = truth_of(number, use)
-    target, scale = target_of(truth), MIDDLE / float(np.median(luminance_cd_m2(truth.empty_rgb)))
-    before = np.ascontiguousarray(encoded(truth.luminance_rgb * scale))
-    ours = empty_room(image_of(truth.luminance_rgb), target, room_model_of(room)).image.rgb
-    return _four(before, target, encoded(ours * scale), encoded(truth.empty_rgb * scale))
+    _, truth = truth_of(*kept_list("validation", 1)[0])
+    scale = MIDDLE / float(np.median(luminance_cd_m2(truth.empty_rgb)))
+    return _four(truth.luminance_rgb, scale, encoded(truth.empty_rgb * scale))
 
 
-def _four(before: Bytes, hole: Flags, ours: Any, truth: Any) -> dict[str, Bytes]:
+def emptied(rgb: Floats) -> tuple[Flags, Floats]:
+    """Return the mask (H, 2 H) and the emptied picture (H, 2 H, 3), in the unit of ``rgb``, by layout, masks and light
+    of our own.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        write_exr(Path(folder) / "furnished.exr", image_of(rgb))
+        session = panorama_session(Path(folder) / "furnished.exr", Path(folder) / "session")
+        process(session, RunRequest(until="remove", options={"--doubtful-room": True}))
+        stages = session / "stages"
+        given, done = (read_exr(stages / one).rgb for one in ("calibrate/indoor.exr", "remove/empty.exr"))
+        hole = read_mask(stages / "detect" / "target.png")
+    return hole, done * np.float32(np.median(rgb) / np.median(given))
+
+
+def _four(furnished: Floats, scale: float, truth: Bytes) -> dict[str, Bytes]:
+    before = np.ascontiguousarray(encoded(furnished * scale))
+    hole, ours = emptied(furnished)
     telea = rivals(slow=False)["opencv_telea"](before, hole)
-    return {MASKED: marked(before, hole), "OpenCV Telea": telea, "daylit": ours, "truly empty": truth}
+    return {MASKED: marked(before, hole), "OpenCV Telea": telea, "daylit": encoded(ours * scale), "truly empty": truth}
 
 
 def main(name: str, folder: Path) -> None:
