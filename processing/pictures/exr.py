@@ -167,8 +167,7 @@ CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 LIGHT_BITS = 13
 """Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
 UNCERTAINTY_BITS = 7  # of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well
-ESTIMATED_BITS, ESTIMATED_UNCERTAINTY_BITS = 10, 4
-"""The same of light that was estimated: 5e-4 and 3 % at most, where it is known to 2 % at best (chosen)."""
+ESTIMATED_BITS, ESTIMATED_UNCERTAINTY_BITS = 10, 5  # 5e-4 of light known to 2 % at best, 3 % upwards (chosen)
 _LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
 """Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
 UNSCALED = "luminance in relative units"
@@ -209,18 +208,19 @@ def handed_on(image: RelativeImage | LuminanceImage) -> RelativeImage | Luminanc
 def estimated(image: LuminanceImage, where: Flags) -> LuminanceImage:
     """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
     rgb, uncertainty = image.rgb.copy(), image.uncertainty.copy()
-    for values, bits in ((rgb, ESTIMATED_BITS), (uncertainty, ESTIMATED_UNCERTAINTY_BITS)):
-        for row, chosen in zip(values, where, strict=True):  # row by row: little memory
-            row[chosen] = to_bits(row[chosen][None], bits)[0]
+    for light, doubt, chosen in zip(rgb, uncertainty, where, strict=True):  # row by row: little memory
+        light[chosen] = to_bits(light[chosen][None], ESTIMATED_BITS)[0]
+        doubt[chosen] = to_bits(doubt[chosen][None], ESTIMATED_UNCERTAINTY_BITS, up=True)[0]
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 
-def to_bits(values: Floats, bits: int) -> Floats:
-    """Return float32 values, of any shape and unit, to so many bits of mantissa, rounded to even."""
+def to_bits(values: Floats, bits: int, *, up: bool = False) -> Floats:
+    """Return float32 values, of any shape and unit, to so many bits of mantissa, rounded to even, or ``up``."""
     drop = 23 - bits
     raw = np.array(values, np.float32, order="C").view(np.uint32)
     for k in range(len(raw)):  # row by row: little memory
-        raw[k] += ((raw[k] >> np.uint32(drop)) & np.uint32(1)) + np.uint32((1 << (drop - 1)) - 1)
+        even = (raw[k] >> np.uint32(drop)) & np.uint32(1)
+        raw[k] += np.uint32((1 << drop) - 1) if up else even + np.uint32((1 << (drop - 1)) - 1)
         raw[k] &= np.uint32(0xFFFFFFFF ^ ((1 << drop) - 1))
     found: Floats = raw.view(np.float32)
     return found

@@ -533,6 +533,14 @@ def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
     assert read_choices(session).chosen["quality"].value == "draft"
 
 
+@pytest.fixture
+def usual_size(opened: Opened) -> Iterator[None]:
+    """Give the page its size back, whatever happened."""
+    yield
+    opened.page.set_viewport_size({"width": 1440, "height": 900})
+
+
+@pytest.mark.usefixtures("usual_size")
 @pytest.mark.parametrize("width", [1440, 390])
 def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
     """Each is pictured, too: ``DAYLIT_SESSION=SESSION pytest -k screens_fit`` writes the guide's, of that session."""
@@ -551,7 +559,6 @@ def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
         assert found == [], kind
         assert opened.page.evaluate("() => document.documentElement.scrollWidth") <= width, kind
         assert kind == "" or "daylit " in opened.page.locator("footer code").inner_text()
-    opened.page.set_viewport_size({"width": 1440, "height": 900})
 
 
 def pictured(opened: Opened, kind: str, width: int) -> None:
@@ -567,6 +574,7 @@ def pictured(opened: Opened, kind: str, width: int) -> None:
         until(page, "() => !document.querySelector('.stage.opening')", limit_ms=4 * PATIENCE_MS)
         page.evaluate("() => { document.activeElement.blur(); scrollTo(0, 0); }")
         page.wait_for_timeout(1000)
+    until(page, "() => [...document.images].every((i) => i.complete || i.getBoundingClientRect().top > innerHeight)")
     data = page.screenshot(type="jpeg", quality=72)
     grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
     assert grey.shape == (844, width)
