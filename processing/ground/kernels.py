@@ -41,7 +41,8 @@ V3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 """What x86-64-v3 adds to its predecessors (System V ABI, x86-64 psABI, table 3.1), as LLVM calls it."""
 _host = get_host_cpu_features()
 if all(_host.get(one) for one in V3) and not config.CPU_NAME:
-    config.CPU_NAME, config.CPU_FEATURES = "x86-64-v3", ""
+    os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"] = "x86-64-v3", ""
+    config.reload_config()  # others do that, too: what is set in the module alone is lost then
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "kernels.json"
 SHIPPED = ROOT / "kernels"

@@ -105,6 +105,26 @@ def test_a_kernel_is_made_of_what_it_calls_and_of_constants(tmp_path: Path, monk
     kernels.source_digest.cache_clear()
 
 
+def test_every_process_compiles_for_the_same_processor() -> None:
+    """As `daylit` begins, with its threads limited: a wheel's kernels are taken wherever x86-64 has AVX2."""
+    code = """
+from processing.ground.threads import limit_libraries
+limit_libraries()
+from processing.layout.solver.walk_grid import count_bits
+count_bits(3)
+import os
+import numba
+os.environ["NUMBA_NUM_THREADS"] = "1"
+numba.config.reload_config()
+from numba.core.registry import cpu_target
+print(cpu_target.target_context.codegen().magic_tuple()[1])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    features = kernels.get_host_cpu_features()
+    portable = all(features.get(one) for one in kernels.V3)
+    assert (done.stdout.strip() == "x86-64-v3") == portable
+
+
 def test_what_a_wheel_brings_is_copied_whole_and_not_compiled(tmp_path: Path) -> None:
     """The kernel is loaded from the package's own folder, which stays as it is; another source's is not taken."""
     packages = ("processing", "station", "drivers")
