@@ -65,6 +65,7 @@ def compile_kernels(package: Path) -> None:
     if importlib.util.find_spec("numba") is None:
         print("kernels are left to be compiled on first use: numba is not here (pip wheel --no-build-isolation)")  # noqa: T201
         return
+    shutil.rmtree(package / "kernels", ignore_errors=True)  # an earlier build's, of other sources
     environment = {**os.environ, "DAYLIT_KERNELS": str(package.resolve())}
     subprocess.run([sys.executable, "-c", code], cwd=WEB.parents[1], env=environment, check=True, timeout=PATIENCE_S)
 

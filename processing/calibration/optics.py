@@ -8,14 +8,13 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
+from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.profile import Correction, K2Record, RigProfile
 from processing.calibration.scale.veiling_glare import subtract_veil, veil_from_surround
 from processing.calibration.scale.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
-from processing.ground.arrays import Vector
 from processing.pictures.images import RelativeImage
 from processing.sphere import LensMapping
 from station.session.session import SessionManifest, Side
@@ -164,7 +163,7 @@ def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircl
     return ImageCircle((column * width, row * height), radius * width, (width, height)), "of the rig file"
 
 
-def stated_circle(rig: dict[str, object]) -> Vector | None:
+def stated_circle(rig: dict[str, object]) -> Circle | None:
     """Return the image circle that the rig file gave, as fractions (x of width, y of height, radius of width)."""
     outdoor = rig.get("outdoor")
     circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None

@@ -14,11 +14,10 @@ from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.shutter import ShutterRule, true_time_s
 from processing.calibration.scale.vignetting import Vignetting
-from processing.ground.arrays import Vector
+from processing.ground.arrays import Rgb
 from processing.sphere import LensMapping
 from station.session.session import Model, SafeText
 
-Channels = Vector
 NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0  # written for an uncertainty without bound: JSON has no infinity
@@ -30,14 +29,15 @@ class _Record(Model):
     @classmethod
     def of(cls, found: ResponseCurve | NoiseModel | Vignetting | NdFilter) -> Self:
         """Return the record of what has fields of the same names."""
-        return cls(**{name: _plain(getattr(found, name)) for name in cls.model_fields})
+        every = {name: getattr(found, name) for name in cls.model_fields}
+        if "sigma_log2" in every:
+            every["sigma_log2"] = np.nan_to_num(every["sigma_log2"], nan=_UNKNOWN_STOPS, posinf=_UNKNOWN_STOPS)
+        return cls(**{name: _plain(value) for name, value in every.items()})
 
 
 def _plain(value: Any) -> Any:
-    """Return arrays and tuples as lists of plain numbers, without infinities."""
-    if isinstance(value, np.ndarray | tuple):
-        return np.nan_to_num(value, nan=_UNKNOWN_STOPS, posinf=_UNKNOWN_STOPS).tolist()
-    return value.item() if isinstance(value, np.generic) else value
+    """Return arrays, tuples and NumPy's numbers as plain ones."""
+    return np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple | np.generic) else value
 
 
 class ResponseRecord(_Record):
@@ -173,7 +173,7 @@ class LensRecord(Model):
 class NdRecord(_Record):
     """An ND filter (`NdFilter`): what it does to linear RGB is ``rgb @ tint * 10 ** -density``."""
 
-    tint: tuple[Channels, Channels, Channels]
+    tint: tuple[Rgb, Rgb, Rgb]
     density: float = 0.0
     relative_uncertainty: NonNegative = 0.0
     source: SafeText = ""

@@ -23,7 +23,7 @@ from processing.calibration.scale.photometry import PLANES, illuminance_lx, lumi
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
 from processing.figures.glare import with_uncertainty
-from processing.ground.arrays import Doubles, Vector
+from processing.ground.arrays import Doubles, Rgb
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
@@ -50,7 +50,7 @@ class CalFile:
     """What a .cal file does."""
 
     falloff: Vignetting | None
-    gains: Vector
+    gains: Rgb
 
 
 def read_cal(path: Path) -> CalFile:

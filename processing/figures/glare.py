@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from processing.calibration.scale.photometry import illuminance_lx, luminance_map
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Indices, Vector
+from processing.ground.arrays import Doubles, Indices
 from processing.pictures.images import LuminanceImage
 from processing.pictures.modes import modes_of, relative_error
 from processing.sphere import Fisheye, directions, solid_angles
@@ -193,7 +193,7 @@ def position_index(rays: Doubles, azimuth_rad: float) -> Doubles:
 
 TASK_FACTOR = 5.0  # times the task's mean luminance above which a pixel may glare (evalglare's -b with -T)
 _NEAR_DEG = 1.0  # chosen: nearer to the line of sight the formula of veiling light has no meaning
-Task = Vector
+Task = tuple[float, float, float]
 """Right and up of the line of sight, and the cone's whole angle, degrees."""
 
 

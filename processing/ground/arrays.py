@@ -24,3 +24,6 @@ Indices: TypeAlias = npt.NDArray[np.intp]
 UInt16s: TypeAlias = npt.NDArray[np.uint16]
 UInt64s: TypeAlias = npt.NDArray[np.uint64]
 Vector: TypeAlias = tuple[float, float, float]
+"""x, y, z of a place or a size, in metres, or of a direction."""
+Rgb: TypeAlias = tuple[float, float, float]
+"""Red, green and blue, or a value for each channel."""

@@ -33,7 +33,7 @@ LEAST_FILLED = 0.85
 """Of the smallest rectangle around the board, turned as fits best: remains of a wall and patches of floor fill less."""
 WORK_WIDTH_PX = 840
 """Width to which a panorama is reduced for the search: the smallest board is then still 13 pixels large."""
-LEAST_PX = 9  # pixels of a bright region; chosen by eye, never swept
+LEAST_PX = 9  # pixels of a bright region; chosen, never swept
 LEAST_AHEAD = 0.05  # cosine of the angle from the region's middle at which the tangent plane is cut off
 
 

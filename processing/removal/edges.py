@@ -24,12 +24,12 @@ from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 WINDOWS_RAD = (math.radians(56), math.radians(90))
 """Widths of windows along the equator; each overlaps the next by half."""
 SURE = 0.95  # probability from which a place is inside for good; 1 - SURE: outside
-ROUNDS = 2  # of OpenCV's GrabCut; chosen by eye, never swept
-MARGIN_PX = 24  # of colours around a piece that the cut sees; chosen by eye, never swept
+ROUNDS = 2  # of OpenCV's GrabCut; chosen, never swept
+MARGIN_PX = 24  # of colours around a piece that the cut sees; chosen, never swept
 LEAST_PX = 30  # of likely inside, below which a window has nothing to learn colours from
 SEED = 1  # any, as long as it is the same each time
-TILE_PX = 256  # side of what is cut at once; chosen by eye, never swept
-GUIDE_RADIUS_PX = 8  # of the guided filter; half of it in pixels of the working size; chosen by eye, never swept
+TILE_PX = 256  # side of what is cut at once; chosen, never swept
+GUIDE_RADIUS_PX = 8  # of the guided filter; half of it in pixels of the working size; chosen, never swept
 GUIDE_EPS = 1e-4  # variance of display values (0..1) below which the guide is flat
 
 
@@ -145,13 +145,13 @@ def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
 
 # How unlike the usual colours of a surface a place is: what stands before a plain wall or floor stands out.
 
-CLUSTERS = 6  # chosen by eye, never swept
-SAMPLES = 1500  # chosen by eye, never swept
+CLUSTERS = 6  # chosen, never swept
+SAMPLES = 1500  # chosen, never swept
 LEAST_CLUSTER_SHARE = 0.02  # of the sample that a cluster must hold to be a colour of the surface
 OWN_SURE, OWN_LIKELY = 0.6, 0.4
 """Probability of its own class from which a place teaches a surface's colours; the second where the first is rare."""
 RARE_OWN_PX, LEAST_OWN_PX = 100, 50
-MOST_OUTLYING = 5.0  # 12 standard deviations; chosen by eye, never swept
+MOST_OUTLYING = 5.0  # 12 standard deviations; chosen, never swept
 
 
 def colour_distance(rgb8: Bytes, known: Flags) -> Floats:

@@ -42,7 +42,7 @@ from processing.surfaces.textures import Texture, unwrap, wrap
 # (1 in the sun, 0 in the shade) lies above one half, and brighter by as much as the sunlit rim is brighter than the
 # filling beside it.
 
-RIM_PX = 6  # chosen by eye, never swept
+RIM_PX = 6  # chosen, never swept
 SOFT = 0.12  # of the membrane about one half, in which the edge of the light lies
 LEAST_GAIN = 0.25  # natural logarithm: less is no sunlight
 BRIGHT = 1.8  # times the shade's median luminance: sunlight, where it touches what is known as such
@@ -91,7 +91,7 @@ def _whole(values: Floats, known: Flags, sun: Flags) -> Flags:
 PlaneFiller = Callable[[FilledPlane], FilledPlane]
 """What may improve a filled plane (`removal.learned`)."""
 
-MIXED_SHARE = 0.1  # of what is removed in a texel that still counts as known; chosen by eye, never swept
+MIXED_SHARE = 0.1  # of what is removed in a texel that still counts as known; chosen, never swept
 MIXED_PX = 1  # panorama pixels beside the target that hold some of what is removed: seen, but not to be copied
 UNSURE_SUN = 0.4  # of the confidence that sunlight continued into a hole costs
 PLANES_AT_ONCE = 4  # chosen, for memory: each has some 200 MB of textures

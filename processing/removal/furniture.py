@@ -15,7 +15,7 @@ from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
 FLOOR_SLACK_RAD = math.radians(2.5)  # errors of the floor's boundary
-ON_FLOOR_SHARE = 0.05  # of a component's solid angle that lies before the floor, from which it stands on it ..
+ON_FLOOR_SHARE = 0.05  # of a component's solid angle that lies before the floor, from which it stands on it ...
 FOOT_SHARE = 0.10  # ... or of the columns it is seen in, those whose lowest pixel does.
 LEAST_SR = 2e-5  # smaller components are noise: about 1.5 x 1.5 pixels of 1024 x 512
 EVIDENCE_WEIGHT = 1.03  # of the network's log odds

@@ -78,7 +78,7 @@ def grey(tone: Floats) -> Floats:
     return np.asarray(tone @ TONE_WEIGHTS, np.float32)
 
 
-SWEEPS = 6  # at each size of the pyramid; chosen by eye, never swept
+SWEEPS = 6  # at each size of the pyramid; chosen, never swept
 _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4
 
 
@@ -122,10 +122,10 @@ def _as(flat: Floats | Flags, like: Floats) -> Floats:
 
 
 CELLS = 7  # of the grid along the longer side
-SAMPLES = 6000  # of a fit; chosen by eye, never swept
-ROUNDS = 5  # of reweighting; chosen by eye, never swept
-BRIGHT = 1.0  # exponent: brighter pairs count more; chosen by eye, never swept
-LEAST_SHARE = 0.3  # of a window that is known; chosen by eye, never swept
+SAMPLES = 6000  # of a fit; chosen, never swept
+ROUNDS = 5  # of reweighting; chosen, never swept
+BRIGHT = 1.0  # exponent: brighter pairs count more; chosen, never swept
+LEAST_SHARE = 0.3  # of a window that is known; chosen, never swept
 SLOPE = 0.7  # of the resistance to slopes against that to bends: what the pattern may explain is not light
 
 

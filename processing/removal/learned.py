@@ -24,10 +24,10 @@ from processing.segmentation.segmenters import open_session
 SIZE_PX = 512  # of the longer side, where the network takes any
 WHITE = 4.0  # times the median luminance: what the network is shown as white
 SURE, UNSURE = 0.65, 0.25  # confidence above which our filling stays, and below which the network's takes its place
-LEARNED_CONFIDENCE = 0.5  # of what a user's network fills; chosen by eye, never swept
+LEARNED_CONFIDENCE = 0.5  # of what a user's network fills; chosen, never swept
 INVENTED = 0.1  # share of the network's picture from which a texel is no continuation of what is seen
 CONTEXT = 0.35  # of the hole's size that the network sees around it
-THREADS = 2  # chosen by eye, never swept
+THREADS = 2  # chosen, never swept
 
 
 class LamaFiller:

@@ -26,9 +26,9 @@ from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps, surface_maps
 from processing.surfaces.sun import coloured_as_behind
 
-WORKING_ROWS = 512  # 0.35 degrees a row: 1 cm at 1.6 m; chosen by eye, never swept
+WORKING_ROWS = 512  # 0.35 degrees a row: 1 cm at 1.6 m; chosen, never swept
 MARGIN_RAD = math.radians(0.6)
-LEAST_ROWS = 16  # 11 degrees a row; chosen by eye, never swept
+LEAST_ROWS = 16  # 11 degrees a row; chosen, never swept
 CURTAIN_RAD = math.radians(1.5)  # from a window, where fixtures are its curtains (chosen)
 FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)
 BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.6, 0.12, math.radians(0.8)

@@ -23,9 +23,9 @@ from processing.removal.near_periodic_lattice import Lattice, Line, SelfCorrelat
 
 SEARCH_PX = 400  # of the longer side of the picture on which the lattice is sought
 SOLVE_PX = 100_000  # pixels of the window on which copies are chosen
-RIM_PX = 6.0  # chosen by eye, never swept
-GRAIN_PX = 2.0  # chosen by eye, never swept
-PASSES = 3  # of light and copies in turn; chosen by eye, never swept
+RIM_PX = 6.0  # chosen, never swept
+GRAIN_PX = 2.0  # chosen, never swept
+PASSES = 3  # of light and copies in turn; chosen, never swept
 
 
 class Repeat(StrEnum):

@@ -17,14 +17,14 @@ from processing.ground.arrays import Doubles, Flags, Floats, Indices
 from processing.removal.illumination import blurred, spread
 
 GUESS_WEIGHT = 0.25  # of filled pixels against known ones when copies are compared
-ROUNDS = 4  # of expectation and maximisation; chosen by eye, never swept
-COARSE_PENALTY = 1.0  # chosen by eye, never swept
-RIM_SCALES = 6  # each twice the one before: up to 32 boxes; chosen by eye, never swept
-UNSEEN_COST = 0.5  # chosen by eye, never swept
-USUAL_PX = 40_000  # pixels of which a shift's usual difference is known; chosen by eye, never swept
+ROUNDS = 4  # of expectation and maximisation; chosen, never swept
+COARSE_PENALTY = 1.0  # chosen, never swept
+RIM_SCALES = 6  # each twice the one before: up to 32 boxes; chosen, never swept
+UNSEEN_COST = 0.5  # chosen, never swept
+USUAL_PX = 40_000  # pixels of which a shift's usual difference is known; chosen, never swept
 USUAL_SHARE = 1.5  # of a box's pixels that a copy's usual difference counts for
 LEAST_COMPARED = 50  # known pixels from which a copy has a usual difference
-TIDY = 0.4  # of the box, over which labels vote; chosen by eye, never swept
+TIDY = 0.4  # of the box, over which labels vote; chosen, never swept
 PRUNE = 0.002  # share of the hole that a copy must serve after the first round to stay
 
 
@@ -238,7 +238,7 @@ def _mean(copies: list[Floats], share: Floats) -> Floats:
 
 # The filled hole at full size: the copies' weighted mean, with the fine detail of the best one, met to the rim.
 
-MIN_SHARE = 0.01  # chosen by eye, never swept
+MIN_SHARE = 0.01  # chosen, never swept
 LARGEST_STEP = 0.3  # tone by which the rim may pull a filling
 
 

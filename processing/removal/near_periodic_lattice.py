@@ -95,11 +95,11 @@ LATTICE_NCC = 0.52
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
 laminate 0.05 to 0.14 (measured), a real carpet with patches of sun 0.45."""
 PEAK_NCC = 0.13  # at a node from which its place counts when the lattice is refined
-CANDIDATES = 48  # peaks that pairs are made of; chosen by eye, never swept
+CANDIDATES = 48  # peaks that pairs are made of; chosen, never swept
 LONGEST = 0.45  # of a step against the texture's size: a pattern must be seen to repeat
 ORIENTED_NCC = 0.52
 """The same, of which way the grain runs: herringbone has 0.71 to 0.75, planks, laminate and carpet none (measured)."""
-NODE_REACH = 5  # nodes of the lattice each way; chosen by eye, never swept
+NODE_REACH = 5  # nodes of the lattice each way; chosen, never swept
 
 
 @dataclass(frozen=True)

@@ -69,10 +69,10 @@ def _away_px(hole: Flags) -> Floats:
 
 OUTLIER = 4.0
 """Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
-LEAST_SPREAD = 0.01  # of log tone; chosen by eye, never swept
+LEAST_SPREAD = 0.01  # of log tone; chosen, never swept
 OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
 """Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
-GRAIN_PX = 3.0  # chosen by eye, never swept
+GRAIN_PX = 3.0  # chosen, never swept
 FEW = 0.1  # of the columns near the hole: rows with fewer known ones hardly have a profile
 TRUSTED = 0.6  # trust in a row's profile from which it is its own; below, it is more and more as usual on other walls
 UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall

@@ -180,11 +180,11 @@ def _surface(
 
 # The skirting of a room: what runs along the foot of its walls, learned from all of them for walls that hide theirs.
 
-SKIRTING_PX_PER_M = 80.0  # rows of 12 mm; chosen by eye, never swept
-HIGHEST_M = 0.25  # of a skirting; chosen by eye, never swept
+SKIRTING_PX_PER_M = 80.0  # rows of 12 mm; chosen, never swept
+HIGHEST_M = 0.25  # of a skirting; chosen, never swept
 TOP_M = 0.05  # below that height: what of the wall is just above the skirting, against which it is measured
 ABOVE_M = (0.3, 0.6)  # where the wall itself must be seen too
-LEAST_COLUMNS = 12  # of wall that show their skirting; chosen by eye, never swept
+LEAST_COLUMNS = 12  # of wall that show their skirting; chosen, never swept
 MIXED_PX, FARTHER = 1.5, 1.2
 """Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
 EDGE_ROWS, LEAST_EDGE = 3, 0.01

@@ -22,8 +22,8 @@ from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, Plane, planes_of, surface_maps
 from processing.surfaces.textures import texel_places, unwrap, wrap
 
-PX_PER_M = 20.0  # texels of 5 cm; chosen by eye, never swept
-CONTACT_M = 0.10  # chosen by eye, never swept
+PX_PER_M = 20.0  # texels of 5 cm; chosen, never swept
+CONTACT_M = 0.10  # chosen, never swept
 FAR_M = 0.7  # from furniture, where its shadow no longer counts as seen
 REACH_M = 0.8  # how far a shadow is followed
 LEAST_STOPS = 0.3  # darker than without furniture
@@ -32,7 +32,7 @@ MOST_LIFT = 1.5  # stops by which a soft shadow is lifted at most: what is darke
 LEAST_FAR, LEAST_FAR_SHARE = 60, 0.4
 """Texels far from furniture that a fit needs; of all that are seen, that relighting needs (chosen: a real room with a
 third of its floor seen became a bright shard)."""
-LEAST_M2 = 0.01  # 10 by 10 cm; chosen by eye, never swept
+LEAST_M2 = 0.01  # 10 by 10 cm; chosen, never swept
 RELIT_ROWS = 1024  # of the size at which soft shadows are relit: their light is smooth
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import ToneScale, fit_illumination, grey
 
-CELL_M = 0.03  # chosen by eye, never swept
+CELL_M = 0.03  # chosen, never swept
 MOST_CELLS = 110  # of the longer side
 AWAY_M = 0.6  # from a cell, where its look is sought: what is smaller and alone is a thing
 LEAST_CELLS = 600  # known cells, under which it is unknown what is usual
@@ -24,8 +24,8 @@ USUAL_SHARE = 0.04  # of the known cells that must look so
 TOLERANCE, LEAST_TOLERANCE = 2.6, 0.18  # times the median cell's distance; rests may be a third of all that is seen
 LEVELS = (4.0, 2.0, 1.0)  # times the tolerance: a white board beside a grey box is found before both
 EDGE = 0.7  # of the tolerance: as far as a thing reaches from what is surely odd
-SMOOTH_CELLS = 1.2  # chosen by eye, never swept
-SAMPLES = 800  # chosen by eye, never swept
+SMOOTH_CELLS = 1.2  # chosen, never swept
+SAMPLES = 800  # chosen, never swept
 ACROSS_CELLS, STEEP = 4, 0.6  # across so many cells, a thing's border shows so much of what its middle differs by
 RIM_CELLS = 2  # around what is odd: its edge, its contact shadow
 LEAST_CLUMP = 3  # cells of what is left out: fewer are chance

@@ -38,11 +38,11 @@ FREE_SHARE = 0.7
 """Of its border that runs over one bare surface: what ends where a wall, a door or furniture begins has its colour."""
 CORE_M, RING_M, SLACK_M = 0.12, 0.35, 0.15
 """Depth in a beam that is sure to be in it; width of the shade beside it; by how much edges of beams may be wrong."""
-LEAST_PX = 40  # chosen by eye, never swept
+LEAST_PX = 40  # chosen, never swept
 SEARCH_AZIMUTHS, SEARCH_ELEVATIONS = 72, 12
 LOWEST_RAD, HIGHEST_RAD = math.radians(8), math.radians(75)
 FINE_STEPS_RAD = (math.radians(2.0), math.radians(0.7))
-LEAST_SR = 1e-4  # 5 by 5 cm at 5 m; chosen by eye, never swept
+LEAST_SR = 1e-4  # 5 by 5 cm at 5 m; chosen, never swept
 
 
 @dataclass(frozen=True)

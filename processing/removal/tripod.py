@@ -78,7 +78,7 @@ PALER = 1.8  # how many times brighter than beside it a foot's cap is: a floor's
 LEAST_DISC_RAD = math.radians(4)
 FLAT = 0.25  # of the detail in the ring: a disc with less has been painted over
 STRONG = 0.6  # mean probability of a part away from the nadir, from which evidence alone makes it the photographer's
-LEAST_RING_PX = 500  # of floor around the nadir; chosen by eye, never swept
+LEAST_RING_PX = 500  # of floor around the nadir; chosen, never swept
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from processing.calibration.merge.merge import merge
 from processing.calibration.optics import stated_circle
-from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
+from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
 from processing.calibration.profile import CameraProfile, CameraState, camera_state
@@ -29,7 +29,7 @@ from processing.calibration.response.shutter import ShutterRule, camera_rule
 from processing.calibration.scale.chart import find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import BracketError, LensError, ProfileError, ResponseError
-from processing.ground.arrays import Bytes, Doubles, Vector
+from processing.ground.arrays import Bytes, Doubles
 from processing.pictures.frames import FrameSource, frame_of
 from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
@@ -49,7 +49,7 @@ class SessionSide:
     state: CameraState
     target: MeterTarget | None
     readings: tuple[ReadingRecord, ...]
-    circle_frac: Vector | None
+    circle_frac: Circle | None
     """The image circle that the rig file states: centre and radius as fractions of width, height and width."""
 
     @property

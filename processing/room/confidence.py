@@ -24,7 +24,7 @@ from processing.surfaces.maps import wall_ranges
 
 # What can be seen without any network: whether a picture is a whole, lit panorama.
 LARGEST_BLANK = 0.3  # share of the sphere without data or detail from which a picture is refused
-STEP_ROWS = 256  # rows that are looked at; chosen by eye, never swept
+STEP_ROWS = 256  # rows that are looked at; chosen, never swept
 
 
 def check_picture(image: RelativeImage | LuminanceImage) -> float:
@@ -153,7 +153,7 @@ COEFFICIENTS = {"log2_sigma": -0.49, "ratio_spread": -11.8, "rival": -11.3, "log
 INTERCEPT = 2.7
 """Ridge logistic fit on 237 pictures: simulated rooms of validation seeds (cameras in doorways, mirrors, closets,
 tilted, dark and cropped ones among them) and the real ones that may be looked at (docs/reference/room.md)."""
-LARGEST_SPREAD = 0.2  # clamps the fit's feature; chosen by eye, never swept
+LARGEST_SPREAD = 0.2  # clamps the fit's feature; chosen, never swept
 LEAST_SIGMA_DEG, LEAST_LOSS = 0.25, 0.01
 LEAST, MOST = 0.02, 0.98
 FULLY_EXPLAINED = 0.75  # of a wall's columns: noise leaves no wall without any residual

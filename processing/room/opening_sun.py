@@ -29,7 +29,7 @@ from processing.surfaces.sun import (
     window_depth,
 )
 
-ROWS = 512  # 0.35 degrees each; chosen by eye, never swept
+ROWS = 512  # 0.35 degrees each; chosen, never swept
 AZIMUTHS, ELEVATIONS = 5, 3  # directions tried within which the given one may be off
 EDGE_M = 0.15  # by which windows, and so their beams, may be estimated wrong
 DETAIL_STOPS = 0.25  # standard deviation within `DETAIL_RAD`: what shows more is no evenly lit wall

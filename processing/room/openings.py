@@ -27,10 +27,10 @@ from processing.segmentation.evidence import SceneClass, SceneEvidence
 # from above hides the window's upper part and is as wide as the window.
 CLOTH_SHARE = 0.5
 STRIP_M = 0.06  # how far from the window cloth must begin
-FURTHEST_M = 1.2  # of cloth beside an opening; chosen by eye, never swept
+FURTHEST_M = 1.2  # of cloth beside an opening; chosen, never swept
 LEAST_BLIND_M, MOST_BLIND_M = 0.08, 2.0
-HEAD_REACH_M = 0.12  # chosen by eye, never swept
-SHARED_REACH_M = 0.35  # chosen by eye, never swept
+HEAD_REACH_M = 0.12  # chosen, never swept
+SHARED_REACH_M = 0.35  # chosen, never swept
 SHARED_COST = 0.8  # of the score, that a common head or sill may cost
 
 
@@ -121,15 +121,15 @@ def _aligned(one: Candidate, surer: list[Candidate], side: int) -> Candidate:
 
 
 LEAST_SHARE = 0.5  # more likely than not
-LEAST_AREA_M2 = 0.08  # 28 by 28 cm; chosen by eye, never swept
+LEAST_AREA_M2 = 0.08  # 28 by 28 cm; chosen, never swept
 LEAST_SCORE = {SceneClass.WINDOW: 2.5, SceneClass.DOOR: 4.0}
 LEAST_BLIND_SCORE = 8.0  # below, too little speaks for an opening
 WIDEST_DOOR_M = 1.5  # what is wider is taken for a passage
-FULL_SCORE = 10.0  # chosen by eye, never swept
+FULL_SCORE = 10.0  # chosen, never swept
 DIMMEST_PANE_STOPS = 6.0
 """By which the brightest tenth of a window may be darker than the sky's median: glass, trees, houses."""
 GAP_M = 0.1  # narrower bars across an opening do not divide it
-BLIND_GAP_M = 0.05  # between slats that count as one cloth; chosen by eye, never swept
+BLIND_GAP_M = 0.05  # between slats that count as one cloth; chosen, never swept
 GLIMPSE, LEAST_GLIMPSE, GLIMPSED_SHARE, FULL_SHARE, BLIND_SHARE = 0.15, 0.4, 0.7, 0.8, 0.3
 """Behind a blind a window is glimpsed, somewhere clearly; in what share of the columns; how full the rectangle of both
 is; how much of it is cloth."""

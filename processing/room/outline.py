@@ -23,10 +23,10 @@ from processing.room.columns import Columns
 # that a wall does not explain (a doorway to another room, a mirror) cost a fixed amount and so may stay unexplained.
 ALONG_X, ALONG_Y, FREE = 0, 1, 2
 """Kinds of wall, in axes turned by the walls' azimuth: seen at +-90 degrees, at 0 or 180 degrees, or at any angle."""
-LEAST_COLUMNS = 3  # of the shortest wall; chosen by eye, never swept
+LEAST_COLUMNS = 3  # of the shortest wall; chosen, never swept
 CAP = 3.0  # standard deviations beyond which a column is unexplained
-ROUNDS = 4  # chosen by eye, never swept
-STARTS = 24  # columns at which a turn may begin, eight of them evenly around; chosen by eye, never swept
+ROUNDS = 4  # chosen, never swept
+STARTS = 24  # columns at which a turn may begin, eight of them evenly around; chosen, never swept
 
 
 @dataclass(frozen=True)

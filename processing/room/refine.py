@@ -115,18 +115,18 @@ def peaks_near(strip: Strip, expected: Doubles, within_rad: float, least: float)
 AZIMUTHS = 768
 SHIFTS = np.linspace(-0.08, 0.08, 81)
 """Relative changes of a wall's distance that are tried."""
-SHIFT_SIGMA = 0.03  # chosen by eye, never swept
+SHIFT_SIGMA = 0.03  # chosen, never swept
 RATIO_SHIFTS = np.linspace(-0.06, 0.06, 61)
-RATIO_SHIFT_SIGMA = 0.015  # chosen by eye, never swept
+RATIO_SHIFT_SIGMA = 0.015  # chosen, never swept
 RATIO_WEIGHT = 4.0  # the network's word on the heights stands on all columns at once
 SKIRTING = (0.025, 0.08)
 """Relative distances by which a skirting's upper edge seems farther than its lower one: 4 to 12 cm of 1.6 m."""
-SKIRTING_LESS = 0.7  # chosen by eye, never swept
+SKIRTING_LESS = 0.7  # chosen, never swept
 SKIRTING_SEEN = 0.5  # strength of a second edge above the floor's from which the wall has a skirting
 SKIRTING_DEPTH = 0.009
 """By which a skirting stands before its wall, in camera heights: 14 mm of 1.6 m, as most do; the floor ends there."""
 PEAK_WITHIN_RAD = math.radians(0.35)
-LEAST_STRENGTH = 0.25  # chosen by eye, never swept
+LEAST_STRENGTH = 0.25  # chosen, never swept
 EDGE_SIGMA_RAD = math.radians(0.12)
 STRENGTH_WITHIN_RAD = math.radians(0.2)
 LEAST_COLUMNS = 8  # columns with an edge that make a wall refined

@@ -27,7 +27,7 @@ from processing.sphere.views import Panorama, covering_views, cut_view
 WIDEST_PX = 2048
 """Larger panoramas are reduced to this width by area: lines of 1/600 of the picture's width are found there."""
 VIEW_FOV_RAD = math.radians(75)
-OVERLAP = 0.3  # of neighbouring views; chosen by eye, never swept
+OVERLAP = 0.3  # of neighbouring views; chosen, never swept
 CONTRAST_STOPS = 2.5  # of local contrast in the tone-mapped copy, from black to white
 SURROUND_RAD = math.radians(12)
 DARK_SHARE = 0.02  # of the median luminance: what is darker is noise, and is not stretched
@@ -126,8 +126,8 @@ SEARCH_RAD, FINE_RAD = math.radians(1.2), math.radians(0.5)
 LONGEST_RAD = math.radians(40)  # an arc counts by its length, up to this
 PAIRS, KEPT, FEWEST = 1500, 8, 12
 """Pairs drawn for the vertical, candidates that are looked at closely, and fewest arcs."""
-AZIMUTH_STEPS = 120  # 0.75 degrees each; chosen by eye, never swept
-SECTORS = 12  # of 30 degrees, left out in turn (jackknife); chosen by eye, never swept
+AZIMUTH_STEPS = 120  # 0.75 degrees each; chosen, never swept
+SECTORS = 12  # of 30 degrees, left out in turn (jackknife); chosen, never swept
 APART_RAD = math.radians(1.5)
 TILT_COST = 0.3  # of merit, for one radian of tilt, squared
 

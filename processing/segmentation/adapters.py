@@ -17,7 +17,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from processing.errors import SegmenterError
-from processing.ground.arrays import Bytes, Floats, Vector
+from processing.ground.arrays import Bytes, Floats, Rgb
 from processing.ground.tables import table_of
 from processing.segmentation.evidence import SceneClass
 from station.session import strict_json
@@ -91,7 +91,6 @@ IGNORED_LABEL = 255  # of class maps: by custom, a pixel that no class is given 
 UNKNOWN = 1.0 / len(SceneClass)
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
-Three = Vector
 Kind = Literal["floor", "wall", "ceiling", "window", "door", "furniture", "fixture", "tripod"]
 
 
@@ -108,9 +107,9 @@ class NetworkContract(BaseModel):
     order: Literal["RGB", "BGR"] = "RGB"
     input_range: Literal[1, 255] = 1
     """White is 1 or 255 before mean and std."""
-    mean: Three = (0.0, 0.0, 0.0)
+    mean: Rgb = (0.0, 0.0, 0.0)
     """In the network's channel order and range; taken off before dividing by ``std``."""
-    std: Three = (1.0, 1.0, 1.0)
+    std: Rgb = (1.0, 1.0, 1.0)
     size_px: Annotated[int, Field(ge=16, le=4096)] = 512
     """Side of the square views that the network is fed."""
     size_multiple: Annotated[int, Field(ge=1, le=1024)] = 1

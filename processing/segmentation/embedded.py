@@ -32,9 +32,9 @@ SEEN_PX = SEEN_WIDTH_PX, SEEN_HEIGHT_PX = 512, 256  # of the picture that it is 
 MIDDLE = 0.18  # to which the picture's median luminance is scaled
 BRIGHTEST = 12.0
 """Scaled values are cut here before pixels are averaged: the sun may fill one pixel of the copy, not its neighbours."""
-KNEE = 0.35  # what the network is trained with; chosen by eye, never swept
-_SAMPLES_PX = 512  # columns that set the exposure; chosen by eye, never swept
-_BAND_ROWS = 256  # at a time; chosen by eye, never swept
+KNEE = 0.35  # what the network is trained with; chosen, never swept
+_SAMPLES_PX = 512  # columns that set the exposure; chosen, never swept
+_BAND_ROWS = 256  # at a time; chosen, never swept
 
 
 def network_picture(rgb: npt.ArrayLike) -> Floats:

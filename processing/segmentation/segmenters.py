@@ -14,7 +14,7 @@ from processing.ground.arrays import Bytes, Floats
 from processing.ground.threads import threads as most_threads
 from processing.segmentation.adapters import Array, NetworkContract, network_input, read_contract, scene_probabilities
 
-THREADS = 2  # chosen by eye, never swept
+THREADS = 2  # chosen, never swept
 
 # How ONNX networks are opened: on the processor, a few threads, silent, and never from files beside them.
 

@@ -19,7 +19,7 @@ from processing.calibration.scale.photometry import PLANES, illuminances
 from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
-from processing.ground.arrays import Vector
+from processing.ground.arrays import Rgb
 from processing.ground.board import find_board
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
@@ -242,5 +242,5 @@ def _target(
     return longitude, board.latitude_rad, {"source": "board found", "confidence": board.confidence}
 
 
-def _luminance(rgb: Vector) -> float:
+def _luminance(rgb: Rgb) -> float:
     return sum(weight * value for weight, value in zip(LUMINANCE_WEIGHTS, rgb, strict=True))

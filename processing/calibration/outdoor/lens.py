@@ -13,15 +13,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Floats, Indices, Vector
+from processing.ground.arrays import Doubles, Floats, Indices
 from processing.sphere import Fisheye, LensMapping
 from processing.sphere.geometry import polar_of_radius, radius_of_polar
+
+Circle: TypeAlias = tuple[float, float, float]
+"""x and y of the centre, and the radius: pixels, or shares of the picture's width and height."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ def _profiles(picture: Floats, centre: tuple[float, float], radii: Doubles, angl
     )
 
 
-def _coarse_circle(pictures: list[Floats]) -> Vector:
+def _coarse_circle(pictures: list[Floats]) -> Circle:
     """Return centre and radius to about a coarse pixel."""
     import cv2
 
@@ -199,7 +202,7 @@ def _falls(picture: Floats) -> tuple[Indices, Doubles, Doubles]:
     return ray[kept], points, height_of[kept]
 
 
-def _agreed(rays: Indices, points: Doubles, weights: Doubles, size: tuple[int, int]) -> Vector:
+def _agreed(rays: Indices, points: Doubles, weights: Doubles, size: tuple[int, int]) -> Circle:
     """Return the circle through three candidates that most rays agree with."""
     rng = np.random.default_rng(1)
     middle, diagonal = (size[0] / 2, size[1] / 2), math.hypot(*size)
@@ -231,7 +234,7 @@ def _agreed(rays: Indices, points: Doubles, weights: Doubles, size: tuple[int, i
     return best[0], best[1], max(r for r, n in counts.items() if n >= 0.6 * counts[best[2]])
 
 
-def _through(points: Doubles) -> Vector | None:
+def _through(points: Doubles) -> Circle | None:
     """Return the circle through three points; None where they lie on a line or far too near each other."""
     (ax, ay), (bx, by), (cx, cy) = points
     twice = 2 * ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
@@ -242,7 +245,7 @@ def _through(points: Doubles) -> Vector | None:
     return float(ax + x), float(ay + y), math.hypot(x, y)
 
 
-def _fine_edges(pictures: list[Floats], circle: Vector, reach: float) -> tuple[Doubles, Doubles]:
+def _fine_edges(pictures: list[Floats], circle: Circle, reach: float) -> tuple[Doubles, Doubles]:
     """Return sub-pixel edge points (n, 2) and their weights: of each ray the outermost that is clear."""
     x, y, radius = circle
     radii = radius + np.arange(-reach, reach + 0.25, 0.5)
@@ -275,7 +278,7 @@ def _edge_of(profile: Floats, radii: Doubles) -> tuple[Doubles, Doubles]:
     return place, np.where(usable, contrast.max(axis=1), 0)
 
 
-def _fit(points: Doubles, weights: Doubles, start: Vector) -> tuple[float, float, float, float, float]:
+def _fit(points: Doubles, weights: Doubles, start: Circle) -> tuple[float, float, float, float, float]:
     """Return centre, radius, standard uncertainty and share of agreeing rays, by iteratively reweighted squares."""
     if len(points) < 0.1 * _FINE_RAYS:
         raise _nothing()

@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Flags, Floats, Vector
+from processing.ground.arrays import Doubles, Flags, Floats, Rgb
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
-Row = Vector
-Matrix = tuple[Row, Row, Row]
+Matrix = tuple[Rgb, Rgb, Rgb]
 
 METHOD = "Cheung 2004"
 """Of colour-science: a plain 3x3 matrix with three terms."""

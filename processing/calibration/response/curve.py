@@ -17,7 +17,7 @@ import numpy as np
 
 from processing.calibration.response.samples import ChannelSamples
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Int64s, Vector
+from processing.ground.arrays import Doubles, Int64s, Rgb
 
 T = TypeVar("T", int, float)
 
@@ -46,7 +46,7 @@ class ResponseCurve:
     high: tuple[int, int, int]
     gauge_code: int = 128
     sigma_code: int = 128
-    balance_sigma: Vector = (0.0, 0.0, 0.0)
+    balance_sigma: Rgb = (0.0, 0.0, 0.0)
     """Stops between ``sigma_code`` and the gauge."""
     method: str = "daylit"
     """Which method gave it: "daylit", or that of an older profile or of another program."""
@@ -81,10 +81,10 @@ class NoiseModel:
     ``code_variance[c]`` squared codes through the response's slope. Photon noise: EMVA 1288; of rounding: 1/12.
     """
 
-    photon: Vector
-    read: Vector
-    code_variance: Vector = (1 / 12, 1 / 12, 1 / 12)
-    black: Vector = (0.0, 0.0, 0.0)
+    photon: Rgb
+    read: Rgb
+    code_variance: Rgb = (1 / 12, 1 / 12, 1 / 12)
+    black: Rgb = (0.0, 0.0, 0.0)
     """Of full scale: what linear frames show of no light."""
 
     def __post_init__(self) -> None:

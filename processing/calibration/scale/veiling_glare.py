@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from processing.errors import LensError, ParameterError
-from processing.ground.arrays import Bytes, Floats, Vector
+from processing.ground.arrays import Bytes, Floats, Rgb
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
@@ -31,7 +31,7 @@ _MAD_SIGMA = 1.4826  # of a normal distribution: 1 / quantile(0.75)
 class GlareEstimate:
     """A veil in a picture's own units, and what it is worth."""
 
-    veil_rgb: Vector
+    veil_rgb: Rgb
     uncertainty: float
     """Standard uncertainty of the veil's luminance, relative to it: how uneven it is over the places it was read in."""
     index: float

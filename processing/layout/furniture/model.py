@@ -13,10 +13,10 @@ from typing import TypeAlias
 import numpy as np
 from scipy import fft
 
-from processing.ground.arrays import Bytes, Doubles, Floats, Int32s, Vector
+from processing.ground.arrays import Bytes, Doubles, Floats, Int32s, Rgb, Vector
 from processing.ground.colour import linear_of_srgb, srgb_of_linear
 
-Colour: TypeAlias = Vector
+Colour: TypeAlias = Rgb
 Size: TypeAlias = Vector
 
 

@@ -15,7 +15,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Vector
+from processing.ground.arrays import Doubles
 from processing.layout.items import Item
 from processing.layout.plan import Door, FloorPlan, Hinge, Hung, Window
 from processing.layout.rules import RuleSet
@@ -30,7 +30,7 @@ from processing.layout.verify import Judge, Piece
 LIST_STEP_M = 1e-4  # lengths are compared to this step when frames are (chosen: what a plan is drawn to)
 SNAP_M = 1e-7
 """Coordinates in the canonical frame are rounded to this (chosen: above rounding, below `DEEP_M` of the judge)."""
-Pose: TypeAlias = Vector
+Pose: TypeAlias = tuple[float, float, float]
 """x, y in metres, theta in radians."""
 OpeningT = TypeVar("OpeningT", Door, Window, Hung)
 _OTHER: dict[str, Hinge] = {"left": "right", "right": "left", "unknown": "unknown"}

@@ -31,7 +31,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
 MISFIT = 0.5  # of log luminance between photograph and model, beyond which the model's sun is not believed
-LARGE_ROWS = 1024  # taller pictures take a quarter of the sun's samples; chosen by eye, never swept
+LARGE_ROWS = 1024  # taller pictures take a quarter of the sun's samples; chosen, never swept
 MOST_SAMPLES = 128  # rays to the sun from a node in half shadow
 MOST_BANDS = 4  # at once, each of some 60 MB; chosen
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)

@@ -220,10 +220,10 @@ def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ign
             weight[i, s, 1] = seen * max(1.0 - along, 0.0) ** 5  # Schlick: F = F0 + (1 - F0) (1 - cos)^5
 
 
-MOST_ROWS = 512  # of mirror images: 0.35 degrees a row; chosen by eye, never swept
+MOST_ROWS = 512  # of mirror images: 0.35 degrees a row; chosen, never swept
 FLOOR_BLUR_PX = 1.5
 """About the width of a varnished floor's mirror images at `MOST_ROWS` rows; it takes the noise of few rays away too."""
-MOST_GAIN = 4.0  # two stops; chosen by eye, never swept
+MOST_GAIN = 4.0  # two stops; chosen, never swept
 FURNITURE_RAYS, FLOOR_RAYS, FEW_RAYS = 48, 24, 12
 """From each small pixel; of what no small pixel sees, from each large one."""
 

@@ -148,7 +148,7 @@ STEP = 0.3  # of log luminance or of log colour, from one row to the next below:
 MEMORY = 0.7  # of the sky so far, when the next row of it is taken in
 COMES_BACK = 4
 """Rows of 0.7 degrees that look like the sky above: what was above them is no land; through a tree fewer show."""
-WHITE = 0.9  # albedo above which no ground is; chosen by eye, never swept
+WHITE = 0.9  # albedo above which no ground is; chosen, never swept
 
 
 def level_lx(outdoors: Outdoors) -> float:

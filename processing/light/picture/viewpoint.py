@@ -26,7 +26,7 @@ from processing.sphere import Equirectangular, Perspective
 SAME_PLACE_M, SAME_PLACE = 0.01, 0.004
 """How far before a place a ray from the camera may end and still see it: metres, and of its length."""
 GRAZING = 0.05  # cosine under which the camera saw a place too flatly to show its light
-MOST_GAIN = 2.5  # 1.3 stops; chosen by eye, never swept
+MOST_GAIN = 2.5  # 1.3 stops; chosen, never swept
 _SIGMAS_PX = (4.0, 16.0, 64.0, 256.0)
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 

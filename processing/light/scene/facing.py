@@ -25,7 +25,7 @@ from processing.sphere import Equirectangular
 
 ROWS, COARSE_M, HALF = 256, 0.5, 0.5
 STEP_RAD = math.radians(3.0)
-LEAST_PIXELS = 150  # of a window's view that can be compared; chosen by eye, never swept
+LEAST_PIXELS = 150  # of a window's view that can be compared; chosen, never swept
 LEAST_LIKENESS, LEAST_LEAD = 0.35, 0.12
 """Correlation of log luminance and of colour that the best way must have, and by how much it must lead the others."""
 BESIDE_RAD = math.radians(30.0)  # around the best way, within which others are no rivals

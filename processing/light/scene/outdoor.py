@@ -27,7 +27,7 @@ MOST_TINT = 0.35  # natural logarithm: by which two channels may differ from tha
 LEAST_SUN_LX = 500.0
 """Of an excess that is called the sun; a veiled sun below is left in the sky, where it neither flickers nor matters."""
 
-ROWS = 256  # of the panorama that outdoor pictures are brought to: 0.7 degrees; chosen by eye, never swept
+ROWS = 256  # of the panorama that outdoor pictures are brought to: 0.7 degrees; chosen, never swept
 
 
 def outdoors_of(image: LuminanceImage) -> Outdoors:

@@ -21,7 +21,7 @@ from processing.light.scene.scene import Pane, Part, Scene, Surface
 from processing.light.solver.kernels import FURNITURE, PANE, Key, Ownership, random
 
 SUBCELLS = 8  # along each side of a texel that an outline cuts
-MOST_PATCHES = 200_000  # the shell's texels grow beyond it; chosen by eye, never swept
+MOST_PATCHES = 200_000  # the shell's texels grow beyond it; chosen, never swept
 
 
 @dataclass(frozen=True)

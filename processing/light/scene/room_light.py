@@ -29,7 +29,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 
 LOOKS = 8  # places on each patch that are looked up in the panorama
 BRIGHT_TIMES = 6.0  # a patch this many times brighter than the median is shot at
-SAME_PLACE_M = 0.02  # by which a hit may fall short of the place that is looked at; chosen by eye, never swept
+SAME_PLACE_M = 0.02  # by which a hit may fall short of the place that is looked at; chosen, never swept
 LEAST_SHARE = 0.5  # of `LOOKS`, below which a patch counts as unseen
 
 

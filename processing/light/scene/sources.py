@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats, Vector
+from processing.ground.arrays import Doubles, Floats, Rgb, Vector
 from processing.light.scene.scene import Outdoors, Pane
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up
@@ -31,7 +31,7 @@ from processing.light.solver.transport import bounced, links_of, patch_points
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 
-USUAL: Vector = (0.75, 0.77, 0.75)  # transmittance of double glazing, where it cannot be measured
+USUAL: Rgb = (0.75, 0.77, 0.75)  # transmittance of double glazing, where it cannot be measured
 LEAST_GLASS, MOST_GLASS = 0.4, 0.95
 """Between which a transmittance is believed: coated triple glazing has 0.5 and more, single glass 0.9."""
 GLASS_WIDTH, GLASS_STEPS = 0.05, 80
@@ -46,7 +46,7 @@ CLEAR_FROM, CLEAR_TO, CLEAR_COLOUR = 0.8, 1.25, 0.25
 colour may differ: sunlit slats and curtains are brighter than the sky, others are not of its colour (measured in three
 simulated rooms: docs/measurements/albedo.md)."""
 GROUND_FROM = 0.4  # of what clear glass would show of the ground, from which a cell is clear
-GROUND_QUANTILE = 0.5  # of the brighter half the median is taken; chosen by eye, never swept
+GROUND_QUANTILE = 0.5  # of the brighter half the median is taken; chosen, never swept
 MOST_GROUND = 8.0  # by which the ground may be brighter or darker than its usual albedo makes it
 
 
@@ -103,7 +103,7 @@ def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray,
     return way, hits.distance_m > far - 0.02, (rows, columns)
 
 
-def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Vector, bool]:
+def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Rgb, bool]:
     """Return the transmittance of the clear parts of all windows (glazed alike), and whether it was measured."""
     weights = np.asarray(LUMINANCE_WEIGHTS)
     usable = outside @ weights > 0
@@ -148,7 +148,7 @@ def _covered(stage: Stage, pane: Pane, ground: float, panorama: Floats, eye_m: V
     )
 
 
-def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Vector) -> Doubles | None:
+def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Rgb) -> Doubles | None:
     """Return (3,) how bright the ground is against its guess, where it is seen best; None where it is not seen."""
     mine = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] < -ABOVE_HORIZON) & valid)
     through = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * np.asarray(transmittance)
@@ -255,7 +255,7 @@ AS_GOOD = 0.1
 
 def window_strength(
     radiosity: Doubles, windows_lx: Doubles, rest_lx: Doubles, area_m2: Doubles, groups: list[np.ndarray]
-) -> Vector:
+) -> tuple[float, float, float]:
     """Return how many times brighter windows are than a clipped picture shows them: the best value, lowest and highest.
 
     Light from the windows falls off through the room, albedo does not: the strength is that by which the albedo of each

@@ -209,7 +209,7 @@ def own_pixels(
 ) -> tuple[Doubles, Doubles]:
     """Return a panorama's values (N, 3) along rays from the four pixels around, and what share of them could be used.
 
-    Of use are pixels whose label, of ``labels`` (H, W), is the ray's own (N,); ``least``: of each one's share.
+    Of use are pixels whose label, of ``labels`` (H, W), is the ray's own (N,); ``least`` is added to each one's share.
     """
     rows, columns = labels.shape
     x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5

@@ -23,7 +23,7 @@ from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.light.solver.sun import sunlight
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
-MOST_BOUNCES = 3000  # only ends what never settles (albedo 0.9 is settled after 110); chosen by eye, never swept
+MOST_BOUNCES = 3000  # only ends what never settles (albedo 0.9 is settled after 110); chosen, never swept
 SETTLED = 1e-5
 """Of all light: how much may still be to come when bounces end; chosen, far below the noise of any effort."""
 SKY_SHARE, SUN_SHARE, SHOT_SHARE = 0.25, 0.25, 0.25
