@@ -39,8 +39,9 @@ class Job:
     @property
     def state(self) -> dict[str, object]:
         """Return the run for the screen."""
-        self.log.seek(0)
-        lines = self.log.read().decode("utf-8", "replace").splitlines()[-MOST_LINES:]
+        # The run writes where the file's own position is: it stays.
+        said = os.pread(self.log.fileno(), os.fstat(self.log.fileno()).st_size, 0)
+        lines = said.decode("utf-8", "replace").splitlines()[-MOST_LINES:]
         code = self.process.returncode if self.process else None
         return {"command": shlex.join(["daylit", *self.command]), "lines": lines, "running": code is None, "code": code}
 
@@ -127,9 +128,10 @@ class Instruments:
         try:
             found: dict[str, Any] = json.loads((await asyncio.wait_for(process.communicate(), LOOK_S))[0])
         except (TimeoutError, ValueError):
+            raise ParameterError("the instruments do not answer", where="daylit doctor", advice="try again") from None
+        finally:  # whoever asked may have gone, and then somebody else's turn begins
             if process.returncode is None:
                 process.kill()
-            raise ParameterError("the instruments do not answer", where="daylit doctor", advice="try again") from None
         return found
 
 

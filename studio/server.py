@@ -157,8 +157,11 @@ class Studio:
     async def instruments(self, request: Request) -> Response:
         """Return the instruments with battery, card and clock."""
         world = request.query_params.get("simulate", "")
-        job = self.jobs.state(self.folder) or {"running": False}
-        found = await self.rig.state(world, capturing=lambda: bool(job["running"]) or seen.captured(self.folder))
+
+        def capturing() -> bool:
+            return bool((self.jobs.state(self.folder) or {}).get("running")) or seen.captured(self.folder)
+
+        found = await self.rig.state(world, capturing=capturing)
         return JSONResponse(found)
 
     async def bring(self, request: Request) -> Response:
