@@ -65,6 +65,8 @@ def _listening(address: str, port: int) -> socket.socket:
 
     opened = socket.socket()
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # An answer's body waits 40 ms for the client to confirm its headers otherwise; connections inherit it.
+    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     try:
         opened.bind((address, port))
         opened.listen(128)  # whoever follows a link at once waits, and is not refused

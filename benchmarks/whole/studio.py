@@ -51,6 +51,8 @@ MOST_REAL = 12
 """Real pictures whose rooms are corrected, where the shared data are there."""
 MOVES = 12
 """Of the mouse in a drag."""
+RELIT_MOVES = 6
+"""Of a piece that is dragged; the first is not counted."""
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 PATIENCE_MS, PATIENCE_LARGE_MS = 60_000, 300_000
@@ -84,6 +86,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
                 after = RoomModel.model_validate_json((made[name] / "room.json").read_bytes())
                 gains.append(iou(after, room) - before)
             first_preview_s, preview_s, preview_cpu_s = emptied(page, next(iter(made.values())).name, server.pid)
+            relit_ms, relit_worst_ms = relit(page, next(name for name in made.values() if _is_furnished(name)).name)
             begin_s = time.perf_counter()
             with MemoryWatch(pid=server.pid) as watch:
                 screen(page, large.name, "results", limit_ms=PATIENCE_LARGE_MS)
@@ -100,6 +103,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             "preview_s": round(preview_s, 2),
             "preview_cpu_s": round(preview_cpu_s, 2),
             "first_preview_s": round(first_preview_s, 2),
+            "relit_ms": round(relit_ms),
+            "relit_worst_ms": round(relit_worst_ms),
             "first_page_s": round(first_page_s, 3),
             "full_size_s": round(full_size_s, 2),
             "server_peak_mb": round(watch.own_peak_mb),
@@ -110,6 +115,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         | {key: "" for key in real if key.endswith(("rooms", "actions", "share"))},
         "notes": [
             "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it",
+            "relit_ms: from a move of a dragged piece to its picture in the captured light; worst: of the slowest piece",
             "full_size_s: until a panorama of full size is on the screen with its numbers; server and tab meanwhile",
         ],
     }
@@ -338,10 +344,43 @@ def emptied(page: Any, session: str, server: int) -> tuple[float, float, float]:
     return first_s, time.perf_counter() - begin_s, cpu_s() - before_s
 
 
+def _is_furnished(session: Path) -> bool:
+    return (session / "stages" / "arrange").exists()
+
+
+def relit(page: Any, session: str) -> tuple[float, float]:
+    """Drag each piece of a room to and fro; return the median milliseconds until it is seen relit, and the slowest's."""
+    last = "document.querySelector('[data-part=lit]').dataset.seconds"
+    screen(page, session, "furnish")
+    until(page, f"() => {last}", limit_ms=PATIENCE_LARGE_MS)
+    medians = []
+    for piece in [mark.get_attribute("data-id") for mark in page.locator(".piece").all()]:
+        waited_s = []
+        box = box_of(page, f".piece[data-id={piece}]")
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        for step in range(1, RELIT_MOVES + 1):
+            page.evaluate(_WHEN_LIT)
+            page.mouse.move(x + step % 3, y + step // 3)
+            waited_s.append(float(page.evaluate("() => window.lit")))
+        page.keyboard.press("Escape")
+        page.mouse.up()
+        medians.append(1000 * float(np.median(waited_s[1:])))
+    return float(np.median(medians)), max(medians)
+
+
 _TO_SCREEN = """([x, y]) => {
   const plan = document.querySelector(".plan");
   const place = new DOMPoint(x, -y).matrixTransform(plan.getScreenCTM());
   return [place.x, place.y];
+}"""
+_WHEN_LIT = """() => {
+  const said = document.querySelector("[data-part=lit]");
+  window.lit = new Promise((done) => new MutationObserver((_, watch) => {
+    watch.disconnect();
+    done(said.dataset.seconds);
+  }).observe(said, { attributeFilter: ["data-seconds"] }));
 }"""
 _WATCH = """() => {
   window.moveTimes = [];

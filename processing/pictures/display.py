@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from typing import Any
 
 import cv2
@@ -19,7 +20,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
-from processing.ground.colour import LUMINANCE_WEIGHTS, RGB_OF_XYZ, XYZ_OF_RGB, luminance_cd_m2, srgb_of_linear
+from processing.ground.colour import LUMINANCE_WEIGHTS, RGB_OF_XYZ, XYZ_OF_RGB, luminance_cd_m2, srgb_decoded
 from processing.ground.seam import row_solid_angles, wrapped
 
 BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
@@ -48,7 +49,7 @@ PLATEAU = 0.28
 _NORM = 6.0  # of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best
 _EDGE_RAD, _EDGE_EPS = math.radians(0.8), 0.05
 """Within which a pane's edge follows the picture's, and how strong an edge counts (squared stops). Chosen."""
-_ROWS = 256  # at a time, for memory
+_ROWS, _TABLED_ROWS = 256, 32  # at a time, for memory; for the processor's cache
 
 
 @dataclass(frozen=True)
@@ -140,11 +141,24 @@ def film(light: Floats) -> Floats:
 
 
 def screen(light: Floats) -> Bytes:
-    """Return sRGB codes of `Display.light`'s values, any shape."""
-    out = np.empty(light.shape, np.uint8)
-    for top in range(0, len(light), _ROWS):
-        out[top : top + _ROWS] = srgb_of_linear(film(light[top : top + _ROWS]))
+    """Return sRGB codes of `Display.light`'s values, any shape; NaN is black.
+
+    By a table of float32's sign, exponent and upper 13 bits of mantissa: a third of the curves' time, and one code in a
+    thousand is off by one from exact rounding.
+    """
+    out, codes = np.empty(light.shape, np.uint8), _codes()
+    for top in range(0, len(light), _TABLED_ROWS):
+        part = np.ascontiguousarray(light[top : top + _TABLED_ROWS], np.float32)
+        np.take(codes, np.maximum(part.view(np.int32), 0) >> 10, out=out[top : top + _TABLED_ROWS], mode="clip")
     return out
+
+
+@cache
+def _codes() -> Bytes:
+    light = (np.arange((0x7F800000 >> 10) + 1, dtype=np.uint32) << 10).view(np.float32)  # to infinity; then comes NaN
+    steps = srgb_decoded((np.arange(255) + 0.5) / 255).astype(np.float32)
+    first = np.searchsorted(film(np.minimum(light, np.float32(1e30))), steps)
+    return np.append(np.repeat(np.arange(256), np.diff(first, prepend=0, append=len(light))), 0).astype(np.uint8)
 
 
 AS_GIVEN = Display((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 1.0, "given")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.ground.colour import lab_of_linear, linear_of_srgb
+from processing.ground.colour import lab_of_linear, linear_of_srgb, srgb_encoded
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
@@ -141,6 +141,12 @@ def test_film_is_in_proportion_below_its_knee_and_never_clips() -> None:
     assert (np.diff(shown) > 0).all()
     np.testing.assert_array_equal(shown[light <= KNEE], light[light <= KNEE])
     assert shown.max() < 1
+    exact = np.rint(255 * srgb_encoded(shown.astype(np.float64)))
+    off = np.abs(screen(light) - exact)
+    assert off.max() <= 1
+    assert np.count_nonzero(off) <= 4
+    ends = np.float32([np.nan, np.inf, 3e38, 0, -0.0, -1, -np.inf])
+    np.testing.assert_array_equal(screen(ends), [0, 255, 255, 0, 0, 0, 0])
     slope = np.diff(film(np.float32([KNEE, KNEE + 1e-3])))[0] / 1e-3
     assert slope == pytest.approx(1, abs=0.01)
 
