@@ -39,11 +39,11 @@ def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -
     if not (STATIC / "index.html").is_file():
         advice = "make web (in the checkout; needs npm's registry once), or install a wheel, which has it built"
         raise ParameterError("the studio's pages were not built at set-up", where=str(STATIC), advice=advice)
-    sockets = [_listening("127.0.0.1", port)]
+    sockets = [listening("127.0.0.1", port)]
     port = sockets[0].getsockname()[1]
     hosts = [f"127.0.0.1:{port}", f"localhost:{port}"]
     if phone:
-        sockets.append(_listening(_own_address(), port))
+        sockets.append(listening(_own_address(), port))
         hosts.append(f"{sockets[1].getsockname()[0]}:{port}")
     door = Door(set(hosts))
     links = [f"http://{host}/?token={door.token()}" for host in (hosts[0], *hosts[2:])]
@@ -60,7 +60,8 @@ def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -
     return 0
 
 
-def _listening(address: str, port: int) -> socket.socket:
+def listening(address: str, port: int) -> socket.socket:
+    """Return a socket that takes connections; raises `ParameterError` where the port is taken or forbidden."""
     from processing.errors import ParameterError
 
     opened = socket.socket()

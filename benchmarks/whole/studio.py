@@ -51,8 +51,6 @@ MOST_REAL = 12
 """Real pictures whose rooms are corrected, where the shared data are there."""
 MOVES = 12
 """Of the mouse in a drag."""
-RELIT_MOVES = 6
-"""Of a piece that is dragged; the first is not counted."""
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 PATIENCE_MS, PATIENCE_LARGE_MS = 60_000, 300_000
@@ -64,13 +62,16 @@ DARK = 3.0
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
+    from benchmarks.whole import studio_lit
+
     count = QUICK_ROOMS if quick else ROOMS
     real: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="daylit-studio-") as place, sync_playwright() as started:
         folder = Path(place)
-        truths = {f"room {number}": truth(number) for number in seeds("test", count, seed)}
-        made = {name: make_session(folder, name, wrong(room), room) for name, room in truths.items()}
+        truths = {number: truth(number) for number in seeds("test", count, seed)}
+        made = {number: make_session(folder, f"room {number}", wrong(room), room) for number, room in truths.items()}
         large = make_session(folder, "large", wrong(room := next(iter(truths.values()))), room, 2 if quick else FULL)
+        light = studio_lit.session(folder, next(iter(truths)), quick=quick)
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
         with served(folder) as (links, server):
             page = browser.new_page(viewport={"width": 1440, "height": 900})
@@ -80,13 +81,13 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             page.wait_for_selector("#screen[data-ready]")
             first_page_s = time.perf_counter() - begin_s
             gains, drags = [], []
-            for name, room in truths.items():
+            for number, room in truths.items():
                 before = iou(wrong(room), room)
-                drags.append(corrected(page, made[name].name, room))
-                after = RoomModel.model_validate_json((made[name] / "room.json").read_bytes())
+                drags.append(corrected(page, made[number].name, room))
+                after = RoomModel.model_validate_json((made[number] / "room.json").read_bytes())
                 gains.append(iou(after, room) - before)
             first_preview_s, preview_s, preview_cpu_s = emptied(page, next(iter(made.values())).name, server.pid)
-            relit_ms, relit_worst_ms = relit(page, next(name for name in made.values() if _is_furnished(name)).name)
+            relit_ms, relit_worst_ms = studio_lit.relit(page, light.name)
             begin_s = time.perf_counter()
             with MemoryWatch(pid=server.pid) as watch:
                 screen(page, large.name, "results", limit_ms=PATIENCE_LARGE_MS)
@@ -115,7 +116,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         | {key: "" for key in real if key.endswith(("rooms", "actions", "share"))},
         "notes": [
             "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it",
-            "relit_ms: from a move of a dragged piece to its picture in the captured light; worst: of the slowest piece",
+            "relit_ms: from a move of a dragged piece to its picture in the captured light; worst: the slowest piece",
             "full_size_s: until a panorama of full size is on the screen with its numbers; server and tab meanwhile",
         ],
     }
@@ -176,16 +177,19 @@ def renderer_mb() -> float:
     return max(MemoryWatch(pid=one.pid).sampled_mb for one in every if "--type=renderer" in one.cmdline())
 
 
-def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel, times: int = 1) -> Path:
+def make_session(
+    folder: Path, name: str, estimated: RoomModel, room: RoomModel, times: int = 1, seen: np.ndarray | None = None
+) -> Path:
     """A session of one panorama whose room was estimated, with two detected things (dark) and an arrangement.
 
-    ``times``: as wide as `SIZE_PX`.
+    ``times``: as wide as `SIZE_PX`; ``seen``: what the panorama shows in place of what is drawn and dark.
     """
     rgb = drawn(room)
     mask = np.zeros(rgb.shape[:2], bool)
     mask[150:190, 60:120] = mask[160:200, 300:380] = True
     rgb[mask] = DARK
     rgb, mask = (one.repeat(times, 0).repeat(times, 1) for one in (rgb, mask))
+    rgb = rgb if seen is None else seen
     picture = folder / f"{name}.png"
     Image.fromarray((255 * np.clip(rgb / 100, 0, 1) ** (1 / 2.2)).astype(np.uint8)).save(picture)
     session = panorama_session(picture, folder)
@@ -344,43 +348,10 @@ def emptied(page: Any, session: str, server: int) -> tuple[float, float, float]:
     return first_s, time.perf_counter() - begin_s, cpu_s() - before_s
 
 
-def _is_furnished(session: Path) -> bool:
-    return (session / "stages" / "arrange").exists()
-
-
-def relit(page: Any, session: str) -> tuple[float, float]:
-    """Drag each piece of a room to and fro; return the median milliseconds until it is seen relit, and the slowest's."""
-    last = "document.querySelector('[data-part=lit]').dataset.seconds"
-    screen(page, session, "furnish")
-    until(page, f"() => {last}", limit_ms=PATIENCE_LARGE_MS)
-    medians = []
-    for piece in [mark.get_attribute("data-id") for mark in page.locator(".piece").all()]:
-        waited_s = []
-        box = box_of(page, f".piece[data-id={piece}]")
-        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-        page.mouse.move(x, y)
-        page.mouse.down()
-        for step in range(1, RELIT_MOVES + 1):
-            page.evaluate(_WHEN_LIT)
-            page.mouse.move(x + step % 3, y + step // 3)
-            waited_s.append(float(page.evaluate("() => window.lit")))
-        page.keyboard.press("Escape")
-        page.mouse.up()
-        medians.append(1000 * float(np.median(waited_s[1:])))
-    return float(np.median(medians)), max(medians)
-
-
 _TO_SCREEN = """([x, y]) => {
   const plan = document.querySelector(".plan");
   const place = new DOMPoint(x, -y).matrixTransform(plan.getScreenCTM());
   return [place.x, place.y];
-}"""
-_WHEN_LIT = """() => {
-  const said = document.querySelector("[data-part=lit]");
-  window.lit = new Promise((done) => new MutationObserver((_, watch) => {
-    watch.disconnect();
-    done(said.dataset.seconds);
-  }).observe(said, { attributeFilter: ["data-seconds"] }));
 }"""
 _WATCH = """() => {
   window.moveTimes = [];

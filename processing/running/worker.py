@@ -253,8 +253,11 @@ def main() -> int:
             facts, payload = {"error": error.to_dict()}, b""
         except Exception as error:  # noqa: BLE001 (a preview that fails must not end the program)
             facts, payload = {"error": {"code": "PRC-000", "message": repr(error)[:300]}}, b""
-        out.write(json.dumps({**facts, "bytes": len(payload)}).encode() + b"\n" + payload)
-        out.flush()
+        try:
+            out.write(json.dumps({**facts, "bytes": len(payload)}).encode() + b"\n" + payload)
+            out.flush()
+        except BrokenPipeError:
+            os._exit(0)  # whoever asked was killed; nothing of this program's is left to write
     return 0
 
 

@@ -44,7 +44,8 @@ KEYS = {
     "stills": "ceiling_ab_err clipped_window_share wall_ab_err before_after_moved_pct cpu_ms_mpx",
     "batch": "done wrong",
     "files": "",
-    "studio": "corner_iou_gain drag_ms preview_s first_page_s full_size_s server_peak_mb tab_mb",
+    "studio": "corner_iou_gain drag_ms relit_ms relit_worst_ms preview_s first_page_s full_size_s server_peak_mb "
+    "tab_mb",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
     "late_partner_lost clock_cases clock_lost",
     "pipeline": "quarter_cpu_s quarter_peak_mb quarter_disk_mb rerun_s rerun_unneeded_cpu_s draft_cpu_s draft_moved_m "

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import time
 import urllib.error
 import urllib.request
@@ -40,6 +41,7 @@ from processing.segmentation.evidence import SceneEvidence, write_evidence
 from station.capture.rig_file import example_text
 from station.session.session import Side, WarningRecord
 from station.session.store import SessionStore
+from studio.command import listening
 from studio.server import STATIC
 from studio.sessions import captured
 from tests.processing.relighting.lit_sessions import lit_session
@@ -671,6 +673,13 @@ def asked(opened: Opened, path: str, headers: dict[str, str], data: bytes | None
             return int(answer.status)
     except urllib.error.HTTPError as error:
         return error.code
+
+
+def test_an_answer_does_not_wait_until_its_headers_are_confirmed() -> None:
+    with listening("127.0.0.1", 0) as server, socket.create_connection(server.getsockname(), timeout=5):
+        server.settimeout(5)
+        with server.accept()[0] as connection:
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def click(page: Any, across: float, down: float) -> None:
