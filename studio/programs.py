@@ -59,6 +59,8 @@ def command_of(session: Path, asked: Mapping[str, Any]) -> list[str]:
             return ["relight", str(session), f"--at={at}", f"--weather={weather}", *state]
         case {"aim": [str(), *_] as frames}:
             return ["stills", str(session), *(f"--aim={frame}" for frame in frames)]
+        case {"proof": True}:
+            return ["proof", str(session), f"--into={session.parent / f'{session.name}-proof'}"]
         case {"room": str(room), "simulate": str() | None as world} if re.fullmatch(r"\w[\w .-]{0,79}", room):
             if world is None:
                 return ["capture", room, f"--into={session}"]

@@ -117,14 +117,17 @@ def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
 def designs(session: Path) -> dict[str, dict[str, Any]]:
     """Return by category the designs that a piece may have, and each one's own size; None: any, so the piece keeps its.
 
-    All built-in styles (the category's name: that of the room), and what the session's own furniture has.
+    All built-in styles (the category's name: that of the room), each in the finish of the others, too, and what the
+    session's own furniture has.
     """
+    from processing.layout.furniture.styles import STYLES
     from processing.layout.models.catalogue import Catalogue
 
     own = read_choices(session).value(session, "furniture")
     every: dict[str, dict[str, Any]] = {}
     for entry in Catalogue.builtin().entries:
-        every.setdefault(entry.category, {entry.category: None})[entry.model_id] = None
+        finishes = {f"{entry.model_id}/{one}": None for one in STYLES if not entry.model_id.endswith(f"/{one}")}
+        every.setdefault(entry.category, {entry.category: None}).update({entry.model_id: None, **finishes})
     for entry in () if own is None else Catalogue.at(own).entries:
         every.setdefault(entry.category, {})[entry.model_id] = entry.size_m
     return every

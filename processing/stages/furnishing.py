@@ -27,12 +27,12 @@ def furniture_parts(
 ) -> tuple[Part, ...]:
     """Return the parts of all items in the room's frame; ``lit``: lamps are on.
 
-    An item that names a built-in design (`sofa/classic`) has it, one that names another model has that of ``own``, all
-    others are ``built_in``. Raises `CatalogueError` or `ModelFileError`.
+    An item that names a built-in design (`sofa/classic`, in another finish `sofa/classic/industrial`) has it, one that
+    names another model has that of ``own``, all others are ``built_in``. Raises `CatalogueError` or `ModelFileError`.
     """
     found, every = [], Catalogue.builtin()
     for item in items:
-        if item.model in every.ids:
+        if item.model in every:
             model = every.mesh(item.model, item.size_m)
         elif item.model and own is not None:
             model = own.mesh(item.model, item.size_m)

@@ -42,6 +42,7 @@ from station.capture.rig_file import example_text
 from station.session.session import Side, WarningRecord
 from station.session.store import SessionStore
 from studio.command import listening
+from studio.programs import command_of
 from studio.server import STATIC
 from studio.sessions import captured
 from tests.processing.relighting.lit_sessions import lit_session
@@ -409,8 +410,35 @@ def test_a_piece_is_lit_while_it_moves_and_takes_another_design(opened: Opened) 
 
     page.get_by_label("Design of bed").select_option("industrial")
     wait(lambda: model() == "bed/industrial")
-    page.keyboard.press("Control+z")
+    page.get_by_label("Finish of bed").select_option("bed/industrial/classic")
+    wait(lambda: model() == "bed/industrial/classic")
+    assert page.get_by_label("Design of bed").input_value() == "bed/industrial"
+    for _ in range(2):
+        page.keyboard.press("Control+z")
     wait(lambda: model() == "bed")
+
+
+def test_two_states_are_compared_side_by_side(opened: Opened) -> None:
+    """Whoever turns one picture turns the other; the stills' proof is a run like others."""
+    page = opened.page
+    screen(page, opened.lit.name, "results")
+    page.wait_for_selector(".viewer.ready")
+    page.get_by_label("Compare with").select_option("Emptied")
+    page.wait_for_selector(".pair[data-shown$='| Emptied']")
+    one, other = page.locator(".pair .stage").all()
+    before = other.screenshot()
+    one.focus()
+    page.keyboard.press("ArrowRight")
+    wait(lambda: other.screenshot() != before)
+    page.get_by_label("Compare with").select_option("nothing")
+    assert page.locator(".pair .stage").count() == 0
+    assert command_of(opened.lit, {"proof": True}) == [
+        "proof",
+        str(opened.lit),
+        f"--into={opened.folder / 'lit-proof'}",
+    ]
+    page.get_by_role("button", name="Make the proof").click()
+    page.get_by_text("no stills").first.wait_for(state="attached")
 
 
 def test_a_still_is_aimed_in_the_panorama(opened: Opened) -> None:
@@ -446,7 +474,7 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
             part.write(picture.read_bytes())
             store.add_frame(frame_record(Side.INDOOR, stop_index, part.commit()))
             until(opened.page, f"() => document.querySelectorAll('[data-file] img').length === {1 + stop_index // 2}")
-        store.add_warning(WarningRecord(code="CAP-1", message="the shutters opened 459 ms apart"))
+        store.add_warning(WarningRecord(code="start_skew", message="the shutters opened 459 ms apart"))
         opened.page.get_by_text("459 ms apart").wait_for()
         store.save_manifest()
         part = store.begin_frame(Side.INDOOR, 1, STOPS_S[1])

@@ -88,15 +88,16 @@ class CatalogueEntry:
 
 @dataclass(frozen=True)
 class BuiltInSource:
-    """A built-in kind in one style."""
+    """A built-in kind in one style's design, in that style's materials or in those of another (``finish``)."""
 
     category: str
     style: str
+    finish: str = ""
 
     @property
     def model_id(self) -> str:
-        """Return category and style, as in `sofa/classic`."""
-        return f"{self.category}/{self.style}"
+        """Return category, style and finish, as in `sofa/classic` or `sofa/classic/industrial`."""
+        return "/".join(filter(None, (self.category, self.style, self.finish)))
 
     def entry(self) -> CatalogueEntry:
         """Return its usual size and its limits."""
@@ -107,7 +108,8 @@ class BuiltInSource:
 
     def model(self, size_m: Size | None) -> FurnitureModel:
         """Return it in the size asked for."""
-        return build_model(self.category, self.style, size_m)
+        design = design_of(self.category, self.style)
+        return replace(build_model(self.category, self.finish or self.style, size_m, design), model_id=self.model_id)
 
 
 class Catalogue:
@@ -209,8 +211,18 @@ class Catalogue:
                 continue
         return kinds
 
+    def __contains__(self, model_id: str) -> bool:
+        """Return whether it has a model, or a built-in one in another style's finish (`sofa/classic/industrial`)."""
+        return self._named(model_id) is not None
+
+    def _named(self, model_id: str) -> BuiltInSource | FileSource | None:
+        name, _, finish = model_id.rpartition("/")
+        if isinstance(plain := self._sources.get(name), BuiltInSource) and finish in STYLES:
+            return replace(plain, finish=finish)
+        return self._sources.get(model_id)
+
     def _source(self, model_id: str) -> BuiltInSource | FileSource:
-        found = self._sources.get(model_id)
+        found = self._named(model_id)
         if found is not None:
             return found
         of_kind = self.of_category(model_id.replace("-", " "))

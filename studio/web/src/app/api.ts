@@ -94,7 +94,7 @@ export interface Capture {
   frames: Frame[];
   readings: { luminance_cd_m2?: number; when: string; status: string }[];
   drift_frac?: number;
-  warnings: { message: string }[];
+  warnings: { code: string; message: string }[];
 }
 
 /** What the server refused, in words for people. */

@@ -52,6 +52,7 @@ export async function captureScreen(session: Overview): Promise<Screen> {
     verdict.textContent = one ? "One panorama: no brackets, no meter" : complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "it is being captured"}`;
     verdict.classList.toggle("bad", !complete);
     const readings = now.readings.map((one) => `${one.when}: ${one.luminance_cd_m2 === undefined ? one.status : `${one.luminance_cd_m2.toPrecision(4)} cd/m²`}`);
+    const late = now.warnings.filter((one) => one.code === "start_skew").length;
     const clipped = now.frames.filter((one) => (one.statistics?.clipped_frac ?? 0) > 0.5).length;
     facts.replaceChildren(
       ...now.devices.map((one) => fact(one.role, [`${one.model}${one.simulated ? " (simulated)" : ""}`, one.lens, one.nd_filter, clock(one.clock_offset_s)].filter(Boolean).join(" · "))),
@@ -59,6 +60,7 @@ export async function captureScreen(session: Overview): Promise<Screen> {
       ...(one ? [] : [fact("Readings", readings.join(", ") || "no reading yet")]),
       ...(now.drift_frac === undefined ? [] : [fact("Drift of the light", `${(100 * now.drift_frac).toFixed(1)} %`)]),
       ...(one ? [] : [fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
+      ...(one || !now.frames.some((frame) => frame.side !== now.frames[0]!.side) ? [] : [fact("Shutters", late ? `${late} of ${stops.length} pairs opened farther apart than the rig allows` : "each pair opened as near to each other as the rig asks")]),
       ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));
     for (const one of [...now.frames].sort((a, b) => a.side.localeCompare(b.side) || a.stop - b.stop)) {
       const seconds = now.bracket.stops_s[one.stop];

@@ -89,12 +89,19 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     }));
     list.replaceChildren(...pieces.map((one) => {
       const design = places[one.id]?.[3] ?? one.model;
-      const kinds = new Set([...Object.keys(designs[one.category] ?? {}), design]);
+      const kinds = Object.keys(designs[one.category] ?? {});
+      const within = (kind: string): string => kinds.find((base) => base !== one.category && kind.startsWith(`${base}/`)) ?? kind;
+      const shape = within(design);
+      const last = (kind: string): string => named(kind.split("/").at(-1)!);
       const pick = h("select", { "aria-label": `Design of ${named(one.id)}`, disabled: !places[one.id], change: () => exchange(one.id, pick.value) },
-        ...[...kinds].map((kind) => h("option", { value: kind, selected: kind === design }, kind === one.category ? "The room's style" : named(kind.split("/").at(-1)!))));
+        ...[...new Set([...kinds.map(within), shape])].map((kind) => h("option", { value: kind, selected: kind === shape }, kind === one.category ? "Room's style" : last(kind))));
+      const finishes = kinds.filter((kind) => kind !== shape && within(kind) === shape);
+      const finish = h("select", { "aria-label": `Finish of ${named(one.id)}`, title: finishes.length ? "" : "Choose a design, then its finish", disabled: !places[one.id] || !finishes.length, change: () => exchange(one.id, finish.value) },
+        h("option", { value: shape }, "As designed"),
+        ...finishes.map((kind) => h("option", { value: kind, selected: kind === design }, `As ${last(kind)}`)));
       return h("li", { "data-piece": one.id }, h("label", {},
         h("input", { type: "checkbox", checked: Boolean(places[one.id]), change: () => putBack(one) }), named(one.id)),
-        h("span", { class: "facts" }, `${one.size_m.map((m) => m.toFixed(2)).join(" × ")} m`), pick);
+        h("span", { class: "facts" }, `${one.size_m.map((m) => m.toFixed(2)).join(" × ")} m`), pick, finish);
     }));
     say();
   }

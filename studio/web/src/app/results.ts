@@ -1,6 +1,6 @@
 // Results: every state of the room with exposure and probe, stills aimed by hand, the model, and what can be taken away.
 import { ModelView } from "../viewer/model";
-import type { PanoramaView } from "../viewer/panorama";
+import { PanoramaView } from "../viewer/panorama";
 import { setUpPanorama, type Widget } from "../viewer/widget";
 import { api, type Overview } from "./api";
 import { markup, Regions } from "./box";
@@ -21,6 +21,10 @@ const fileOf = (name: string): string =>
 export async function resultsScreen(session: Overview): Promise<Screen> {
   const box = h("div", { class: "result" });
   const choice = h("select", { "aria-label": "State of the room", change: () => void show() }, ...session.states.map((name) => h("option", {}, name)));
+  const other = h("select", { "aria-label": "Compare with", change: () => void compare() },
+    h("option", { value: "" }, "nothing"), ...session.states.map((name) => h("option", {}, name)));
+  const pair = h("div", { class: "pair", hidden: true });
+  let beside: PanoramaView[] = [];
   const takeaway = h("ul", { class: "downloads" });
   const stills = h("div", { class: "stills" });
   const command = new Text("");
@@ -34,6 +38,8 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
   });
   const frames = h("ol", { class: "aims" });
   const make = button("Make these stills", () => void api.run(session.name, { aim: aims }).catch((error: unknown) => note((error as Error).message, true)), { class: "main" });
+
+  const prove = button("Make the proof", () => void api.run(session.name, { proof: true }).catch((error: unknown) => note((error as Error).message, true)));
 
   function list(now: string[]): void {
     aims = now;
@@ -63,9 +69,45 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
       aiming.on(widget.view, found.querySelector(".stage")!);
       box.dataset.shown = name;
       downloads(name);
+      void compare();
       if (name.startsWith("Staged")) await model(name.replace("Staged ", ""));
     } catch (error) {
       note((error as Error).message, true);
+    }
+  }
+
+  /** Two states side by side, in the same look: whoever turns one turns both. */
+  async function compare(): Promise<void> {
+    const [was] = beside;
+    const from = was ?? widget?.view;
+    beside.forEach((view) => view.dispose());
+    pair.replaceChildren();
+    pair.hidden = !other.value;
+    delete pair.dataset.shown;
+    if (!other.value) return void (beside = []);
+    const names = [choice.value, other.value];
+    beside = names.map((name) => {
+      const stage = h("div", { class: "stage", role: "application", "aria-label": `${name}: drag or arrow keys to look around` });
+      pair.append(h("figure", {}, stage, h("figcaption", {}, name)));
+      const view = new PanoramaView(stage, { wheel: true, yaw: from?.yaw ?? 0 });
+      view.changed = () => beside.forEach((one) => {
+        if (one !== view && (one.yaw !== view.yaw || one.pitch !== view.pitch || one.field !== view.field)) one.look(view.yaw, view.pitch, view.field);
+      });
+      return view;
+    });
+    const views = beside;
+    try {
+      const pictures = await Promise.all(names.map(async (name) => {
+        const image = new Image();
+        image.src = api.picture(session.name, name, 4096, session.stamp);
+        await image.decode();
+        return image;
+      }));
+      if (views !== beside) return; // another was chosen meanwhile
+      views.forEach((view, i) => view.picture(pictures[i]!, false));
+      pair.dataset.shown = names.join(" | ");
+    } catch (error) {
+      note(`No comparison: ${(error as Error).message}`, true);
     }
   }
 
@@ -100,22 +142,25 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
       link("Panorama, JPEG", api.picture(session.name, name, 4096, session.stamp), `${session.name}-${name.toLowerCase().replace(" ", "-")}.jpg`),
       link("Panorama, EXR", api.file(session.name, file), ""),
       ...(name.startsWith("Staged") ? [link("Model, GLB", api.file(session.name, `render/staged-${name.slice(7)}.glb`), "")] : []),
-      ...(session.page ? [link("The report, one HTML file", api.file(session.name, "report/index.html"), "")] : []));
+      ...(session.page ? [
+        link("The report for a client, one HTML file", api.file(session.name, "report/index.html"), ""),
+        link("Figures and uncertainties for a laboratory, one HTML file", api.file(session.name, "report/lab.html"), "")] : []));
   }
 
   list(aims);
   if (session.states.length) await Promise.all([show(), made()]);
   else box.append(h("p", {}, "There is no picture yet: process the session."));
   return {
-    element: h("section", { class: "wide" }, h("div", { class: "bar" }, h("label", {}, "State ", choice)), box,
+    element: h("section", { class: "wide" }, h("div", { class: "bar" }, h("label", {}, "State ", choice), h("label", {}, "Compare with ", other)), pair, box,
       h("h2", {}, "Stills"), frames, h("div", { class: "bar" }, make, button("Undo", () => undo.back(aims), { "data-part": "undo" }), button("Redo", () => undo.again(aims))), stills,
-      h("h2", {}, "To take away"), takeaway),
+      h("h2", {}, "To take away"), takeaway,
+      h("p", { class: "facts" }, "The proof of the stills: originals beside results, what was added and removed, digests chained to the frames. ", prove)),
     refresh: made,
     undo: () => undo.back(aims),
     redo: () => undo.again(aims),
     command,
     run: { until: "report", text: "Bring all results up to date" },
-    close: () => widget?.view.dispose(),
+    close: () => [widget?.view, ...beside].forEach((view) => view?.dispose()),
   };
 }
 
