@@ -12,12 +12,13 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from processing.calibration.outdoor.sun_place import zone_at
 from processing.ground.room_model import RoomModel
 from processing.pictures.writing import write_bytes
 from processing.report.data import (
@@ -206,10 +207,9 @@ def client_data(context: StageContext, lab: ReportData) -> ClientData:
 def _facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     times = sorted(frame.taken_utc for frame in session.frames if frame.taken_utc is not None)
     when: datetime = times[len(times) // 2] if times else session.created_utc
-    text = f"{when.day} {when:%B %Y}, {when:%H:%M} UTC"
     site = session.site
-    if site.longitude_deg is not None and session.bracket.mode != "panorama":
-        text += f" ({when + timedelta(hours=site.longitude_deg / 15):%H:%M} by the sun)"
+    local = when.astimezone(zone_at(site.latitude_deg, site.longitude_deg))
+    text = f"{local.day} {local:%B %Y, %H:%M %Z}"
     found = [("Photographed" if session.bracket.mode != "panorama" else "Received", text)]
     if site.latitude_deg is not None and site.longitude_deg is not None:
         found.append(("Place", f"{site.latitude_deg:.4f}°, {site.longitude_deg:.4f}°"))
@@ -275,7 +275,7 @@ def _compared(folder: Path, stills: list[Any]) -> Comparison | None:
 
 def _tour(lab: Viewer) -> Viewer:
     """Return the viewer with smaller panoramas and without the maps of its probe."""
-    some = lab.states[:MOST_TOUR]
+    some = sorted(lab.states[:MOST_TOUR], key=lambda state: not state.staged)  # what was ordered comes first
     width = next(width for most, width in TOUR_PX if len(some) <= most)
     nothing, unknown = packed(np.zeros((1, 2), np.uint16)), packed(np.zeros((1, 2), np.uint8))
     states = tuple(

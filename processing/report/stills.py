@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from shapely.geometry import LineString, Polygon
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, labelled, write_jpeg
@@ -45,6 +46,7 @@ PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which a frame after the third is not taken
+WALL_M = 0.05  # chosen: so far into a wall lies what hangs on it, or a window in it
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
 
 
@@ -83,7 +85,7 @@ class _Thing:
 
 def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) -> tuple[Frame, ...]:
     """Return frames of a room with these pieces, the best first: `FEWEST` to ``most``."""
-    things = [*_pieces(items), *_windows(room)]
+    things = _in_sight([*_pieces(items), *_windows(room)], room)
     candidates = [
         Frame(math.radians(yaw), lens, drop) for yaw in range(-180, 180, 4) for lens in LENSES_MM for drop in DROPS
     ]
@@ -104,14 +106,17 @@ def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) ->
             break
         chosen.append(best)
         shown = np.maximum(shown, seen[best] == 1)
-    names = [
-        tuple(t.name for t, state in zip(things, seen[k], strict=True) if state == 1 and t.name != "window")
-        for k in chosen
-    ]
-    return tuple(
-        Frame(candidates[k].yaw_rad, candidates[k].lens_mm, candidates[k].drop, name)
-        for k, name in zip(chosen, names, strict=True)
-    )
+    return tuple(replace(candidates[k], shows=_whole_ones(seen[k], things)) for k in chosen)
+
+
+def _in_sight(things: Sequence[_Thing], room: RoomModel) -> list[_Thing]:
+    """Return what no wall hides from the camera: of a room with wings, not what stands in them."""
+    free = Polygon(room.floor).buffer(WALL_M)
+    return [one for one in things if free.covers(LineString([(0, 0), one.corners_m[:, :2].mean(axis=0)]))]
+
+
+def _whole_ones(states: Doubles, things: Sequence[_Thing]) -> tuple[str, ...]:
+    return tuple(one.name for one, state in zip(things, states, strict=True) if state == 1 and one.name != "window")
 
 
 WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
@@ -122,16 +127,15 @@ def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem])
 
     Raises `ParameterError` for a lens or a drop that makes no picture.
     """
-    frames, things = [], _pieces(items) if room else []
+    frames, things = [], _in_sight(_pieces(items), room) if room else []
     for one in filter(None, (text or "").split(";")):
         yaw_deg, lens_mm, drop = [*map(float, one.split(",")), 0.0][:3]
         if not WIDEST_MM <= lens_mm <= LONGEST_MM or drop > MOST_DROP:
             advice = f"a lens of {WIDEST_MM:g} to {LONGEST_MM:g} mm, a drop of 0 to {MOST_DROP:g}"
             raise ParameterError(f"--aim {one}: no frame of a room", advice=advice)
         frame = Frame(math.remainder(math.radians(yaw_deg), 2 * math.pi), lens_mm, drop)
-        states = _seen(frame, things, room) if room else ()
-        shows = tuple(thing.name for thing, state in zip(things, states, strict=True) if state == 1)
-        frames.append(replace(frame, shows=shows))
+        states = _seen(frame, things, room) if room else np.empty(0)
+        frames.append(replace(frame, shows=_whole_ones(states, things)))
     return tuple(frames)
 
 

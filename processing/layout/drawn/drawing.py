@@ -24,7 +24,7 @@ from processing.layout.rules import RuleSet, built_in_rules
 WALL_M = 0.14  # chosen by eye, as all below
 INK, WALL, PAPER, ZONE, ROUTE, GREY = "#33383d", "#3b4046", "#ffffff", "#8db4d8", "#d1495b", "#767d84"
 FLOOR = "#fbfaf7"
-MARGIN_M = 0.75  # chosen by eye
+MARGIN_M = 0.70  # chosen by eye
 HEAD_M = 0.55  # sizes and colours of the drawing were chosen by eye
 CELL_M = 0.08  # cells of the grid on which routes are searched (chosen: a route to a stride's tenth)
 
@@ -35,9 +35,9 @@ def plan_sheet(plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | No
     shapes = [*_shell(plan), *_furniture(arrangement.items), *_zones(arrangement.items)]
     shapes += _routes(plan, arrangement, rules or built_in_rules().sets.get(arrangement.rule_set))
     shapes += [*_labels(arrangement.items), *_sizes(plan)]
-    top = float(high[1]) + MARGIN_M * 0.6 + HEAD_M
+    top = float(high[1]) + MARGIN_M + HEAD_M
     shapes += _caption(plan, arrangement, float(low[0]) - WALL_M, top)
-    return Sheet(shapes, (float(low[0]) - MARGIN_M, float(low[1]) - MARGIN_M), (float(high[0]) + MARGIN_M * 0.6, top))
+    return Sheet(shapes, (float(low[0]) - MARGIN_M, float(low[1]) - MARGIN_M), (float(high[0]) + MARGIN_M, top))
 
 
 def _shell(plan: FloorPlan) -> list[Shape]:
@@ -184,21 +184,22 @@ def _labels(items: Sequence[PlacedItem]) -> list[Shape]:
 
 
 def _sizes(plan: FloorPlan) -> list[Shape]:
-    """Return the dimension lines of the whole width and height, and a scale bar."""
-    (x0, y0), (x1, y1) = (tuple(float(v) for v in p) for p in (plan.corners.min(axis=0), plan.corners.max(axis=0)))
-    below, left = y0 - 0.38, x0 - 0.38
-    shapes: list[Shape] = [Line([(x0, below), (x1, below)], GREY, 0.006), Line([(left, y0), (left, y1)], GREY, 0.006)]
-    for x, y in ((x0, below), (x1, below), (left, y0), (left, y1)):
-        shapes.append(Line([(x - 0.05, y - 0.05), (x + 0.05, y + 0.05)], GREY, 0.010))
-    shapes.append(Text(((x0 + x1) / 2, below - 0.12), f"{x1 - x0:.2f} m", 0.12, GREY))
-    shapes.append(Text((left - 0.12, (y0 + y1) / 2), f"{y1 - y0:.2f} m", 0.12, GREY, turn_rad=math.pi / 2))
+    """Return a dimension line along each wall, outside it."""
+    shapes: list[Shape] = []
+    for edge in range(len(plan.corners)):
+        _, way, long_m = plan.edge(edge)
+        shapes.append(Line([_on(plan, edge, s, -0.38) for s in (0.0, long_m)], GREY, 0.006))
+        for s in (0.0, long_m):
+            shapes.append(Line([_on(plan, edge, s - 0.05, -0.43), _on(plan, edge, s + 0.05, -0.33)], GREY, 0.010))
+        turn = math.remainder(math.atan2(way[1], way[0]), math.pi)
+        shapes.append(Text(_on(plan, edge, long_m / 2, -0.50), f"{long_m:.2f} m", 0.12, GREY, turn_rad=turn))
     return shapes
 
 
 def _caption(plan: FloorPlan, arrangement: Arrangement, x: float, top: float) -> list[Shape]:
     meets = ", ".join(arrangement.meets) or arrangement.rule_set
     first = f"Layout {arrangement.rank}   ·   score {arrangement.score:.2f}"
-    second = f"{plan.area_m2:.1f} m2   ·   meets {meets}"
+    second = f"{plan.area_m2:.1f} m²   ·   meets {meets}"
     if arrangement.not_placed:
         second += f"   ·   not placed: {', '.join(n.id for n in arrangement.not_placed)}"
     return [Text((x, top - 0.20), first, 0.19, INK, "left"), Text((x, top - 0.43), second, 0.12, GREY, "left")]

@@ -280,7 +280,10 @@ def test_results_are_read_again_and_drawn(tmp_path: Path) -> None:
     assert read_arrangements(tmp_path / "arrangement.json") == result
     paths = write_drawings(result, tmp_path)
     assert [p.name for p in paths][-1] == "contact-sheet.png"
-    assert "sofa" in (tmp_path / "layout-1.svg").read_text()
+    drawn = (tmp_path / "layout-1.svg").read_text()
+    assert "sofa" in drawn
+    for edge in range(len(ROOM.corners)):  # each wall has its own length, however the room is turned
+        assert f"{ROOM.edge(edge)[2]:.2f} m" in drawn
 
 
 def test_a_users_rules(tmp_path: Path) -> None:

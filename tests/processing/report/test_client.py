@@ -6,6 +6,7 @@ import html
 import json
 import re
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,7 @@ def test_pictures_come_with_statement_original_and_full_size(staged: StageContex
     assert data.compared is not None
     assert [shot.name for shot in data.compared.scenes[0].shots] == ["Original", "Staged 1"]
     assert data.tour is not None
+    assert [state.staged for state in data.tour.states] == sorted((s.staged for s in data.tour.states), reverse=True)
     page = build_client_page(data)
     assert len(page) < MOST_BYTES
     outside = re.findall(r'(?:src|href)="(?!data:)([^"]+)"', page)
@@ -53,6 +55,18 @@ def test_pictures_come_with_statement_original_and_full_size(staged: StageContex
     assert "default-src 'none'" in html.unescape(page)
     assert page.index("<img") < page.index("<script")
     assert build_client_page(data) == page
+
+
+def test_time_is_the_places_own_and_fields_hold_numbers_that_browsers_read(staged: StageContext) -> None:
+    noon = datetime(2026, 7, 1, 16, 30, tzinfo=UTC)
+    there = staged.session.site.model_copy(update={"latitude_deg": 40.44, "longitude_deg": -79.99})
+    session = staged.session.model_copy(update={"site": there, "created_utc": noon, "frames": ()})
+    page = replace(staged, session=session)
+    data = client_data(page, report_data(page))
+    assert dict(data.facts)["Photographed"] == "1 July 2026, 12:30 EDT"
+    assert data.tour is not None
+    bright = build_client_page(replace(data, tour=replace(data.tour, range=(2e-5, 3e4))))
+    assert re.findall(r'type="number"[^>]*value="([^"]*)"', bright) == ["2e-05", "30000"]
 
 
 def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Path) -> None:

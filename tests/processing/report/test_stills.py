@@ -77,6 +77,17 @@ def test_columns_of_plain_wall_count_against_a_frame() -> None:
     assert sorted(shares)[1] < 0.35
 
 
+def test_what_stands_in_a_wing_behind_a_wall_is_not_counted_as_seen() -> None:
+    winged = ROOM.model_copy(
+        update={"floor": ((-4.0, -1.5), (1.5, -1.5), (1.5, 2.5), (-1.0, 2.5), (-1.0, 6.0), (-4.0, 6.0))}
+    )
+    hidden, seen = piece("sofa", -1.5, 5.5, (1.8, 0.9, 0.8)), piece("shelf", -3.5, 5.0, (0.6, 0.4, 1.2))
+    shown = {name for one in frames_of(winged, (*ITEMS, hidden, seen)) for name in one.shows}
+    assert {"bed", "shelf"} <= shown
+    assert "sofa" not in shown
+    assert not aimed(f"{math.degrees(math.atan2(-1.5, 5.5))},16", winged, (hidden,))[0].shows
+
+
 def test_frames_that_were_aimed_come_first_and_others_look_elsewhere() -> None:
     own = aimed(StillsParameters(aim="-60,20,0.08;120.5,24").aim, ROOM, ITEMS)
     assert [(round(math.degrees(one.yaw_rad), 6), one.lens_mm, one.drop) for one in own] == [

@@ -1,6 +1,7 @@
 // A scene in three dimensions to turn around: glTF, as processing/exchange/gltf.py writes it.
 import {
-  Box3, Light, NeutralToneMapping, PerspectiveCamera, PMREMGenerator, Scene, Sphere, Spherical, Vector3, WebGLRenderer,
+  Box3, Light, Mesh, NeutralToneMapping, type Object3D, PerspectiveCamera, Plane, PMREMGenerator, Scene, Sphere,
+  Spherical, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
@@ -13,11 +14,43 @@ const KEYS: Record<string, [number, number]> = {
   ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.08], ArrowDown: [0, 0.08],
 };
 
+/** A wall's plane, its normal into the room, and the reveals of its windows and doors. */
+interface Wall {
+  plane: Plane;
+  reveals: Object3D[];
+}
+
+/** The walls of a room by the names that the file gives its parts. A reveal is of the wall that it is just behind. */
+function wallsOf(scene: Scene): Wall[] {
+  const walls: Wall[] = [];
+  const reveals: Object3D[] = [];
+  scene.updateMatrixWorld(true);
+  scene.traverse((one) => {
+    if (!(one instanceof Mesh)) return;
+    if (one.name.startsWith("reveal-")) reveals.push(one);
+    if (!/^wall-\d+$/.test(one.name)) return;
+    const { normal, position } = one.geometry.attributes;
+    const inwards = new Vector3().fromBufferAttribute(normal, 0).transformDirection(one.matrixWorld);
+    const place = new Vector3().fromBufferAttribute(position, 0).applyMatrix4(one.matrixWorld);
+    walls.push({ plane: new Plane().setFromNormalAndCoplanarPoint(inwards, place), reveals: [] });
+  });
+  for (const reveal of reveals) {
+    const middle = new Box3().setFromObject(reveal).getCenter(new Vector3());
+    const behind = (wall: Wall): number => {
+      const away = -wall.plane.distanceToPoint(middle);
+      return away < 0 ? Infinity : away;
+    };
+    walls.reduce((best, wall) => (behind(wall) < behind(best) ? wall : best), walls[0]!)?.reveals.push(reveal);
+  }
+  return walls;
+}
+
 export class ModelView {
   readonly renderer: WebGLRenderer;
   private readonly camera = new PerspectiveCamera(30, 1, 0.05, 200);
   private readonly controls: OrbitControls;
   private scene = new Scene();
+  private walls: Wall[] = [];
   private waiting = false;
 
   constructor(readonly stage: HTMLElement) {
@@ -52,6 +85,7 @@ export class ModelView {
     scene.environment = light.fromScene(new RoomEnvironment(), 0.04).texture;
     light.dispose();
     this.scene = scene;
+    this.walls = wallsOf(scene);
     this.renderer.domElement.ariaLabel = alt;
     this.aim();
     this.fit();
@@ -81,6 +115,10 @@ export class ModelView {
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
+      // A wall that is seen from behind is not drawn: its reveals would hang in the air.
+      for (const { plane, reveals } of this.walls) {
+        for (const one of reveals) one.visible = plane.distanceToPoint(this.camera.position) > 0;
+      }
       this.renderer.render(this.scene, this.camera);
     });
   }
