@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from shapely.geometry import LineString, Polygon
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, labelled, write_jpeg
 from processing.exchange.showing import Shown, panes_of, shown_as
 from processing.ground.arrays import Doubles
+from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.pictures.display import screen
@@ -46,7 +46,6 @@ PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which a frame after the third is not taken
-WALL_M = 0.05  # chosen: so far into a wall lies what hangs on it, or a window in it
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
 
 
@@ -111,8 +110,8 @@ def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) ->
 
 def _in_sight(things: Sequence[_Thing], room: RoomModel) -> list[_Thing]:
     """Return what no wall hides from the camera: of a room with wings, not what stands in them."""
-    free = Polygon(room.floor).buffer(WALL_M)
-    return [one for one in things if free.covers(LineString([(0, 0), one.corners_m[:, :2].mean(axis=0)]))]
+    way, floor = np.linspace(0.05, 0.95, 19)[:, None], np.array(room.floor)  # windows are on the floor's very edge
+    return [one for one in things if inside(floor, way * one.corners_m[:, :2].mean(axis=0)).all()]
 
 
 def _whole_ones(states: Doubles, things: Sequence[_Thing]) -> tuple[str, ...]:
