@@ -17,7 +17,15 @@ from processing.ground.seam import components, grown, resized, row_solid_angles,
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import TOUCH_RAD, FurnitureFound, find_furniture, islands_in, lower_ends, with_things
+from processing.removal.furniture import (
+    TOUCH_RAD,
+    FurnitureFound,
+    completed,
+    find_furniture,
+    islands_in,
+    lower_ends,
+    with_things,
+)
 from processing.removal.shadows import ShadowFound, find_shadows, find_wall_shade
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
@@ -118,6 +126,8 @@ class _Found:
     sunlight: SunFound
     shadow: ShadowFound
     openings: Flags
+    hangs: Flags
+    """What hangs on plain walls by itself, and stays."""
     notes: tuple[str, ...]
 
 
@@ -151,12 +161,14 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     hidden = furniture.mask | tripod.mask
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
-    walls = find_wall_shade(rgb, room, geometry, hidden, (others | fixtures | (maps.opening >= 0)) & ~hidden)
-    shadow = replace(shadow, mask=shadow.mask | walls, contact=shadow.contact | walls)
+    barred = (others | fixtures | (maps.opening >= 0)) & ~hidden
+    walls, hangs = find_wall_shade(rgb, room, geometry, hidden, barred)
+    hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
+    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | walls, contact=(shadow.contact & ~hangs) | walls)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
-    return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, notes)
+    return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, hangs, notes)
 
 
 def _with_things(
@@ -236,6 +248,7 @@ def _united(
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
     target = target_of((furniture | tripod, contact), sunlight, found.openings, margin_rad)
+    target &= furniture | tripod | sunlight | ~_at(found.hangs, shape)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)

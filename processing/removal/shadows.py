@@ -238,8 +238,9 @@ BEND, LOCAL_M, PASSES = 0.1, 0.35, 4
 often, without what was odd (chosen)."""
 PLAIN = 0.1
 """Tone: robust deviation about the slow light from which a wall has a pattern, in which nothing is odd (chosen)."""
-ODD, ODD_TIMES, ODD_REACH_M = 0.16, 4.0, 0.3
-"""Tone, and times that deviation, from which a place is no part of the wall; how far it is so (chosen)."""
+ODD, ODD_TIMES, ODD_REACH_M, ODD_NEAR = 0.16, 4.0, 0.3, 0.5
+"""Tone, and times that deviation, from which a place is no part of the wall; how far it is so; how much of what hangs
+together must be within that (chosen)."""
 SHADE, SHADE_TIMES, SHADE_COLOUR, SHADE_REACH_M = 0.06, 2.0, 0.5, 0.9
 """The same for shade; its colour may be off by so much of its depth (chosen)."""
 SHADE_STEEP = 0.25  # tone by which it changes within 0.1 m at most: it runs out, things end (chosen)
@@ -248,12 +249,14 @@ FRAME = np.ones((2 * round(0.12 * WALL_PX_PER_M) + 1,) * 2, np.uint8)
 """Around windows and doors, their frames (chosen)."""
 
 
-def find_wall_shade(rgb: Floats, room: RoomModel, geometry: Equirectangular, removed: Flags, barred: Flags) -> Flags:
-    """Return what is replaced with the ``removed`` (H, W) on the walls of a panorama (H, W, 3), linear light.
+def find_wall_shade(
+    rgb: Floats, room: RoomModel, geometry: Equirectangular, removed: Flags, barred: Flags
+) -> tuple[Flags, Flags]:
+    """Return what is replaced with the ``removed`` on a panorama's walls, and what hangs there by itself, (H, W) each.
 
-    ``barred`` (H, W): openings, and what is known for a fixture of the room.
+    ``rgb`` (H, W, 3), linear light. ``barred``: openings, and what is known for a fixture of the room.
     """
-    found = np.zeros(removed.shape, bool)
+    found, hangs = np.zeros((2, *removed.shape), bool)
     layers = np.concatenate([rgb, np.stack([removed, barred], axis=-1).astype(np.float32)], axis=-1)
     for plane in planes_of(room)[FIRST_WALL:]:
         texture = unwrap(layers, geometry, room, plane, WALL_PX_PER_M)
@@ -261,34 +264,44 @@ def find_wall_shade(rgb: Floats, room: RoomModel, geometry: Equirectangular, rem
         never = cv2.dilate((texture.values[..., 4] > 0.1).astype(np.uint8), FRAME).astype(bool)
         if gone.any():
             marks = _on_wall(texture.values[..., :3], texture.known & ~never & ~gone, gone, plane)
-            values, where = wrap(marks.astype(np.float32), plane, WALL_PX_PER_M, room, geometry, ~(removed | barred))
-            found[where] |= values.ravel() > 0.5
-    return found
+            values, where = wrap(marks, plane, WALL_PX_PER_M, room, geometry, ~(removed | barred))
+            found[where] |= values[:, 0] > 0.5
+            hangs[where] |= values[:, 1] > 0.5
+    return found, hangs
 
 
-def _on_wall(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Flags:
-    """Return what is replaced on a wall's texture (H, W); nothing where it is not plain, or hardly seen."""
+def _on_wall(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Floats:
+    """Return what is replaced on a wall's texture, and what stays (H, W, 2).
+
+    Nothing where the wall is not plain, or hardly seen.
+    """
     known[: round(TOP_M * WALL_PX_PER_M)] = False
     known[round((plane.height_m - FOOT_M) * WALL_PX_PER_M) :] = False
     away = cv2.distanceTransform((~gone).astype(np.uint8), cv2.DIST_L2, 5) / np.float32(WALL_PX_PER_M)
     clean = known & (away > AWAY_M)
+    nothing = np.zeros((*known.shape, 2), np.float32)
     if clean.sum() < LEAST_TEXELS:
-        return np.zeros_like(known)
+        return nothing
     tone = known_mean(ToneScale.of(light, clean).tone(light), known, 1.0)[0]
     rest, spread = _about_light(tone, clean)
     if spread > PLAIN:
-        return np.zeros_like(known)
+        return nothing
     dark = grey(rest)
     colour = np.abs(rest - dark[..., None]).max(axis=-1)
-    marks = (np.abs(rest).max(axis=-1) > max(ODD, ODD_TIMES * spread)) & (away < ODD_REACH_M)
+    odd = known & (np.abs(rest).max(axis=-1) > max(ODD, ODD_TIMES * spread))
     soft = (dark < -max(SHADE, SHADE_TIMES * spread)) & (colour < SHADE_COLOUR * np.abs(dark) + 0.03)
     high, low = (np.where(known, dark, far).astype(np.float32) for far in (-9, 9))
     brush = np.ones((3, 3), np.uint8)
     soft &= cv2.dilate(high, brush) - cv2.erode(low, brush) < SHADE_STEEP
-    marks = known & (marks | (soft & (away < SHADE_REACH_M)))
+    # A picture that what is removed comes near to stays whole.
+    things = odd & ~soft
+    _, labels = cv2.connectedComponents(things.astype(np.uint8), connectivity=8)
+    near, whole = (np.bincount(labels.ravel(), part.ravel()) for part in (things & (away < ODD_REACH_M), things))
+    stays = things & (near < ODD_NEAR * whole)[labels]
+    marks = known & ~stays & ((odd & (away < ODD_REACH_M)) | (soft & (away < SHADE_REACH_M)))
     _, labels = cv2.connectedComponents(marks.astype(np.uint8), connectivity=8)
     touching = np.unique(labels[marks & (away <= TOUCH_M)])
-    return np.asarray(np.isin(labels, touching[touching > 0]) & marks)
+    return np.stack([np.isin(labels, touching[touching > 0]) & marks, stays], axis=-1).astype(np.float32)
 
 
 def _about_light(tone: Floats, clean: Flags) -> tuple[Floats, float]:

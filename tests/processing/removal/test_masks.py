@@ -57,6 +57,27 @@ def test_the_margin_is_kept(painted: Painted) -> None:
     assert any("no sun" in note for note in none.notes)
 
 
+def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) -> None:
+    """A picture that the network sees hangs on whole; furniture's contact shadow does not reach it."""
+    middle = int(np.flatnonzero(painted.furniture.any(axis=0))[-1]) - 6
+    top = int(painted.furniture[:, middle - 6 : middle + 1].any(axis=1).argmax())
+    fixture = np.zeros_like(painted.furniture)
+    fixture[top - 30 : top, middle - 6 : middle + 40] = True
+    fixture &= ~painted.furniture
+    probabilities = painted.evidence.probabilities.copy()
+    seen = fixture[::2, ::2]
+    probabilities[:, seen] = 0.01
+    probabilities[SceneClass.FIXTURE, seen] = 0.93
+    rgb = painted.image.rgb.copy()
+    rgb[fixture] = (0.9, 0.2, 0.6)
+    evidence = replace(painted.evidence, probabilities=probabilities)
+    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.04)
+    found = find_masks(replace(painted.image, rgb=rgb), evidence, painted.room, sun_possible=False, margin_rad=0.04)
+    assert (before.target & fixture).any(), "the margin would reach it"
+    assert not (found.target & fixture & ~found.furniture).any()
+    assert (found.furniture & fixture).sum() < 0.1 * fixture.sum()
+
+
 def test_an_empty_room_has_nothing_to_remove() -> None:
     bare = paint(sun=False, things=False)
     found = find_masks(bare.image, bare.evidence, bare.room)

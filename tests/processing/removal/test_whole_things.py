@@ -117,21 +117,33 @@ def test_soft_shade_beside_furniture_is_replaced() -> None:
     rows = np.arange(ROWS)[:, None]
     band = wall & (rows > 120) & (rows < 160)
     light = np.where(band[..., None], light * fall[..., None], light).astype(np.float32)
-    found = find_wall_shade(light, ROOM, GEOMETRY, chest, NONE)
+    found, hangs = find_wall_shade(light, ROOM, GEOMETRY, chest, NONE)
     assert not (found & ~wall).any()
     near = band & (away > 0) & (away < 5) & (rows > 135) & (rows < 150)
     far = wall & (away > 60)
     assert found[near].mean() > 0.8
+    assert not (hangs & near).any()
     assert not found[far].any()
-    assert not find_wall_shade(light, ROOM, GEOMETRY, chest, wall & ~chest).any(), "openings and fixtures stay"
-    assert not find_wall_shade(light, ROOM, GEOMETRY, NONE, NONE).any()
+    assert not np.any(find_wall_shade(light, ROOM, GEOMETRY, chest, wall & ~chest)), "openings and fixtures stay"
+    assert not np.any(find_wall_shade(light, ROOM, GEOMETRY, NONE, NONE))
+
+
+def test_a_picture_that_furniture_comes_near_to_hangs_by_itself_and_a_rest_of_furniture_does_not() -> None:
+    chest, picture, rest = box(140, 176, 240, 280), box(105, 139, 245, 275), box(150, 158, 281, 286)
+    light = grey_room()
+    light[chest], light[picture], light[rest] = 0.1, (0.1, 0.3, 0.5), (0.5, 0.1, 0.1)
+    found, hangs = find_wall_shade(light, ROOM, GEOMETRY, chest, NONE)
+    assert hangs[box(107, 137, 247, 273)].all()
+    assert not (found & hangs).any()
+    assert not found[picture].any()
+    assert found[rest].mean() > 0.7
 
 
 def test_a_patterned_wall_has_no_shade_to_find() -> None:
     chest, light = box(140, 176, 240, 280), grey_room()
     checks = (np.arange(ROWS)[:, None] // 6 + np.arange(2 * ROWS)[None] // 6) % 2 == 0
     light[checks & ~chest] *= 0.5
-    assert not find_wall_shade(light, ROOM, GEOMETRY, chest, NONE).any()
+    assert not np.any(find_wall_shade(light, ROOM, GEOMETRY, chest, NONE))
 
 
 def test_a_door_of_a_strange_colour_stays_and_a_wardrobe_with_doors_goes() -> None:
