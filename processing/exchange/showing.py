@@ -18,7 +18,7 @@ from processing.pictures.display import AS_GIVEN, Display, display_of, spot_colo
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Geometry
-from processing.surfaces.maps import surface_maps
+from processing.surfaces.maps import opening_map
 from station.session import strict_json
 from station.session.session import SessionManifest
 from station.session.store import load_manifest
@@ -46,7 +46,7 @@ def panes_of(room: RoomModel | None, geometry: Geometry) -> Flags | None:
     """Return where an upright panorama shows windows and doors (H, W), since doors may be glazed; None: none known."""
     if room is None or not isinstance(geometry, Equirectangular):
         return None
-    return np.asarray(surface_maps(room, geometry).opening >= 0) if room.openings else None
+    return np.asarray(opening_map(room, geometry) >= 0) if room.openings else None
 
 
 def shown_as(

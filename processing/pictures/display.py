@@ -109,7 +109,7 @@ class Display:
         out = np.empty(rgb.shape, np.float32)
         matrix = np.reshape(np.asarray(self.matrix, np.float32), (3, 3))
         for top in range(0, len(rgb), _ROWS):
-            np.maximum(rgb[top : top + _ROWS] @ matrix.T, 0, out=out[top : top + _ROWS])
+            np.maximum(cv2.transform(rgb[top : top + _ROWS], matrix), 0, out=out[top : top + _ROWS])
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, around=around)
         return out

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import PictureFileError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
+from processing.ground.kernels import compiled
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from station.session import durable
 from station.session.folder import Folder, part_name, write_file
@@ -127,3 +130,57 @@ def write_bytes(path: Path, data: bytes) -> None:
         write_file(folder, path.name, data)
     finally:
         folder.close()
+
+
+# Light and uncertainty to as many bits as are known of them: what stages hand on.
+
+LIGHT_BITS = 13
+"""Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
+UNCERTAINTY_BITS = 7  # of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well
+ESTIMATED_BITS, ESTIMATED_UNCERTAINTY_BITS = 10, 5  # 5e-4 of light known to 2 % at best, 3 % upwards (chosen)
+_LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
+"""Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
+P = TypeVar("P", bound=RelativeImage | LuminanceImage)
+
+
+def handed_on(image: P, made: Flags | None = None) -> P:
+    """Return a picture as it goes from stage to stage: light to `LIGHT_BITS`, uncertainty to `UNCERTAINTY_BITS`.
+
+    Where it was ``made`` (H, W) rather than photographed, it is as `estimated` says.
+    """
+    copied = estimated(image, np.zeros(image.rgb.shape[:2], bool) if made is None else made)
+    rgb, uncertainty = copied.rgb, copied.uncertainty
+    np.clip(uncertainty, _LEAST_HALF, _MOST_HALF, out=uncertainty, where=~np.isinf(uncertainty))
+    _round_bits(rgb.view(np.uint32).reshape(1, -1), _ALL, 23 - LIGHT_BITS, False)
+    _round_bits(uncertainty.view(np.uint32).reshape(1, -1), _ALL, 23 - UNCERTAINTY_BITS, False)
+    return copied
+
+
+def estimated(image: P, where: Flags) -> P:
+    """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
+    rgb, uncertainty = image.rgb.copy(), image.uncertainty.copy()
+    _round_bits(rgb.view(np.uint32).reshape(-1, 3), where.ravel(), 23 - ESTIMATED_BITS, False)
+    _round_bits(uncertainty.view(np.uint32).reshape(-1, 1), where.ravel(), 23 - ESTIMATED_UNCERTAINTY_BITS, True)
+    return replace(image, rgb=rgb, uncertainty=uncertainty)
+
+
+def to_bits(values: Floats, bits: int, *, up: bool = False) -> Floats:
+    """Return float32 values, of any shape and unit, to so many bits of mantissa, rounded to even, or ``up``."""
+    found: Floats = np.array(values, np.float32, order="C")
+    _round_bits(found.view(np.uint32).reshape(1, -1), _ALL, 23 - bits, up)
+    return found
+
+
+_ALL = np.ones(1, bool)
+
+
+@compiled
+def _round_bits(raw: Any, chosen: Any, drop: int, up: bool) -> None:
+    """Round, in place, the ``chosen`` (N,) of float32 values as bits, (N, C), so that their last ``drop`` are 0."""
+    half, mask = np.uint32(1 << (drop - 1)) - np.uint32(1), np.uint32(0xFFFFFFFF ^ ((1 << drop) - 1))
+    for n in range(raw.shape[0]):
+        if chosen[n]:
+            for c in range(raw.shape[1]):
+                bits = raw[n, c]
+                more = np.uint32((1 << drop) - 1) if up else half + ((bits >> np.uint32(drop)) & np.uint32(1))
+                raw[n, c] = np.uint32(bits + more) & mask

@@ -18,7 +18,7 @@ from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
-from processing.ground.threads import side_by_side
+from processing.ground.threads import give_back, side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.plain import MOST_RISE_FLOOR, seamless
@@ -134,8 +134,10 @@ class Quick:
 class _Seen:
     """What the panorama shows of the room."""
 
-    layers: Floats
-    """(H, W, 5): light, finite; what is seen but not to be copied; direct sunlight that stays."""
+    light: Floats
+    """(H, W, 3): finite."""
+    marks: Bytes
+    """(H, W, 2): what is seen but not to be copied; direct sunlight that stays."""
     geometry: Equirectangular
     room: RoomModel
     masked: Flags
@@ -187,11 +189,8 @@ def empty_room(
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
 
-    layers = np.empty((*unfit.shape, 5), np.float32)
-    layers[..., :3], layers[..., 3], layers[..., 4] = rgb, unfit, kept
-    seen = _Seen(layers, geometry, room, target | blind, shown)
+    seen = _Seen(rgb, np.stack([unfit, kept], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
     filled = _filled(seen, hidden, foreign, quality, skirting, filler)
-    del seen  # half a gigabyte
     out, notes = image.rgb.copy(), []
     for plane, done in zip(hidden, filled, strict=True):
         where = target & (shown == plane.index)
@@ -215,10 +214,12 @@ def _filled(
 
     def fill(plane: Plane) -> FilledPlane:
         done = _plane(seen, plane, quality, skirting)
-        return done if filler is None else filler(done)
+        done = done if filler is None else filler(done)
+        give_back()
+        return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
 
     filled = side_by_side(fill, [plane for plane in hidden if plane.index != FLOOR], PLANES_AT_ONCE)
-    np.maximum(seen.layers[..., 3], foreign, out=seen.layers[..., 3])
+    seen.marks[..., 0] |= foreign
     filled += [fill(plane) for plane in hidden if plane.index == FLOOR]
     return sorted(filled, key=lambda done: done.texture.plane.index)
 
@@ -259,9 +260,9 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
 
 
 def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting | None) -> FilledPlane:
-    layers, geometry, room, masked = seen.layers, seen.geometry, seen.room, seen.masked
+    geometry, room, masked = seen.geometry, seen.room, seen.masked
     px_per_m = texture_density(plane, room, geometry, quality)
-    whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
+    whole = unwrap(seen.light, geometry, room, plane, px_per_m, mask=masked, marks=seen.marks)
     texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
     mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
     # Texels that the camera sees and that are not known lie under the mask.
@@ -270,7 +271,7 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     bare = like & ~masked if (like & ~masked).any() else ~masked
     # A few thousand pixels are enough for a median.
     among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
-    elsewhere = np.median(layers.reshape(-1, 5)[among, :3], axis=0).astype(np.float32)
+    elsewhere = np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
     fill = fill_plane if isinstance(quality, str) else quality.fill
     done = fill(texture, hole, mixed, room, elsewhere, skirting)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0

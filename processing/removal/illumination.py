@@ -8,6 +8,7 @@ Both go into one robust least-squares fit of a coarse grid of values that bends 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.sparse import csr_array
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 from processing.ground.colour import LUMINANCE_WEIGHTS
+from processing.ground.kernels import compiled
 from processing.pictures.images import luminance_cd_m2
 
 # Wide Gaussian blurs at a cost that does not grow with their width.
@@ -79,7 +81,6 @@ def grey(tone: Floats) -> Floats:
 
 
 SWEEPS = 6  # at each size of the pyramid; chosen, never swept
-_CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4
 
 
 def spread(values: Floats, given: Flags) -> Floats:
@@ -104,10 +105,31 @@ def _level(values: Floats, share: Floats) -> Floats:
     up = cv2.resize(coarse, (small[0] * 2, small[1] * 2), interpolation=cv2.INTER_LINEAR)
     up = up.reshape(small[1] * 2, small[0] * 2, *values.shape[2:])[:height, :width]
     out = np.where(_as(fixed, values), own, up).astype(np.float32)
+    both = [out.reshape(height, -1), np.array(out.reshape(height, -1))]
+    free = np.repeat(~fixed, both[0].shape[1] // width, axis=1)
     for _ in range(SWEEPS):
-        swept = cv2.filter2D(out, -1, _CROSS, borderType=cv2.BORDER_REPLICATE).reshape(out.shape)
-        out = np.where(_as(fixed, values), own, swept)
-    return np.asarray(out, np.float32)
+        _sweep(free, both[0].shape[1] // width, *both)
+        both.reverse()
+    return both[0].reshape(values.shape)
+
+
+@compiled
+def _sweep(free: Any, step: int, old: Any, new: Any) -> None:
+    """Fill ``new`` (H, W) where it is ``free`` with means of four neighbours in ``old``: those of a row lie ``step``
+    apart, its channels."""
+    height, width = old.shape
+    for i in range(height):
+        up, row, down = old[max(i - 1, 0)], old[i], old[min(i + 1, height - 1)]
+        mine, todo = new[i], free[i]
+        for k in range(step, width - step):
+            mean = (up[k] + row[k - step] + row[k + step] + down[k]) * np.float32(0.25)
+            mine[k] = mean if todo[k] else mine[k]
+        for k in range(step):
+            last = width - step + k
+            if todo[k]:
+                mine[k] = (up[k] + row[k] + row[k + step] + down[k]) * np.float32(0.25)
+            if todo[last]:
+                mine[last] = (up[last] + row[last - step] + row[last] + down[last]) * np.float32(0.25)
 
 
 def _halved(picture: Floats, even: tuple[int, int, int, int], size: tuple[int, int]) -> Floats:

@@ -10,20 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats, Int16s
+from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, PlaneFiller, Quick, empty_room, soften_edges
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
-from processing.sphere.resampling import linear_samples
-from processing.surfaces.maps import surface_maps
+from processing.surfaces.maps import opening_map, plane_map
 
 BAND_ROWS = 256  # rows that are lifted at once; chosen, 40 MB at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
@@ -70,18 +70,20 @@ def lifted(
     """
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
-    maps = surface_maps(room, geometry)
+    plane = plane_map(room, geometry)
     windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
-    glass = np.isin(maps.opening, windows)
+    glass = np.isin(opening_map(room, geometry), windows)
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance = np.empty_like(image.rgb)
     change = np.zeros(image.rgb.shape[:2], np.float32)
-    for rows, lift, light, _ in _bands(planes, maps.plane, glass):
+    for rows, lift, light, _ in _bands(planes, plane, glass):
         reflectance[rows] = math.pi * image.rgb[rows] * np.exp(lift) / light
         change[rows] = lift.mean(axis=-1)
     gain = relit(reflectance, shade.shadow, (target, foreign), room)
     reflectance *= gain
-    change += np.log(gain).mean(axis=-1)
+    for k, factors in enumerate(gain):  # row by row: little memory
+        change[k] += np.log(factors).mean(axis=-1)
+    del gain
     done = empty_room(
         replace(image, rgb=reflectance),
         target,
@@ -91,19 +93,18 @@ def lifted(
         quality=quality,
         filler=filler,
     )
-    made, rgb = done.image.rgb, image.rgb.copy()
+    rgb = done.image.rgb
     stays = ~target & (image.validity == Validity.VALID)
-    for rows, lift, light, much in _bands(planes, maps.plane, glass):
-        hole, kept, less = target[rows], stays[rows], np.exp(lift * (much - 1))
-        rgb[rows][hole] = (made[rows] * less * light / math.pi)[hole]
-        rgb[rows][kept] = (image.rgb[rows] * less * np.exp(lift) * gain[rows])[kept]
+    for rows, lift, light, much in _bands(planes, plane, glass):
+        changed = target[rows] | (stays[rows] & (change[rows] != 0))
+        lit = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
+        rgb[rows] = np.where(changed[..., None], lit, image.rgb[rows])
         change[rows] *= much[..., 0]
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     change[~stays] = 0
-    uncertainty = np.where(stays, np.hypot(done.image.uncertainty, LIFT_DOUBT * np.abs(change)), done.image.uncertainty)
-    lit = replace(done.image, rgb=rgb, uncertainty=uncertainty.astype(np.float32))
-    return replace(done, image=lit), change
+    uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
+    return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
 
 
 def _put_on(image: LuminanceImage, rows: int) -> Floats:
@@ -119,7 +120,7 @@ def _put_on(image: LuminanceImage, rows: int) -> Floats:
 def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Floats]:
     """Return the empty room's irradiance (H, 2 H, 3), lx, without direct sun, and its relative standard uncertainty
     (H, 2 H), for a panorama of ``rows``."""
-    plane = surface_maps(room, Equirectangular(2 * rows, rows)).plane
+    plane = plane_map(room, Equirectangular(2 * rows, rows))
     light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
     planes = _by_plane(shade, room, np.ones(shade.seen.shape, np.float32))
     for band, lift, lit, _ in _bands(planes, plane, np.zeros(plane.shape, bool)):
@@ -131,7 +132,7 @@ def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> dict[int, Floats]:
     """Return, for each plane, log change, how ``much`` (h, w) of it is put on, and log light (h, w + 2, 7), continued
     beyond it, a column round the seam."""
     high, wide = shade.seen.shape
-    plane = surface_maps(room, Equirectangular(wide, high)).plane
+    plane = plane_map(room, Equirectangular(wide, high))
     light = np.log(np.maximum(shade.without_lx, 1e-6))
     lit = shade.without_lx.max(axis=-1) > 0
     found = {}
@@ -165,17 +166,30 @@ def _bands(planes: dict[int, Floats], plane: Int16s, glass: Flags) -> Iterator[t
     high, wide = plane.shape
     small_high, small_wide = next(iter(planes.values())).shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
+    layers, which = np.stack([*planes.values()]), np.zeros(max(planes) + 1, np.int16)
+    which[[*planes]] = np.arange(len(planes))
     usual = np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes.values()], axis=0)
     for start in range(0, high, BAND_ROWS):
         rows = slice(start, min(start + BAND_ROWS, high))
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
-        both = np.zeros((rows.stop - rows.start, wide, 7), np.float32)
-        for number in np.unique(plane[rows]):
-            row, column = np.nonzero(plane[rows] == number)
-            for first in range(0, len(row), 1 << 14):
-                part = slice(first, first + (1 << 14))
-                at = x[None, column[part]], y[None, row[part]]
-                both[row[part], column[part]] = linear_samples(planes[int(number)], *at)[0]
+        both = np.empty((rows.stop - rows.start, wide, 7), np.float32)
+        _sampled(layers, which[plane[rows]], x, y, both)
         # What is seen through glass is not lit by the room: it goes on as it is, in one light.
         both[glass[rows]] = np.append(np.zeros(4, np.float32), usual)
         yield rows, both[..., :3], np.exp(both[..., 4:]), both[..., 3:4]
+
+
+@compiled
+def _sampled(layers: Any, which: Any, x: Any, y: Any, out: Any) -> None:
+    """Fill ``out`` (H, W, C) from layer ``which`` (H, W) of ``layers`` (P, h, w, C), linear between pixels."""
+    _, height, width, channels = layers.shape
+    for i in range(out.shape[0]):
+        up = min(max(int(np.floor(y[i])), 0), height - 1)
+        down, lower = min(max(int(np.floor(y[i])) + 1, 0), height - 1), y[i] - np.floor(y[i])
+        for j in range(out.shape[1]):
+            left, of = int(x[j]), which[i, j]
+            right, more = min(left + 1, width - 1), x[j] - np.floor(x[j])
+            for c in range(channels):
+                above = layers[of, up, left, c] + more * (layers[of, up, right, c] - layers[of, up, left, c])
+                below = layers[of, down, left, c] + more * (layers[of, down, right, c] - layers[of, down, left, c])
+                out[i, j, c] = above + lower * (below - above)

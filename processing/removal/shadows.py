@@ -94,7 +94,9 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
     gain = unglowed(light, gone, thing, room)
     if (less & ~gone).any():
         gain *= relit_gain(light, less, gone | (thing & ~less), room)
-    return np.where(removed[..., None], np.float32(1), resized(gain, shape))
+    gain = resized(gain, shape)
+    gain[removed] = 1
+    return gain
 
 
 LAMP, CLIPPED = 3.0, 0.2

@@ -17,7 +17,7 @@ from processing.pictures.preview import jpeg_bytes
 from processing.report.data import Picture, Quantity, Section, Table
 from processing.report.plots import every_nth, plan_plot
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import plane_map, surface_maps
+from processing.surfaces.maps import opening_map, plane_map
 
 TINTS = {"furniture": (230, 40, 40), "tripod": (220, 0, 220), "sunlight": (250, 210, 0), "shadow": (40, 90, 240)}
 """sRGB by mask."""
@@ -164,7 +164,7 @@ def drawn(image: LuminanceImage, room: RoomModel, display: Display) -> Bytes:
     rows = every_nth(image.rgb)
     rgb8 = display.shown(image.rgb[rows, rows])
     geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])
-    plane, opening = plane_map(room, geometry), surface_maps(room, geometry).opening
+    plane, opening = plane_map(room, geometry), opening_map(room, geometry)
     out = rgb8.copy()
     out[_edges(opening)] = OPENING_RGB
     out[_edges(plane)] = EDGE_RGB

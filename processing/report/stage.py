@@ -57,7 +57,7 @@ def run(context: StageContext) -> StageOutput:
 
 def report_data(context: StageContext) -> ReportData:
     """Return what the page shows, from the session, the stages' summaries and their artifacts."""
-    facts = context.artifact("calibrate", "calibration")
+    facts, unit = context.artifact("calibrate", "calibration"), context.artifact("calibrate", "indoor").unit
     # First what is of one picture each, then all states side by side: so each is read from the disk once.
     details = _sections(context, facts)
     lead, staging = staging_sections(context)
@@ -73,9 +73,9 @@ def report_data(context: StageContext) -> ReportData:
         ),
         lead=lead,
         sections=(*staging, *details),
-        files=_files(context),
+        files=_files(context, unit),
         made_with=f"daylit {version('daylit')}",
-        unit=context.artifact("calibrate", "indoor").unit,
+        unit=unit,
     )
 
 
@@ -194,8 +194,7 @@ def _remove(context: StageContext, display: Display) -> list[Section]:
     return [remove_section(after, filled, context.summary("remove")["metrics"], log_lift, display)]
 
 
-def _files(context: StageContext) -> tuple[FileLine, ...]:
-    unit = context.artifact("calibrate", "indoor").unit
+def _files(context: StageContext, unit: str) -> tuple[FileLine, ...]:
     lines = []
     for (stage, name), what in FILES.items():
         path = context.session_path / "stages" / stage / name

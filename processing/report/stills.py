@@ -9,8 +9,9 @@ are taken greedily, and what an earlier frame shows counts little again.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,9 @@ from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.pictures.display import screen
-from processing.pictures.exr import estimated, write_exr
+from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
+from processing.pictures.writing import estimated
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import resample_labels
 from processing.sphere.views import Panorama, cut_view
@@ -70,6 +72,9 @@ class Frame:
     def height_px(width_px: int = SIZE_PX[0]) -> int:
         """Return the height of a frame of this width."""
         return width_px * SIZE_PX[1] // SIZE_PX[0]
+
+
+AROUND = tuple(Frame(2 * math.pi * k / 3, 20.0, 0.08) for k in (-1, 0, 1))  # where nothing is known of a room
 
 
 @dataclass(frozen=True)
@@ -258,22 +263,26 @@ def run(context: StageContext) -> StageOutput:
     shown = shown_as(photograph, indoor, facts, room, context.session.bracket.mode)
     arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
     every = () if arranged is None else arranged.arrangements
-    empty = context.optional_artifact("remove", "empty")
-    if empty is not None:
-        photograph = in_size(photograph, empty.rgb.shape[1])
-    originals = _whole(shown, photograph)
-    made: list[dict[str, Any]] = []
-    for number in range(1, MOST_STAGED + 1):
-        staged = context.optional_artifact("render", f"staged-{number}")
-        if staged is not None and number <= len(every) and room is not None:
-            items = every[number - 1].items
-            frames = frames_of(room, items, MOST if number == 1 else 1)
-            if number == 1:
-                frames = with_aimed(aimed(asked.aim, room, items), frames)
-            made += _stills(context, shown, frames, (f"staged-{number}", staged, originals), asked, len(made))
+    filled = context.optional_artifact("remove", "filled")
+    if filled is not None:  # of a draft, smaller
+        photograph = in_size(photograph, filled.shape[1])
+    originals = cache(partial(_whole, shown, photograph))
+    rendered, made = context.summary("render"), list[dict[str, Any]]()
+    for number, one in enumerate(every[:MOST_STAGED] if room is not None and not rendered.get("skipped") else (), 1):
+        name = f"staged-{number}"
+        if name in rendered["left_out"]:
+            continue
+        assert room is not None
+        frames = frames_of(room, one.items, MOST if number == 1 else 1)
+        if number == 1:
+            frames = with_aimed(aimed(asked.aim, room, one.items), frames)
+        make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
+        made += _kept(context, name, frames, len(made), make)
     if not made:
-        name, image = ("photograph", photograph) if empty is None else ("emptied", empty)
-        frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else _around())
+        name, image = "photograph", photograph
+        if filled is not None:
+            name, image = "emptied", context.artifact("remove", "empty")
+        frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
         made += _stills(context, shown, frames, (name, image, originals), asked, 0)
     names = [f"still-{k}" for k in range(1, MOST_STILLS + 1)]
     left_out = dict.fromkeys([n for k in names[len(made) :] for n in (k, f"{k}-original", f"{k}-light")], NO_SUCH)
@@ -286,26 +295,32 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _around() -> tuple[Frame, ...]:
-    """Return three frames around a room of which nothing is known."""
-    return tuple(Frame(2 * math.pi * k / 3, 20.0, 0.08) for k in (-1, 0, 1))
-
-
 def _whole(shown: Shown, image: LuminanceImage) -> Panorama:
     """Return a panorama in the film's light."""
     return Panorama(shown.display.light(np.ascontiguousarray(image.rgb), panes_of(shown.room, image.geometry)))
+
+
+def _kept(
+    context: StageContext, state: str, frames: Sequence[Frame], before: int, make: Callable[[], list[dict[str, Any]]]
+) -> list[dict[str, Any]]:
+    """Return the facts of a state's stills, which stay as they are where nothing of them has changed."""
+    names = [f"still-{before + k}" for k in range(1, len(frames) + 1)]
+    files = tuple(f"{name}{kind}" for name in names for kind in (".jpg", "-original.jpg", "-light.exr"))
+    asked = context.parameters_of(StillsParameters)
+    own = [state, before, [asdict(one) for one in frames], context.session.name, asked.no_staged_label]
+    return [dict(one) for one in context.part(state, files, [*own, asked.original_url], make, apart="arrange")]
 
 
 def _stills(
     context: StageContext,
     shown: Shown,
     frames: Sequence[Frame],
-    of: tuple[str, LuminanceImage, Panorama],
+    of: tuple[str, LuminanceImage | None, Callable[[], Panorama]],
     asked: StillsParameters,
     before: int,
 ) -> list[dict[str, Any]]:
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
-    state, image, originals = of
+    state, image, originals = of[0], of[1] or context.artifact("render", of[0]), of[2]()
     kind = state.partition("-")[0]
     light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []

@@ -125,6 +125,10 @@ class Shelf:
         while len(pictures) > 1 and sum(sizes[key] for key in pictures) > HELD_BYTES:
             del self._held[pictures.pop(0)]
 
+    def let_go(self) -> None:
+        """Hold nothing any more: what is wanted again is read again."""
+        self._held.clear()
+
     def get(self, stage: str, name: str) -> object | None:
         """Return an artifact; None where the stage left it out."""
         key = (stage, name)

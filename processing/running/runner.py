@@ -210,6 +210,7 @@ class PipelineRun:
                 reads=reads,
                 parts=parts,
             )
+            context = replace(context, let_go=self._shelf.let_go)
             work = Work(static, reads, parts, building, self._memory)
             made = answer_result(stage, answers, context, work) if answers else make_result(stage, context, work)
             if made.unfinished:

@@ -72,6 +72,8 @@ class StageContext:
     time_budget_s: float | None = None
     progress: Progress = lambda _fraction, _text: None
     """``progress(fraction 0..1, text)``; may be called often."""
+    let_go: Callable[[], None] = lambda: None
+    """``let_go()``: pictures held in memory for later stages are let go, as this one needs much itself."""
     parts: KeepsParts | None = None
     """Where the row says that the result has parts; use `part` and `enough`."""
 

@@ -6,15 +6,15 @@ import math
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown, resized, share_of_sphere
-from processing.pictures.exr import ESTIMATED_BITS, estimated, to_bits
 from processing.pictures.images import LuminanceImage
+from processing.pictures.writing import ESTIMATED_BITS, estimated, to_bits
 from processing.removal.fill import Emptied, Quick, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
@@ -75,7 +75,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), known_room(context)
-    others: _Filling = {
+    others: dict[str, Any] = {
         "sunlight": sunlight,
         "foreign": _foreign(context, target.shape),
         "quality": quick or context.quality.value,
@@ -88,13 +88,6 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     gain = relit(image.rgb, shadow, (target, others["foreign"]), room)
     share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
     return empty_room(replace(image, rgb=image.rgb * gain), target, room, **others), None, share
-
-
-class _Filling(TypedDict):
-    sunlight: Flags | None
-    foreign: Flags | None
-    quality: str | Quick
-    filler: LamaFiller | None
 
 
 def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:

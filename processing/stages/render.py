@@ -14,7 +14,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
-from processing.ground.arrays import Floats, Vector
+from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.styles import STYLES, differing, style_named
@@ -27,7 +27,7 @@ from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
-from processing.pictures.exr import estimated, write_stage_exr
+from processing.pictures.exr import write_stage_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
@@ -129,6 +129,7 @@ def run(context: StageContext) -> StageOutput:
 
 def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Work:
     empty = emptied(context)
+    context.let_go()  # three quarters of a gigabyte
     bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
     room = known_room(context)
     eye: Vector = (0.0, 0.0, room.camera_height_m)
@@ -175,7 +176,7 @@ def _alternative(
     lit = work.asked.lamps == "on"
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=lit)
     staged = _staged(work, parts, work.effort)
-    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one))
+    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged))
     write_scene_glb(path.with_suffix(".glb"), work.model.furnished(parts), work.eye_m)
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",
@@ -205,10 +206,9 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
-    image, method = work.empty.image, work.asked.method
-    kept = staged.kept if method == "differential" else staged.kept & (method == "ibl")
+    image, method, kept = work.empty.image, work.asked.method, _kept(work, staged)
     doubt = np.hypot(np.minimum(image.uncertainty, 1.0), np.float32(MODELLED))
-    picture = replace(
+    return replace(
         image,
         rgb=staged.rgb,
         uncertainty=np.where(kept, image.uncertainty, doubt).astype(np.float32),
@@ -216,7 +216,11 @@ def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
         ghost=None,
         attributes={**image.attributes, "staged": True, "method": method, "arrangement": one.rank},
     )
-    return estimated(picture, ~kept)
+
+
+def _kept(work: _Work, staged: Staged) -> Flags:
+    """Return (H, W): where the photograph is kept; nowhere in one that is all rendered."""
+    return staged.kept if work.asked.method != "global" else np.zeros_like(staged.kept)
 
 
 def _honoured(

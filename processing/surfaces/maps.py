@@ -204,6 +204,12 @@ def plane_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
     return _planes(columns_of(room, geometry), latitudes(geometry))
 
 
+def opening_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
+    """Return `SurfaceMaps.opening`, shape (H, W), alone."""
+    check_stands(room)
+    return _openings(room, columns_of(room, geometry), latitudes(geometry))
+
+
 def boundary_rows(room: RoomModel, geometry: Equirectangular) -> tuple[Doubles, Doubles]:
     """Return where each column's wall meets ceiling and floor, (W,) each, in rows from the picture's upper edge."""
     check_stands(room)

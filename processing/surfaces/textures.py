@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int16s
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Indices, Int16s
 from processing.ground.kernels import compiled, inner
 from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
@@ -55,8 +55,8 @@ def _fineness(extent_px: float) -> int:
 
 
 @inner
-def _add_sample(picture: Any, masked: Any, x: float, y: float, sums: Any) -> bool:
-    """Add the panorama's value at a place in pixels to ``sums``; False where a masked pixel has part in it."""
+def _add_sample(picture: Any, marks: Any, masked: Any, x: float, y: float, sums: Any) -> bool:
+    """Add panorama and marks at a place in pixels to ``sums``; False where a masked pixel has part in it."""
     height, width, channels = picture.shape
     # Within half a row of a pole, the pole's own row.
     y = min(max(y - 0.5, 0.0), height - 1.0)
@@ -75,26 +75,35 @@ def _add_sample(picture: Any, masked: Any, x: float, y: float, sums: Any) -> boo
         above = (1 - right_part) * picture[up, left, c] + right_part * picture[up, right, c]
         below = (1 - right_part) * picture[down, left, c] + right_part * picture[down, right, c]
         sums[c] += (1 - down_part) * above + down_part * below
+    for c in range(marks.shape[2]):
+        above = (1 - right_part) * marks[up, left, c] + right_part * marks[up, right, c]
+        below = (1 - right_part) * marks[down, left, c] + right_part * marks[down, right, c]
+        sums[channels + c] += (1 - down_part) * above + down_part * below
     return True
 
 
 @compiled
-def _unwrapped(picture: Any, masked: Any, yaw_rad: float, texture: _Rectified, known: Any, density: Any) -> None:
-    """Fill a texture's values and its ``known`` and ``density`` (H, W), from a panorama ``picture`` (H, W, C)."""
+def _unwrapped(
+    picture: Any, marks: Any, masked: Any, yaw_rad: float, texture: _Rectified, known: Any, density: Any
+) -> None:
+    """Fill a texture's values and its ``known`` and ``density`` (H, W), from a panorama (H, W, C) and marks on it."""
     axes, px_per_m, seen, values = texture
     corner, u_axis, v_axis, normal = axes[0], axes[1], axes[2], axes[3]
     texel_m = 1 / px_per_m
-    height, width, channels = picture.shape
+    height, width, channels = picture.shape[0], picture.shape[1], values.shape[2]
     row_rad, column_rad = np.pi / height, 2 * np.pi / width
     sums = np.zeros(channels)
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             if not seen[i, j]:
                 continue
-            d = corner + ((j + 0.5) * texel_m) * u_axis + ((i + 0.5) * texel_m) * v_axis
-            distance = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
-            facing = abs(d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]) / distance
-            flat = max(np.sqrt(d[0] ** 2 + d[1] ** 2) / distance, np.sin(row_rad / 2))
+            u, v = (j + 0.5) * texel_m, (i + 0.5) * texel_m
+            dx = corner[0] + u * u_axis[0] + v * v_axis[0]
+            dy = corner[1] + u * u_axis[1] + v * v_axis[1]
+            dz = corner[2] + u * u_axis[2] + v * v_axis[2]
+            distance = np.sqrt(dx**2 + dy**2 + dz**2)
+            facing = abs(dx * normal[0] + dy * normal[1] + dz * normal[2]) / distance
+            flat = max(np.sqrt(dx**2 + dy**2) / distance, np.sin(row_rad / 2))
             density[i, j] = facing * (texel_m / distance) ** 2 / (row_rad * column_rad * flat)
             fine = _fineness(texel_m / distance / row_rad)
             sums[:] = 0.0
@@ -107,7 +116,7 @@ def _unwrapped(picture: Any, masked: Any, yaw_rad: float, texture: _Rectified, k
                 dz = corner[2] + across * u_axis[2] + along * v_axis[2]
                 x = (np.arctan2(dx, dy) - yaw_rad) / column_rad + width / 2
                 y = height / 2 - np.arctan2(dz, np.sqrt(dx * dx + dy * dy)) / row_rad
-                count += _add_sample(picture, masked, x, y, sums)
+                count += _add_sample(picture, marks, masked, x, y, sums)
             if count >= LEAST_KNOWN * fine * fine:
                 known[i, j] = True
                 for c in range(channels):
@@ -254,23 +263,27 @@ def unwrap(
     px_per_m: float,
     *,
     mask: Flags | None = None,
+    marks: Bytes | None = None,
 ) -> Texture:
     """Return a plane as the panorama shows it, rectified.
 
     ``picture`` (H, W) or (H, W, C) float32 of the geometry's size, upright, finite.
     ``mask`` (H, W): what hides the plane (furniture, tripod); no texel takes anything from these pixels.
+    ``marks`` (H, W, M): further channels of the texture, 0 or 1 in the picture.
 
     Texels coarser than the panorama's pixels are means of up to 64 samples; finer ones are linear between pixels.
     Raises `ParameterError`: sizes that do not fit; `RoomError`: the room cannot stand.
     """
     light = _checked(picture, geometry)
     check_stands(room)
-    hidden = np.zeros((0, 0), np.float32) if mask is None else _checked_mask(mask, geometry).astype(np.float32)
+    hidden = np.zeros((0, 0), np.uint8) if mask is None else _checked_mask(mask, geometry).view(np.uint8)
+    marks = np.zeros((*light.shape[:2], 0), np.uint8) if marks is None else marks
     shape = texture_shape(plane, px_per_m)
     seen = _seen(room, plane, px_per_m).astype(np.float32)
-    values = np.zeros((*shape, light.shape[2]), np.float32)
+    values = np.zeros((*shape, light.shape[2] + marks.shape[2]), np.float32)
     known, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
-    _unwrapped(light, hidden, geometry.yaw_rad, _Rectified(_axes(room, plane), px_per_m, seen, values), known, density)
+    rectified = _Rectified(_axes(room, plane), px_per_m, seen, values)
+    _unwrapped(light, marks, hidden, geometry.yaw_rad, rectified, known, density)
     return Texture(plane, px_per_m, values[..., 0] if picture.ndim == 2 else values, known, density)
 
 
@@ -329,7 +342,7 @@ def _checked(picture: Floats, geometry: Equirectangular) -> Floats:
         raise ParameterError(
             f"a picture of shape {picture.shape} for {geometry}", advice="give (H, W) or (H, W, C) of its size"
         )
-    if not np.isfinite(picture).all():
+    if not all(np.isfinite(row).all() for row in picture):  # row by row: little memory
         raise ParameterError("a picture with NaN or Inf", advice="set such pixels to 0 and mask them")
     return np.ascontiguousarray(picture.reshape(*picture.shape[:2], -1), dtype=np.float32)
 

@@ -146,11 +146,13 @@ def fill_plain(nodes, step, near, photo, weights, band):  # type: ignore[no-unty
             if near[j, i] or not _agree(nodes, j, below, i, beside, corner):
                 band.todo[top:bottom, left:right] = True
                 continue
+            mirrors = nodes.label[j, i] >= 0 and (nodes.mirror[j, i].any() or nodes.mirror[j, beside].any())
+            mirrors |= nodes.label[j, i] >= 0 and (nodes.mirror[below, i].any() or nodes.mirror[below, beside].any())
             tall = float(max(min(step, nodes.last_row - top), 1))
             for r in range(top, bottom):
                 for k in range(left, right):
                     v, u = min((r - top) / tall, 1.0), (k - left) / float(right - left)
-                    _one_plain(nodes, (j, below, i, beside), (u, v, r, k), corner, photo, weights, mixed, band)
+                    _one_plain(nodes, (j, below, i, beside), (u, v, r, k, mirrors), corner, photo, weights, mixed, band)
 
 
 @inner
@@ -175,9 +177,9 @@ def _agree(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyp
 def _one_plain(nodes, at, place, corner, photo, weights, mixed, band):  # type: ignore[no-untyped-def]
     """Fill one pixel from its block's corners; ``at``: their rows and columns; ``mixed`` (3, 3): scratch.
 
-    ``place``: shares of the block's width and height, row and column.
+    ``place``: shares of the block's width and height, row and column; whether a floor mirrors light there.
     """
-    u, v, r, k = place
+    u, v, r, k, mirrors = place
     label = nodes.label[at[0], at[2]]
     shares = ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
     for c in range(3):
@@ -186,7 +188,7 @@ def _one_plain(nodes, at, place, corner, photo, weights, mixed, band):  # type: 
             gain += np.float32(shares[n]) * corner[n, c]
         mixed[0, c] = gain
         band.shown[r, k, c] = photo[r, k, c] * gain
-    if label >= 0 and nodes.mirror.shape[2] > 0:
+    if mirrors:
         for c in range(6):
             value = np.float32(0)
             for n in range(4):

@@ -17,8 +17,9 @@ from processing.layout.assumed import fitting_choice, named_choice, with_door
 from processing.light.picture.render import render
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import Effort
-from processing.pictures.exr import handed_on, read_exr
+from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
+from processing.pictures.writing import handed_on
 from processing.pipeline import stage_named
 from processing.running.artifacts import load, save
 from processing.sphere import Equirectangular

@@ -1,0 +1,39 @@
+"""Memory of the emptied room by the picture's pixels: what does not grow with the picture is left out."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+
+from processing.pictures.images import LuminanceImage
+from processing.removal.fill import Quick
+from processing.removal.lift import Shade, lifted
+from processing.sphere import Equirectangular
+from tests.processing.removal.painted_room import box_room
+
+MOST = 80.0  # bytes a pixel beside the picture and its masks (measured: 70; 106 before light was lifted in place)
+
+
+def peak_bytes(rows: int) -> int:
+    """Return the peak of what is allocated while a grey room of so many rows is emptied, its textures small."""
+    shape = (rows, 2 * rows)
+    rgb, doubt = np.full((*shape, 3), 50, np.float32), np.full(shape, 0.02, np.float32)
+    image = LuminanceImage(rgb, doubt, np.zeros(shape, np.uint8), Equirectangular(2 * rows, rows), 0.01)
+    target = np.zeros(shape, bool)
+    target[rows * 5 // 8 : rows * 3 // 4, rows // 2 : rows] = True
+    small = (32, 64)
+    shade = Shade(np.full((*small, 3), 0.1, np.float32), np.full((*small, 3), 100, np.float32), np.ones(small, bool))
+    tracemalloc.start()
+    try:
+        lifted(image, target, box_room(), shade, quality=Quick())
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_emptied_room_takes_little_memory_a_pixel() -> None:
+    small, large = 256, 512
+    peak_bytes(16)  # what is loaded on first use
+    more = peak_bytes(large) - peak_bytes(small)
+    assert 10.0 < more / (2 * (large**2 - small**2)) < MOST
