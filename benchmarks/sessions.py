@@ -84,7 +84,7 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
     folder = path / side.value
     folder.mkdir(parents=True)
     optics, (wide, high) = taken.optics(side), taken.size_px(side)
-    shots = RenderedShots(taken.world, optics, seed=taken.seed, workers=0)
+    shots = RenderedShots(taken.world, optics, seed=taken.seed, fresh=True, workers=0)
     usual, (maker, model) = optics.usual_settings, _NAMES[side]
     settings = Exposure(1.0, usual.iso, usual.f_number)
     shots.prepare(taken.stops_s, wide, high, settings=settings)

@@ -7,7 +7,8 @@ the radiance that each pixel averages. ``indoor_*`` are by solid angle over all 
 scatters in the simulated lens and none in the meter); ``k1_raw_err_pct`` is without. The sky leaves out 3 degrees
 around the sun, whose light is in the illuminance; the veil seen around the image circle is treated as in
 `daylit process`. ``sky_floor_*`` is what the same frames give with everything known (true curve, noise, veil, fall-off,
-tint, scale): photon noise and JPEG; ``*_spot_*`` are of means over the meter's spot of 1/3 degree.
+tint, scale): photon noise and JPEG; ``*_spot_*`` are of means over the meter's spot of 1/3 degree. ``further``: the
+first room with the exposures that `daylit capture --noise 3` adds; ``noise_stated_*``: what it states of its frames.
 """
 
 from __future__ import annotations
@@ -17,12 +18,21 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.photometry.rig import calibrated_rig, measured
+from benchmarks.photometry.rig import Calibrated, Outdoor, calibrated_rig, measured
 from benchmarks.seeds import seeds
+from benchmarks.sessions import STOPS_S
+from mocks.worlds.light import World
 from mocks.worlds.simple_room import SimpleRoom
+from station.capture.reference import LONGEST_FURTHER_S, error_by_noise, further_time_s
+from station.capture.rig import known_times_s
+from station.capture.rig_file import PAPER_OUTDOOR
+from station.frames.check import FrameChecker
+from station.session.manifest import load_manifest
+from station.session.session import Side
 
 QUICK_DIVISOR, FULL_DIVISOR = 4, 1
 QUICK_ROOMS, FULL_ROOMS = 1, 3
+ASKED_FRAC, MOST_FURTHER = 0.03, 3
 GAIN = 0.6
 """Of the rooms' light: the sun then has 6e8 cd/m2, which the shortest frame just holds in all channels."""
 
@@ -34,6 +44,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         rig = calibrated_rig(Path(folder), divisor, rig_seed)
         found = [measured(Path(folder) / f"room-{n}", rig, SimpleRoom(n, gain=GAIN), divisor, n) for n in rooms]
+        first, room = SimpleRoom(rooms[0], gain=GAIN), Path(folder) / f"room-{rooms[0]}"
+        further = _further(room, rig, first, divisor, rooms[0], found[0][1])
     k2 = rig.result.profile.k2
     assert k2 is not None
     inside, outside = [one for one, _ in found], [one for _, one in found]
@@ -58,8 +70,38 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     notes += [f"valid share of the panorama: {min(one.covered for one in inside):.1%} or more"]
     notes += [f"clipped share of the sky: {max(one.clipped_share for one in outside):.4%} or less"]
     notes += list(rig.result.profile.warnings)
-    metrics |= _canon(quick=quick, notes=notes)
+    metrics |= further | _canon(quick=quick, notes=notes)
     return {"metrics": metrics, "notes": notes}
+
+
+def _further(folder: Path, rig: Calibrated, world: World, divisor: int, seed: int, before: Outdoor) -> dict[str, float]:
+    """Return figures of the session in ``folder`` (measured as ``before``) and of one with further exposures."""
+    stops_s, found, stated = STOPS_S, before, _stated(folder)
+    figures = {"noise_stated_p95_pct": round(100 * stated, 2)}
+    for number in range(MOST_FURTHER):
+        if stated <= ASKED_FRAC:
+            break
+        longest_s = max(stops_s)
+        times_s = [t for t in {longest_s, *known_times_s(PAPER_OUTDOOR.kind)} if longest_s <= t <= LONGEST_FURTHER_S]
+        stops_s = (*stops_s, further_time_s(stated, ASKED_FRAC, times_s))
+        path = folder.with_name(f"{folder.name}-further-{number}")
+        _, found = measured(path, rig, world, divisor, seed, stops_s)
+        stated = _stated(path)
+    return figures | {
+        "_further_s": sum(stops_s[len(STOPS_S) :]),
+        "noise_stated_further_p95_pct": round(100 * stated, 2),
+        "sky_further_median_err_pct": round(100 * found.sky.median, 3),
+        "sky_further_p95_err_pct": round(100 * found.sky.p95, 3),
+        "sky_further_spot_p95_err_pct": round(100 * found.sky.spot_p95, 3),
+    }
+
+
+def _stated(path: Path) -> float:
+    manifest, circle = load_manifest(path), PAPER_OUTDOOR.image_circle
+    frames = manifest.pictures(Side.OUTDOOR)
+    with FrameChecker() as checker:
+        facts = {f.stop: checker.inspect(path / f.file, exact=True, circle=circle) for f in frames}
+    return error_by_noise(Side.OUTDOOR, facts, manifest.bracket.stops_s)
 
 
 def _canon(*, quick: bool, notes: list[str]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -116,9 +117,11 @@ class Outdoor:
     clipped_share: float
 
 
-def measured(folder: Path, rig: Calibrated, world: World, divisor: int, seed: int) -> tuple[Indoor, Outdoor]:
+def measured(
+    folder: Path, rig: Calibrated, world: World, divisor: int, seed: int, stops_s: Sequence[float] = STOPS_S
+) -> tuple[Indoor, Outdoor]:
     """Take a session of a world, scale it by its meter and k2, and compare with the world's own radiance."""
-    taken = Taken(world, divisor, seed=seed)
+    taken = Taken(world, divisor, stops_s=stops_s, seed=seed)
     path = write_session(folder, taken)
     inside, outside = read_side(path, Side.INDOOR), read_side(path, Side.OUTDOOR)
     assert inside is not None

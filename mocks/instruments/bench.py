@@ -67,6 +67,8 @@ class BenchOptions:
     theta: ThetaOptions | None = None
     canon: CanonOptions | None = None
     on_progress: Progress | None = None
+    fresh: bool = False
+    """Whether each exposure has noise of its own: see `RenderedShots`."""
 
 
 @dataclass
@@ -161,7 +163,7 @@ def _rendered(world: World, wanted: WantedCamera, stops: Mapping[float, float], 
     """Return pictures of stops, given with their times."""
     report, site = options.on_progress, wanted.optics.site
     listener = (lambda done, total: report(str(site), done, total)) if report else None
-    shots = RenderedShots(world, wanted.optics, seed=options.seed, on_progress=listener)
+    shots = RenderedShots(world, wanted.optics, seed=options.seed, fresh=options.fresh, on_progress=listener)
     settings = Exposure(1.0, wanted.iso, wanted.f_number, wanted.color_temperature_k)
     times_s = tuple(stops.values())
     shots.prepare(tuple(stops), *wanted.size_px, settings=settings, times_s=times_s, raw=wanted.keep_raw)

@@ -7,10 +7,11 @@ only the EXIF segments are put into finished JPEG bytes.
 from __future__ import annotations
 
 import multiprocessing
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -42,13 +43,16 @@ class _Shot:
 
     exposure: Exposure
     weights: tuple[float, ...]
+    number: int = field(default=0, repr=False)
+    """Of the exposures alike, from 0: its noise."""
 
 
 class RenderedShots:
     """The pictures of one simulated camera (a `mocks.instruments.exposures.ShotSource`).
 
     ``world``, ``optics``: what is looked at, and through what.
-    ``seed``: of the noise; every stop has noise of its own.
+    ``seed``: of the noise; every stop has noise of its own, and with ``fresh`` every exposure of one too (rendered when
+    it is asked for): else a stop that is taken again is the same picture.
     ``cache``: where pictures are kept; by default the user's cache folder, 2 GB at most.
     ``workers``: processes that render, 0 to render in this one.
     ``on_progress``: called with steps done and steps in all while rendering (some seconds for a full-size image).
@@ -60,6 +64,7 @@ class RenderedShots:
         optics: CameraOptics,
         *,
         seed: int = 0,
+        fresh: bool = False,
         cache: PictureCache | None = None,
         workers: int = 2,
         on_progress: Callable[[int, int], None] | None = None,
@@ -67,6 +72,8 @@ class RenderedShots:
         self.world = world
         self.optics = optics
         self.seed = seed
+        self.fresh = fresh
+        self._served: Counter[Exposure] = Counter()
         self.cache = cache or PictureCache()
         self.workers = workers
         self._on_progress = on_progress
@@ -100,6 +107,9 @@ class RenderedShots:
     def jpeg(self, request: ShotRequest) -> bytes:
         """Return the JPEG of an exposure; one that was not prepared is rendered now, which takes seconds."""
         shot, size = self._shot_of(request), (request.width_px, request.height_px)
+        if self.fresh:
+            shot = replace(shot, number=self._served[shot.exposure])
+            self._served[shot.exposure] += 1
         key = self._key(shot, size)
         data = self.cache.read(key, ".jpg")
         if data is None or not picture_jobs.is_whole_jpeg(data):
@@ -146,7 +156,8 @@ class RenderedShots:
         return _Shot(exposure, mean_weights(self.world, start_s, open_s))
 
     def _key(self, shot: _Shot, size: Size) -> str:
-        return content_key(_RENDER_VERSION, self._world_key, self.optics.key, size, shot, self.seed)
+        seed = (self.seed, shot.number) if shot.number else self.seed
+        return content_key(_RENDER_VERSION, self._world_key, self.optics.key, size, shot, seed)
 
     def _render(self, shots: list[_Shot], size: Size, *, raw: bool) -> int:
         """Render the shots that the cache lacks."""

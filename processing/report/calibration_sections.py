@@ -121,7 +121,7 @@ def camera_section(
                 f"what frames of the {side} camera say of one light apart from each other, by code",
             )
         )
-    ordered = sorted(frames, key=lambda frame: frame.stop)
+    ordered = sorted(frames, key=lambda frame: (-frame.camera_s, frame.stop))
     labels = [shutter_label(frame.camera_s) for frame in ordered]
     shares = [float(frame["used_share"]) for frame in metrics["frames"]]
     pictures.append(
@@ -132,6 +132,8 @@ def camera_section(
         Picture("Bracket", contact_sheet(thumbnails, labels), f"frames of the {side} bracket, histograms", wide=True)
     )
     text = f"Exposure times: {response['times_source']}."
+    if (error := metrics.get("error95")) is not None:
+        text += f" 95 % of single pixels are known to {error:.1%} (k = 1.96) or better."
     return Section(f"Camera {side}", text, pictures=tuple(pictures))
 
 

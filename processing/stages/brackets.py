@@ -65,11 +65,11 @@ def side_bracket(
     Raises `BracketError` for frames of different settings: only the time may differ within a bracket; and for raw
     files that were asked for and cannot be used (auto: then the others are).
     """
-    pictures = sorted(manifest.pictures(side), key=lambda frame: frame.stop)
+    pictures = sorted(manifest.pictures(side), key=lambda f: (-f.camera_s, f.stop))
     if not pictures:
         return None
     device = next((device for device in manifest.devices if device.role == side.value), None)
-    raws = sorted((f for f in manifest.frames if f.side == side and f.is_raw), key=lambda frame: frame.stop)
+    raws = sorted((f for f in manifest.frames if f.side == side and f.is_raw), key=lambda f: (-f.camera_s, f.stop))
     refused = ""
     if frames == "raw" or (frames == "auto" and raws) or pictures[0].is_raw:
         try:

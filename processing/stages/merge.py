@@ -22,6 +22,7 @@ from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRul
 from processing.errors import BracketError, PictureFileError, ProcessingError, ResponseError
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
+from processing.pictures.images import Validity
 from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.stages.brackets import (
     DECODERS,
@@ -36,7 +37,7 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
 
-_STEPS = 2 * 2  # response and merge of two sides: for the progress
+_STEPS, Z95 = 2 * 2, 1.96  # response and merge of two sides, for the progress; 95 % of a normal distribution
 
 
 @dataclass
@@ -167,8 +168,9 @@ def _gather(
 
 
 def _metrics(response: CameraResponse, merged: Merged) -> dict[str, Any]:
-    report = merged.report
+    report, known = merged.report, merged.image.uncertainty[merged.image.validity == Validity.VALID]
     return {
+        "error95": float(Z95 * np.quantile(known, 0.95)) if known.size else None,
         "response_source": response.source,
         "times_source": response.times_source,
         "response_residual_stops": response.curve.residual_stops,

@@ -36,6 +36,8 @@ class BracketPlan:
     sides: tuple[Side, ...]
     reference: bool = False
     """Whether one stop is repeated at the end, to show what changed of the light."""
+    noise_frac: float | None = None
+    """What further stops are to bring the noise down to: see `station.capture.reference.further_time_s`."""
 
     def remaining(self, missing: Mapping[Side, Iterable[int]]) -> tuple[tuple[int, tuple[Side, ...]], ...]:
         """Return (stop, sides that still need it) in capture order."""
@@ -67,11 +69,12 @@ def plan_bracket(stops_s: Sequence[float], mode: Mode, sides: Sequence[Side]) ->
     return BracketPlan(stops, order, mode, tuple(sides))
 
 
-def plan_of(file: RigFile, stops: str | None = None, mode: Mode | None = None) -> BracketPlan:
-    """Return the plan of a rig's cameras, with other stops (``"4,1,1/4"``) or another mode where they are given."""
-    stops_s = tuple(parse_shutter(s) for s in stops.split(",")) if stops else file.bracket.stops_s()
-    plan = plan_bracket(stops_s, mode or file.bracket.mode, tuple(file.cameras()))
-    return replace(plan, reference=file.bracket.reference)
+def plan_of(
+    file: RigFile, stops_s: Sequence[float], mode: Mode | None = None, noise_frac: float | None = None
+) -> BracketPlan:
+    """Return the plan of a rig's cameras, with other stops or another mode where they are given."""
+    plan = plan_bracket(stops_s or file.bracket.stops_s(), mode or file.bracket.mode, tuple(file.cameras()))
+    return replace(plan, reference=file.bracket.reference or noise_frac is not None, noise_frac=noise_frac)
 
 
 def _outwards(n_stops: int) -> tuple[int, ...]:

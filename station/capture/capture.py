@@ -14,19 +14,20 @@ from __future__ import annotations
 import math
 import queue
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
 from drivers.errors import DeviceError
-from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost, unavailable_stops
+from station.capture.bracket import BracketPlan, Mode, plan_bracket, plan_of, typical_cost, unavailable_stops
 from station.capture.camera_worker import CameraWorker
-from station.capture.conductor import Conductor, Hooks
+from station.capture.conductor import Conductor, Doubts, Hooks
 from station.capture.events import CaptureEvent, EventKind, Notice
 from station.capture.intake import Intake, ReadingTaker, When, doubts, drift_frac
 from station.capture.preflight import Check, Findings, Level, check_rig, require
+from station.capture.reference import LONGEST_FURTHER_S, MOST_FURTHER, MOST_FURTHER_S, error_by_noise, further_time_s
 from station.capture.rig import Rig, require_same_camera
 from station.errors import ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
@@ -49,7 +50,8 @@ from station.session.store import SessionStore
 class CaptureRequest:
     """What to capture and where; empty fields mean "as the rig file says".
 
-    ``typed_readings`` (cd/m2) stand for the meter: the first before, the second after the bracket.
+    ``typed_readings`` (cd/m2) stand for the meter: the first before, the second after the bracket. ``noise_frac``: take
+    further exposures until noise leaves 95 % of each picture right to this.
     """
 
     room: str
@@ -58,6 +60,7 @@ class CaptureRequest:
     stops_s: tuple[float, ...] = ()
     typed_readings: tuple[float, ...] = ()
     target: MeterTarget | None = None
+    noise_frac: float | None = None
 
 
 class Capture:
@@ -89,9 +92,7 @@ class Capture:
             raise UsageError("the room's name is too long", where="capture", advice="its folder takes 60 characters")
         if not rig.cameras:
             raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
-        mode = request.mode or rig.file.bracket.mode
-        plan = plan_bracket(request.stops_s or rig.file.bracket.stops_s(), mode, tuple(rig.cameras))
-        plan = replace(plan, reference=rig.file.bracket.reference)
+        plan = plan_of(rig.file, request.stops_s, request.mode, request.noise_frac)
         return cls(rig, plan, ReadingTaker(rig, request.typed_readings), request, None)
 
     @classmethod
@@ -109,7 +110,7 @@ class Capture:
             raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
         for side in sorted(needed):
             require_same_camera(rig, store.manifest, side, where)
-        plan = plan_bracket(bracket.stops_s, bracket.mode, bracket.sides)
+        plan = plan_bracket(bracket.stops_s[: len(bracket.order) or None], bracket.mode, bracket.sides)
         request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
         return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
 
@@ -300,22 +301,36 @@ class Capture:
                 self.store,
                 self._rig.clock,
                 limits=self._rig.file.limits,
-                hooks=Hooks(self._start_last_reading, lambda: doubts(intakes, self._plan.stops_s)),
+                hooks=Hooks(self._start_last_reading, lambda: self._doubts(intakes), lambda a: self._noise(intakes, a)),
             )
             self._conductor.paused = self._paused
             if self._stop_asked:
                 self._conductor.ask_stop()
             yield from self._conductor.run()
-            for (side, _), why in doubts(intakes, self._plan.stops_s).items():
+            for (side, _), why in self._doubts(intakes).items():
                 yield self._warn("brightness_order", f"{side}: {why}")
         finally:
             for intake in intakes.values():
                 intake.close()
 
+    def _doubts(self, intakes: Mapping[Side, Intake]) -> Doubts:
+        return doubts(intakes, self.store.manifest.bracket.stops_s)
+
+    def _noise(self, intakes: Mapping[Side, Intake], asked_frac: float) -> tuple[dict[Side, float], float | None]:
+        """Return how noisy each side is, and the exposure that the worst one lacks; None: as asked, or it stays so."""
+        bracket, cameras = self.store.manifest.bracket, self._rig.cameras
+        errors = {side: error_by_noise(side, intake.facts, bracket.stops_s) for side, intake in intakes.items()}
+        longest_s, spent_s = max(bracket.stops_s), bracket.stops_s[len(bracket.order) :]
+        most_s = min(LONGEST_FURTHER_S, MOST_FURTHER_S - sum(spent_s)) if len(spent_s) < MOST_FURTHER else 0.0
+        offered_s = set[float].intersection(*(set(cameras[side].shutter_times_s) for side in errors))
+        times_s = [time_s for time_s in {longest_s, *offered_s} if longest_s <= time_s <= most_s]
+        lacks = [error for error in errors.values() if error > asked_frac]
+        return errors, further_time_s(max(lacks), asked_frac, times_s) if times_s and lacks else None
+
     def _intake(self, side: Side, notices: queue.SimpleQueue[Notice]) -> Intake:
         table, checker = self._rig.file.cameras()[side], self._checkers[side]
         offset_s = next((d.clock_offset_s for d in self.store.manifest.devices if d.role == side.value), None)
-        exact = self._plan.mode == "adaptive"
+        exact = self._plan.mode == "adaptive" or self._plan.noise_frac is not None
         return Intake(side, self.store, checker, table, notices, exact=exact, clock_offset_s=offset_s)
 
     def _worker(self, side: Side, intake: Intake) -> CameraWorker:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from drivers.clock import Clock, Deadline
@@ -15,6 +16,7 @@ from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
 from station.capture.pairing import Pairing
 from station.capture.reference import best_stop, in_words
 from station.capture.rig_file import LimitsTable
+from station.frames.rules import seconds_text
 from station.session.session import FrameStatistics, Side, SkippedStop, WarningRecord, shutter_label
 from station.session.store import SessionStore
 
@@ -24,7 +26,8 @@ LEAVE_LIMIT_S = 60.0  # for a camera's thread to end an exposure or a recovery w
 MAX_RETAKES = 1  # chosen: what fails twice fails again
 MAX_DEVICE_FAILURES = 2  # of one stop: recovered that often, then the stop is named as missing
 PUMP_WAIT_S = 0.25  # chosen: how late an interrupt is seen
-JOURNALLED = (events.EventKind.RECOVERING, events.EventKind.FAILED, events.EventKind.PAUSED, events.EventKind.CONTINUED)
+_KINDS = events.EventKind
+JOURNALLED = (_KINDS.RECOVERING, _KINDS.FAILED, _KINDS.PAUSED, _KINDS.CONTINUED, _KINDS.NOISE)
 """What the store's own records do not hold. The rest would only put disk waits between two exposures."""
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
@@ -41,6 +44,8 @@ class Hooks(NamedTuple):
     """Called when nothing is left to expose, while the last frames come in."""
     doubts: Callable[[], Doubts]
     """Returns the frames that only the whole bracket shows to be wrong."""
+    noise: Callable[[float], tuple[dict[Side, float], float | None]]
+    """Returns `station.capture.reference.further_time_s` of what was taken, for what is asked."""
 
 
 class Conductor:
@@ -63,7 +68,7 @@ class Conductor:
         self._store = store
         self._clock = clock
         self._max_start_skew_s, self._max_drift_frac = limits.max_start_skew_s, limits.max_drift_frac
-        self._on_last_exposure, self._doubts = hooks
+        self._on_last_exposure, self._doubts, self._noise = hooks
         self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
         self._pairing = Pairing(plan, workers, clock)
         self._retakes = self._pairing.retakes
@@ -125,8 +130,26 @@ class Conductor:
                 announced = True
             elif self._in_flight:
                 yield from self._pump()
-            elif not (yield from self._retake_doubtful()) and not self._repeat():
+            elif not ((yield from self._retake_doubtful()) or (yield from self._further()) or self._repeat()):
                 return
+
+    def _further(self) -> Generator[events.CaptureEvent, None, bool]:
+        """Append a stop that brings the noise down to what is asked; False where that is not wanted, or done."""
+        asked, bracket = self._plan.noise_frac, self._store.manifest.bracket
+        if asked is None or self._pairing.repeats:
+            return False
+        errors, time_s = self._noise(asked)
+        found = ", ".join(f"{side} within {error:.1%}" for side, error in errors.items())
+        text = f"noise: 95 % {found}; asked {asked:.1%}" + (f": {seconds_text(time_s)} more" if time_s else "")
+        yield self._event(events.EventKind.NOISE, text, error_frac=errors, asked_frac=asked, next_s=time_s)
+        if time_s is None:
+            if not all(error <= asked for error in errors.values()):
+                yield self._warn("noise", f"{text}, not reached")
+            return False
+        self._todo.append((len(bracket.stops_s), tuple(self._workers)))
+        self._plan = self._pairing.plan = replace(self._plan, stops_s=(*bracket.stops_s, time_s))
+        self._store.update(bracket=bracket.model_copy(update={"stops_s": self._plan.stops_s}))
+        return True
 
     def _repeat(self) -> bool:
         """Put one stop back, once, to be compared with itself; False where that is not wanted, or was done."""
@@ -185,7 +208,7 @@ class Conductor:
         self, stop: int, sides: Iterable[Side]
     ) -> Generator[events.CaptureEvent, None, tuple[Side, ...]]:
         """Return the sides that need the stop; in an adaptive bracket, after the frames that decide it are judged."""
-        if self._plan.mode == "full":
+        if self._plan.mode == "full" or stop >= len(self._plan.order):
             return tuple(sides)
         neighbours = [(side, near) for side in sides for near in (stop - 1, stop + 1)]
         while any(self._in_flight[key] for key in neighbours) and not (self.dead or self._stop_asked):
@@ -309,14 +332,8 @@ class Conductor:
         side, stop, record = notice.side, notice.stop, notice.record
         if record.statistics is not None:
             self._statistics[side][stop] = record.statistics
-        yield self._event(
-            events.EventKind.SAVED,
-            f"{side} {self._label(stop)} saved: {record.file}",
-            side=side,
-            stop=stop,
-            file=record.file,
-            size_bytes=record.size_bytes,
-        )
+        data = {"side": side, "stop": stop, "file": record.file, "size_bytes": record.size_bytes}
+        yield self._event(events.EventKind.SAVED, f"{side} {self._label(stop)} saved: {record.file}", **data)
         yield from self._settle(side, stop)
 
     def _repeated(self, notice: events.Repeated) -> Iterator[events.CaptureEvent]:

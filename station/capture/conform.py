@@ -8,7 +8,7 @@ camera the suite takes pictures; it deletes only pictures that it took, and only
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from drivers.camera import Camera, CameraSettings, ExposureProgress, FrameFormat, FrameRef, Verdict
@@ -101,23 +101,21 @@ def expect(condition: bool, message: str) -> None:
 
 def run_camera(bench: CameraBench) -> Iterator[Outcome]:
     """Run all camera checks in order; yields each outcome as it comes; leaves the camera closed."""
-    for check in CAMERA_CHECKS:
-        yield _run(bench.camera.kind, check.__name__, lambda check=check: check(bench))  # type: ignore[misc]
-    bench.camera.close()
+    return _run(bench.camera, CAMERA_CHECKS, bench)
 
 
 def run_meter(meter: Meter, clock: Clock) -> Iterator[Outcome]:
     """Run all meter checks in order; yields each outcome as it comes; leaves the meter closed."""
-    for check in METER_CHECKS:
-        yield _run(meter.kind, check.__name__, lambda check=check: check(meter, clock))  # type: ignore[misc]
-    meter.close()
+    return _run(meter, METER_CHECKS, meter, clock)
 
 
-def _run(instrument: str, name: str, check: Callable[[], str]) -> Outcome:
-    try:
-        return Outcome(instrument, name, passed=True, detail=check())
-    except (NonConformance, DeviceError) as error:
-        return Outcome(instrument, name, passed=False, detail=f"{type(error).__name__}: {error}")
+def _run(instrument: Camera | Meter, checks: Iterable[Callable[..., str]], *given: object) -> Iterator[Outcome]:
+    for check in checks:
+        try:
+            yield Outcome(instrument.kind, check.__name__, passed=True, detail=check(*given))
+        except (NonConformance, DeviceError) as error:
+            yield Outcome(instrument.kind, check.__name__, passed=False, detail=f"{type(error).__name__}: {error}")
+    instrument.close()
 
 
 def says_who_it_is(bench: CameraBench) -> str:

@@ -38,6 +38,7 @@ class EventKind(StrEnum):
     WAITING = "waiting"
     MISSED = "missed"
     REFERENCE = "reference"
+    NOISE = "noise"
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import replace
 from typing import Literal
 
 from drivers.camera import FrameFormat
@@ -122,17 +123,9 @@ class ReadingTaker:
             # A number that a person read from the display; `UsageError` where no meter of the family shows it.
             luminance_cd_m2 = self._typed[0 if when == "before" else -1]
             check_typed(luminance_cd_m2)
-            return ReadingRecord(
-                when=when,
-                status=str(ReadingStatus.TYPED),
-                luminance_cd_m2=luminance_cd_m2,
-                taken_utc=self._rig.clock.utc_now(),
-                taken_monotonic_s=self._rig.clock.monotonic_s(),
-                raw=f"{luminance_cd_m2:g}",
-                dialect="typed",
-                dialect_verified=True,
-                detail="typed from the display",
-            )
+            moment = self._rig.clock.utc_now(), self._rig.clock.monotonic_s()
+            typed = MeterReading(ReadingStatus.TYPED, luminance_cd_m2, f"{luminance_cd_m2:g}", *moment, "typed", True)
+            return record_reading(when, replace(typed, detail="typed from the display"))
         meter, table = self._rig.meter, self._rig.file.meter
         if meter is None or table is None:
             raise UsageError("the rig has no meter", where="meter", advice="add [meter] to the rig file")

@@ -27,7 +27,7 @@ class Pairing:
         """Whether what is ordered is compared only: the end of a bracket."""
         self.released_s: dict[Side, float] = {}
         """When each camera of the last pair was released, monotonic seconds."""
-        self._plan = plan
+        self.plan = plan
         self._workers = workers
         self._clock = clock
         self._answers: dict[tuple[Side, int], Notice] = {}
@@ -58,7 +58,7 @@ class Pairing:
     def _order(self, side: Side, stop: int) -> None:
         self._answers.pop((side, stop), None)
         self._n_orders[side] += 1
-        shutter_s, retakes = self._plan.stops_s[stop], self.retakes[side, stop]
+        shutter_s, retakes = self.plan.stops_s[stop], self.retakes[side, stop]
         self._workers[side].order(SetUp(stop, shutter_s, retakes, self.repeats, self._n_orders[side]))
 
     def fire(self, stop: int, sides: tuple[Side, ...]) -> None:

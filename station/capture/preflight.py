@@ -21,6 +21,8 @@ from station.capture.rig import Rig
 from station.capture.rig_file import CameraTable, LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
 
+LEAST_FRAMES, SESSION_BYTES = 20, 150_000_000  # chosen: a bracket of nine with its raw files and two retakes; its JPEGs
+
 
 class Level(StrEnum):
     """How bad a finding is."""
@@ -53,10 +55,6 @@ class Findings:
     checks: tuple[Check, ...]
     devices: tuple[DeviceRecord, ...]
 
-    def failures(self) -> tuple[Check, ...]:
-        """Return the checks that forbid a capture."""
-        return tuple(c for c in self.checks if c.level is Level.FAIL)
-
 
 class PreflightError(DeviceError, code="DEV-020"):
     """Something would spoil the bracket; the message lists all of it at once."""
@@ -84,7 +82,7 @@ def check_rig(
 
 def require(findings: Findings) -> None:
     """Raise `PreflightError` naming every failed check; a single device error is raised as itself."""
-    failures = findings.failures()
+    failures = [c for c in findings.checks if c.level is Level.FAIL]
     if not failures:
         return
     if len(failures) == 1 and failures[0].error is not None:
@@ -99,18 +97,13 @@ def require(findings: Findings) -> None:
 
 def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
     """Check that the folder's disk has room for the session and the margin of the rig file."""
-    free = _free_bytes(folder)
+    existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    free = shutil.disk_usage(existing).free
     needed = bytes_needed + int(limits.min_free_disk_mb * 1e6)
     text = f"{free / 1e9:.1f} GB free, {needed / 1e9:.1f} GB needed with margin"
     if free >= needed:
         return Check(Level.OK, "disk", text)
     return Check(Level.FAIL, "disk", text, advice="free some space or choose another folder with --into")
-
-
-def _free_bytes(folder: Path) -> int:
-    """Return what is free where a folder is, or will be."""
-    existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    return shutil.disk_usage(existing).free
 
 
 def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
@@ -137,7 +130,7 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
             if not s.honoured
         ],
         *_body_checks(side, body, table.accept),
-        *_status_checks(side, status, offset_s, rig.file.limits),
+        *status_checks(side, status, offset_s, rig.file.limits),
     ]
     device = _camera_record(side, table, identity, (*settings, *map(_kept, body)), offset_s, simulated=rig.simulated)
     return Findings(tuple(checks), (device,))
@@ -170,7 +163,10 @@ def _kept(setting: BodySetting) -> SettingReadback:
     return SettingReadback(setting.name, asked, setting.got, setting.raw)
 
 
-def _status_checks(side: Side, status: CameraStatus, offset_s: float | None, limits: LimitsTable) -> list[Check]:
+def status_checks(
+    side: Side, status: CameraStatus, offset_s: float | None, limits: LimitsTable, frames: int = LEAST_FRAMES
+) -> list[Check]:
+    """Return what a camera's state forbids or warns of, with room for ``frames`` pictures asked for."""
     checks = [
         Check(Level.FAIL, str(side), problem, advice=f"correct this on the camera: {problem}")
         for problem in status.problems
@@ -179,9 +175,9 @@ def _status_checks(side: Side, status: CameraStatus, offset_s: float | None, lim
     if status.battery_frac is not None and status.battery_frac < limits.min_battery_frac:
         text = f"battery at {status.battery_frac:.0%}, the limit is {limits.min_battery_frac:.0%}"
         checks.append(Check(Level.FAIL, f"{side} battery", text, advice="charge it or change the battery"))
-    if status.free_frames is not None and status.free_frames < 20:
-        text = f"room for {status.free_frames} frames on the card"
-        checks.append(Check(Level.FAIL, f"{side} card", text, advice="empty the card"))
+    if status.free_frames is not None and status.free_frames < frames:
+        text = f"room for {status.free_frames} frames on the card, {frames} needed"
+        checks.append(Check(Level.FAIL, f"{side} card", text, advice="change or empty it, or delete_after in the rig"))
     if offset_s is not None and abs(offset_s) > limits.max_clock_skew_s:
         text = f"its clock is {offset_s:+.0f} s from the computer's"
         checks.append(Check(Level.WARN, f"{side} clock", text, advice="set the camera's clock"))
@@ -262,7 +258,7 @@ def check_computer(folder: Path) -> Iterator[Check]:
             if any(g.startswith(name) for g in GRABBERS if len(name) >= 10):
                 advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
                 yield Check(Level.WARN, "desktop", f"{name} runs and takes cameras for itself", advice)
-    yield _check_disk(folder)
+    yield check_disk(folder, LimitsTable(), SESSION_BYTES)
     yield _check_isolation()
     yield _check_renderer()
 
@@ -324,14 +320,6 @@ def _in_group(name: str) -> bool:
         return grp.getgrnam(name).gr_gid in os.getgroups()
     except KeyError:
         return False
-
-
-def _check_disk(folder: Path) -> Check:
-    free_gb = _free_bytes(folder) / 1e9
-    text = f"{free_gb:.1f} GB free for sessions (one takes about 0.15 GB)"
-    if free_gb > 2:
-        return Check(Level.OK, "disk", text)
-    return Check(Level.WARN, "disk", text, "free some space, or choose another disk with --into")
 
 
 def _check_isolation() -> Check:

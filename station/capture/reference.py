@@ -1,9 +1,11 @@
-"""A frame repeated at the end of a bracket: what changed of the light meanwhile, as a whole and here or there."""
+"""Frames beyond the stops of a bracket: further ones until its noise is as asked, and one repeated at the end, which
+shows what changed of the light meanwhile, as a whole and here or there."""
 
 from __future__ import annotations
 
+import math
 import statistics
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 from station.capture.events import Shot
 from station.frames.facts import FrameFacts
@@ -57,3 +59,36 @@ def in_words(record: ReferenceRecord, limit_frac: float) -> str:
             f"light moved in {record.moved_patches} of {record.patches} parts of the picture (a lamp, or the sun)"
         )
     return f"{record.side}: {' and '.join(found)} within {record.after_s:.0f} s" if found else ""
+
+
+MOST_FURTHER, MOST_FURTHER_S, LONGEST_FURTHER_S = 6, 60.0, 30.0
+"""Chosen: three times the light of a sky takes one to three exposures; the 5D Mark II's own longest time."""
+Z95, SKY_LEAST = 1.96, 0.1  # of a normal distribution; chosen: what is darker than a tenth of the median is no sky
+
+
+def error_by_noise(side: Side, frames: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> float:
+    """Return what 95 % of a side's picture err by, relative, for the noise of single pixels alone; NaN: unknown.
+
+    In the worst twentieth of its parts: outdoors of the sky, indoors of all, where those are the darkest. Frames count
+    by the inverse variance of their light, as in the merge. ``frames``: by stop, measured on every pixel.
+    """
+    (low, high), light, weight = USABLE, dict[int, float](), dict[int, float]()
+    shots = sorted(((stops_s[stop], facts) for stop, facts in frames.items()), key=lambda shot: shot[0])
+    for time_s, facts in shots:
+        for k, (at, noise) in enumerate(zip(facts.patches, facts.noise, strict=bool(facts.noise))):
+            if noise and at < high:
+                light[k], weight[k] = at / time_s, weight.get(k, 0.0) + (noise**-2 if at > low else 0.0)
+    least = SKY_LEAST * statistics.median(light.values()) if light and side is Side.OUTDOOR else 0.0
+    kept = sorted(weight[k] for k in light if light[k] >= least)
+    worst = kept[len(kept) // 20] if kept else math.nan
+    return Z95 / worst**0.5 if worst else math.inf
+
+
+def further_time_s(error_frac: float, asked_frac: float, times_s: Collection[float]) -> float:
+    """Return the exposure, seconds, that by itself brings an error down to what is asked, or helps most.
+
+    Photons in proportion; and a longer one is better than repeats, for it rises above the rounding of codes and JPEG,
+    which are the same each time. ``times_s``: what the cameras have, from the longest so far upwards.
+    """
+    wanted_s = min(times_s) * (error_frac / asked_frac) ** 2
+    return min((time_s for time_s in times_s if time_s >= wanted_s), default=max(times_s))

@@ -13,7 +13,7 @@ from drivers.camera import Camera
 from drivers.clock import Clock, SteadyClock, SystemClock
 from drivers.meter.interface import Meter
 from station.capture.links import Links
-from station.capture.rig_file import CameraTable, MeterTable, RigFile
+from station.capture.rig_file import CameraTable, RigFile
 from station.errors import RigError, SessionError
 from station.frames.check import FrameChecker
 from station.session.session import ReadingRecord, SessionManifest, Side
@@ -83,7 +83,7 @@ def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = No
     """
     steady, links = SteadyClock(clock or SystemClock()), links or Links()
     cameras = {side: _camera(side, table, None, steady, links) for side, table in file.cameras().items()}
-    meter = _meter(file.meter, file.meter.port, steady, links) if file.meter and file.meter.is_read else None
+    meter = meter_on_port(t.dialect, t.port, steady, links) if (t := file.meter) and t.is_read else None
     return Rig(file, cameras, meter, steady)
 
 
@@ -108,7 +108,7 @@ def open_simulated_rig(
     )
     backend, links = bench.usb_backend, links or Links(simulated=True)
     cameras = {side: _camera(side, table, backend, steady, links) for side, table in file.cameras().items()}
-    meter = _meter(file.meter, bench.meter_port, steady, links) if file.meter and file.meter.is_read else None
+    meter = meter_on_port(t.dialect, bench.meter_port, steady, links) if (t := file.meter) and t.is_read else None
     return Rig(file, cameras, meter, steady, simulated=True, bench=bench, on_close=[bench.close], world=world)
 
 
@@ -147,10 +147,6 @@ def known_times_s(kind: str) -> tuple[float, ...]:
     return tuple(SHUTTER_CODES.values())
 
 
-def _meter(table: MeterTable, port: str, clock: Clock, links: Links) -> Meter:
-    return meter_on_port(table.dialect, port, clock, links)
-
-
 def meter_on_port(dialect_name: str, port: str, clock: Clock, links: Links | None = None) -> Meter:
     """Return the meter of a dialect on a serial port; ``"auto"`` looks for its USB ids each time it connects.
 
@@ -180,6 +176,7 @@ def open_named_rig(
     on_progress: Callable[[str, int, int], None] | None = None,
     in_its_place: bool = False,
     record: Path | None = None,
+    fresh: bool = False,
     **changes: object,
 ) -> Rig:
     """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
@@ -188,7 +185,8 @@ def open_named_rig(
     ``rate``: how much faster than life simulated time runs;
     ``on_progress`` hears what is being rendered, steps done and steps in all; ``in_its_place``: the rig stands where a
     generated room does, at its time, and knows its heading, so that the sun is where it should be; ``record``: write
-    a transcript of all links there (`drivers.transcript`); ``simulate`` may be ``recorded:FILE``: such a transcript is
+    a transcript of all links there (`drivers.transcript`); ``fresh``: a picture taken again has noise of its own;
+    ``simulate`` may be ``recorded:FILE``: such a transcript is
     replayed; ``changes`` replace tables of the rig file (``outdoor=None``).
 
     Raises `RigError`: no rig file, or one that cannot be right; `ResourceError`: the transcript cannot be written.
@@ -224,7 +222,7 @@ def open_named_rig(
     cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
     world, times_s = open_world(simulate), planned_times_s(file)
     # Rendering takes minutes, in which the sun must not move on: time begins when all pictures are there.
-    shots = render_shots(world, cameras, stops_s, BenchOptions(on_progress=on_progress), times_s=times_s)
+    shots = render_shots(world, cameras, stops_s, BenchOptions(on_progress=on_progress, fresh=fresh), times_s=times_s)
     as_lived = rate == 1.0 and start_utc is None
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
     bench = make_bench(world, cameras, stops_s, BenchOptions(clock=clock, shots=shots), times_s=times_s)

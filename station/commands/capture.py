@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _SIZE = click.Choice(["full", "half", "quarter", "small"])
-_RATE = click.FloatRange(0.1, 50)
+_RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
 
 
 @click.command()
@@ -37,6 +37,7 @@ _RATE = click.FloatRange(0.1, 50)
 @click.option("--rate", type=_RATE, default=1.0, help="How much faster than life simulated time runs.")
 @click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Nine stops, or only those the scene needs.")
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
+@click.option("--noise", type=_NOISE, metavar="PERCENT", help="Further frames until 95 % of sky and room are so sure.")
 @click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="One camera only.")
 @click.option(
     "--reading",
@@ -112,7 +113,7 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
         raise UsageError("--every and --until belong together", where="capture", advice="--every 60m --until 18:00")
     if options["resume_path"] is None:
         return
-    taken = ("rooms", "rooms_path", "every", "stops", "bracket", "target", "dry_run")
+    taken = ("rooms", "rooms_path", "every", "stops", "bracket", "noise", "target", "dry_run")
     given = [name for name in taken if options[name]]
     if given:
         names_given = ", ".join("ROOM" if n in ("rooms", "rooms_path") else f"--{n.replace('_', '-')}" for n in given)
@@ -141,17 +142,23 @@ def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _request(room: str, options: dict[str, Any]) -> CaptureRequest:
-    from station.capture.bracket import parse_shutter
     from station.capture.capture import CaptureRequest
 
     return CaptureRequest(
         room=room,
         into=options["into"],
         mode=options["bracket"],
-        stops_s=tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else (),
+        stops_s=_stops_s(options),
         typed_readings=options["readings"],
         target=parse_target(options["target"]),
+        noise_frac=options["noise"] and options["noise"] / 100,
     )
+
+
+def _stops_s(options: dict[str, Any]) -> tuple[float, ...]:
+    from station.capture.bracket import parse_shutter
+
+    return tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else ()
 
 
 def parse_target(text: str | None) -> MeterTarget | None:
@@ -248,9 +255,9 @@ def _open(file: RigFile, world: str | None, options: dict[str, Any]) -> Rig:
         return open_named_rig(file, None, record=options["record"])
     from station.commands.views import Rendering
 
-    size, rate, record = options["size"], options["rate"], options["record"]
+    size, rate, record, fresh = options["size"], options["rate"], options["record"], options["noise"] is not None
     with Rendering() as rendering:
-        return open_named_rig(file, world, size=size, rate=rate, on_progress=rendering, record=record)
+        return open_named_rig(file, world, size=size, rate=rate, on_progress=rendering, record=record, fresh=fresh)
 
 
 def _resume(options: dict[str, Any]) -> int:
@@ -313,9 +320,10 @@ def _recorded_rig(manifest: SessionManifest, where: str) -> RigFile:
 def dry_run(file: RigFile, options: dict[str, Any]) -> int:
     """Print the table; `UsageError` for a stop that a camera of the rig does not have."""
     from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, light_drift, plan_of, typical_cost
+    from station.capture.reference import MOST_FURTHER, MOST_FURTHER_S
 
     tables = file.cameras()
-    plan = plan_of(file, options["stops"], options["bracket"])
+    plan = plan_of(file, _stops_s(options), options["bracket"], options["noise"])
     _require_stops(file, plan)
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
     estimate = estimate_bracket(
@@ -331,6 +339,8 @@ def dry_run(file: RigFile, options: dict[str, Any]) -> int:
         f"{100 * drift.sky_frac:.1f} % in all (daylit plan: for your place and day)",
         "camera overheads and rates are typical figures, not measured on your instruments",
     ]
+    if plan.noise_frac is not None:
+        lines.append(f"and up to {MOST_FURTHER} further exposures, {MOST_FURTHER_S:g} s in all, for the noise asked")
     if plan.mode == "adaptive":
         lines.append("adaptive: the most it can take; stops that the frames prove useless are left out")
     facts = {"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}

@@ -314,7 +314,6 @@ def _facts(plan: DatasetPlan) -> dict[str, Any]:
 
 
 def _dict(outcome: Outcome) -> dict[str, Any]:
-
     found: dict[str, Any] = {"name": outcome.pair.main.name, "folders": _folders(outcome.pair)}
     if outcome.report is not None:
         return found | summary(outcome.report)
@@ -345,8 +344,8 @@ def _show_plan(plan: DatasetPlan, *, as_json: bool) -> int:
             row = plan.rows.get(pair.indoor) if pair.indoor else None
             reading = "" if row is None or row.luminance_cd_m2 is None else f", {row.luminance_cd_m2:g} cd/m2"
             both = [one for one in (pair.indoor, pair.outdoor) if one is not None]
-        sides = " + ".join(f"{one.side} {one.folder.name} ({len(one.files)} files)" for one in both)
-        click.echo(f"  {pair.main.name}: {sides}{reading}")
+            sides = " + ".join(f"{one.side} {one.folder.name} ({len(one.files)} files)" for one in both)
+            click.echo(f"  {pair.main.name}: {sides}{reading}")
         _show_doubts(plan)
         click.echo(f"{len(plan.pairs)} sessions, {len(plan.doubts)} not decided; nothing was made")
     return 4 if plan.doubts else 0

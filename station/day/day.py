@@ -17,7 +17,7 @@ from drivers.clock import Clock
 from drivers.errors import DeviceError
 from station.capture.capture import Capture, CaptureRequest
 from station.capture.events import CaptureEvent, EventKind
-from station.capture.preflight import Check, Level
+from station.capture.preflight import Check, Level, status_checks
 from station.capture.rig import Rig
 from station.errors import UsageError
 from station.frames.check import FrameChecker
@@ -67,15 +67,8 @@ class Watch:
         """Return what forbids a bracket of ``frames`` pictures a camera now; empty: it may begin."""
         found = [Check(Level.FAIL, str(side), why or "not connected") for side, why in self._away.items()]
         for side, status in self._statuses():
-            limit = self._rig.file.limits.min_battery_frac
-            if status.battery_frac is not None and status.battery_frac < limit:
-                text = f"battery at {status.battery_frac:.0%}, the limit is {limit:.0%}"
-                found.append(Check(Level.FAIL, f"{side} battery", text, "change the battery"))
-            if status.free_frames is not None and status.free_frames < frames:
-                text = f"room for {status.free_frames} frames on the card, {frames} needed"
-                found.append(Check(Level.FAIL, f"{side} card", text, "change the card, or delete_after in the rig"))
-            found += [Check(Level.FAIL, str(side), problem) for problem in status.problems]
-        return found
+            found += status_checks(side, status, None, self._rig.file.limits, frames)
+        return [check for check in found if check.level is Level.FAIL]
 
     def outlook(self, frames: int, brackets: int) -> list[str]:
         """Return what will not last for ``brackets`` more of ``frames`` pictures a camera, after one has been taken."""
@@ -91,9 +84,8 @@ class Watch:
             used = max(charge[0] - charge[-1], 0.0) / max(len(charge) - 1, 1)
             left = status.battery_frac - self._rig.file.limits.min_battery_frac
             if used and left < brackets * used:
-                found.append(
-                    f"{side}: the battery lasts for about {max(int(left / used), 0)} of {brackets} brackets to come"
-                )
+                lasts = max(int(left / used), 0)
+                found.append(f"{side}: the battery lasts for about {lasts} of {brackets} brackets to come")
             if len(charge) > 1 and charge[-1] > charge[-2]:
                 charge[:] = charge[-1:]  # another battery
         return found
@@ -159,9 +151,7 @@ def read_rooms(path: Path) -> tuple[str, ...]:
             raise UsageError("too large for a list of rooms", where=str(path), advice="one room a line")
         lines = path.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(
-            f"cannot be read: {error}", where=str(path), advice="give a text file, one room a line"
-        ) from error
+        raise UsageError(f"cannot be read: {error}", where=str(path), advice="one room a line, in UTF-8") from error
     rooms = tuple(name for line in lines if (name := line.partition("#")[0].strip()))
     if not 0 < len(rooms) <= MAX_ROOMS:
         raise UsageError(f"{len(rooms)} rooms", where=str(path), advice=f"one room a line, 1 to {MAX_ROOMS}")
@@ -182,10 +172,8 @@ class Day:
         self._stop_asked = self._paused = False
         rig.checkers = rig.checkers or {side: FrameChecker() for side in rig.cameras}
         first = Capture.new(rig, replace(request, room=plan.rooms[0]))  # refuses at once what no bracket could be
-        self.n_stops, self._frames = (
-            first.n_stops,
-            first.n_stops * (1 + any(t.keep_raw for t in rig.file.cameras().values())),
-        )
+        self.n_stops = first.n_stops
+        self._frames = first.n_stops * (1 + any(t.keep_raw for t in rig.file.cameras().values()))
 
     def ask_stop(self) -> None:
         """End after the running pair, and with it the day. Safe in a signal handler."""

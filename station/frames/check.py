@@ -72,10 +72,6 @@ class _Worker:
         )
         self._reader.start()
 
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
     def receive(self, limit_s: float) -> dict[str, Any]:
         """Return the next answer."""
         try:

@@ -194,9 +194,8 @@ def _parts(bracket: Bracket, request: DatasetRequest, checker: FrameChecker) -> 
     found, _ = inspect_files(bracket.side, files, [None] * len(files), checker, raws)
     if request.lost_s and not any(c.time_s for c in found) and len(files) % len(request.lost_s) == 0:
         typed = request.lost_s * (len(files) // len(request.lost_s))
-        found = (
-            [replace(c, time_s=s) for c, s in zip(found, typed, strict=False)] if len(found) == len(files) else found
-        )
+        if len(found) == len(files):
+            found = [replace(c, time_s=s) for c, s in zip(found, typed, strict=False)]
     if unknown := [c.path.name for c in found if c.time_s is None]:
         text = f"{bracket.name}: {len(jpegs)} frames may be several brackets, and {len(unknown)} say no exposure time"
         return Doubt(text, (str(bracket.folder), *unknown))

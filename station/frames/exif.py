@@ -8,8 +8,9 @@ interoperability and maker notes are never visited. The reader runs in the worke
 
 from __future__ import annotations
 
+import itertools
 import mmap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -19,7 +20,6 @@ from station.frames.facts import ExifRecord, FrameProblemError, Reason
 #
 # Each directory is read once, at a position that no other directory may overlap, so there is nothing to loop
 # in; values are looked at only when asked for, and only with a count that the asker set a limit to.
-
 
 # Chosen: cameras write below a hundred. Sizes by type: TIFF 6.0, section 2.
 MAX_ENTRIES = 1_000
@@ -222,7 +222,6 @@ def parse_offset(text: str) -> int | None:
 #
 # Nothing of a raw file is decoded: frames are measured on the JPEG, and the raw file is kept for later work.
 
-
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16  # chosen: cameras write four to six
@@ -256,11 +255,7 @@ def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
         pending += [directory.next_at] if directory.next_at else []
     if format_ == "dng" and _DNG_VERSION not in directories[0].entries:
         raise FrameProblemError(Reason.NOT_RAW, "not a DNG file: no DNG version in its first directory")
-    furthest = max(_furthest(reader, directory) for directory in directories)
-    if furthest == 0:
-        raise FrameProblemError(Reason.DAMAGED, "no picture in any directory")
-    if furthest > len(data):
-        raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {furthest} of {len(data)}")
+    _check_strips(reader, directories)
 
 
 def check_tiff(data: bytes) -> bytes:
@@ -270,24 +265,24 @@ def check_tiff(data: bytes) -> bytes:
     """
     reader = TiffReader(data, Reason.DAMAGED)
     first = reader.directory(reader.first_at)
-    furthest = _furthest(reader, first)
-    if furthest == 0:
-        raise reader.problem("no picture in its first directory")
-    if furthest > len(data):
-        raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {furthest} of {len(data)}")
+    _check_strips(reader, [first])
     bits = first.entries.get(_BITS)
     if bits is not None and max(reader.integers(bits, 8)) > 8:
         raise FrameProblemError(Reason.UNSUPPORTED, "more than 8 bits a channel: brackets are merged from 8 bits")
     return data
 
 
-def _furthest(reader: TiffReader, directory: Directory) -> int:
-    """Return the first byte behind the strips or tiles of a directory (0: it has none)."""
+def _check_strips(reader: TiffReader, directories: Sequence[Directory]) -> None:
+    """Refuse directories without strips or tiles, and any that reach beyond the file."""
     end = 0
-    for offsets_tag, sizes_tag in ((_STRIP_OFFSETS, _STRIP_SIZES), (_TILE_OFFSETS, _TILE_SIZES)):
-        offsets, sizes = directory.entries.get(offsets_tag), directory.entries.get(sizes_tag)
-        if offsets is None or sizes is None:
-            continue
-        places = zip(reader.integers(offsets, 100_000), reader.integers(sizes, 100_000), strict=False)
-        end = max([end, *(at + size for at, size in places)])
-    return end
+    for directory, tags in itertools.product(
+        directories, ((_STRIP_OFFSETS, _STRIP_SIZES), (_TILE_OFFSETS, _TILE_SIZES))
+    ):
+        offsets, sizes = map(directory.entries.get, tags)
+        if offsets is not None and sizes is not None:
+            places = zip(reader.integers(offsets, 100_000), reader.integers(sizes, 100_000), strict=False)
+            end = max([end, *(at + size for at, size in places)])
+    if end == 0:
+        raise reader.problem("no picture in any directory")
+    if end > len(reader.data):
+        raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {end} of {len(reader.data)}")

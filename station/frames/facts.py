@@ -110,6 +110,8 @@ class FrameFacts(Model):
     """Digest of the small picture; None where it is nearly all black or clipped, as others may be too."""
     patches: tuple[Fraction, ...] = ()
     """Linear brightness (by the sRGB curve) of 8 rows of 16 parts of the picture; 0 outside a fisheye's circle."""
+    noise: tuple[Fraction, ...] = ()
+    """Relative, of a single pixel in each of these parts, where every pixel was looked at; 0: not known."""
     notes: tuple[SafeText, ...] = ()
 
     @property

@@ -172,7 +172,6 @@ def stop_of(stops_s: Sequence[float], time_s: float | None) -> int:
 
 # The files of a folder that may be frames: JPEGs, the raw file beside each, and what the checker finds in them.
 
-
 MAX_FRAMES = 99  # a stop's number has two digits in a frame's name
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 LOSSLESS_SUFFIXES = (".png", ".tif", ".tiff")

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 from station.errors import FrameRejectedError
 from station.frames.facts import ExpectedFrame, FrameFacts, Reason
@@ -23,9 +24,9 @@ ORDER_TOLERANCE = 0.01  # chosen: of full scale, what coding changes
 LEAST_RISE = 1.02  # chosen: a stop doubles midtones
 
 
-def rejection(facts_name: str, reason: Reason, message: str, advice: str = "") -> FrameRejectedError:
-    """Return the error that refuses a file, with the reason in ``details``."""
-    return FrameRejectedError(message, where=facts_name, advice=advice, reason=str(reason))
+def rejection(facts_name: str, reason: Reason, message: str, advice: str = "", **details: Any) -> FrameRejectedError:
+    """Return the error that refuses a file, with the reason and what else is given in ``details``."""
+    return FrameRejectedError(message, where=facts_name, advice=advice, reason=str(reason), **details)
 
 
 def printable(text: str, limit: int = 200) -> str:
@@ -212,9 +213,7 @@ def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequenc
         least = _least_mean(other, stops_s[shorter])
         if frame.mean_frac < least:
             message = f"brightness {frame.mean_frac:.4f}, which cannot be below {least:.4f} before {other.name}"
-            error = rejection(frame.name, Reason.TOO_DARK, message, "take it again")
-            error.details["stops"] = [shorter]
-            raise error
+            raise rejection(frame.name, Reason.TOO_DARK, message, "take it again", stops=[shorter])
 
 
 def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> None:
@@ -236,9 +235,8 @@ def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float
     odd = [i for i in range(len(means)) if i not in longest]
     if odd:
         names = ", ".join(f"{facts_by_stop[stops[i]].name} ({seconds_text(stops_s[stops[i]])})" for i in odd)
-        error = rejection(names, Reason.OUT_OF_ORDER, "brightness falls though the exposure is longer", "take it again")
-        error.details["stops"] = [stops[i] for i in odd]
-        raise error
+        text = "brightness falls though the exposure is longer"
+        raise rejection(names, Reason.OUT_OF_ORDER, text, "take it again", stops=[stops[i] for i in odd])
     for shorter, longer in itertools.pairwise(stops):
         _check_rise(facts_by_stop[shorter], facts_by_stop[longer], stops_s[shorter], stops_s[longer], longer)
 
@@ -249,11 +247,6 @@ def _check_rise(shorter: FrameFacts, longer: FrameFacts, shorter_s: float, longe
     if midtones < 0.5 or stops_between(longer_s, shorter_s) < 0.9:
         return
     if longer.mean_frac < shorter.mean_frac * LEAST_RISE:
-        error = rejection(
-            longer.name,
-            Reason.OUT_OF_ORDER,
-            f"as bright as {shorter.name}, though {stops_between(longer_s, shorter_s):.1f} stops longer",
-            "look whether the camera is in manual mode, then take the frame again",
-        )
-        error.details["stops"] = [stop]
-        raise error
+        text = f"as bright as {shorter.name}, though {stops_between(longer_s, shorter_s):.1f} stops longer"
+        advice = "look whether the camera is in manual mode, then take the frame again"
+        raise rejection(longer.name, Reason.OUT_OF_ORDER, text, advice, stops=[stop])

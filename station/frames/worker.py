@@ -41,6 +41,11 @@ SMALL_PIXELS = 60_000  # the small picture has at least so many pixels, where th
 TELLING_FRAC, TELLING_PIXELS = 0.02, 200
 """Below so many pixels between dark and clipped, two different frames may well look the same."""
 
+NOISE_PX, LEAST_NOISE_PX, WHOLE = 96, 5, 0.999  # chosen: nine thousand differences settle a median to 1 %, nine to 40 %
+CODING = 0.5  # codes; chosen: a simulated sky's error is then as measured (docs/measurements/photometry.md)
+_CODE = np.arange(256) / 255
+_LINEAR = np.where(_CODE <= 0.04045, _CODE / 12.92, ((_CODE + 0.055) / 1.055) ** 2.4).astype(np.float32)
+_BGR_WEIGHTS = np.array([0.0722, 0.7151, 0.2127], np.float32)  # of luminance: Rec. 709
 _REDUCED = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 _CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
 
@@ -136,7 +141,8 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
         "exif_problem": exif_problem,
         "exact": exact or scale == 1,
         "picture_sha256": _picture_digest(small, measures),
-        "patches": _patches(small, circle),
+        "patches": _parts(_LINEAR[small.max(axis=2)], circle).ravel().tolist(),
+        "noise": _noise(pixels, _parts(np.ones(small.shape[:2], np.float32), circle)) if exact else [],
         "notes": list(header.notes),
         **measures,
     }
@@ -236,15 +242,29 @@ def measure(pixels: Bytes, circle: Circle | None = None) -> dict[str, Any]:
     }
 
 
-def _patches(small: Bytes, circle: Circle | None) -> list[float]:
-    """Return the mean linear brightness, by the sRGB curve, of 8 rows of 16 parts of a picture (H, W, 3)."""
-    code = np.arange(256) / 255
-    linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    light = linear[small.max(axis=2)]
+def _parts(plane: npt.NDArray[np.float32], circle: Circle | None) -> npt.NDArray[np.float32]:
+    """Return the means of 8 rows of 16 parts of a picture (H, W); 0 counts for what is outside a circle."""
     if circle is not None:
-        light *= _inside(small.shape, range(small.shape[0]), circle)
-    parts = cv2.resize(light, (16, 8), interpolation=cv2.INTER_AREA)
-    return [float(value) for value in np.clip(parts, 0, 1).ravel()]
+        plane = plane * _inside(plane.shape, range(plane.shape[0]), circle)
+    return np.clip(cv2.resize(plane, (16, 8), interpolation=cv2.INTER_AREA), 0, 1).astype(np.float32)
+
+
+def _noise(pixels: Bytes, shown: npt.NDArray[np.float32]) -> list[float]:
+    """Return the relative noise of luminance in these parts of a picture (H, W, 3); 0 where not all is ``shown``.
+
+    By the sRGB curve, from the median of second differences both ways (Immerkaer 1996, CVIU 64) in the middle of a
+    part, which edges hardly move, and what rounding and JPEG, which smooths those differences, change: `CODING`.
+    """
+    height, width = pixels.shape[0] // 8, pixels.shape[1] // 16
+    side = min(height, width, NOISE_PX)
+    if side < LEAST_NOISE_PX:
+        return []
+    rows, columns = (slice((n - side) // 2, (n + side) // 2) for n in (height, width))
+    parts = pixels[: 8 * height, : 16 * width].reshape(8, height, 16, width, 3)[:, rows, :, columns]
+    light, step = _LINEAR[parts] @ _BGR_WEIGHTS, np.gradient(_LINEAR)[parts] @ _BGR_WEIGHTS
+    second = np.median(np.abs(np.diff(np.diff(light, 2, axis=1), 2, axis=3)), axis=(1, 3)) / (0.6745 * 6)
+    noise = np.hypot(second, CODING * step.mean(axis=(1, 3))) / np.maximum(light.mean(axis=(1, 3)), 1e-6)
+    return list(np.where(shown > WHOLE, np.clip(noise, 0, 1), 0).ravel().tolist())
 
 
 def _inside(shape: tuple[int, ...], rows: range, circle: Circle) -> npt.NDArray[np.bool_]:

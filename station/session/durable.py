@@ -14,7 +14,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from filelock import FileLock, Timeout
 
@@ -190,6 +190,12 @@ class SessionLock:
                 write_all(fd, info.ljust(_INFO_BYTES).encode()[:_INFO_BYTES])
             finally:
                 os.close(fd)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.release()
 
     def release(self) -> None:
         """Give the lock back; the file stays (removing it would let two processes hold two locks)."""

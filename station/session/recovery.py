@@ -30,7 +30,6 @@ from station.session.session import (
 
 # The state of a session as its journal has it: a first manifest and what happened since.
 
-
 RECORDS: dict[str, tuple[str, type[Model]]] = {
     "frame": ("frames", FrameRecord),
     "rejected": ("rejected", RejectedFrame),
@@ -173,11 +172,6 @@ class Recovery:
     """Acknowledged frames whose file is missing or of another size: somebody else's doing."""
     manifest: str = ""
     """Why session.json could not be read (the journal was used)."""
-
-    @property
-    def clean(self) -> bool:
-        """Whether there was nothing to do."""
-        return self == Recovery()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the facts as a JSON-able mapping."""

@@ -211,6 +211,7 @@ class BracketRecord(Model):
     stops_s: tuple[PositiveSeconds, ...]
     sides: tuple[Side, ...]
     order: tuple[int, ...] = ()
+    """Of a capture's planned stops; times behind them in ``stops_s`` are further exposures, of which none is missed."""
     raw_sides: tuple[Side, ...] = ()
     """Sides whose camera was asked for a raw file beside each JPEG."""
 
@@ -270,7 +271,8 @@ class SessionManifest(Model):
         taken = {f.stop for f in self.pictures(side)}
         if side in self.bracket.raw_sides:
             taken &= {f.stop for f in self.frames if f.side == side and f.is_raw}
-        return tuple(i for i in range(len(self.bracket.stops_s)) if i not in left_out | taken)
+        wanted = range(len(self.bracket.order or self.bracket.stops_s))
+        return tuple(i for i in wanted if i not in left_out | taken)
 
     def missing_readings(self) -> tuple[str, ...]:
         """Return which of the planned readings have no number."""

@@ -137,27 +137,22 @@ def repair_session(path: Path) -> VerifyReport:
 
     Raises `SessionLockedError` while somebody works on the session, `JournalError` if the journal is no help.
     """
-    root, lock = open_session(Path(path)), None
-    try:
+    with open_session(Path(path)) as root:
         if root.lstat(JOURNAL_NAME) is None:
             raise JournalError(
                 "there is no journal to restore from",
                 where=str(Path(path) / JOURNAL_NAME),
                 advice="restore it from a copy; daylit verify says whether the session is whole without it",
             )
-        lock = SessionLock(root)
-        memory = recovery.remember(root)
-        manifest = memory.state.manifest
-        if memory.manifest != manifest:
-            if memory.manifest_problem:
-                root.make_sub(REJECTED)
-                with root.sub(REJECTED) as rejected:
-                    recovery.keep_damaged_manifest(root, rejected)
-            write_file(root, MANIFEST_NAME, manifest_bytes(manifest))
-    finally:
-        if lock:
-            lock.release()
-        root.close()
+        with SessionLock(root):
+            memory = recovery.remember(root)
+            manifest = memory.state.manifest
+            if memory.manifest != manifest:
+                if memory.manifest_problem:
+                    root.make_sub(REJECTED)
+                    with root.sub(REJECTED) as rejected:
+                        recovery.keep_damaged_manifest(root, rejected)
+                write_file(root, MANIFEST_NAME, manifest_bytes(manifest))
     return verify_session(path)
 
 

@@ -18,16 +18,8 @@ from typing import TypeVar
 from station.errors import ConditionsError
 
 COLUMNS = (
-    "index",
-    "date",
-    "scene_name",
-    "theta_time",
-    "luminance_cd_m2",
-    "fisheye_time",
-    "illuminance_lux",
-    "orientation",
-    "nd_filter",
-    "natural_light",
+    *("index", "date", "scene_name", "theta_time", "luminance_cd_m2"),
+    *("fisheye_time", "illuminance_lux", "orientation", "nd_filter", "natural_light"),
 )
 DAYLIGHT_ONLY, WITH_LAMPS = "YES", "With electrical light"
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")

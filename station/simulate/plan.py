@@ -12,6 +12,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zoneinfo import ZoneInfo
 
 from station.errors import ConditionsError, SessionError, SessionExistsError
 from station.session.folder import Folder, write_file
@@ -24,9 +25,7 @@ if TYPE_CHECKING:
     from mocks.rooms.world import RoomWorld
     from station.capture.rig_file import RigFile
 
-
 # dataset.csv: what a data set of simulated sessions holds, a row a session, in the columns of the conditions.
-
 
 LEDGER_NAME = "dataset.csv"
 MADE_WITH = ("size", "quality", "clouds", "seed")
@@ -187,20 +186,11 @@ def _conditioned(request: DatasetRequest, condition: Condition, folder: str) -> 
         illuminance_lux=condition.illuminance_lux,
     )
     outdoor = _zoned(condition.outdoor_local) if condition.outdoor_local else None
-    return Planned(
-        condition.index,
-        condition.scene,
-        folder,
-        _zoned(condition.local),
-        room,
-        outdoor_local=outdoor,
-        nd_filter=condition.nd_filter,
-    )
+    index, name, local = condition.index, condition.scene, _zoned(condition.local)
+    return Planned(index, name, folder, local, room, outdoor_local=outdoor, nd_filter=condition.nd_filter)
 
 
 def _zoned(local: datetime) -> datetime:
-    from zoneinfo import ZoneInfo
-
     return local.replace(tzinfo=ZoneInfo(ZONE))
 
 
@@ -241,9 +231,8 @@ def room_world(plan: Planned, request: DatasetRequest) -> RoomWorld:
     from mocks.rooms.room import clouds_of
     from mocks.rooms.world import RoomWorld
 
-    if request.clouds:
-        return RoomWorld(plan.room, request.quality, clouds_of(plan.room))
-    return RoomWorld(plan.room, request.quality)
+    clouds = (clouds_of(plan.room),) if request.clouds else ()
+    return RoomWorld(plan.room, request.quality, *clouds)
 
 
 def ledger_row(plan: Planned, manifest: SessionManifest, request: DatasetRequest) -> Row:

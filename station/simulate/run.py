@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import DaylitError, DeviceError
 from station.errors import ResourceError, SessionError, SessionExistsError
+from station.session.durable import SessionLock
+from station.session.folder import Folder
 from station.session.session import SessionManifest, SessionStatus
 from station.simulate.plan import (
     DatasetRequest,
@@ -80,7 +82,7 @@ def simulate(request: DatasetRequest, report: Listener = lambda _event: None) ->
     drafts = plan_sessions(request)
     request.into.mkdir(parents=True, exist_ok=True)
     summary = Summary(request.into, len(drafts))
-    with _only_one(request.into):
+    with Folder.open(request.into) as opened, SessionLock(opened):  # one process at a time
         ledger = Ledger(request.into)
         ledger.require_same(request.made_with)
         for draft in drafts:
@@ -206,20 +208,6 @@ def _rig(plan: Planned, request: DatasetRequest, rate: float, report: Listener) 
     shots = render_shots(world, cameras, stops_s, BenchOptions(seed=seed, on_progress=on_progress), times_s=times_s)
     clock = ScaledClock(rate, plan.room.moment.utc)
     return open_simulated_rig(file, make_bench(world, cameras, stops_s, BenchOptions(seed, clock, shots=shots)))
-
-
-@contextmanager
-def _only_one(folder: Path) -> Iterator[None]:
-    """Let one process work on a data set."""
-    from station.session.durable import SessionLock
-    from station.session.folder import Folder
-
-    with Folder.open(folder) as opened:
-        lock = SessionLock(opened)
-        try:
-            yield
-        finally:
-            lock.release()
 
 
 def _failure(error: Exception) -> dict[str, object]:

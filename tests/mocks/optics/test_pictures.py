@@ -360,3 +360,15 @@ def test_cache_folder_can_be_chosen(monkeypatch, tmp_path):
 def test_content_keys_keep_parts_apart():
     assert content_key("ab", "c") != content_key("a", "bc")
     assert content_key(1, 2.0) == content_key(1, 2.0)
+
+
+def test_an_exposure_taken_again_has_noise_of_its_own_where_that_is_asked_for(cache):
+    request = request_for(THETA_Z1)
+    usual = RenderedShots(UniformWorld(), THETA_Z1, cache=cache)
+    first = usual.jpeg(request)
+    assert usual.jpeg(request) == first
+    fresh = RenderedShots(UniformWorld(), THETA_Z1, fresh=True, cache=cache)
+    shots = [fresh.jpeg(request) for _ in range(3)]
+    assert shots[0] == first
+    assert len(set(shots)) == 3
+    assert decoded(shots[1]).mean() == pytest.approx(decoded(first).mean(), abs=0.5)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, expose, synthetic_bracket
 from mocks.optics.sensor import ToneCurve
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
@@ -205,3 +205,24 @@ def test_a_changed_frame_ends_the_run_with_its_name(truth: SyntheticBracket, tmp
     frame.write_bytes(data)
     with pytest.raises(IntegrityError, match=frame.name):
         run(session)
+
+
+def test_further_exposures_behind_the_planned_stops_are_merged(truth: SyntheticBracket, tmp_path: Path) -> None:
+    further_s = (truth.nominal_s[0], truth.nominal_s[0], 15.0)
+    shots = zip(range(3), further_s, strict=True)
+    frames = [*truth.frames, *(expose(truth.radiance, time_s, truth.sensor, 900 + i) for i, time_s in shots)]
+    found = {}
+    for times_s in (truth.nominal_s, (*truth.nominal_s, *further_s[:2]), (*truth.nominal_s, *further_s)):
+        session = bracket_session(tmp_path, {Side.INDOOR: frames[: len(times_s)]}, times_s)
+        report = run(session)
+        image = picture(session, "indoor")
+        dim = (truth.luminance > 0.1) & (truth.luminance < 0.6) & (image.validity == 0)
+        off = np.log2(luminance_cd_m2(image.rgb)) - np.log2(truth.luminance)
+        found[len(times_s)] = float(np.median(np.abs(off - np.median(off[image.validity == 0]))[dim]))
+        frames_used = report.stages[-1].summary["metrics"]["indoor"]["frames"]
+        assert [frame["time_s"] for frame in frames_used] == sorted(
+            (frame["time_s"] for frame in frames_used), reverse=True
+        )
+        assert len(frames_used) == len(times_s), "frames of one time are no copies of each other"
+    few, repeated, longer = found.values()
+    assert longer < repeated < 0.8 * few

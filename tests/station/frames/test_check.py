@@ -48,7 +48,7 @@ def reason(checker: FrameChecker, path: Path, expected: ExpectedFrame | None = N
 def worker_pid(checker: FrameChecker) -> int:
     checker.start()
     assert checker._worker is not None
-    return checker._worker.pid
+    return checker._worker._process.pid
 
 
 def test_facts_of_a_good_frame(checker, good):
@@ -219,7 +219,7 @@ def test_no_worker_outlives_its_station(tmp_path):
     psutil = pytest.importorskip("psutil")
     script = (
         "import os, sys\nfrom station.frames.check import FrameChecker\nc = FrameChecker()\nc.start()\n"
-        "print(c._worker.pid, flush=True)\nsys.stdin.read()"
+        "print(c._worker._process.pid, flush=True)\nsys.stdin.read()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

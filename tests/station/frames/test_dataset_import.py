@@ -204,6 +204,17 @@ def test_what_is_not_decided_is_named_and_the_rest_goes_on(tmp_path: Path, capsy
     assert (code, [b["name"] for b in answer["brackets"]]) == (4, ["2023-05-21 bath 12:30"])
 
 
+def test_a_dry_run_names_every_bracket_with_its_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "Cali-HDR Dataset" / "20230521"
+    for name in ("pano/bath_10:00", "pano/hall_11:00", "fisheye/hall_11:01"):
+        (root / name).mkdir(parents=True)
+        (root / name / "R0000001.JPG").write_bytes(b"")
+    assert daylit.main(["import", "--dataset", str(root.parent), "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert "bath 10:00: indoor bath_10:00 (1 files)" in said
+    assert "hall 11:00: indoor hall_11:00 (1 files) + outdoor hall_11:01 (1 files)" in said
+
+
 def test_raw_files_without_wells_are_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = tmp_path / "Cali-HDR Dataset" / "20230521/pano/coda320_10:00"
     theta(root, datetime(2023, 5, 21, 10))

@@ -30,7 +30,7 @@ from station.session.session import (
     SkippedStop,
     WarningRecord,
 )
-from station.session.store import SessionStore, load_manifest
+from station.session.store import Recovery, SessionStore, load_manifest
 from tests.station.session.sessions import CREATED_UTC, STOPS_S, complete_session, frame_record, manifest, put
 
 
@@ -126,7 +126,7 @@ def test_everything_is_there_again_without_a_saved_manifest(tmp_path: Path) -> N
         before = store.manifest
     with SessionStore.open(store.path, writable=True) as again:
         assert again.manifest == before
-        assert again.recovery.clean
+        assert again.recovery == Recovery()
     assert before.status is SessionStatus.COMPLETE
     assert load_manifest(store.path).frames == ()
 
@@ -155,7 +155,7 @@ def test_a_committed_frame_without_acknowledgement_is_set_aside(tmp_path: Path) 
         assert again.manifest.rejected[0].stop == 0
         put(again, 0, b"anew")
     with SessionStore.open(store.path, writable=True) as third:
-        assert third.recovery.clean
+        assert third.recovery == Recovery()
         assert len(third.manifest.rejected) == 1
 
 
@@ -163,7 +163,7 @@ def test_strangers_files_stay_where_they_are(tmp_path: Path) -> None:
     path = complete_session(tmp_path)
     (path / "indoor" / "notes.txt").write_text("mine")
     with SessionStore.open(path, writable=True) as store:
-        assert store.recovery.clean
+        assert store.recovery == Recovery()
     assert (path / "indoor" / "notes.txt").read_text() == "mine"
 
 
@@ -215,7 +215,7 @@ def test_a_withdrawn_frame_makes_room_for_another(tmp_path: Path) -> None:
             store.withdraw_frame(Side.OUTDOOR, 1, "jpeg", "never was")
     with SessionStore.open(path, writable=True) as again:
         assert again.manifest == expected
-        assert again.recovery.clean
+        assert again.recovery == Recovery()
 
 
 @pytest.mark.parametrize("fields", [{"frames": ()}, {"session_id": "0" * 32}, {"nonsense": 1}, {"camera_height_m": -1}])
@@ -332,7 +332,7 @@ def test_what_a_shortened_journal_lost_comes_back_from_the_manifest(tmp_path: Pa
         assert store.recovery.restored == ("frame indoor/02_1-60s.jpg",)
         assert store.manifest == expected
     with SessionStore.open(path, writable=True) as store:
-        assert store.recovery.clean
+        assert store.recovery == Recovery()
 
 
 def test_manifest_and_journal_of_two_sessions_are_refused(tmp_path: Path) -> None:
