@@ -6,6 +6,7 @@ a*b* between what is shown of these surfaces and what their true albedo is under
 lightness, median over the room's pixels, then over rooms (``_p90``: nine rooms in ten). ``clipped_window_share``: of
 what one sees through panes, how much has a code of 254 or more, mean over rooms. ``before_after_moved_pct``: of the
 pixels whose light differs by less than 0.2 % between the furnished and the emptied room, those 3 or more codes apart.
+Beside them, the stills of whole rooms: `benchmarks.whole.stills_rooms`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.truth_rooms import truth_list, truth_of
+from benchmarks.whole.stills_rooms import judged
 from mocks.rooms.model import Use
 from mocks.rooms.truth import WINDOWPANE, TruthPictures
 from mocks.rooms.world import RoomWorld
@@ -44,7 +46,12 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "before_after_moved_pct": round(100 * float(np.mean([row["before_after"] for row in rows])), 3),
         "cpu_ms_mpx": round(float(np.median([row["cpu_ms_mpx"] for row in rows])), 1),
     }
-    return {"metrics": metrics, "rivals": rivals, "notes": notes}
+    whole = judged(seed, quick=quick)
+    return {
+        "metrics": metrics | whole["metrics"],
+        "rivals": rivals | whole["rivals"],
+        "notes": [*notes, *whole["notes"]],
+    }
 
 
 def room_row(number: int, use: Use) -> dict[str, Any]:

@@ -41,7 +41,8 @@ KEYS = {
     "end_to_end": "luminance_median_err_pct iou3d_median empty_median_err_pct staged_median_err_pct seconds peak_mb",
     "emptying": "filled_median_err_pct filled_bias_pct all_median_err_pct near_holes_p95_err_pct staged_median_err_pct "
     "staged_bias_pct pane_worst_pct depth_err_pct cpu_s",
-    "stills": "ceiling_ab_err clipped_window_share wall_ab_err before_after_moved_pct cpu_ms_mpx",
+    "stills": "ceiling_ab_err clipped_window_share wall_ab_err before_after_moved_pct cpu_ms_mpx "
+    "stills_rooms niqe_captured niqe_staged realism_mean realism_share_at_4",
     "batch": "done wrong",
     "files": "",
     "studio": "corner_iou_gain drag_ms relit_ms relit_worst_ms preview_s first_page_s full_size_s server_peak_mb "
@@ -62,7 +63,7 @@ NEEDS = {
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
     *("batch", "capture", "detect", "emptying", "end_to_end", "instruments"),
-    *("photometry", "pipeline", "real", "remove", "room", "sphere", "studio", "truth"),
+    *("photometry", "pipeline", "real", "remove", "room", "sphere", "stills", "studio", "truth"),
 }
 """Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
