@@ -138,6 +138,7 @@ LIGHT_BITS = 13
 """Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
 UNCERTAINTY_BITS = 7  # of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well
 ESTIMATED_BITS, ESTIMATED_UNCERTAINTY_BITS = 10, 5  # 5e-4 of light known to 2 % at best, 3 % upwards (chosen)
+_ALL = np.ones(1, bool)
 _LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
 """Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
 P = TypeVar("P", bound=RelativeImage | LuminanceImage)
@@ -169,9 +170,6 @@ def to_bits(values: Floats, bits: int, *, up: bool = False) -> Floats:
     found: Floats = np.array(values, np.float32, order="C")
     _round_bits(found.view(np.uint32).reshape(1, -1), _ALL, 23 - bits, up)
     return found
-
-
-_ALL = np.ones(1, bool)
 
 
 @compiled

@@ -279,9 +279,8 @@ def run(context: StageContext) -> StageOutput:
         make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
         made += _kept(context, name, frames, len(made), make)
     if not made:
-        name, image = "photograph", photograph
-        if filled is not None:
-            name, image = "emptied", context.artifact("remove", "empty")
+        empty = None if filled is None else context.artifact("remove", "empty")
+        name, image = ("photograph", photograph) if empty is None else ("emptied", empty)
         frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
         made += _stills(context, shown, frames, (name, image, originals), asked, 0)
     names = [f"still-{k}" for k in range(1, MOST_STILLS + 1)]

@@ -48,7 +48,8 @@ def run(context: StageContext) -> StageOutput:
     if room is None:
         left_out["indoor"] = _without_room(asked)
     else:
-        indoor = calibrate_indoor(room, context.session, asked, profile)
+        indoor, room = calibrate_indoor(room, context.session, asked, profile), None
+    context.let_go()
     k1 = indoor.scale if indoor else given_scale("k1", asked.k1 or 1.0)
     outdoor: Calibrated | None = None
     if sky is None:

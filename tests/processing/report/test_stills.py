@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -187,3 +190,38 @@ def test_light_that_was_clipped_is_clipped_in_the_still(tmp_path: Path) -> None:
     middle = len(light.validity) // 2
     assert (light.validity[: middle - 2] == Validity.CLIPPED).all()
     assert (light.validity[middle + 2 :] == Validity.VALID).all()
+
+
+class Kept:
+    """Parts of a result as a run keeps them for the next: by what they depend on."""
+
+    def __init__(self) -> None:
+        self.facts: dict[str, Any] = {}
+
+    def part(self, name: str, files: tuple[str, ...], own: Any, make: Callable[[], Any], apart: str = "") -> Any:
+        key = json.dumps([name, files, own])
+        if key not in self.facts:
+            self.facts[key] = make()
+        return self.facts[key]
+
+    def enough(self) -> bool:
+        return False
+
+
+def test_stills_of_an_alternative_that_has_not_changed_are_kept_and_its_picture_is_not_read(tmp_path: Path) -> None:
+    kept, read = Kept(), list[str]()
+    given = context(tmp_path, results())
+
+    def fetch(stage: str, name: str) -> Any:
+        read.append(name)
+        return given.fetch(stage, name)
+
+    given = replace(given, parameters=StillsParameters(), parts=kept)
+    first = run(replace(given, fetch=fetch)).artifacts["stills"]
+    assert {"staged-1", "staged-2"} <= set(read)
+    read.clear()
+    assert run(replace(given, fetch=fetch)).artifacts["stills"] == first
+    assert not any(name.startswith("staged") for name in read)
+    unlabelled = StillsParameters(no_staged_label=True)
+    run(replace(given, fetch=fetch, parameters=unlabelled))
+    assert "staged-1" in read

@@ -39,6 +39,10 @@ def test_what_is_unused_longest_is_let_go_and_read_again(monkeypatch: pytest.Mon
     assert shelf.held == ("calibrate/indoor", "merge/response", "remove/empty")
     shelf.drop_unneeded(tuple(stage for stage in STAGES if stage.name == "report"))
     assert "merge/response" in shelf.held
+    shelf.let_go()
+    assert not shelf.held
+    assert shelf.get("remove", "empty") is not None
+    assert read[-1] == "remove/empty"
 
 
 def test_a_picture_larger_than_all_room_is_still_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
