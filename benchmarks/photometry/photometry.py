@@ -88,7 +88,7 @@ def _further(folder: Path, rig: Calibrated, world: World, divisor: int, seed: in
         _, found = measured(path, rig, world, divisor, seed, stops_s)
         stated = _stated(path)
     return figures | {
-        "_further_s": sum(stops_s[len(STOPS_S) :]),
+        "further_exposures_s": sum(stops_s[len(STOPS_S) :]),
         "noise_stated_further_p95_pct": round(100 * stated, 2),
         "sky_further_median_err_pct": round(100 * found.sky.median, 3),
         "sky_further_p95_err_pct": round(100 * found.sky.p95, 3),

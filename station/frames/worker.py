@@ -42,7 +42,7 @@ TELLING_FRAC, TELLING_PIXELS = 0.02, 200
 """Below so many pixels between dark and clipped, two different frames may well look the same."""
 
 NOISE_PX, LEAST_NOISE_PX, WHOLE = 96, 5, 0.999  # chosen: nine thousand differences settle a median to 1 %, nine to 40 %
-CODING = 0.5  # codes; chosen: a simulated sky's error is then as measured (docs/measurements/photometry.md)
+CODING = 0.5  # codes; chosen: a simulated sky then errs by what is stated (docs/measurements/photometry.md)
 _CODE = np.arange(256) / 255
 _LINEAR = np.where(_CODE <= 0.04045, _CODE / 12.92, ((_CODE + 0.055) / 1.055) ** 2.4).astype(np.float32)
 _BGR_WEIGHTS = np.array([0.0722, 0.7151, 0.2127], np.float32)  # of luminance: Rec. 709
