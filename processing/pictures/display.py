@@ -43,6 +43,7 @@ MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Cho
 LEAST_VIEW, VIEW_SPREAD = 0.9, 0.7
 """Level of the film from which something in a pane is the view: not the room's light walls; and, of the geometric mean
 of the room's level and the view's, the share. Chosen by looking."""
+DAYLIGHT_SHARE = 0.5  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
 PLATEAU = 0.28
 """Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
@@ -111,7 +112,7 @@ class Display:
         for top in range(0, len(rgb), _ROWS):
             np.maximum(cv2.transform(rgb[top : top + _ROWS], matrix), 0, out=out[top : top + _ROWS])
         if panes is not None and self.pull < 1 and panes.any():
-            _pull(out, panes, self.pull, around=around)
+            _pull(out, panes, self.pull, matrix @ np.ones(3, np.float32), around=around)
         return out
 
     def shown(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Bytes:
@@ -255,9 +256,10 @@ def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: 
     return float(values[order[np.searchsorted(total, share * total[-1])]])
 
 
-def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, *, around: bool) -> None:
-    """Lower in place what is seen through panes by a factor, all of a view alike.
+def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, around: bool) -> None:
+    """Lower in place what is seen through panes by a factor, all of a view alike, and balance it for daylight.
 
+    By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
     follows the picture's (guided filter, He et al. 2013). Bars, reveals and furniture before a pane thus stay.
     """
@@ -276,4 +278,4 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, *, around: bool) 
     soft = np.clip(soft[:, 2 * margin : -2 * margin] if around else soft, 0, 1)
     kept, low = np.minimum(level, np.float32(PLATEAU)), level * np.float32(pull)
     lowered = np.minimum(np.hypot(kept, low), level) / np.maximum(level, np.float32(1e-6))
-    part *= (lowered**soft)[..., None]
+    part *= (lowered[..., None] * (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE) ** soft[..., None]

@@ -89,6 +89,16 @@ def test_the_view_is_kept_and_the_room_stays() -> None:
     assert (screen(inside) < 254).all()
 
 
+def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
+    rgb, panes = room()
+    rgb[panes] = rgb[panes].mean(axis=1, keepdims=True)  # grey by daylight, which the room's white turns blue
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    pulled, plain = display.light(rgb, panes)[27, 70], display.light(rgb)[27, 70]
+    before, after = (float(one[2] / one[0]) for one in (plain, pulled))
+    assert 1 < after < before
+    assert after == pytest.approx(math.sqrt(before), rel=0.02)
+
+
 def test_what_stands_before_a_pane_or_was_taken_for_one_stays() -> None:
     rgb, panes = room()
     display = display_of(rgb, board_rgb=WARM, panes=panes)
