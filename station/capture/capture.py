@@ -79,6 +79,7 @@ class Capture:
         self._store = resumed
         self._conductor: Conductor | None = None
         self._stop_asked = self._paused = False
+        self._errors: dict[Side, float] = {}
         self._checkers = rig.checkers or {side: FrameChecker() for side in plan.sides}
 
     @classmethod
@@ -324,7 +325,10 @@ class Capture:
         most_s = min(LONGEST_FURTHER_S, MOST_FURTHER_S - sum(spent_s)) if len(spent_s) < MOST_FURTHER else 0.0
         offered_s = set[float].intersection(*(set(cameras[side].shutter_times_s) for side in errors))
         times_s = [time_s for time_s in {longest_s, *offered_s} if longest_s <= time_s <= most_s]
-        lacks = [error for error in errors.values() if error > asked_frac]
+        # Give up a side that the last exposure did not help: its worst parts are clipped in longer ones
+        helped = [side for side in errors if not errors[side] >= self._errors.get(side, math.nan)]
+        lacks = [errors[side] for side in helped if errors[side] > asked_frac]
+        self._errors = errors
         return errors, further_time_s(max(lacks), asked_frac, times_s) if times_s and lacks else None
 
     def _intake(self, side: Side, notices: queue.SimpleQueue[Notice]) -> Intake:
