@@ -112,7 +112,7 @@ def room_session(number: int, use: Any, seed: int, *, quick: bool) -> Path:
 
 
 def stills_of(session: Path) -> list[Judged]:
-    """Return the stills of a session's first alternative; only the photograph where nothing was staged."""
+    """Return the stills of a session's first alternative, by the display of today."""
     stages = session / "stages"
     facts = strict_json.loads((stages / "stills" / "stills.json").read_bytes())["stills"]
     display = Display.read(strict_json.loads((stages / "stills" / "display.json").read_bytes()))
@@ -120,7 +120,10 @@ def stills_of(session: Path) -> list[Judged]:
     empty = _picture(stages / "remove" / "empty.exr")
     panes = panes_of(room, staged.geometry)
     pasted = np.where(furniture_seen(session, staged, room.camera_height_m)[..., None], staged.rgb, empty.rgb)
+    turned = stages / "room" / "panorama.exr"
+    photo = _picture(turned if turned.is_file() else stages / "calibrate" / "indoor.exr")
     whole = {
+        "captured": Panorama(display.shown(np.ascontiguousarray(photo.rgb), panes_of(room, photo.geometry))),
         "staged": Panorama(display.shown(np.ascontiguousarray(staged.rgb), panes)),
         "pasted": Panorama(display.shown(np.ascontiguousarray(pasted), panes)),
         "clipped": Panorama(preview_rgb8(staged.rgb)),
@@ -129,10 +132,8 @@ def stills_of(session: Path) -> list[Judged]:
     for one in (one for one in facts if one["state"] == "staged-1"):
         frame = Frame(math.radians(one["yaw_deg"]), one["lens_mm"], one["drop"])
         view, rows = frame.view(WIDE_PX), frame.height_px(WIDE_PX)
-        original = cv2.imread(str(stages / "stills" / one["original"]))
-        original = cv2.resize(original, (WIDE_PX, rows), interpolation=cv2.INTER_AREA)[..., ::-1]
         pictures = {way: cut_view(panorama, view)[-rows:] for way, panorama in whole.items()}
-        found.append(Judged(one["file"], {"captured": np.ascontiguousarray(original), **pictures}))
+        found.append(Judged(one["file"], pictures))
     return found
 
 
