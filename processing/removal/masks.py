@@ -26,7 +26,7 @@ from processing.removal.furniture import (
     lower_ends,
     with_things,
 )
-from processing.removal.shadows import ShadowFound, find_shadows, find_wall_shade
+from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -161,10 +161,9 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     hidden = furniture.mask | tripod.mask
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
-    barred = (others | fixtures | (maps.opening >= 0)) & ~hidden
-    walls, hangs = find_wall_shade(rgb, room, geometry, hidden, barred)
+    plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
-    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | walls, contact=(shadow.contact & ~hangs) | walls)
+    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)

@@ -226,10 +226,10 @@ def _smooth_fit(values: Floats, far: Flags) -> tuple[Floats, float]:
     return np.clip(terms @ solution, low, high).astype(np.float32), spread
 
 
-# What removed furniture leaves on the plain walls behind it: its soft shade, and the rim of things that masks miss.
+# What removed furniture leaves on plain walls and floors: its soft shade, and the rim of things that masks miss.
 #
-# A plain wall is one colour in light that changes slowly. What differs from that beside what is removed, and hangs
-# together with it, is replaced with it: a plain wall's continuation is surer than a shadow's strength.
+# A plain surface is one colour in light that changes slowly. What differs from that beside what is removed, and hangs
+# together with it, is replaced with it: its continuation is surer than a shadow's strength.
 
 # Chosen by looking at five furnished real rooms (docs/measurements/real.md), unless said otherwise.
 WALL_PX_PER_M = 32.0  # of a wall's texture (chosen)
@@ -251,34 +251,35 @@ FRAME = np.ones((2 * round(0.12 * WALL_PX_PER_M) + 1,) * 2, np.uint8)
 """Around windows and doors, their frames (chosen)."""
 
 
-def find_wall_shade(
+def find_plain_shade(
     rgb: Floats, room: RoomModel, geometry: Equirectangular, removed: Flags, barred: Flags
 ) -> tuple[Flags, Flags]:
-    """Return what is replaced with the ``removed`` on a panorama's walls, and what hangs there by itself, (H, W) each.
+    """Return what is replaced with the ``removed`` on walls and floor, and what is there by itself, (H, W) each.
 
     ``rgb`` (H, W, 3), linear light. ``barred``: openings, and what is known for a fixture of the room.
     """
     found, hangs = np.zeros((2, *removed.shape), bool)
     layers = np.concatenate([rgb, np.stack([removed, barred], axis=-1).astype(np.float32)], axis=-1)
-    for plane in planes_of(room)[FIRST_WALL:]:
+    for plane in (plane for plane in planes_of(room) if plane.index != CEILING):
         texture = unwrap(layers, geometry, room, plane, WALL_PX_PER_M)
         gone = texture.known & (texture.values[..., 3] > 0.5)
         never = cv2.dilate((texture.values[..., 4] > 0.1).astype(np.uint8), FRAME).astype(bool)
         if gone.any():
-            marks = _on_wall(texture.values[..., :3], texture.known & ~never & ~gone, gone, plane)
+            marks = _left_on(texture.values[..., :3], texture.known & ~never & ~gone, gone, plane)
             values, where = wrap(marks, plane, WALL_PX_PER_M, room, geometry, ~(removed | barred))
             found[where] |= values[:, 0] > 0.5
-            hangs[where] |= values[:, 1] > 0.5
+            hangs[where] |= (plane.index != FLOOR) & (values[:, 1] > 0.5)  # furniture may hide the rest of a rug
     return found, hangs
 
 
-def _on_wall(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Floats:
-    """Return what is replaced on a wall's texture, and what stays (H, W, 2).
+def _left_on(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Floats:
+    """Return what is replaced on a texture of wall or floor, and what stays (H, W, 2).
 
-    Nothing where the wall is not plain, or hardly seen.
+    Nothing where it is not plain, or hardly seen.
     """
-    known[: round(TOP_M * WALL_PX_PER_M)] = False
-    known[round((plane.height_m - FOOT_M) * WALL_PX_PER_M) :] = False
+    if plane.index >= FIRST_WALL:
+        known[: round(TOP_M * WALL_PX_PER_M)] = False
+        known[round((plane.height_m - FOOT_M) * WALL_PX_PER_M) :] = False
     away = cv2.distanceTransform((~gone).astype(np.uint8), cv2.DIST_L2, 5) / np.float32(WALL_PX_PER_M)
     clean = known & (away > AWAY_M)
     nothing = np.zeros((*known.shape, 2), np.float32)

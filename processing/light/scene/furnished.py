@@ -40,7 +40,6 @@ SUN_TIMES = 2.0  # what its surface gives in the shade, from which a patch near 
 DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
 MOST_RATIO = 3.0
 """By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
-MOST_CLIPPED = 0.1  # of the windows' pixels, from which their light is a lower bound that is far off; chosen
 MISFIT = -7
 """Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
 
@@ -90,7 +89,7 @@ def furnished_light(
     """Return the light in a room with and without what stands in it.
 
     ``panorama``: the furnished room, upright, equirectangular, in cd/m2.
-    ``outdoors``: the light outside at the same moment; None: the windows light as they look from inside.
+    ``outdoors``: the light outside at the same moment; None: windows as seen, as bright as what they light says.
     ``rows``: height of the pictures returned.
     Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
@@ -105,7 +104,7 @@ def furnished_light(
     sight = _consistent(everything, mask, gone)
     shown = _shown(full, rgb, everything, sight, eye, seed)
     glass = everything.label == GLASS
-    if outdoors is None and glass.any() and 1 - valid.ravel()[glass].mean() > MOST_CLIPPED:
+    if outdoors is None and glass.any():
         full, strength = brightened(full, shown.given, shown.known, effort.patch_samples, seed)
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, lamps = _measured(full, bare, shown, effort, seed)

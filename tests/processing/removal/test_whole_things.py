@@ -8,7 +8,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.removal.furniture import FurnitureFound, find_furniture, with_things, without_skirting
 from processing.removal.masks import _with_things
 from processing.removal.plane_fill import hanging
-from processing.removal.shadows import find_wall_shade, unglowed
+from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FLOOR, surface_maps
@@ -117,33 +117,47 @@ def test_soft_shade_beside_furniture_is_replaced() -> None:
     rows = np.arange(ROWS)[:, None]
     band = wall & (rows > 120) & (rows < 160)
     light = np.where(band[..., None], light * fall[..., None], light).astype(np.float32)
-    found, hangs = find_wall_shade(light, ROOM, GEOMETRY, chest, NONE)
+    found, hangs = find_plain_shade(light, ROOM, GEOMETRY, chest, NONE)
     assert not (found & ~wall).any()
     near = band & (away > 0) & (away < 5) & (rows > 135) & (rows < 150)
     far = wall & (away > 60)
     assert found[near].mean() > 0.8
     assert not (hangs & near).any()
     assert not found[far].any()
-    assert not np.any(find_wall_shade(light, ROOM, GEOMETRY, chest, wall & ~chest)), "openings and fixtures stay"
-    assert not np.any(find_wall_shade(light, ROOM, GEOMETRY, NONE, NONE))
+    assert not np.any(find_plain_shade(light, ROOM, GEOMETRY, chest, wall & ~chest)), "openings and fixtures stay"
+    assert not np.any(find_plain_shade(light, ROOM, GEOMETRY, NONE, NONE))
 
 
 def test_a_picture_that_furniture_comes_near_to_hangs_by_itself_and_a_rest_of_furniture_does_not() -> None:
     chest, picture, rest = box(140, 176, 240, 280), box(105, 139, 245, 275), box(150, 158, 281, 286)
     light = grey_room()
     light[chest], light[picture], light[rest] = 0.1, (0.1, 0.3, 0.5), (0.5, 0.1, 0.1)
-    found, hangs = find_wall_shade(light, ROOM, GEOMETRY, chest, NONE)
+    found, hangs = find_plain_shade(light, ROOM, GEOMETRY, chest, NONE)
     assert hangs[box(107, 137, 247, 273)].all()
     assert not (found & hangs).any()
     assert not found[picture].any()
     assert found[rest].mean() > 0.7
 
 
+def test_what_masks_miss_on_a_plain_floor_is_replaced_and_boards_are_kept() -> None:
+    stool, leg, far = box(176, 200, 240, 280), box(200, 204, 244, 247), box(215, 220, 400, 405)
+    light, floor = grey_room(), MAPS.plane == FLOOR
+    boards = floor & (np.arange(2 * ROWS)[None] // 8 % 2 == 0)
+    cable = box(202, 204, 272, 360)
+    light[leg | far | cable] = (0.02, 0.02, 0.05)
+    found, _ = find_plain_shade(light, ROOM, GEOMETRY, stool, NONE)
+    assert found[leg].all()
+    assert not found[far | cable].any(), "what is apart, or runs on, is no part of it"
+    assert (found & floor).sum() < 4 * leg.sum()
+    light[boards] *= 0.6
+    assert not (find_plain_shade(light, ROOM, GEOMETRY, stool, NONE)[0] & floor).any()
+
+
 def test_a_patterned_wall_has_no_shade_to_find() -> None:
     chest, light = box(140, 176, 240, 280), grey_room()
     checks = (np.arange(ROWS)[:, None] // 6 + np.arange(2 * ROWS)[None] // 6) % 2 == 0
     light[checks & ~chest] *= 0.5
-    assert not np.any(find_wall_shade(light, ROOM, GEOMETRY, chest, NONE))
+    assert not np.any(find_plain_shade(light, ROOM, GEOMETRY, chest, NONE))
 
 
 def test_a_door_of_a_strange_colour_stays_and_a_wardrobe_with_doors_goes() -> None:

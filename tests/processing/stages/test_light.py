@@ -65,12 +65,18 @@ def test_it_is_skipped_with_a_reason(tmp_path: Path) -> None:
     assert "no window" in str(nothing_to_lift(context(tmp_path, room=blind)))
 
 
-def test_clipped_windows_without_a_sky_are_as_bright_as_the_light_that_they_cast(tmp_path: Path) -> None:
-    image = picture()
-    image.validity[image.rgb[..., 0] == 2000.0] = Validity.CLIPPED
-    assert nothing_to_lift(context(tmp_path, indoor=image)) is None
-    assert any("clipped windows" in note for note in run(context(tmp_path, indoor=image)).metrics["notes"])
-    assert not any("clipped windows" in note for note in run(context(tmp_path)).metrics["notes"])
+def test_windows_without_a_sky_are_as_bright_as_the_light_that_they_cast(tmp_path: Path) -> None:
+    clipped = picture()
+    clipped.validity[clipped.rgb[..., 0] == 2000.0] = Validity.CLIPPED
+    pressed = picture()  # by a tone curve: nothing is clipped, and windows look too dark for the room
+    pressed.rgb[pressed.rgb[..., 0] == 2000.0] *= 0.25
+    brighter = {}
+    for name, image in {"clipped": clipped, "pressed": pressed}.items():
+        assert nothing_to_lift(context(tmp_path, indoor=image)) is None
+        metrics = run(context(tmp_path, indoor=image)).metrics
+        assert any("windows: " in note for note in metrics["notes"]), name
+        brighter[name] = metrics["brighter_median"]
+    assert brighter["pressed"] > 1, "a room without furniture is no darker"
 
 
 def test_a_given_target_counts_as_furniture(tmp_path: Path) -> None:
