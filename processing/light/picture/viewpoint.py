@@ -97,22 +97,26 @@ def _as_photographed(stage: Stage, photograph: Floats, camera_m: Vector, sight: 
 def _gains(shown: Floats, rendered: Floats, known: Flags, sight: Sight) -> Floats:
     """Return by what (N, 1) rendered pixels are brought to the level of what is seen around them on their surface."""
     level = np.log(np.maximum(shown @ _WEIGHTS, 1e-6) / np.maximum(rendered @ _WEIGHTS, 1e-6))
-    level = np.clip(level, -np.log(MOST_GAIN), np.log(MOST_GAIN)).astype(np.float32)
-    out = np.zeros(len(known), np.float32)
+    level = np.clip(level, -np.log(MOST_GAIN), np.log(MOST_GAIN)).astype(np.float32).reshape(sight.shape)
+    known, labels = known.reshape(sight.shape), sight.label.reshape(sight.shape)
+    out = np.zeros(sight.shape, np.float32)
     usual = float(np.median(level[known])) if known.any() else 0.0
-    for label in np.unique(sight.label[sight.solid & ~known]):
-        mine = sight.label == label
-        own = (mine & known).reshape(sight.shape).astype(np.float32)
-        found = np.full(sight.shape, float(np.median(level[mine & known])) if own.any() else usual, np.float32)
-        todo = np.ones(sight.shape, bool)
+    for label in np.unique(sight.label[sight.solid & ~known.ravel()]):
+        mine = labels == label
+        rows, columns = (np.flatnonzero(mine.any(axis=axis)) for axis in (1, 0))
+        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        todo, own = mine[box], (mine & known)[box].astype(np.float32)
+        out[mine] = float(np.median(level[mine & known])) if own.any() else usual
         for sigma in _SIGMAS_PX if own.any() else ():
-            share = cv2.GaussianBlur(own, (0, 0), sigma)
-            mean = cv2.GaussianBlur(own * level.reshape(sight.shape), (0, 0), sigma)
+            share, mean = (
+                cv2.GaussianBlur(one, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT) for one in (own, own * level[box])
+            )
             ready = todo & (share > 0.02)
-            found[ready] = mean[ready] / share[ready]
-            todo &= ~ready
-        out[mine] = found.ravel()[mine]
-    return np.exp(out)[:, None]
+            out[box][ready] = mean[ready] / share[ready]
+            todo = todo & ~ready
+            if not todo.any():
+                break
+    return np.exp(out.reshape(-1, 1))
 
 
 def check_place(scene: Scene, eye_m: Vector) -> None:
