@@ -108,9 +108,7 @@ def _gains(shown: Floats, rendered: Floats, known: Flags, sight: Sight) -> Float
         todo, own = mine[box], (mine & known)[box].astype(np.float32)
         out[mine] = float(np.median(level[mine & known])) if own.any() else usual
         for sigma in _SIGMAS_PX if own.any() else ():
-            share, mean = (
-                cv2.GaussianBlur(one, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT) for one in (own, own * level[box])
-            )
+            share, mean = (cv2.GaussianBlur(one, (0, 0), sigma) for one in (own, own * level[box]))
             ready = todo & (share > 0.02)
             out[box][ready] = mean[ready] / share[ready]
             todo = todo & ~ready
