@@ -291,7 +291,7 @@ def test_a_stroke_is_what_was_painted(opened: Opened) -> None:
     screen(opened.page, opened.session.name, "remove")
     before = layer(opened, "add")
     opened.page.get_by_text("Brush", exact=True).click()
-    box = opened.page.locator("main canvas").bounding_box()
+    box = at_rest(opened.page.locator("main canvas"))
     start_at, end = (0.80, 0.30), (0.92, 0.42)
     opened.page.mouse.move(box["x"] + start_at[0] * box["width"], box["y"] + start_at[1] * box["height"])
     opened.page.mouse.down()
@@ -719,6 +719,19 @@ def box_of(mark: Any) -> Any:
     """Where a mark is, which is drawn anew after each change."""
     found: list[Any] = []
     wait(lambda: found.append(mark.bounding_box()) or found[-1] is not None)
+    return found[-1]
+
+
+def at_rest(mark: Any) -> Any:
+    """Where a mark is when the page has ceased to move it: words above it may still come."""
+    found = [box_of(mark)]
+
+    def still() -> bool:
+        mark.page.wait_for_timeout(150)
+        found.append(box_of(mark))
+        return bool(found[-1] == found[-2])
+
+    wait(still)
     return found[-1]
 
 
