@@ -263,20 +263,19 @@ def find_plain_shade(
     for plane in (plane for plane in planes_of(room) if plane.index != CEILING):
         texture = unwrap(layers, geometry, room, plane, WALL_PX_PER_M)
         gone = texture.known & (texture.values[..., 3] > 0.5)
-        never = cv2.dilate((texture.values[..., 4] > 0.1).astype(np.uint8), FRAME).astype(bool)
+        # Skirting shows on the floor's rim where the room is taken for wider than it is.
+        never = (texture.values[..., 4] > 0.1) | ((rim := plane.index == FLOOR) & ~texture.known)
+        never = cv2.dilate(never.astype(np.uint8), FRAME, borderType=cv2.BORDER_CONSTANT, borderValue=rim).astype(bool)
         if gone.any():
             marks = _left_on(texture.values[..., :3], texture.known & ~never & ~gone, gone, plane)
             values, where = wrap(marks, plane, WALL_PX_PER_M, room, geometry, ~(removed | barred))
             found[where] |= values[:, 0] > 0.5
-            hangs[where] |= (plane.index != FLOOR) & (values[:, 1] > 0.5)  # furniture may hide the rest of a rug
+            hangs[where] |= (not rim) & (values[:, 1] > 0.5)  # furniture may hide the rest of a rug
     return found, hangs
 
 
 def _left_on(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Floats:
-    """Return what is replaced on a texture of wall or floor, and what stays (H, W, 2).
-
-    Nothing where it is not plain, or hardly seen.
-    """
+    """Return what is replaced on a wall or floor, and what stays (H, W, 2): nothing if it is not plain, or unseen."""
     if plane.index >= FIRST_WALL:
         known[: round(TOP_M * WALL_PX_PER_M)] = False
         known[round((plane.height_m - FOOT_M) * WALL_PX_PER_M) :] = False

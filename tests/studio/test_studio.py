@@ -430,6 +430,8 @@ def test_two_states_are_compared_side_by_side(opened: Opened) -> None:
     one.focus()
     page.keyboard.press("ArrowRight")
     wait(lambda: other.screenshot() != before)
+    page.evaluate(AXE.read_text("utf-8"))
+    assert page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])") == []
     page.get_by_label("Compare with").select_option("nothing")
     assert page.locator(".pair .stage").count() == 0
     assert command_of(opened.lit, {"proof": True}) == [
