@@ -325,7 +325,7 @@ class Capture:
         most_s = min(LONGEST_FURTHER_S, MOST_FURTHER_S - sum(spent_s)) if len(spent_s) < MOST_FURTHER else 0.0
         offered_s = set[float].intersection(*(set(cameras[side].shutter_times_s) for side in errors))
         times_s = [time_s for time_s in {longest_s, *offered_s} if longest_s <= time_s <= most_s]
-        # Give up a side that the last exposure did not help: its worst parts are clipped in longer ones
+        # Give up a side that the last exposure did not help: its worst parts are clipped in longer ones.
         helped = [side for side in errors if not errors[side] >= self._errors.get(side, math.nan)]
         lacks = [errors[side] for side in helped if errors[side] > asked_frac]
         self._errors = errors

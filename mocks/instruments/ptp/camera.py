@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
@@ -23,7 +24,7 @@ class CameraMemory(NamedTuple):
     properties: PropertyTable
 
 
-class SimulatedCamera(PtpResponder):
+class SimulatedCamera(PtpResponder, ABC):
     """A responder with a store, properties and a shutter; each model adds its own manners."""
 
     picture_bytes = 10_000_000
@@ -91,9 +92,9 @@ class SimulatedCamera(PtpResponder):
         if self.exposing:
             raise Refusal(Response.DEVICE_BUSY)
 
+    @abstractmethod
     def current_settings(self) -> ShotRequest:
         """Return the exposure as the camera is set now."""
-        raise NotImplementedError
 
     def press_shutter(self) -> None:
         """Take a picture as a person at the camera does."""
@@ -130,9 +131,9 @@ class SimulatedCamera(PtpResponder):
         """Return the least time from one exposure to the next."""
         return 0.0
 
+    @abstractmethod
     def picture_ready(self, settings: ShotRequest, faults: tuple[Fault, ...]) -> None:
         """Store the picture and announce it; each model does this its own way."""
-        raise NotImplementedError
 
     def keep(self, name: str, object_format: int, data: bytes, settings: ShotRequest) -> StoredObject:
         """Put a file into the picture folder."""

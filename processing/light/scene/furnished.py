@@ -89,7 +89,7 @@ def furnished_light(
     """Return the light in a room with and without what stands in it.
 
     ``panorama``: the furnished room, upright, equirectangular, in cd/m2.
-    ``outdoors``: the light outside at the same moment; None: windows as seen, as bright as what they light says.
+    ``outdoors``: the light outside at the same moment; None: windows as they look, scaled by the light they cast.
     ``rows``: height of the pictures returned.
     Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
