@@ -13,6 +13,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ from benchmarks.whole.studio import (
     until,
     wrong,
 )
+from drivers.clock import SystemClock
+from drivers.errors import DeviceLostError, DeviceTimeoutError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room
 from processing.pictures.masks import read_mask, write_mask
 from processing.running.choices import read_choices
@@ -47,6 +50,8 @@ from studio.server import STATIC
 from studio.sessions import captured
 from tests.processing.relighting.lit_sessions import lit_session
 from tests.processing.room.evidence import boundary_of, classes_of
+from tests.station.capture.fake_camera import FakeCamera
+from tests.station.capture.test_capture import FakeMeter, make_rig, run
 from tests.station.session.sessions import STOPS_S, frame_record, manifest
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -486,6 +491,32 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
         opened.page.get_by_text("Complete: 3 frames").wait_for()
     assert not captured(opened.folder)
     picture.unlink()
+
+
+def test_a_capture_with_faults_is_followed_to_its_end(opened: Opened) -> None:
+    """The station's conductor: a lost camera, a shutter that stays silent, a broken frame, a meter that dies."""
+    silent = {("release", n): DeviceTimeoutError("silent") for n in (2, 3, 4)}
+    indoor = FakeCamera(SystemClock(), readout_s=0.3, failures=silent)
+    outdoor = FakeCamera(
+        SystemClock(),
+        readout_s=0.3,
+        failures={("poll_exposure", 2): DeviceLostError("unplugged")},
+        spoil=lambda shot, _shutter_s, data: data[: len(data) // 2] if shot == 3 else data,
+    )
+    meter = FakeMeter(34.0, DeviceLostError("unplugged"), DeviceLostError("still"))
+    with ThreadPoolExecutor(1) as beside:
+        capture = beside.submit(run, make_rig(indoor, outdoor, meter=meter), opened.folder)
+        wait(lambda: any(opened.folder.glob("*_test-room/session.json")))
+        session = next(opened.folder.glob("*_test-room"))
+        screen(opened.page, session.name, "capture")
+        opened.page.locator("[data-file] img").first.wait_for()
+        assert not capture.done(), "it is followed while it is made"
+        manifest, path, _ = capture.result(timeout=60)
+    assert manifest.missing == ("indoor: stop 2 (1/60 s)", "meter reading after")
+    opened.page.get_by_text(f"Partial: {', '.join(manifest.missing)}").wait_for()
+    until(opened.page, f"() => document.querySelectorAll('[data-file] img').length === {len(manifest.frames)}")
+    assert [one.side for one in manifest.rejected] == [Side.OUTDOOR], "taken again"
+    assert f"--resume {path}" in opened.page.locator("footer code").inner_text()
 
 
 def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None:
