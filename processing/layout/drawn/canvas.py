@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from processing.ground.designs import build
+from processing.ground.tables import table_of
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -121,172 +124,65 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
     axes.add_patch(patch)
 
 
-Drawn: TypeAlias = list[Shape]
 INK = "#33383d"
 FINE = 0.010  # chosen: lines of plans, in metres of the room
 THIN = 0.006  # chosen: lines within a piece
-WOOD, CLOTH, LINEN, GREEN, DARK, PALE = "#ead9bf", "#cfd6dc", "#f4f1ea", "#c9dcc0", "#4a4f55", "#e6e3dc"
 
 
-def symbol(category: str, width_m: float, depth_m: float) -> Drawn:
-    """Return the symbol of a kind of furniture; a plain box with its diagonal for kinds that have none."""
-    drawer = _SYMBOLS.get(category, _box)
-    return drawer(width_m / 2, depth_m / 2)
+def symbol(category: str, width_m: float, depth_m: float) -> list[Shape]:
+    """Return the symbol of a kind of furniture (`symbols.toml`); a plain box with its diagonal for unknown kinds."""
+    table = table_of(__package__, "symbols")
+    kind = table["like"].get(category, category)
+    drawn: list[Shape] = []
+    build(table.get(kind, table["other"]), (width_m, depth_m, 0.0), _Pen(drawn, table["fills"]).verbs())
+    return drawn
 
 
-def _rect(x0: float, x1: float, y0: float, y1: float, fill: str = "", width_m: float = FINE) -> Area:
-    return Area([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], fill, INK, width_m)
+@dataclass(frozen=True)
+class _Pen:
+    """Draws the shapes of symbols: each verb takes the fill's name and measures in metres."""
 
+    drawn: list[Shape]
+    fills: dict[str, str]
 
-def _round(x0: float, x1: float, y0: float, y1: float, r: float, fill: str = "", width_m: float = FINE) -> Area:
-    r = min(r, (x1 - x0) / 2, (y1 - y0) / 2)
-    rim: list[Point] = []
-    for cx, cy, start in ((x1 - r, y1 - r, 0), (x0 + r, y1 - r, 90), (x0 + r, y0 + r, 180), (x1 - r, y0 + r, 270)):
-        rim += [
-            (cx + r * math.cos(math.radians(start + k * 15)), cy + r * math.sin(math.radians(start + k * 15)))
-            for k in range(7)
+    def verbs(self) -> dict[str, Callable[..., None]]:
+        verbs = (self.rect, self.round, self.circle, self.leaf, self.books, self.line)
+        return {verb.__name__: verb for verb in verbs}
+
+    def _area(self, rim: Sequence[Point], fill: str, thin: int) -> None:
+        self.drawn.append(Area(rim, self.fills[fill], INK, THIN if thin else FINE))
+
+    def rect(self, fill: str, x: Point, y: Point, thin: int = 0) -> None:
+        self._area([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])], fill, thin)
+
+    def round(self, fill: str, x: Point, y: Point, r: float, thin: int = 0) -> None:
+        """Add a rectangle with round corners."""
+        r = min(r, (x[1] - x[0]) / 2, (y[1] - y[0]) / 2)
+        corners = ((x[1] - r, y[1] - r), (x[0] + r, y[1] - r), (x[0] + r, y[0] + r), (x[1] - r, y[0] + r))
+        turns = [[math.radians(90 * n + 15 * k) for k in range(7)] for n in range(4)]
+        rim = [
+            (cx + r * math.cos(a), cy + r * math.sin(a))
+            for (cx, cy), quarter in zip(corners, turns, strict=True)
+            for a in quarter
         ]
-    return Area(rim, fill, INK, width_m)
+        self._area(rim, fill, thin)
 
+    def circle(self, fill: str, r: float, at: Point = (0, 0), thin: int = 0) -> None:
+        turns = [k * math.pi / 24 for k in range(48)]
+        self._area([(at[0] + r * math.cos(a), at[1] + r * math.sin(a)) for a in turns], fill, thin)
 
-def _circle(x: float, y: float, r: float, fill: str = "", width_m: float = FINE) -> Area:
-    rim = [(x + r * math.cos(k * math.pi / 24), y + r * math.sin(k * math.pi / 24)) for k in range(48)]
-    return Area(rim, fill, INK, width_m)
+    def leaf(self, fill: str, r: float, turn: float) -> None:
+        """Add a leaf from the middle outwards."""
+        ways = ((0.55 * r, turn - 0.32), (r, turn), (0.55 * r, turn + 0.32))
+        self._area([(0, 0), *((out * math.cos(a), out * math.sin(a)) for out, a in ways)], fill, 1)
 
+    def books(self, fill: str, x: Point, y: float, deep: float) -> None:
+        """Add upright books from y on, a gap after every fifth; `x`: where the first begins and the last may begin."""
+        at, k = x[0], 0
+        while at < x[1]:
+            thick = 0.025 + 0.015 * ((k * 7) % 3)
+            self.rect(fill, (at, at + thick), (y, deep * (0.35 + 0.12 * ((k * 5) % 4))), 1)
+            at, k = at + thick + (0.0 if k % 5 else 0.03), k + 1
 
-def _box(w: float, d: float) -> Drawn:
-    return [_rect(-w, w, -d, d, PALE), Line([(-w, -d), (w, d)], INK, THIN)]
-
-
-def _bed(w: float, d: float) -> Drawn:
-    drawn: Drawn = [_rect(-w, w, -d, d, LINEN), _rect(-w, w, -d, -d + 0.07, WOOD)]
-    count = 2 if w > 0.6 else 1
-    wide = (2 * w - 0.12) / count
-    for k in range(count):
-        x0 = -w + 0.06 + k * wide
-        drawn.append(_round(x0 + 0.04, x0 + wide - 0.04, -d + 0.14, -d + 0.52, 0.08, "#ffffff"))
-    fold = -d + 0.68
-    drawn.append(_rect(-w, w, fold, d, CLOTH))
-    drawn.append(Area([(-w, fold), (w, fold), (w, fold + 0.16), (-w, fold + 0.16)], "#ffffff", INK, THIN))
-    drawn.append(Line([(w - 0.42, fold + 0.16), (w, fold + 0.60)], INK, THIN))
-    return drawn
-
-
-def _sofa(w: float, d: float) -> Drawn:
-    arm, back = min(0.16, w / 3), min(0.22, d / 2)
-    drawn: Drawn = [_round(-w, w, -d, d, 0.06, CLOTH)]
-    drawn += [_round(-w, -w + arm, -d, d, 0.05, CLOTH), _round(w - arm, w, -d, d, 0.05, CLOTH)]
-    drawn.append(_round(-w + arm, w - arm, -d, -d + back, 0.05, CLOTH))
-    count = max(1, round(2 * (w - arm) / 0.75))
-    wide = 2 * (w - arm) / count
-    for k in range(count):
-        x0 = -w + arm + k * wide
-        drawn.append(_round(x0, x0 + wide, -d + back, d, 0.05, "#dfe4e8", THIN))
-    return drawn
-
-
-def _nightstand(w: float, d: float) -> Drawn:
-    return [_rect(-w, w, -d, d, WOOD), _circle(0, 0, 0.45 * min(w, d), "#fff7df", THIN), _circle(0, 0, 0.05, "", THIN)]
-
-
-def _wardrobe(w: float, d: float) -> Drawn:
-    drawn: Drawn = [_rect(-w, w, -d, d, WOOD), Line([(-w + 0.04, 0), (w - 0.04, 0)], INK, THIN)]
-    count = max(3, int(2 * w / 0.11))
-    for k in range(count):
-        x = -w + (k + 0.5) * 2 * w / count
-        lean = 0.02 * math.sin(k * 2.4)
-        drawn.append(Line([(x - lean, -0.72 * d), (x + lean, 0.72 * d)], INK, THIN))
-    drawn.append(Line([(0, d - 0.02), (0, d)], INK, FINE))
-    return drawn
-
-
-def _drawers(w: float, d: float) -> Drawn:
-    drawn: Drawn = [_rect(-w, w, -d, d, WOOD), Line([(-w, d - 0.04), (w, d - 0.04)], INK, THIN)]
-    return [*drawn, Line([(0, d - 0.04), (0, d)], INK, THIN)]
-
-
-def _shelf(w: float, d: float) -> Drawn:
-    drawn: Drawn = [_rect(-w, w, -d, d, WOOD), _rect(-w + 0.02, w - 0.02, -d + 0.02, d, "#f3e8d6", THIN)]
-    x, k = -w + 0.05, 0
-    while x < w - 0.10:
-        thick = 0.025 + 0.015 * ((k * 7) % 3)
-        drawn.append(_rect(x, x + thick, -d + 0.03, d * (0.35 + 0.12 * ((k * 5) % 4)), "#ffffff", THIN))
-        x, k = x + thick + (0.0 if k % 5 else 0.03), k + 1
-    return drawn
-
-
-def _desk(w: float, d: float) -> Drawn:
-    drawn: Drawn = [_rect(-w, w, -d, d, WOOD), _rect(-0.26, 0.26, -d + 0.07, -d + 0.12, DARK, THIN)]
-    return [*drawn, _round(-0.22, 0.22, 0.02, 0.14, 0.02, "#ffffff", THIN), _circle(0.34, 0.08, 0.035, "#ffffff", THIN)]
-
-
-def _desk_chair(w: float, d: float) -> Drawn:
-    r = 0.86 * min(w, d)
-    drawn: Drawn = [_round(-r, r, -0.72 * r, r, 0.14, CLOTH)]
-    drawn += [_round(-0.85 * r, 0.85 * r, -r, -0.66 * r, 0.06, "#aeb8c1")]
-    return [
-        *drawn,
-        _round(-w, -w + 0.07, -0.4 * d, 0.5 * d, 0.03, DARK, THIN),
-        _round(w - 0.07, w, -0.4 * d, 0.5 * d, 0.03, DARK, THIN),
-    ]
-
-
-def _chair(w: float, d: float) -> Drawn:
-    return [_round(-w, w, -d + 0.05, d, 0.06, LINEN), _round(-w, w, -d, -d + 0.08, 0.03, WOOD)]
-
-
-def _table(w: float, d: float) -> Drawn:
-    return [_round(-w, w, -d, d, 0.05, WOOD), _round(-w + 0.04, w - 0.04, -d + 0.04, d - 0.04, 0.03, "", THIN)]
-
-
-def _stand(w: float, d: float) -> Drawn:
-    return [_rect(-w, w, -d, d, WOOD), *(Line([(x, d - 0.03), (x, d)], INK, THIN) for x in (-w / 3, w / 3))]
-
-
-def _screen(w: float, d: float) -> Drawn:
-    return [_rect(-w, w, -d, d, DARK), _rect(-0.18, 0.18, -d - 0.05, d + 0.03, DARK, THIN)]
-
-
-def _rug(w: float, d: float) -> Drawn:
-    drawn: Drawn = [_rect(-w, w, -d, d, "#f0e7e1", THIN), _rect(-w + 0.08, w - 0.08, -d + 0.08, d - 0.08, "", THIN)]
-    count = int(2 * d / 0.06)
-    for k in range(count + 1):
-        y = -d + 2 * d * k / count
-        drawn += [Line([(side * w, y), (side * (w + 0.03), y)], INK, 0.004) for side in (-1, 1)]
-    return drawn
-
-
-def _lamp(w: float, d: float) -> Drawn:
-    r = min(w, d)
-    drawn: Drawn = [_circle(0, 0, r, "#fff7df"), _circle(0, 0, 0.35 * r, "", THIN)]
-    return [*drawn, Line([(-r, 0), (r, 0)], INK, THIN), Line([(0, -r), (0, r)], INK, THIN)]
-
-
-def _plant(w: float, d: float) -> Drawn:
-    r, drawn = min(w, d), list[Shape]()
-    for k in range(9):
-        a = k * 2 * math.pi / 9
-        tip = (r * math.cos(a), r * math.sin(a))
-        sides = [(0.55 * r * math.cos(a + s), 0.55 * r * math.sin(a + s)) for s in (-0.32, 0.32)]
-        drawn.append(Area([(0, 0), sides[0], tip, sides[1]], GREEN, INK, THIN))
-    return [*drawn, _circle(0, 0, 0.18 * r, "#ffffff", THIN)]
-
-
-_DRAWERS: dict[Callable[[float, float], Drawn], tuple[str, ...]] = {
-    _bed: ("bed", "single bed", "king bed"),
-    _sofa: ("sofa", "armchair"),
-    _nightstand: ("nightstand",),
-    _wardrobe: ("wardrobe",),
-    _drawers: ("chest",),
-    _shelf: ("bookshelf",),
-    _desk: ("desk",),
-    _desk_chair: ("desk chair",),
-    _chair: ("dining chair",),
-    _table: ("dining table", "coffee table"),
-    _stand: ("tv stand",),
-    _screen: ("tv",),
-    _rug: ("rug",),
-    _lamp: ("floor lamp",),
-    _plant: ("plant",),
-}
-_SYMBOLS = {kind: drawer for drawer, kinds in _DRAWERS.items() for kind in kinds}
+    def line(self, _: str, points: Sequence[Point], width: float = THIN) -> None:
+        self.drawn.append(Line(points, INK, width))

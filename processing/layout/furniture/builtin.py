@@ -1,122 +1,22 @@
 """The built-in models: every design of every category, in any size within its limits, in the materials of a style.
 
-Designs as text: each line names a shape, its material and its measures as expressions of the piece's size.
-
-    low = 0.3 * h                                 a name for what follows
-    pad fabric x=-X,X y=-Y,Y z=low,h edge=.04     a shape: verb, role of the material, measures
-    @s:(-1,1) ?w>1 rod metal path=...             @name:values repeats a line, ?condition leaves it out
-
-Expressions know w, d, h (the size), X, Y (half of width and depth), what was named before, and some mathematics.
-The texts are the package's own (`*.toml` beside this file), as trusted as its code.
+Designs are texts (`processing.ground.designs`) in `*.toml` beside this file.
 """
 
 from __future__ import annotations
 
-import ast
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cache, lru_cache
-from types import CodeType
+from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from processing.errors import CatalogueError, ItemError
+from processing.ground.designs import build
 from processing.ground.tables import table_of
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import FurnitureModel, Size
 from processing.layout.furniture.styles import style_named
 from processing.layout.furniture.verbs import VERBS
-
-_MATHS: dict[str, Any] = {
-    "__builtins__": {},
-    **{name: getattr(math, name) for name in ("sin", "cos", "tan", "sqrt", "radians", "ceil", "pi", "hypot")},
-    **{one.__name__: one for one in (min, max, abs, round, range, int)},
-    "clip": lambda value, low, high: min(max(value, low), high),
-    "mid": lambda count, k, low, high: low + (k + 0.5) * (high - low) / count,
-    "ball": lambda r, low, high: tuple(
-        (r * math.sin(math.pi * k / 16), (low + high) / 2 - (high - low) / 2 * math.cos(math.pi * k / 16))
-        for k in range(17)
-    ),
-    "span": lambda a, b: (min(a, b), max(a, b)),
-    "steps": lambda low, high, count: [float(v) for v in np.linspace(low, high, count)],
-}
-
-
-@dataclass(frozen=True)
-class Line:
-    """One line, its expressions compiled."""
-
-    verb: str
-    """`=` for a name."""
-    role: str
-    values: tuple[tuple[str, CodeType], ...]
-    loops: tuple[tuple[str, CodeType], ...] = ()
-    conditions: tuple[CodeType, ...] = ()
-
-
-def _code(text: str) -> CodeType:
-    return compile(ast.parse(text.strip(), mode="eval"), f"<{text}>", "eval")
-
-
-@cache
-def lines_of(text: str) -> tuple[Line, ...]:
-    """Return the lines of a design."""
-    return tuple(_line(row) for row in map(str.strip, text.splitlines()) if row and not row.startswith("#"))
-
-
-def _line(row: str) -> Line:
-    name, _, rest = row.partition(" = ")
-    if rest and name.isidentifier():
-        return Line("=", "", ((name, _code(rest)),))
-    words = row.split()
-    marks = [word for word in words if word[0] in "@?"]
-    loops = tuple((name, _code(text)) for name, _, text in (m[1:].partition(":") for m in marks if m[0] == "@"))
-    conditions = tuple(_code(m[1:]) for m in marks if m[0] == "?")
-    verb, *others = words[len(marks) :]
-    role = others.pop(0) if others and "=" not in others[0] else ""
-    values = tuple((key, _code(text)) for key, _, text in (word.partition("=") for word in others))
-    return Line(verb, role.replace("_", " "), values, loops, conditions)
-
-
-def build(bench: Bench, text: str) -> None:
-    """Make a design on a bench: each line by its verb (bench, role, values), `use` by a text that designs share.
-
-    What such a text names is known after it, unless it is repeated.
-    """
-    w, d, h = bench.size
-    chance: dict[str, Any] = {"rnd": lambda low, high: float(bench.rng.uniform(low, high))}
-    _run(text, {**_MATHS, **chance, "w": w, "d": d, "h": h, "X": w / 2, "Y": d / 2}, bench)
-
-
-def _run(text: str, names: dict[str, Any], bench: Bench) -> None:
-    for line in lines_of(text):
-        for scope in _scopes(line.loops, names):
-            if not all(_value(code, scope) for code in line.conditions):
-                continue
-            values = {key: _value(code, scope) for key, code in line.values}
-            if line.verb == "=":
-                names |= values
-            elif line.verb == "use":
-                inner = {**scope, **values} if line.loops else names
-                inner |= values
-                _run(_designs()["shared"][line.role], inner, bench)
-            else:
-                VERBS[line.verb](bench, line.role, **values)
-
-
-def _scopes(loops: tuple[tuple[str, CodeType], ...], names: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    if not loops:
-        yield names
-        return
-    (name, code), *rest = loops
-    for value in _value(code, names):
-        yield from _scopes(tuple(rest), {**names, name: value})
-
-
-def _value(code: CodeType, names: dict[str, Any]) -> Any:
-    return eval(code, names)  # noqa: S307 (texts of this package alone)
 
 
 @cache
@@ -178,5 +78,6 @@ def build_model(category: str, style: str, size_m: Size | None = None, design: s
     if name not in BUILT_IN[category].designs:
         raise ItemError(f"no design '{name[:40]}'; there are: {', '.join(BUILT_IN[category].designs)}", where=category)
     bench = Bench(size, style_named(style), np.random.default_rng(sum(category.encode())))
-    build(bench, BUILT_IN[category].designs[name])
+    make = {verb: partial(add, bench) for verb, add in VERBS.items()}
+    build(BUILT_IN[category].designs[name], size, make, shared=_designs()["shared"], rng=bench.rng)
     return FurnitureModel(f"{category}/{style}", category, bench.parts(), size, LICENCE, notes=(f"design {name}",))
