@@ -7,8 +7,6 @@
 >>> picture.luminance_cd_m2().max(), picture.unit
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import sys

@@ -14,8 +14,6 @@ the owner can put transfers of earlier frames behind a running exposure::
     camera.finish_frame(frame)                # the camera may forget the frame: it is safe with us
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """One camera's cable and session, opened by a factory so that both can be replaced when the cable comes back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 

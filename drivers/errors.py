@@ -6,8 +6,6 @@ all of daylit with their codes.
 ``retryable`` says whether the same call may work later without a person doing anything.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 

@@ -1,8 +1,6 @@
 """What the operating system says when a link fails, USB or serial, as typed errors that say what to do; and who
 holds a device."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

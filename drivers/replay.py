@@ -6,8 +6,6 @@ or, asked more often than then, as the last time. A camera's events come as long
 that the transcript does not have is refused.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import deque
 from collections.abc import Iterable

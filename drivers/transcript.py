@@ -6,8 +6,6 @@ open, out, in, drain, close. A call that failed has ``"error"`` with its code; w
 ``"info"``. A file whose name ends in ``.gz`` is compressed.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import threading

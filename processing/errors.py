@@ -1,7 +1,5 @@
 """Errors of processing. Exit codes: 5 a stage failed · 2 usage · 4 session · 6 resource (see `station.errors`)."""
 
-from __future__ import annotations
-
 from drivers.errors import DaylitError
 from station.errors import SessionError, UsageError
 

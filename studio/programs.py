@@ -1,7 +1,5 @@
 """Programs beside the server: a session's run, which outlives it, and the one that previews what is looked at."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

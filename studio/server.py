@@ -4,8 +4,6 @@ Every request needs a Host that the server has, and the cookie that a one-time t
 Origin of its own. Nothing is allowed to other origins, and pages may load nothing but what the server gives.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

@@ -1,7 +1,5 @@
 """What the screens show of a session, and what they write to it: corrections, which are choices like any other."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path

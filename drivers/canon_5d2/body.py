@@ -4,8 +4,6 @@ The ids of the custom functions are those of a 60D (its menus II-1 to 3 and III-
 Mark II's have not been recorded. They are never written: no camera lists values for them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 from drivers.camera import NOT_REPORTED, BodySetting, Verdict

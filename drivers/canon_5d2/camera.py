@@ -4,8 +4,6 @@ Source: libgphoto2 and logs of EOS cameras (devices.md section 3). The mode dial
 no computer can turn those.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime

@@ -1,7 +1,5 @@
 """Code tables of Canon's PTP extension as spoken by the EOS 5D Mark II (devices.md section 3)."""
 
-from __future__ import annotations
-
 import tomllib
 from enum import IntEnum
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """One exposure of an EOS camera from its release until all its frames are announced and the button is let go."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drivers.camera import ExposureProgress, FrameFormat, FrameRef

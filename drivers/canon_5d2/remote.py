@@ -4,8 +4,6 @@ Everything an EOS says comes through GetEvent (9116). Events left undrained make
 it is asked, so every wait here drains between attempts. Source: libgphoto2 (devices.md 3.5 to 3.8).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

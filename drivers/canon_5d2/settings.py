@@ -1,7 +1,5 @@
 """The fixed settings of a bracket on an EOS camera: as codes, checked against the camera's own lists, read back."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ expressions over the whole line; named groups carry meaning: ``value`` (the numb
 ``calibration``, ``wait_s``. What a group's text means is a table: only what the table calls "ok" lets a number pass.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from functools import cached_property

@@ -11,8 +11,6 @@ A line without a checksum can lie in four ways; each has its own defence here:
   transmissions must carry the same digits.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 

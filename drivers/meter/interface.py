@@ -1,7 +1,5 @@
 """What every luminance meter can do, and the type of a reading."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum

@@ -5,8 +5,6 @@ samples must agree within a limit, a display that never changes is no measuremen
 What remains is stated in docs/reference/meter-dialects.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace

@@ -3,8 +3,6 @@
 The simulated cameras share these tables and no other code with the drivers.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 # USB still-image class 1.0 (PIMA 15740 over USB): container header, parameters, interface class.

@@ -4,8 +4,6 @@ A container is a 12-byte little-endian header (length, type, code, transaction i
 responses carry up to five 32-bit parameters, events up to three, data containers anything.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

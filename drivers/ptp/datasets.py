@@ -7,8 +7,6 @@ the field append fields of their own there; values and descriptions of propertie
 longer one means another type. Text from a camera is text: names are never used as paths.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Sequence

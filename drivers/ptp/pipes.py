@@ -1,7 +1,5 @@
 """Containers over a transport: deadlines, halted endpoints, draining. Knows bytes and time, no transactions."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Literal, Protocol
 

@@ -5,8 +5,6 @@ refuses the class's own reset; only resetting its port helps then (seen with Ric
 1306). So each rung is proved by a fresh, complete transaction before it counts.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from typing import Protocol

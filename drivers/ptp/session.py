@@ -4,8 +4,6 @@ One thread owns a session. Nothing here knows a camera model; see `drivers.theta
 `drivers.canon_5d2.camera`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Transactions: command, data phase, response, with ids that no late or doubled answer gets past."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

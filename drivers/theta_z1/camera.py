@@ -3,8 +3,6 @@
 Source: Ricoh USB API specification, libgphoto2, and scripts that work with the real camera (devices.md section 2).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """Code tables of the Ricoh Theta Z1 over USB; source: Ricoh's USB API specification (devices.md section 2)."""
 
-from __future__ import annotations
-
 import tomllib
 from enum import IntEnum
 from importlib.resources import files

@@ -4,8 +4,6 @@ Announcements come as events on the interrupt pipe, which may be lost, doubled, 
 other objects; so the camera's store has the last word once the events are overdue.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drivers.camera import ExposureProgress, FrameFormat

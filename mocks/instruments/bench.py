@@ -1,7 +1,5 @@
 """The simulated bench: a world, and three instruments looking at it behind real pyusb and real pyserial."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """A simulated Canon EOS (5D Mark II by default): the body and its shutter button (half, full, autofocus, bulb)."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass, replace
 

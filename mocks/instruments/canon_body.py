@@ -5,8 +5,6 @@ GetEvent), the codes of refusals that libgphoto2 does not distinguish, that a US
 pulling the cable does, and all times. The shutter button is in `mocks.instruments.canon_5d2`.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import deque
 from datetime import UTC, datetime

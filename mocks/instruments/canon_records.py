@@ -1,7 +1,5 @@
 """Records of Canon's GetEvent stream as a simulated camera writes them: u32 size, u32 code, payload (libgphoto2)."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

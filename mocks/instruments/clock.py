@@ -1,7 +1,5 @@
 """The clock of simulations: it runs faster than life."""
 
-from __future__ import annotations
-
 import time
 from datetime import UTC, datetime, timedelta
 

@@ -1,7 +1,5 @@
 """What happens between release and picture: delays, true exposure times, the log, and pictures gone wrong."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ the nth **operation** (any, or of one code), the nth **event** (any, or of one c
 as events), the nth **shot**, or the nth **setting** written (any, or of one property).
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field

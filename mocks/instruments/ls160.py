@@ -4,8 +4,6 @@ Written from the instruments' manuals, not from the dialect files that it is to 
 back timed pieces of bytes, so that the same instrument serves a pseudo-terminal and a line in memory.
 """
 
-from __future__ import annotations
-
 import math
 import random
 import re

@@ -10,8 +10,6 @@ runs as ``1001..1003``. Events of a Canon stand one after the other, between ``;
     C1A4 ! 20001                another record and its u32
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import tomllib

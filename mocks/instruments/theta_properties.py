@@ -1,7 +1,5 @@
 """The Theta Z1's device properties (Ricoh USB API specification; forms as the specification lists them)."""
 
-from __future__ import annotations
-
 from drivers.ptp.codes import DataType, Prop
 from drivers.theta_z1.codes import (
     F_NUMBER_INDEX,

@@ -4,8 +4,6 @@ What no source says is chosen here and said so: the interrupt packet (64 bytes),
 exposure program forbids (InvalidDevicePropValue), which settings survive sleep, and all times.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from datetime import datetime

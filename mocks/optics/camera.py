@@ -4,8 +4,6 @@ The *image* of a world is radiance times fall-off times filter, in cd/m2-like un
 a bracket are exposed from the same image.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

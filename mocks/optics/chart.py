@@ -4,8 +4,6 @@ The ratio of the two cameras' values for its white patch is k2 (Ji, Sawyer, Nara
 on the wall ahead; for the fisheye, whose axis points up, the whole room is turned so that it hangs before that axis.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -4,8 +4,6 @@ Pixel coordinates are continuous: the first pixel reaches from 0 to 1, its centr
 y ahead, z up. Written for the simulation alone; processing has its own projections, so that each checks the other.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias

@@ -1,7 +1,5 @@
 """Rendered pictures on disk, by what they show: bounded, least recently used out first, safe with two processes."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import tempfile

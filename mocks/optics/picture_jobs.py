@@ -1,7 +1,5 @@
 """The work of rendering, as functions that a worker process can run: image bands, exposures, mosaics."""
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Iterator, Sequence

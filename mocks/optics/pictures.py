@@ -4,8 +4,6 @@ Rendering runs in worker processes, in bands of rows, so that the station stays 
 only the EXIF segments are put into finished JPEG bytes.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The sensor and the camera's own processing: light to electrons, noise, white balance, tone curve, 8 bits."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """The materials of a room, drawn to go together as in real homes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mocks.rooms.materials import (

@@ -1,7 +1,5 @@
 """Materials of a plain colour or of a pattern, and the colours of things that rooms are full of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Seeded fractal noise whose detail stops at the pixel."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import cv2

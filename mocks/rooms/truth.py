@@ -3,8 +3,6 @@
 It is what every later answer is compared with; `benchmarks.truth_files` reads it back.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

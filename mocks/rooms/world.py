@@ -1,7 +1,5 @@
 """A procedural room as the instruments see it: its light is baked once, kept on disk, and looked up ray by ray."""
 
-from __future__ import annotations
-
 import io
 import lzma
 from dataclasses import dataclass, field, replace

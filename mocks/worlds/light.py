@@ -4,8 +4,6 @@ World axes: x right, y ahead, z up (metres, right-handed). Directions are unit v
 Radiance is linear RGB (Rec. 709 primaries) scaled so that ``0.2127 R + 0.7151 G + 0.0722 B`` is cd/m2.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum

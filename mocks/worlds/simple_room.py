@@ -6,8 +6,6 @@ for the instruments is: units, range (1 to 10 000 cd/m2), an even white board, t
 World axes and units are those of `mocks.worlds.light`; the camera stands at x = y = 0, `CAMERA_HEIGHT_M` high.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, field

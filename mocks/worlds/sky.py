@@ -1,7 +1,5 @@
 """A clear sky with its sun, and the land under it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@
 made of HDR pictures; `UniformWorld` is an integrating sphere.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -4,8 +4,6 @@ On a local cluster each worker is a process that does one session at a time. Who
 may run code on its workers: therefore nothing listens beyond the loopback unless a cluster elsewhere was named.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import os

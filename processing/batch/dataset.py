@@ -1,7 +1,5 @@
 """Making, checking and summing up a data set."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

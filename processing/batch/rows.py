@@ -4,8 +4,6 @@ All is read from the session's folder: session.json and the results that stand. 
 a picture without absolute scale are left empty where the column is in lx or cd/m2, and ``units`` says so.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Many sessions through the cluster: found, handed out a few at a time, every one accounted for at the end."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence

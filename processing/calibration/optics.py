@@ -1,7 +1,5 @@
 """What stands before the cameras of a session: from the rig profile, published data, and the picture itself."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, Literal, Protocol

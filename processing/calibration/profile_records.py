@@ -1,7 +1,5 @@
 """What a calibration profile holds, as plain strict records: curve, noise, shutter, lens, filter."""
 
-from __future__ import annotations
-
 import hashlib
 from itertools import pairwise
 from typing import Annotated, Any, Self

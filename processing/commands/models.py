@@ -1,7 +1,5 @@
 """``daylit models``: networks of others that daylit can use: what there is, fetched on request, or added by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

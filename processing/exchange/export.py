@@ -3,8 +3,6 @@
 Each file is written whole or not at all. What cannot be written is left out with the reason; the rest stands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -5,8 +5,6 @@ albedo is meant to be lit by the viewer; with ``lit`` a surface instead shows a 
 (KHR_materials_unlit): the photograph's own daylight. What lights the room is recorded in the asset's extras.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """What a picture says: as a whole, and at a place of the sphere with what lies around it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

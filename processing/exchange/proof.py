@@ -5,8 +5,6 @@ Who could have written the whole anew is not excluded: its digest is to be kept 
 content credentials (C2PA) that are chained to the frames.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

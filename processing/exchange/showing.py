@@ -1,7 +1,5 @@
 """How a session's pictures are shown: its one display, and where its pictures look out of a window."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

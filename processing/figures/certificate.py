@@ -5,8 +5,6 @@ Each row is one cause, as a relative standard uncertainty of the figure; causes 
 others need a laboratory, and are named as not determined.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise

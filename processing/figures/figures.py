@@ -1,7 +1,5 @@
 """All light figures of a session as plain values: what the stage figures writes and the report shows."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ hdrgen writes a camera's response as a polynomial a channel: exposure over that 
 87 N2 / (t ISO) it is cd/m2. LumiLab's .cal files hold a fall-off (`sf=1/(a r^8 + ... + 1)`) or factors a channel.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

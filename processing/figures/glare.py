@@ -13,8 +13,6 @@ the axis of a picture: Ev, L, w and P as above, Lb = (Ev - sources') / pi the ba
 117; CGI: Einhorn 1979; VCP: Guth 1963; UGP: Hirning 2014; veiling luminance: Stiles and Holladay (CIE 146).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Pictures as an observer's eye meets them, for Radiance's evalglare; and smaller ones that keep all light."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ The name states the dtype; the docstring of a function states the shape, unit an
 `Floats` (float32); accumulation, solves and geometry are `Doubles` (float64).
 """
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

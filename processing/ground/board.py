@@ -5,8 +5,6 @@ between 0 and 1, are multiplied into a confidence, and the result is a proposal.
 board at a place that is known.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

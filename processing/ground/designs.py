@@ -8,8 +8,6 @@ Expressions know w, d, h (the size), X, Y (half of width and depth), what was na
 The texts are the package's own (`*.toml` beside the code), as trusted as its code.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -5,8 +5,6 @@ every library is tried in a child process first: this file, run as a program wit
 found is remembered on disk as long as library, Mitsuba and processor stay the same.
 """
 
-from __future__ import annotations
-
 import ctypes
 import glob
 import hashlib

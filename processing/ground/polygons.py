@@ -1,7 +1,5 @@
 """Polygons in a plane: which points lie inside, and triangles that fill them (by shapely)."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 

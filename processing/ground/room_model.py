@@ -4,8 +4,6 @@ World axes (docs/reference/coordinates.md): metres, origin on the floor below th
 panorama's centre, z up. Wall i runs from corner i to corner i + 1; along it, distances are measured from corner i.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from enum import StrEnum

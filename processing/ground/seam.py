@@ -4,8 +4,6 @@ A panorama is equirectangular, W = 2 H: column 0 lies beside column W - 1, all p
 zenith, those of the last at the nadir (docs/reference/coordinates.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import TypeVar

@@ -4,8 +4,6 @@ All are closed bodies, so that light never meets the back of a surface; texture 
 surface, v along the longest side (the grain of wood).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

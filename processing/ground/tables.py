@@ -1,7 +1,5 @@
 """Tables of words that lie beside the code as TOML, as trusted as the code."""
 
-from __future__ import annotations
-
 import tomllib
 from functools import cache
 from importlib.resources import files

@@ -5,8 +5,6 @@ not depend on it. Bands and planes are shared among threads by `side_by_side`; `
 that have threads of their own the same number.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """`arrange`: a plan and a list of items in; ranked, different arrangements that break no hard rule out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -4,8 +4,6 @@ A piece stands where its local frame (`items.py`: floor middle of its footprint,
 x' = R_z(theta) x + t, t in metres of the room's frame (docs/reference/coordinates.md).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """What a session means for arrangements: assumed furniture and doors, things on walls, a given arrangement judged."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ length whatever stands there. Ours run over the free set of that edge, so that e
 against the edge.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ left (docs/reference/coordinates.md). An opening lies on an edge between `start_
 corner.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

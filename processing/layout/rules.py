@@ -1,7 +1,5 @@
 """Rule sets and weights from a TOML file: ours (`rules.toml`) or a user's edited copy."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields

@@ -4,8 +4,6 @@ No piece of the plan moves, no hard rule that held is broken by what stands on t
 nothing covers an opening or what hangs on a wall. The same arguments give the same pieces.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence

@@ -10,8 +10,6 @@ cannot read without an exception; only the file's own header says how many there
 channels (OpenEXR file layout, version 2).
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

@@ -3,8 +3,6 @@
 All take and give arrays; colours are 8-bit sRGB (H, W, 3). The same input gives the same bytes.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Only whole numbers of 8 or 16 bits: so no NaN or infinity can come in. Orientati
 a bracket lie as the sensor saw them. A damaged file is refused with its name, never shown in part.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager

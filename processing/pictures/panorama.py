@@ -5,8 +5,6 @@ A photograph of 8 or 16 bits is taken as sRGB: its codes go through the inverse 
 hold it, the scale is kept where the file says that it is cd/m2; else the median direction becomes `MIDDLE`.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re

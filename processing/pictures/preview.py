@@ -1,7 +1,5 @@
 """Pictures to look at: 8-bit sRGB from linear light, JPEG and PNG files."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

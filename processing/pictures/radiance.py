@@ -5,8 +5,6 @@ of Rec. 709. A blue sky would come out 2 % darker. So each pixel is written time
 stays as it is, hue and saturation too, and every tool of Radiance finds the luminance of the picture in cd/m2.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -2,8 +2,6 @@
 session, each moment's picture and figures; and a day in pictures: a contact sheet with the times, an animation.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -5,8 +5,6 @@ beside a clear one. The same shares of the clear sky at another time give its su
 all-weather model (`rendering.perez`) spreads that over the sky; the colour is the captured sky's.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo

@@ -7,8 +7,6 @@ edge is then laid on full-size pixels by a guided filter (He, Sun, Tang 2013), i
 else.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@ Fills never cross an edge between planes: those edges are the layout's. Pixels o
 (Ji et al. 2023, section 4, there with NPP-Net and LaMa).
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Which pixels show furniture: evidence joined with the room, cut at edges, filtered by the floor (paper, fig. 3b)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ hole; one output (1, 3, H, W) in 0..1 or 0..255, which is found out on loading. 
 No network is shipped.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 All is found at a working size and brought to full size, where furniture's edges are laid on the picture's own.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

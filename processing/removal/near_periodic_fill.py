@@ -5,8 +5,6 @@ ones less. The next guess is the copies' weighted mean. Solved on a picture smal
 takes the weights to the full one.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The lattice of a near-periodic texture: two shifts that bring it onto itself, found from its self-correlation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

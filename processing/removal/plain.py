@@ -4,8 +4,6 @@ A hole is filled with the continued light, the profile of the rows beside it (sk
 wall) and grain copied from along the same rows, so that the result is neither smooth nor smeared.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

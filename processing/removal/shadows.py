@@ -5,8 +5,6 @@ logarithms. Places near furniture that are clearly darker and hang together with
 along its foot always counts: contact shadow, and light that bounced off it. The band is replaced, the rest relit.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ unlike depends on the texture: a varied floor allows much. A thing ends at an ed
 stay: the light's fit needs them.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

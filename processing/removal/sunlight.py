@@ -6,8 +6,6 @@ explains the bright places best is looked for. Each window's beam has its own th
 between its light and the shade beside it. A glossy floor's reflections and lamps lie in no beam.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

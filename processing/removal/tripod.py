@@ -5,8 +5,6 @@ is beside it (legs), and a disc without any detail (what cameras and stitchers p
 must hang together with the nadir, or the evidence must be strong.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Sections of the report on what was measured: calibrated pictures, cameras, illuminance, glare."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which states of the room a session has, where to look, and what the page says of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

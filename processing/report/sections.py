@@ -1,7 +1,5 @@
 """Sections of the report on what is to be removed, on the emptied room, and on the room's shape."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The stage report: gathers what the stages before it made into one page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any

@@ -1,7 +1,5 @@
 """What people look at first: before and after, viewer, models, alternatives, materials, other times of day."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

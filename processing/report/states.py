@@ -3,8 +3,6 @@
 All states share one display (`processing.pictures.display`): what is brighter in the room is brighter on the page.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 import zlib

@@ -6,8 +6,6 @@ the picture and the far corner is in it, windows are in, and main pieces are who
 are taken greedily, and what an earlier frame shows counts little again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace

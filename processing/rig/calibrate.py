@@ -1,7 +1,5 @@
 """The whole of ``daylit rig calibrate``: both cameras, k2 between them, and the pictures that let a person check."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

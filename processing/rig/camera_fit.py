@@ -1,7 +1,5 @@
 """One camera from its brackets in rig sessions: shutter rule, response curve, noise, lens, fall-off, filter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime

@@ -5,8 +5,6 @@ are the tangents of both boundaries, tan(-floor) = camera height / r and tan(cei
 fitting is done in these inverse distances: linear, finite, and with errors that are nearly the picture's own.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

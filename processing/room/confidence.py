@@ -4,8 +4,6 @@ The probability is that of a 3D IoU of at least 0.85 with the true room, by a lo
 (docs/reference/room.md says on which rooms; `python -m benchmarks room` measures it on others).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 

@@ -5,8 +5,6 @@ ratio of ceiling to camera height makes them agree. Rooms that may be meant (`hy
 columns, pixels of classes that cannot be where the room puts them, and the number of their walls.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

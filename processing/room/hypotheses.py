@@ -1,7 +1,5 @@
 """Rooms that the boundaries may mean, each fitted: rectilinear, boxes, with slanted walls, and the bare polygon."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -15,8 +15,6 @@ LGT-Net    depth [1, 256], ratio [1, 1]                 distance over camera hei
 No weights are shipped: those known are trained on data that allow no products, or only non-commercial ones.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ The vertical is the axis near the zenith to which most edges run, the walls' dir
 found is no larger than its own uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar

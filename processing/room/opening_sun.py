@@ -4,8 +4,6 @@ A patch lies where the sun falls through *another* opening, has its wall's own c
 shows the outdoors. What is recognised so becomes evidence of a wall, and the openings are looked for once more.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Class evidence says where there is one, the light says where its edges run (`pro
 the reveals is that of the whole room: the one under which all windows together are explained best.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -13,8 +13,6 @@ ZInD counts u over W - 1 pixels (the first column's middle is longitude -pi), wh
 vertices are geometry already. HorizonNet's pixel middles are integers.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, Literal

@@ -6,8 +6,6 @@ gives the place of its edge, and the walls are fitted to these places, robustly.
 nothing is to be seen, the network's boundary stands.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

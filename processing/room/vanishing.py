@@ -5,8 +5,6 @@ searched for (a vertical near the zenith from pairs of arcs, then an azimuth), j
 by weighted least squares on the rotation. What is left out sector by sector shows how far the answer may be off.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

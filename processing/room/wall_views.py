@@ -3,8 +3,6 @@
 Places on a wall are (u, v) in metres of its `Plane`: u to the right, v down from the ceiling.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

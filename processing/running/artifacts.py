@@ -5,8 +5,6 @@ bits in a PNG, JSON is handed on as it reads back, as the model that the artifac
 instead is checked as strictly.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """A session's corrections by hand: the room, what is drawn over its masks, where furniture stands, each checked."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Mapping

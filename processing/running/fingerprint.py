@@ -3,8 +3,6 @@
 The ingredients are kept beside the result, so that a later run can say what changed, not only that something did.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

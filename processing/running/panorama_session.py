@@ -1,7 +1,5 @@
 """A session of one panorama: the way in for those who have a photograph, and neither brackets nor a meter."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from uuid import uuid4

@@ -5,8 +5,6 @@ another); losing them costs the estimate of one run. Part of what a stage costs 
 not: how much is learnt from runs of several sizes; until there are some, half way between is assumed.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -6,8 +6,6 @@ values does the same work, so what it did not read cannot matter (traces of Mokh
 systems à la carte", 2018, section 4.2).
 """
 
-from __future__ import annotations
-
 import copy
 import errno
 import os

@@ -1,7 +1,5 @@
 """What a user asks of a run, checked against the table (nothing that is asked may do nothing), and a stage's inputs."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext

@@ -1,7 +1,5 @@
 """A session's room estimated again around what somebody has placed, from what the stage room has kept."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

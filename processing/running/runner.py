@@ -1,7 +1,5 @@
 """Runs the stages of the table on a session: only what has to run, each result whole or not at all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What screens show of a session's pictures: JPEG small enough to travel, numbers for the viewer, frames."""
 
-from __future__ import annotations
-
 import io
 from functools import lru_cache
 from pathlib import Path

@@ -4,8 +4,6 @@ A request is a line of JSON on standard input ({"do": name, ...}), an answer a l
 "bytes" says. It ends with its input. Nothing is written to the session but the basis of its light.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -5,8 +5,6 @@ probabilities, each view weighted by the distance to its border and by the solid
 count less). Class numbers are never interpolated: they have become probabilities before.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

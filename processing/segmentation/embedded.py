@@ -4,8 +4,6 @@ It was trained on simulated rooms only (docs/reference/network.md, `training/`).
 turned and mirrored several times by angles that do not fall on its grid: their mean is better than each answer.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Evidence that networks and image analysis give on a panorama, in one form whatever its source."""
 
-from __future__ import annotations
-
 import io
 import json
 import tokenize

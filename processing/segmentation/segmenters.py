@@ -1,7 +1,5 @@
 """Networks that segment views: ONNX through onnxruntime, TensorFlow Lite through ai-edge-litert."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path

@@ -8,8 +8,6 @@ docs/reference/sphere.md the rest.
 This is the front of `geometry` (types and lenses), `maps` (pixels and directions) and `area` (solid angles).
 """
 
-from __future__ import annotations
-
 import math
 
 from processing.errors import ParameterError

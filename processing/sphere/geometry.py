@@ -5,8 +5,6 @@ y downwards. World axes: x right, y ahead, z up (right-handed). Longitude is 0 a
 in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/reference/coordinates.md states all of this.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

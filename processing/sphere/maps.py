@@ -3,8 +3,6 @@
 Directions are (..., 3) unit vectors in the world's axes; those handed in may have any length above 0.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

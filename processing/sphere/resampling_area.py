@@ -6,8 +6,6 @@ A target pixel's value is the mean of the source over its cell, weighted by soli
 negative, a constant stays that constant, and sums of radiance times solid angle are kept.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The stage arrange: where furniture stands, in several ways (paper, section 5)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

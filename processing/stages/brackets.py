@@ -1,7 +1,5 @@
 """The frames of one side of a session: from disk, decoded once and held while a stage works on them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

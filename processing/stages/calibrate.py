@@ -3,8 +3,6 @@
 One panorama instead of brackets stays in relative units unless its file says more.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

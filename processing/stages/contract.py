@@ -1,7 +1,5 @@
 """What a stage is given and what it gives back: the whole of what stages and the runner know of each other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum

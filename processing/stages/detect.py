@@ -1,7 +1,5 @@
 """The stage detect: furniture, tripod, direct sunlight and shadows as masks, and the target (paper, section 4)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The stage figures: illuminance, glare and luminance statistics at the camera, from the calibrated pictures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from processing.figures.figures import (

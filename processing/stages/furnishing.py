@@ -1,7 +1,5 @@
 """Placed furniture as parts of a scene: the catalogue's meshes, turned and moved to where they stand."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The stage light: what old furniture takes from the room's light, and what that is without it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

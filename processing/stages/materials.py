@@ -1,7 +1,5 @@
 """The stage materials: what the emptied room's surfaces reflect, and the room as a scene under its light."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

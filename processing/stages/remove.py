@@ -1,7 +1,5 @@
 """The stage remove: the panorama without furniture, tripod and direct sunlight (paper, section 4)."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The stage render: furniture in the calibrated picture, in cd/m2 (paper, section 6)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

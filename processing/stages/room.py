@@ -1,7 +1,5 @@
 """The stage room: the upright panorama, what its pixels show, and the room's shape with its windows and doors."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What stages after the room begin with: the upright panorama and the room."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

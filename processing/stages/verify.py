@@ -1,7 +1,5 @@
 """The stage verify: every frame is what the manifest says, or the run ends here with all problems named."""
 
-from __future__ import annotations
-
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from station.session.verify import WORTH_NOTING, verify_session
 

@@ -1,7 +1,5 @@
 """Where the sun's light falls in a room: windows projected along the sun's direction onto floor and walls."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

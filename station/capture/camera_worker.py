@@ -6,8 +6,6 @@ the camera. Idle → (SetUp) → armed → (Fire) → exposing → idle. Transfe
 while exposing (where the camera can) and while idle, never while armed, so that both shutters open together.
 """
 
-from __future__ import annotations
-
 import queue
 import threading
 from collections import deque

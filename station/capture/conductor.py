@@ -1,7 +1,5 @@
 """The bracket itself: pairs fired together, frames fetched behind, what fails retaken once and then named."""
 
-from __future__ import annotations
-
 import queue
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping

@@ -5,8 +5,6 @@ whatever the driver raised, when the contract of `drivers.camera` or `drivers.me
 camera the suite takes pictures; it deletes only pictures that it took, and only where that is allowed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace

@@ -5,8 +5,6 @@ One intake a side. The camera's thread writes chunks; a thread of the intake che
 checking never delays a shutter.
 """
 
-from __future__ import annotations
-
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Which camera is set up for which stop: orders to a pair, its answers, and what holds while one of it is recovered."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 

@@ -1,8 +1,6 @@
 """Before the first picture: what would spoil a bracket. `check_rig` connects, sets and reads back every instrument;
 what `daylit doctor` looks at besides (the computer, the links) follows below."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import platform

@@ -1,8 +1,6 @@
 """Frames beyond the stops of a bracket: further ones until its noise is as asked, and one repeated at the end, which
 shows what changed of the light meanwhile, as a whole and here or there."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """rig.toml: which instruments, where they are, and what a bracket is; read, checked, and written as an example."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from importlib import resources

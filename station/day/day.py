@@ -3,8 +3,6 @@
 While no bracket runs, cameras are kept awake and found again, batteries and cards are watched.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import suppress

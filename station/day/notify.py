@@ -1,7 +1,5 @@
 """Sends events elsewhere as JSON: to a command's standard input, or to a URL by HTTP POST; never in a capture's way."""
 
-from __future__ import annotations
-
 import json
 import queue
 import shlex

@@ -6,8 +6,6 @@ What the worker gives up before the first file is in `station.frames.worker`; wh
 not an injected one.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import queue

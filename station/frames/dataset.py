@@ -6,8 +6,6 @@ with ``20230521/fisheye/coda320_16:53/*.JPG|CR2``, ``20230709/essex/theta/...``,
 Only names are looked at here, and nothing is guessed: what can mean two things is a `Doubt` with the names of both.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

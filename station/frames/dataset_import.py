@@ -1,7 +1,5 @@
 """Sessions from a tree of brackets: one for each indoor bracket, with its sky, its row of a table, and its cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

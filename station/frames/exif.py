@@ -6,8 +6,6 @@ interoperability and maker notes are never visited. The reader runs in the worke
 (`station.frames.worker`).
 """
 
-from __future__ import annotations
-
 import itertools
 import mmap
 from collections.abc import Mapping, Sequence

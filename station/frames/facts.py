@@ -1,7 +1,5 @@
 """What a checked frame is known by, and what a frame is expected to be."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum

@@ -4,8 +4,6 @@ Whatever does not fit the rest (another size, another camera, a time that is the
 shorter frame) is refused by name, and the rest goes on.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass

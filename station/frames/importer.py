@@ -1,8 +1,6 @@
 """A session from plain folders of JPEGs, their raw files beside them: every file checked, copied durably, and the
 folders left as they are."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing

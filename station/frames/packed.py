@@ -1,7 +1,5 @@
 """A session, or folders of frames, that come as one zip file: of anybody's, so that nothing in it is trusted."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

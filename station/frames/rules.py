@@ -1,7 +1,5 @@
 """The rules a frame must pass once its facts are known: pure functions from facts to a named refusal."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence

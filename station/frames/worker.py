@@ -7,8 +7,6 @@ of data segment") on standard error, which is read here; Pillow keeps that to it
 picture with grey.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

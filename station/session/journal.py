@@ -6,8 +6,6 @@ fdatasync has returned. Only the last line can be torn by a crash, so a bad last
 one is damage.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import zlib

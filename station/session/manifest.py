@@ -1,7 +1,5 @@
 """Reading session.json with suspicion, and writing it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What opening a session for work does first: read both its memories, clear up, lose nothing."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass

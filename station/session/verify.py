@@ -1,7 +1,5 @@
 """Whether a session is what its manifest says: every file, size and digest, and the journal agrees."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable

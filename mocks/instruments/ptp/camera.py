@@ -1,7 +1,5 @@
 """What both simulated cameras do alike: storage, objects, transfers, properties, shots and the camera's own clock."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta

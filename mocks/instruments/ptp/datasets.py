@@ -1,7 +1,5 @@
 """The store of a simulated camera: folders and files with handles, and the datasets that describe them."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

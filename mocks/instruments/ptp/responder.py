@@ -4,8 +4,6 @@ It knows nothing of USB or TCP: `mocks.instruments.usb.device` and `tests.peers.
 answers. It has no thread of its own; whoever touches it lets it catch up with the clock first (`advance`).
 """
 
-from __future__ import annotations
-
 import heapq
 import itertools
 import random

@@ -3,8 +3,6 @@
 Written apart from the drivers' own coding on purpose: a mistake there must not be repeated here.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace

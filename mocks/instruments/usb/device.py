@@ -1,7 +1,5 @@
 """A PTP responder behind the three endpoints of the USB still-image class, with halts, cancels, resets and faults."""
 
-from __future__ import annotations
-
 import errno
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What gathers in any room: lamps, plants, pictures, things on tables, shelves and floors."""
 
-from __future__ import annotations
-
 import math
 
 from mocks.rooms.furnish.space import Arrangement, beside

@@ -1,7 +1,5 @@
 """Which furniture stands where in living rooms, dining rooms and offices."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Furnish a room as people do: what its use needs, against walls and round tables, then what gathers in time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A room being furnished: what stands there already, and whether one more thing fits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Procedural furniture: the meshes of an `Item`, in its place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The bench that models are built on: size, materials, chance, and a list of pieces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

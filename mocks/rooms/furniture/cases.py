@@ -1,7 +1,5 @@
 """Tables, cabinets and shelves: what is made of boards; and the books on them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mocks.rooms.furniture.build import CERAMIC, CORNERS, PAGES, PAPER, Build

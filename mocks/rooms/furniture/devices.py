@@ -1,7 +1,5 @@
 """Lamps, screens and keyboards; the photographer's tripod, and the white board that the meter looks at."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small things: what lies on tables and shelves, pictures and mirrors on walls, pot plants."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Beds and seats, rugs, cushions and blankets: what is upholstered or cloth."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

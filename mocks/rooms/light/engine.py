@@ -8,8 +8,6 @@ Below that, the parts that every simulated scene is built of, in world axes and 
 the analytic tests read: what they prove holds for the rooms because both are made of these parts.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """All triangles of a room, and rays through them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

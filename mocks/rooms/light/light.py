@@ -5,8 +5,6 @@ it has sharp edges and is added ray by ray; lamps' own glow and the view outside
 with Open Image Denoise, guided by clean normals and distances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Direct sunlight in a room: which points see the sun's disc through a pane, and how much of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

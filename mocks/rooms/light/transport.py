@@ -4,8 +4,6 @@ Mitsuba's stock path tracer does the light transport, so that the truth shares n
 bounces off textures by their mean albedo; the textures themselves are seen by `mocks.rooms.view`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

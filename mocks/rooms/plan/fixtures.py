@@ -1,7 +1,5 @@
 """What is fixed to the walls and ceiling of an empty room: heating, sockets, curtains and blinds, lamps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where windows and doors are in the walls of a room, and the rules that every plan must meet."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import combinations

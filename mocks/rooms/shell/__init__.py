@@ -3,8 +3,6 @@
 The shell is light-tight: light enters through the panes of `window_panes` and nowhere else. Panes have no mesh.
 """
 
-from __future__ import annotations
-
 from mocks.rooms.model import Finish, Part, Plan
 from mocks.rooms.shell.fixtures import fixture_parts
 from mocks.rooms.shell.openings import door_parts, window_parts

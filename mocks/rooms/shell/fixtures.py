@@ -1,7 +1,5 @@
 """What is fixed to walls and ceiling, as meshes: lamps, radiators, sockets, curtains and blinds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

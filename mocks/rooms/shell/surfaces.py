@@ -1,7 +1,5 @@
 """What shell and fixtures are put together from: flat faces with holes, mouldings, places on a wall."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Place and time, the sun then, and how bright sun and sky are: luminance and colour of daylight."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """Ground and skyline as seen from a room, lit by the sky and the sun that stand over them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The sky over a simulated room: CIE general sky in colour with clouds, its sun, and the land below, absolute units."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -4,8 +4,6 @@ Metres; ``x``, ``y`` in room axes from the viewer, heights over the ground. The 
 distance along ``across`` is ``offset_m``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

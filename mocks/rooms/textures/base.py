@@ -4,8 +4,6 @@ Patterns are arrays (H, W) over a tile that repeats in both directions. Row 0 is
 columns run along u. Pixel centres lie at half pixels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

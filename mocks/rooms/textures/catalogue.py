@@ -5,8 +5,6 @@ texture is its mean where the kind is one tone with variation; the modules say w
 The option ``turned`` (1) swaps u and v: boards lie along v, turned ones along u.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType

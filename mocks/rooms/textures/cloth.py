@@ -3,8 +3,6 @@
 First colour: the whole; a second, where used, is mixed in thread by thread; of rugs the field, then the ornaments'.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

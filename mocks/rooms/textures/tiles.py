@@ -4,8 +4,6 @@ Colours of tiles: tile, grout; of a chequered floor, the other tile third. Of wa
 then the motifs'.
 """
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -5,8 +5,6 @@ quantisation and the uncertainties of response curve and times (Robertson, Borma
 the weights; Granados et al. 2010 for the noise). Frames may come in any order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

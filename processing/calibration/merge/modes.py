@@ -4,8 +4,6 @@ For neutral light of each level: by how much the merged luminance moves with a m
 each frame's time. Their covariance over levels is what counts, so that its largest principal modes are kept.
 """
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -4,8 +4,6 @@ A region is shown by the frame that exposes most of it well, so that it shows on
 cannot show (clipped or too dark in it) take the nearest frame that can.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

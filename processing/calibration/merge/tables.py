@@ -13,8 +13,6 @@ depends on the code is a wrong response curve. The scatter shows whether the noi
 channels' noise is one (JPEG codes luma finely and chroma coarsely).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

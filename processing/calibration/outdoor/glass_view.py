@@ -4,8 +4,6 @@ Pano2Pano has such skies: no fisheye lens, no filter, the room all around. What 
 room by stops: Otsu's threshold (IEEE Trans. SMC 9, 1979) parts the log luminances, weighted by solid angle.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

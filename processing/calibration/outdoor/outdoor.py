@@ -5,8 +5,6 @@ hemispherical picture for environment mapping; (3) keeps energy, so that a sun h
 The density of the filter is not undone here: k2 holds it (`processing.calibration.outdoor.nd_filter`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """A session's outdoor picture in cd/m2: veil, fall-off, filter colour, scale k1 k2, north, geometry, the sun."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

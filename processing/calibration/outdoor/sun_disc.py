@@ -4,8 +4,6 @@ Unclipped, its place is the centroid of the light over its surroundings. Clipped
 wider than the disc: the centre of the white spot. Cut by the edge of the field: a disc fitted to the part that shows.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The sun becomes a uniform disc 0.533 degrees wide. Its pixels are marked `Validi
 disc (the lens's glare) keep their lower bound and their mark.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Literal

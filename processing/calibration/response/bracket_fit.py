@@ -1,7 +1,5 @@
 """Our method: curve, noise and shutter times from the same patches, in turn, until they agree."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

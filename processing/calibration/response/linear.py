@@ -4,8 +4,6 @@ Two frames of one light are a straight line against each other: its slope is the
 black level, the scatter about it the noise (EMVA 1288, section 6: mean against variance).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ Response Functions (Grossberg and Nayar 2004) and to digital standards. Frames t
 period free, which only this holds down.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A camera's response curve and noise from one bracket or several, and whether those of its profile still hold."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

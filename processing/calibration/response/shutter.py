@@ -4,8 +4,6 @@
 means is in its row of `CAMERA_RULES`, or follows from the bracket itself, whose frames overlap.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ patch, so that the ratio of the white patch is wrong by it; a straight line thro
 slope and the difference of both veils as its offset. The chart is looked for in perspective views all around.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

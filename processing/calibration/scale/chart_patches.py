@@ -1,7 +1,5 @@
 """The 24-patch colour chart: its colours, where its patches lie in a picture, and what they show."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

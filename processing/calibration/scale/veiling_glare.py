@@ -5,8 +5,6 @@ there is scattered in the lens and the body. Indoors the darkest place of the pi
 is that of ISO 9358: veil over the mean luminance of the field. The correction takes the veil as uniform.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import TypeVar

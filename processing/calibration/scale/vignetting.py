@@ -3,8 +3,6 @@
 Paper, section 3, step (1); Inanici 2006. V(r) = 1 + sum c_i r^p_i; a picture is divided by V to correct it.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Floor plans of arrangements, as an architect draws them: walls, openings, furniture, use zones, routes, sizes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures of furniture on a pale ground, by rays (Embree): one model, both its sides, a contact sheet."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

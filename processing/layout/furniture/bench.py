@@ -1,7 +1,5 @@
 """The bench that models are built on: the size, a style, seeded chance, and what has been made so far."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

@@ -3,8 +3,6 @@
 Designs are texts (`processing.ground.designs`) in `*.toml` beside this file.
 """
 
-from __future__ import annotations
-
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 

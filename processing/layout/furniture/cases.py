@@ -1,7 +1,5 @@
 """Cases, doors and drawers, and the books in them: what storage of all designs is put together from."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ The frame is the item's (`processing.layout.items`): origin on the floor in the 
 width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from outside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TypeAlias

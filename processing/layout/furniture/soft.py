@@ -1,7 +1,5 @@
 """Soft shapes: padded boxes, cushions with piping, pillows, covers that hang. All are closed and wind outward."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from processing.ground.arrays import Doubles

@@ -1,7 +1,5 @@
 """Styles: which material each role of a design gets, and which designs belong together (`styles.toml`)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """The verbs of designs: shapes that are made, posed and added to a bench, and whole assemblies."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A folder of glTF, GLB and OBJ files as a catalogue; with a `catalog.json`, what that says goes before guesses."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Collection

@@ -4,8 +4,6 @@ What a file says of other files is read by `FolderFiles` alone: names that lead 
 followed. Sizes, counts and references are checked before trimesh allocates anything.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import logging

@@ -1,7 +1,5 @@
 """From items to a few arrangements that are good, different and judged valid: ever harder searches, then a choice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

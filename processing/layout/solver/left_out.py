@@ -6,8 +6,6 @@ what lets the piece in is the reason: a fact about this room, not a guess. The l
 every wall, and free lines along the walls' directions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A unit's frame: x along the line it is placed on, y away from it; the part that 
 Members stand in it turned by quarters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -7,8 +7,6 @@ in the way) less of that difference is kept. The captured patch of sun, if remov
 What stands before the sky in a picture of the outdoors: trees and houses stay where they are under another sky.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

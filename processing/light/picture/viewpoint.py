@@ -5,8 +5,6 @@ where the camera saw it). What the camera did not see is the scene's albedo unde
 level of what is seen around it on the same surface.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

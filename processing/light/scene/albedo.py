@@ -6,8 +6,6 @@ sun's patch every pixel is taken as sunlit or not by what fits its surface bette
 (clipped, nearly dark, in half shadow, hidden) take what their surface shows around them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ Through the glass the panorama sees a part of what the outdoor picture sees. Tur
 sky fall together; turned otherwise they do not. It is believed only where one way fits clearly better than all others.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

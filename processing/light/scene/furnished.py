@@ -7,8 +7,6 @@ stand-ins, and their ratio is how much brighter each place is in the empty room 
 with the photograph as its own light probe).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 A fisheye sees no ground: below the horizon the picture is filled with ground of a given albedo under its own light.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

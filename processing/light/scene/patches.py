@@ -5,8 +5,6 @@ Each patch has one irradiance and one albedo for what it passes on to others; pi
 Surfaces and panes as triangles.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import pairwise

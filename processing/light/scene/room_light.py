@@ -10,8 +10,6 @@ Both are known but for one factor: radiance is matte albedo x irradiance / pi + 
 factor is the slope of apparent albedo over the mirrored part, over many pixels, so that patterns do not matter.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

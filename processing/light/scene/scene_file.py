@@ -4,8 +4,6 @@ What it holds is in the header `scene` (version, names, numbers); arrays are nam
 (`surface-0-albedo`). Reading checks a scene as building one does, so a damaged file is a named error.
 """
 
-from __future__ import annotations
-
 import json
 import zipfile
 from dataclasses import fields

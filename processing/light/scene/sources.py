@@ -13,8 +13,6 @@ No surface reflects more than all that falls on it. Where a pixel shows clearly 
 is the lamp's radiance, measured. A window that the room's model lacks is such a place too: its light is as real.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

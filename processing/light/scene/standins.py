@@ -6,8 +6,6 @@ come down to the height that furniture usually has. Whatever the camera would se
 what would stand well before the distance that the room network estimates; what is seen there is added.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

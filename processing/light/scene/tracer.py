@@ -5,8 +5,6 @@ on small rooms, one core: Embree 8 to 10 million rays a CPU second, Mitsuba thro
 scalar variant, ray by ray, 0.08 million. The last is taken only where it is asked for.
 """
 
-from __future__ import annotations
-
 import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ cell of the sky each ray through a pane reaches with what weight, and which patc
 sky is then a sum over stored rays; only the sun's own patch, which moves, needs new ones (`relight`).
 """
 
-from __future__ import annotations
-
 import hashlib
 import zipfile
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Noise taken out of irradiance pictures by Open Image Denoise, with normals as guides; never out of a photograph.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, field
 from importlib.util import find_spec

@@ -5,8 +5,6 @@ few shots at it carry its first bounce. Its noise is taken out, it is brought to
 and glass are worked out for every pixel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
