@@ -43,7 +43,9 @@ MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Cho
 LEAST_VIEW, VIEW_SPREAD = 0.9, 0.7
 """Level of the film from which something in a pane is the view: not the room's light walls; and, of the geometric mean
 of the room's level and the view's, the share. Chosen by looking."""
-DAYLIGHT_SHARE = 0.5  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
+VIEW_GREEN = 1.25
+"""Green over red from which something in a pane is the view however dark: leaves in the shade. Chosen by looking."""
+DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
 PLATEAU = 0.28
 """Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
@@ -269,7 +271,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     part = light[top:bottom]
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
-    mask = np.asarray(panes[top:bottom] * (level > least), np.float32)
+    view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
+    mask = np.asarray(panes[top:bottom] * view, np.float32)
     mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.float32)
     guide = np.log2(np.maximum(level, np.float32(1e-3)))
     if around:

@@ -194,7 +194,7 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
         lit.old[alone] = gathered(change.bare, change.lights[0], *where)
         lit.new[alone] = gathered(change.full, change.lights[1], *where)
     if change.mirrors is not None:
-        chosen = np.flatnonzero(unmirrored & furniture)
+        chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.glasses)))
         mirror[chosen, 6:9] = few_highlights(change.mirrors, sight, chosen, lit.new_sun, seed)
     sunless = None if job.sunless is None else job.sunless[top : top + len(photo)].ravel()[index]
     _shade(job, (sight, lit, mirror, sunless), index, photo, band)

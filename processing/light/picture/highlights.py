@@ -11,7 +11,7 @@ What is mirrored in a staged picture, at a small size: on furniture, and in a gl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -32,6 +32,7 @@ from processing.sphere import Equirectangular
 HEAD_ON = 0.04  # reflectance of all that is no metal, seen head on (n = 1.5)
 MATTE_FROM = 0.8  # roughness from which a surface is matte to the eye: cloth, plaster, raw clay
 LEAST_WIDTH = 0.02  # of the microfacets' slopes; a perfect mirror is one of 0
+SHARP = 0.01  # width up to which a metal is a looking glass, imaged at the full size of the picture; chosen
 FLOOR_WIDTH = 0.06  # of a varnished or tiled floor's, where its gloss was measured but not its roughness
 SAME_PLACE = 0.03  # relative difference of distances within which the camera sees the place itself
 
@@ -43,9 +44,9 @@ class Surroundings:
     stage: Stage
     light: LightMap
     photograph: Floats
-    """(H, 2 H, 3): of the room that is mirrored, without furniture; of the size of ``seen``."""
+    """(H, 2 H, 3): of the room that is mirrored, without furniture."""
     seen: Sight
-    """What its pixels see in the bare room."""
+    """What a panorama's pixels see in the bare room; it may be smaller."""
     gain: Doubles
     """(P, 3): by which furniture changes the light of the room's patches."""
     eye_m: Vector
@@ -78,12 +79,13 @@ class Surroundings:
         way = places - np.asarray(self.eye_m, np.float32)
         far = np.maximum(np.linalg.norm(way, axis=1), 1e-6)
         way = (way / far[:, None]).astype(np.float32)
-        rows, columns = self.seen.shape
-        x = ((np.arctan2(way[:, 0], way[:, 1]) / (2 * np.pi) + 0.5) * columns).astype(int) % columns
-        y = ((0.5 - np.arcsin(np.clip(way[:, 2], -1, 1)) / np.pi) * rows).astype(int).clip(0, rows - 1)
-        pixel = y * columns + x
+        x, y = np.arctan2(way[:, 0], way[:, 1]) / (2 * np.pi) + 0.5, 0.5 - np.arcsin(np.clip(way[:, 2], -1, 1)) / np.pi
+        pixel, shown = (
+            (y * rows).astype(int).clip(0, rows - 1) * columns + (x * columns).astype(int) % columns
+            for rows, columns in (self.seen.shape, self.photograph.shape[:2])
+        )
         same = (self.seen.label[pixel] == owner) & (np.abs(self.seen.distance_m[pixel] - far) < SAME_PLACE * far)
-        return self.photograph.reshape(-1, 3)[pixel], same
+        return self.photograph.reshape(-1, 3)[shown], same
 
 
 def is_glossy(material: Material) -> bool:
@@ -104,7 +106,14 @@ def matte_share(stage: Stage, sight: Sight) -> Floats:
     return out
 
 
-def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, samples: int, key: Key) -> Floats:
+def is_looking_glass(material: Material) -> bool:
+    """Return whether a material mirrors the room as an image."""
+    return material.metallic > 0.5 and material.roughness**2 < SHARP
+
+
+def furniture_highlights(
+    around: Surroundings, sight: Sight, sun: Floats, samples: int, key: Key, least_width: float = LEAST_WIDTH
+) -> Floats:
     """Return what furniture's pixels mirror (N, 3) cd/m2; ``sun`` (N, 3): the sun's direct irradiance there."""
     out = np.zeros((len(sight.label), 3), np.float32)
     outdoors = around.stage.scene.outdoors.sun
@@ -112,7 +121,7 @@ def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, sample
         mine = sight.pixels.get(FIRST_PART + number)
         if mine is None or not is_glossy(part.material):
             continue
-        width = max(part.material.roughness**2, LEAST_WIDTH)
+        width = max(part.material.roughness**2, least_width)
         # The reflectance (3,) of a material seen head on
         colour = np.asarray(part.material.colour, np.float64)
         if part.material.texture is not None:
@@ -121,7 +130,7 @@ def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, sample
         out[mine] = mirrored_light(around, sight, mine, width, tint, samples, (*key, number))[0]
         if outdoors is not None:
             lit = mine[sun[mine].any(axis=1)]
-            out[lit] += _sun_glint(sight, lit, sun[lit], np.asarray(outdoors.direction), width, tint)
+            out[lit] += _sun_glint(sight, lit, sun[lit], np.asarray(outdoors.direction), max(width, LEAST_WIDTH), tint)
     return out
 
 
@@ -242,6 +251,8 @@ class Mirrors:
 
     floors: tuple[int, ...]
     """Numbers of the surfaces that mirror."""
+    glasses: tuple[int, ...]
+    """Labels of the parts that mirror as an image: a small picture would blur it."""
 
     @cached_property
     def all_three(self) -> Floats:
@@ -292,12 +303,13 @@ def mirrors_of(
     picture = found.reshape(*sight.shape, 3)
     if clean:
         picture = _cleaned(picture, sight)
-    return Mirrors(sight, after, picture, old, new, tuple(floors))
+    glasses = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if is_looking_glass(part.material)]
+    return Mirrors(sight, replace(after, photograph=photograph), picture, old, new, tuple(floors), tuple(glasses))
 
 
 def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floats, seed: int) -> Floats:
     """Return what pixels (K,) of a large picture mirror that no small pixel shows, by a few rays of their own."""
-    return furniture_highlights(mirrors.around, sight.some(chosen), sun[chosen], FEW_RAYS, (seed, 92))
+    return furniture_highlights(mirrors.around, sight.some(chosen), sun[chosen], FEW_RAYS, (seed, 92), 0.0)
 
 
 def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:

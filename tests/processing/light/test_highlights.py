@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 
 from processing.errors import SceneError
+from processing.light.picture import highlights
+from processing.light.picture.composite import differential
 from processing.light.picture.edges import edge_pixels
 from processing.light.picture.highlights import _sun_glint, facet_rays, is_glossy
 from processing.light.scene.scene import Material, Part, Scene, plain
 from processing.light.scene.sources import find_lamps
+from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, directions
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 
@@ -142,3 +145,31 @@ def test_edges_are_where_furniture_ends() -> None:
     near = furniture | np.roll(furniture, 1, 0) | np.roll(furniture, -1, 0)
     near |= np.roll(furniture, 1, 1) | np.roll(furniture, -1, 1)
     assert not edge[~near].any()
+
+
+def test_a_looking_glass_shows_the_room_as_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stripes of the photograph, found where a plane mirror shows them: plain geometry, not the tracer's."""
+    monkeypatch.setattr(highlights, "MOST_ROWS", 96)  # the small picture, in which the stripes are lost
+    effort = Effort(texel_m=0.5, patch_samples=16, rows=32, pixel_samples=16, sun_samples=16, clean=False)
+    rows, half = 320, np.array([2.5, 2.0])
+
+    def stripes(rays: np.ndarray) -> np.ndarray:
+        return np.where(np.sin(36 * np.arctan2(rays[..., 0], rays[..., 1])) > 0, 150.0, 50.0)
+
+    rays = np.asarray(directions(Equirectangular(2 * rows, rows))[0], np.float64)
+    photograph = np.repeat(stripes(rays)[..., None], 3, axis=-1).astype(np.float32)
+    glass = box((0.0, 1.96, 1.3), (1.6, 0.02, 1.2), (1.0, 1.0, 1.0), metallic=1.0, roughness=0.04)
+    room = scene_of(box_room(window=None), uniform_sky(1000.0), 0.5)
+    staged = differential(photograph, room, (glass,), EYE, effort=effort).rgb[..., 0]
+
+    front = rays * (1.95 / np.maximum(rays[..., 1:2], 1e-9))  # from the eye, on the glass's front
+    inside = (rays[..., 1] > 0) & (abs(front[..., 0]) < 0.75) & (abs(front[..., 2]) < 0.2)
+    start, way = front[inside], rays[inside] * (1, -1, 1)
+    ends = np.stack([(np.sign(way[:, k]) * half[k] - start[:, k]) / way[:, k] for k in (0, 1)])
+    heights = np.where(way[:, 2] > 0, 1.1, -1.6) - start[:, 2]
+    place = start + np.minimum(ends.min(axis=0), heights / way[:, 2])[:, None] * way
+    expected = stripes(place)
+    assert inside.sum() > 300
+    assert np.corrcoef(staged[inside], expected)[0, 1] > 0.9
+    shown = [float(np.median(staged[inside][expected == level])) for level in (50, 150)]
+    assert shown[1] / shown[0] == pytest.approx(3, rel=0.1)

@@ -13,7 +13,10 @@ from processing.ground.colour import lab_of_linear, linear_of_srgb, srgb_encoded
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
+    DAYLIGHT_SHARE,
     KNEE,
+    LEAST_VIEW,
+    PLATEAU,
     Display,
     display_of,
     film,
@@ -96,7 +99,20 @@ def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
     pulled, plain = display.light(rgb, panes)[27, 70], display.light(rgb)[27, 70]
     before, after = (float(one[2] / one[0]) for one in (plain, pulled))
     assert 1 < after < before
-    assert after == pytest.approx(math.sqrt(before), rel=0.02)
+    assert after == pytest.approx(before ** (1 - DAYLIGHT_SHARE), rel=0.02)
+
+
+def test_trees_in_the_shade_are_part_of_the_view() -> None:
+    """Dark leaves would keep the room's white, turquoise, within an edge of their own."""
+    rgb, panes = room()
+    leaves = np.array([20.0, 45.0, 16.0], np.float32)
+    rgb[24:30, 68:76] = leaves
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    pulled, plain = display.light(rgb, panes)[27, 72], display.light(rgb)[27, 72]
+    assert plain[1] < LEAST_VIEW  # no brighter than the room's walls
+    given, room_white, view_white = (float(one[2] / one[1]) for one in (leaves, plain, pulled))
+    assert given < view_white < math.sqrt(given * room_white)
+    assert PLATEAU * 0.8 < pulled[1] < plain[1]
 
 
 def test_what_stands_before_a_pane_or_was_taken_for_one_stays() -> None:
