@@ -31,6 +31,7 @@ _ENCODED_LEVELS = 65536
 """Of light, in the table of `srgb_of_linear`: 0.05 code apart where the curve is steepest. Chosen."""
 CCT_RANGE_K = (1700.0, 40_000.0)
 """Robertson's isotherms begin at 1667 K, below a candle's 1900 K; the upper end is chosen: a clear northern sky."""
+_AT_ONCE = 1 << 14  # chromaticities, for the processor's cache
 MAX_DUV = 0.05
 """Farther than this from the Planckian locus, in u, v of 1960, a colour temperature means nothing (CIE 15:2018)."""
 
@@ -100,7 +101,9 @@ def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
     xyz = np.asarray(rgb, dtype=np.float64) @ np.array(XYZ_OF_RGB).T
     lit = np.asarray(xyz.sum(axis=-1) > 0)
     kelvin = np.zeros(lit.shape, np.float32)
-    found = colour.temperature.uv_to_CCT_Robertson1968(colour.UCS_to_uv(colour.XYZ_to_UCS(xyz[lit])))
+    uv = colour.UCS_to_uv(colour.XYZ_to_UCS(xyz[lit]))
+    parts = np.array_split(uv, len(uv) // _AT_ONCE + 1)
+    found = np.concatenate([colour.temperature.uv_to_CCT_Robertson1968(one) for one in parts])
     low, high = CCT_RANGE_K
     good = (np.abs(found[..., 1]) <= MAX_DUV) & (found[..., 0] > low) & (found[..., 0] < high)
     kelvin[lit] = np.where(good, found[..., 0], 0)

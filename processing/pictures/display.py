@@ -278,7 +278,11 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     if around:
         guide, mask = wrapped(guide, 2 * margin), wrapped(mask, 2 * margin)
     soft = np.asarray(cv2.ximgproc.guidedFilter(guide, mask, margin, _EDGE_EPS), np.float32)
-    soft = np.clip(soft[:, 2 * margin : -2 * margin] if around else soft, 0, 1)
-    kept, low = np.minimum(level, np.float32(PLATEAU)), level * np.float32(pull)
-    lowered = np.minimum(np.hypot(kept, low), level) / np.maximum(level, np.float32(1e-6))
-    part *= (lowered[..., None] * (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE) ** soft[..., None]
+    soft = soft[:, 2 * margin : -2 * margin] if around else soft
+    balanced = (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE
+    for row in range(len(part)):  # memory: three powers a pixel; where nothing is pulled, none
+        columns = np.flatnonzero(soft[row] > 0)
+        seen, share = level[row, columns], np.minimum(soft[row, columns], 1)[:, None]
+        lowered = np.hypot(np.minimum(seen, np.float32(PLATEAU)), seen * np.float32(pull))
+        lowered = np.minimum(lowered, seen) / np.maximum(seen, np.float32(1e-6))
+        part[row, columns] *= (lowered[:, None] * balanced) ** share

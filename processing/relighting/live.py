@@ -96,8 +96,8 @@ class LiveRoom:
         sight = self._ready.view.full
         self._look = replace(look, panes=(sight.label == GLASS).reshape(sight.shape))
         name = "empty" if staged is None else f"staged-{staged}"
-        self._state = State("Light", self.room.picture, staged is not None, name)
-        self._page = viewer([self._state], self._look)
+        self._state = State("Light", lambda: self.room.picture, staged is not None, name)
+        self._page = viewer(self._state, self._look)
         self._now: tuple[RelitRoom, Outdoors] | None = None
         self._moment: tuple[str, str] | None = None
 
@@ -125,8 +125,8 @@ class LiveRoom:
     def page(self, relit: RelitRoom, *, exposed: bool) -> str:
         """Return what the viewer shows, exposed by itself or as the captured light; its false colours stay the same."""
         display = self._look.display.exposed(relit.picture.rgb) if exposed else self._look.display
-        state = replace(self._state, image=relit.picture)
-        found = viewer([state], replace(self._look, display=display))
+        state = replace(self._state, read=lambda: relit.picture)
+        found = viewer(state, replace(self._look, display=display))
         return replace(self._page, states=found.states).json
 
     def glare(self, seat_m: tuple[float, float] | None, azimuth_deg: float) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +14,13 @@ from processing.exchange.showing import panes_of
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.layout.arrangement import Arrangements
 from processing.pictures.display import AS_GIVEN, Display
-from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.images import RELATIVE_UNITS, LuminanceImage, luminance_cd_m2
 from processing.report.data import Model, Models, Section
-from processing.report.states import FIELD_DEG, Look, State, comparison, viewer
+from processing.report.states import FIELD_DEG, Cuts, Look, State, comparison
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED, ReportParameters
-from processing.stages.upright import in_size
+from processing.stages.upright import in_size, upright_panorama
 
 HALF_FIELD = math.radians(FIELD_DEG / 2)
 LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
@@ -27,36 +28,41 @@ LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
 
 
 def room_states(context: StageContext) -> tuple[State, ...]:
-    """Return the room as photographed, emptied, and staged: those that there are, if they are whole panoramas."""
-    upright = context.optional_artifact("room", "panorama")
-    photograph = context.artifact("calibrate", "indoor") if upright is None else upright
-    file = "stages/calibrate/indoor.exr" if upright is None else "stages/room/panorama.exr"
-    empty = context.optional_artifact("remove", "empty")
-    if empty is not None:  # of a draft, smaller
-        photograph = in_size(photograph, empty.rgb.shape[1])
+    """Return the room as photographed, emptied, and staged: those that there are, if it was seen all around."""
+    filled = context.optional_artifact("remove", "filled")
+
+    def photograph() -> LuminanceImage:
+        image = upright_panorama(context)
+        return image if filled is None else in_size(image, filled.shape[1])  # a draft's others are smaller
+
+    image = upright_panorama(context)
+    if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
+        return ()
+    file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
     found = [State("Photograph", photograph, False, file, "the room as it was photographed")]
-    if empty is not None:
-        found.append(State("Emptied", empty, False, "stages/remove/empty.exr", "the room without its furniture"))
-    for number in range(1, MOST_STAGED + 1):
-        staged = context.optional_artifact("render", f"staged-{number}")
-        if staged is not None:
-            file = f"stages/render/staged-{number}.exr"
-            found.append(State(f"Staged {number}", staged, True, file, f"virtually staged, alternative {number}"))
-    return tuple(state for state in found if _whole(state.image))
+    staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
+    for stage, name, title, alt in (
+        ("remove", "empty", "Emptied", "the room without its furniture"),
+        *(("render", f"staged-{k}", f"Staged {k}", alt) for k, alt in staged),
+    ):
+        if context.has(stage, name):
+            read = partial(context.artifact, stage, name)
+            found.append(State(title, read, stage == "render", f"stages/{stage}/{name}.exr", alt))
+    return tuple(found)
 
 
 def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
     """Return how the states are shown: in the photograph's exposure, towards what changes most."""
     asked = context.parameters
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
-    staged = [state.image for state in states if state.staged]
     arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
-    places = furniture_places(arranged) if staged and arranged else []
-    yaw = towards(states[0].image, states[-1].image)
+    places = furniture_places(arranged) if states[-1].staged and arranged else []
+    photograph = states[0].read()
+    yaw = 0.0 if places else towards(photograph, states[-1].read())
     first, second = towards_furniture(places) if places else (yaw, yaw + math.pi)
     room = context.optional_artifact("room", "room")
-    panes = panes_of(room, states[0].image.geometry)
-    return Look(display_in(context, states[0].image.rgb), panes, first, "" if plain else TEXT, second, room)
+    panes = panes_of(room, photograph.geometry)
+    return Look(display_in(context, photograph.rgb), panes, first, "" if plain else TEXT, second, room)
 
 
 def display_in(context: StageContext, rgb: Floats) -> Display:
@@ -107,27 +113,27 @@ def towards(before: LuminanceImage, after: LuminanceImage) -> float:
     return float(longitudes[np.argmax((np.maximum(math.pi / 4 - apart, 0)) @ by_column)])
 
 
-def lead_section(states: tuple[State, ...], look: Look) -> Section | None:
+def lead_section(cuts: Sequence[Cuts]) -> Section | None:
     """Return the states under a slider; None where there is but one."""
-    if len(states) < 2:
+    if len(cuts) < 2:
         return None
     text = "Drag to compare two states of the room."
-    if any(state.staged for state in states):
+    if any(one.state.staged for one in cuts):
         text += " Furniture in staged pictures is virtual; what the room's own furniture hid is computed."
-    return Section("Before and after", text, widgets=(comparison(states, look),))
+    return Section("Before and after", text, widgets=(comparison(cuts),))
 
 
-def viewer_section(states: tuple[State, ...], look: Look) -> Section:
+def viewer_section(cuts: Sequence[Cuts]) -> Section:
     """Return the viewer."""
-    unit = states[0].image.unit
+    whole = replace(cuts[0].viewer, states=tuple(one.viewer.states[0] for one in cuts))
     text = (
-        f"Drag to look around. The reading, in {unit}, is of one pixel of the picture on disk (to 0.05 %), with its "
-        "standard uncertainty, that of the scale included. Region and ruler are drawn by dragging; the false colours' "
-        "scale takes other ends."
+        f"Drag to look around. The reading, in {whole.unit}, is of one pixel of the picture on disk (to 0.05 %), with "
+        "its standard uncertainty, that of the scale included. Region and ruler are drawn by dragging; the scale of "
+        "the false colours takes other ends."
     )
-    if not states[0].image.absolute:
+    if whole.unit == RELATIVE_UNITS:
         text += " The scale of this picture's light is not known: values compare within the room, not between rooms."
-    return Section("Look around", text, widgets=(viewer(states, look),))
+    return Section("Look around", text, widgets=(whole,))
 
 
 def model_section(context: StageContext) -> Section | None:
@@ -155,8 +161,3 @@ def _left_out(paths: list[Path]) -> str:
         return ""
     names = ", ".join(path.name for path in paths)
     return f"Too large for this page, and to be opened with any glTF viewer: {names} in stages/render."
-
-
-def _whole(image: Any) -> bool:
-    whole = isinstance(image, LuminanceImage) and isinstance(image.geometry, Equirectangular)
-    return whole and image.rgb.shape[1] == 2 * image.rgb.shape[0]

@@ -137,9 +137,8 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     indoor = context.artifact("calibrate", "indoor")
     display = display_in(context, indoor.rgb)
     found = [indoor_section(indoor, facts["indoor"], display)]
-    sky = context.optional_artifact("calibrate", "outdoor")
-    if sky is not None:
-        found.append(outdoor_section(sky, facts["outdoor"], display))
+    if context.has("calibrate", "outdoor"):
+        found.append(outdoor_section(context.artifact("calibrate", "outdoor"), facts["outdoor"], display))
     figures = context.optional_artifact("figures", "light_figures")
     if figures is not None:
         found.append(light_figures_section(figures))

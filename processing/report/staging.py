@@ -12,7 +12,7 @@ from processing.exchange.jpeg_files import jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section
-from processing.report.states import Look, State, small_direction, small_height_px, small_view
+from processing.report.states import VIEWER_WIDTHS_PX, Cuts, Look, cuts_of, small_direction, small_height_px
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED
@@ -28,9 +28,8 @@ METHODS = {
 def alternatives_section(
     arranged: Arrangements | None,
     staged: Mapping[str, Any] | None,
-    states: Sequence[State],
+    cuts: Sequence[Cuts],
     plans: Mapping[int, bytes],
-    look: Look,
 ) -> Section | None:
     """Return the alternatives side by side: staged views, plans, figures; None where nothing was arranged.
 
@@ -40,11 +39,11 @@ def alternatives_section(
         return None
     every = arranged.arrangements
     facts: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
-    pictures = {state.name: state for state in states if state.staged}
+    pictures = {one.state.name: one.small for one in cuts if one.state.staged}
     views = [
         Card(
             f"Alternative {number}",
-            small_view(pictures[f"Staged {number}"], look),
+            pictures[f"Staged {number}"],
             f"virtually staged room, alternative {number}",
             _pieces_text(facts.get(number, {})),
             _figures(facts.get(number, {})),
@@ -152,11 +151,13 @@ def staging_sections(context: StageContext) -> tuple[Section | None, list[Sectio
     found: list[Section | None] = []
     if states:
         look = look_of(context, states)
-        lead = lead_section(states, look)
-        found += [viewer_section(states, look), model_section(context)]
+        wide = next(width for most, width in VIEWER_WIDTHS_PX if len(states) <= most)
+        cuts = [cuts_of(state, look, wide) for state in states]  # one picture at a time
+        lead = lead_section(cuts)
+        found += [viewer_section(cuts), model_section(context)]
         arranged = context.optional_artifact("arrange", "arrangement")
         staged = context.optional_artifact("render", "staged")
-        found.append(alternatives_section(arranged, staged, states, _plans(context), look))
+        found.append(alternatives_section(arranged, staged, cuts, _plans(context)))
         found.append(relight_section(context.session_path, look))
     materials = context.optional_artifact("materials", "materials")
     if materials is not None:

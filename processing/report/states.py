@@ -6,7 +6,7 @@ All states share one display (`processing.pictures.display`): what is brighter i
 import base64
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -123,6 +123,7 @@ VIEW_PX = (1500, 1000)
 FIELD_DEG = 95.0  # horizontal: what a photographer's wide lens shows
 DROP = 0.12  # by how much of its height a view looks lower than level, as a shifted lens does: uprights stay upright
 MIDDLE = 0.5  # on the tone curve, of the middle code of the viewer's pictures
+SMALL_PX = 720  # width of a card's picture; chosen
 _TALLER = VIEW_PX[1] / VIEW_PX[0] * (1 + 2 * DROP)
 _COLOURS = 256  # of 8 bits
 
@@ -132,34 +133,48 @@ class State:
     """A state of the room."""
 
     name: str
-    image: LuminanceImage
-    """Equirectangular."""
+    read: Callable[[], LuminanceImage]
+    """Its panorama, equirectangular; read when it is wanted, so that not all states' are in memory together."""
     staged: bool = False
     file: str = ""
     """Where it is, relative to the session's folder."""
     alt: str = ""
 
 
-def comparison(states: Sequence[State], look: Look) -> Comparison:
-    """Return the states under a slider: towards ``look.yaw_rad``, ``look.other_yaw_rad``, and all around."""
-    wholes = [Panorama(np.ascontiguousarray(state.image.rgb)) for state in states]
-    first, second = _direction(look.yaw_rad), _direction(look.other_yaw_rad)
+@dataclass(frozen=True)
+class Cuts:
+    """What the page shows of a state, cut from its picture in one pass."""
+
+    state: State
+    scenes: tuple[Scene, ...]
+    """Towards ``look.yaw_rad``, ``look.other_yaw_rad``, and all around, of this state alone."""
+    small: bytes
+    """JPEG of the first view."""
+    viewer: Viewer
+    """Of this state alone."""
+
+
+def cuts_of(state: State, look: Look, wide: int) -> Cuts:
+    """Return what is shown of a state; ``wide``: of the viewer's picture, at most."""
+    image = state.read()
+    whole, small = Panorama(np.ascontiguousarray(image.rgb)), small_direction(look, SMALL_PX)
     scenes = [
-        _scene(name, states, look, [shown(cut_view(whole, view)[-VIEW_PX[1] :], look, view) for whole in wholes])
-        for name, view in (("View 1", first), ("View 2", second))
+        _scene(name, state, look, image, shown(cut_view(whole, view)[-VIEW_PX[1] :], look, view))
+        for name, view in (("View 1", _direction(look.yaw_rad)), ("View 2", _direction(look.other_yaw_rad)))
     ]
-    small = [_panorama(state.image.rgb, PANORAMA_WIDTH_PX) for state in states]
-    around = [shown(rgb, look) for rgb in small]
-    scenes.append(_scene("Panorama", states, look, around, panorama=True))
-    staged = [state.name for state in states if state.staged]
-    return Comparison(tuple(scenes), states[0].name, staged[0] if staged else states[-1].name)
+    around = shown(_panorama(image.rgb, PANORAMA_WIDTH_PX), look)
+    scenes.append(_scene("Panorama", state, look, image, around, panorama=True))
+    card = shown(cut_view(whole, small)[-small_height_px(SMALL_PX) :], look, small)
+    return Cuts(state, tuple(scenes), _jpeg(card, state, look, image, panorama=False), viewer(state, look, wide))
 
 
-def small_view(state: State, look: Look, width_px: int = 720) -> bytes:
-    """Return a JPEG of the first view, small."""
-    view = small_direction(look, width_px)
-    rgb = cut_view(Panorama(np.ascontiguousarray(state.image.rgb)), view)
-    return _jpeg(shown(rgb[-small_height_px(width_px) :], look, view), state, look, panorama=False)
+def comparison(cuts: Sequence[Cuts]) -> Comparison:
+    """Return the states under a slider."""
+    scenes = (
+        replace(one[0], shots=sum((s.shots for s in one), ())) for one in zip(*(c.scenes for c in cuts), strict=True)
+    )
+    staged = [one.state.name for one in cuts if one.state.staged]
+    return Comparison(tuple(scenes), cuts[0].state.name, staged[0] if staged else cuts[-1].state.name)
 
 
 def small_direction(look: Look, width_px: int) -> Perspective:
@@ -172,20 +187,34 @@ def small_height_px(width_px: int) -> int:
     return width_px * VIEW_PX[1] // VIEW_PX[0]
 
 
-def viewer(states: Sequence[State], look: Look) -> Viewer:
-    """Return the states in the 360-degree viewer."""
-    first = states[0].image
-    luminance = luminance_cd_m2(_map(first.rgb))
+def viewer(state: State, look: Look, wide: int = VIEWER_WIDTHS_PX[0][1]) -> Viewer:
+    """Return a state in the 360-degree viewer: its picture at most ``wide``, and maps of single pixels of its own."""
+    image = state.read()
+    if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
+        raise ParameterError("the viewer shows whole panoramas", where=state.name)
+    luminance = luminance_cd_m2(_map(image.rgb))
     low, high = display_range(luminance)
     ramp = np.geomspace(low, high, _COLOURS, endpoint=False)[None] * (high / low) ** (0.5 / _COLOURS)
-    wide = next(width for most, width in VIEWER_WIDTHS_PX if len(states) <= most)
+    codes = picture_codes(look.light(_panorama(image.rgb, wide)), MIDDLE)
+    share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
+    found = ViewerState(
+        state.name,
+        _jpeg(codes, state, look, image, panorama=True),
+        packed(luminance_codes(luminance)),
+        packed(uncertainty_codes(share)),
+        packed(_map(image.validity)),
+        (luminance.shape[1], luminance.shape[0]),
+        (image.rgb.shape[1], image.rgb.shape[0]),
+        state.file,
+        state.staged,
+    )
     return Viewer(
-        tuple(viewer_state(state, look, wide) for state in states),
+        (found,),
         MIDDLE,
         (low, high),
         tuple(legend_ticks(low, high, 14)),
         false_colour(ramp, low, high).tobytes(),
-        first.unit,
+        image.unit,
         math.degrees(look.yaw_rad),
         look.label,
         None if look.room is None else _ruled(look.room),
@@ -194,28 +223,6 @@ def viewer(states: Sequence[State], look: Look) -> Viewer:
 
 def _ruled(room: RoomModel) -> dict[str, object]:
     return {"floor": room.floor, "camera_m": room.camera_height_m, "ceiling_m": room.ceiling_height_m}
-
-
-def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1]) -> ViewerState:
-    """Return one state: its picture at most ``width_px`` wide, and maps of single pixels of the picture on disk."""
-    image = state.image
-    if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
-        raise ParameterError("the viewer shows whole panoramas", where=state.name)
-    codes = picture_codes(look.light(_panorama(image.rgb, width_px)), MIDDLE)
-    luminance = luminance_cd_m2(_map(image.rgb))
-    share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
-    height, width = luminance.shape
-    return ViewerState(
-        state.name,
-        _jpeg(codes, state, look, panorama=True),
-        packed(luminance_codes(luminance)),
-        packed(uncertainty_codes(share)),
-        packed(_map(image.validity)),
-        (width, height),
-        (image.rgb.shape[1], image.rgb.shape[0]),
-        state.file,
-        state.staged,
-    )
 
 
 def map_pixels(length: int, most: int) -> Indices:
@@ -246,23 +253,15 @@ def _direction(yaw_rad: float) -> Perspective:
     )
 
 
-def _scene(
-    name: str, states: Sequence[State], look: Look, pictures: Sequence[Bytes], *, panorama: bool = False
-) -> Scene:
-    shots = tuple(
-        Shot(
-            state.name,
-            _jpeg(rgb8, state, look, panorama=panorama),
-            f"{state.alt or state.name}: {name.lower()}",
-            f"{state.name} · {look.label.lower()}" if state.staged and look.label else "",
-        )
-        for state, rgb8 in zip(states, pictures, strict=True)
-    )
-    return Scene(name, shots, pictures[0].shape[1], pictures[0].shape[0])
+def _scene(name: str, state: State, look: Look, image: LuminanceImage, rgb8: Bytes, *, panorama: bool = False) -> Scene:
+    tag = f"{state.name} · {look.label.lower()}" if state.staged and look.label else ""
+    jpeg = _jpeg(rgb8, state, look, image, panorama=panorama)
+    shot = Shot(state.name, jpeg, f"{state.alt or state.name}: {name.lower()}", tag)
+    return Scene(name, (shot,), rgb8.shape[1], rgb8.shape[0])
 
 
-def _jpeg(rgb8: Bytes, state: State, look: Look, *, panorama: bool) -> bytes:
+def _jpeg(rgb8: Bytes, state: State, look: Look, image: LuminanceImage, *, panorama: bool) -> bytes:
     shown = labelled(rgb8, look.label, panorama=panorama) if state.staged and look.label else rgb8
     tags = PanoramaTags.whole(rgb8.shape[1], rgb8.shape[0]) if panorama else None
-    relative = not state.image.absolute
-    return jpeg_bytes(shown, panorama=tags, staged=state.staged, relative=relative, title=state.name, quality=82)
+    how: dict[str, Any] = {"relative": not image.absolute, "title": state.name, "quality": 82}
+    return jpeg_bytes(shown, panorama=tags, staged=state.staged, **how)

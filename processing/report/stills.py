@@ -255,20 +255,16 @@ def no_panorama(context: StageContext) -> str | None:
 def run(context: StageContext) -> StageOutput:
     """Write display.json, stills.json and, for each still, its JPEG, its EXR and the unaltered original as JPEG."""
     asked = context.parameters_of(StillsParameters)
-    photograph, room = upright_panorama(context), context.optional_artifact("room", "room")
-    facts = context.artifact("calibrate", "calibration")["indoor"]
+    room, facts = context.optional_artifact("room", "room"), context.artifact("calibrate", "calibration")["indoor"]
     indoor = context.artifact("calibrate", "indoor")
-    shown = shown_as(photograph, indoor, facts, room, context.session.bracket.mode)
+    shown = shown_as(upright_panorama(context), indoor, facts, room, context.session.bracket.mode)
+    del indoor
     arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
     every = () if arranged is None else arranged.arrangements
-    filled = context.optional_artifact("remove", "filled")
-    if filled is not None:  # of a draft, smaller
-        photograph = in_size(photograph, filled.shape[1])
-    originals = cache(partial(_whole, shown, photograph))
-    rendered, made = context.summary("render"), list[dict[str, Any]]()
-    for number, one in enumerate(every[:MOST_STAGED] if room is not None and not rendered.get("skipped") else (), 1):
+    originals, made = cache(lambda: _original(context, shown)), list[dict[str, Any]]()
+    for number, one in enumerate(every[:MOST_STAGED] if room is not None else (), 1):
         name = f"staged-{number}"
-        if name in rendered["left_out"]:
+        if not context.has("render", name):
             continue
         assert room is not None
         frames = frames_of(room, one.items, MOST if number == 1 else 1)
@@ -277,8 +273,8 @@ def run(context: StageContext) -> StageOutput:
         make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
         made += _kept(context, name, frames, len(made), make)
     if not made:
-        empty = None if filled is None else context.artifact("remove", "empty")
-        name, image = ("photograph", photograph) if empty is None else ("emptied", empty)
+        empty = context.optional_artifact("remove", "empty")
+        name, image = ("photograph", upright_panorama(context)) if empty is None else ("emptied", empty)
         frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
         made += _stills(context, shown, frames, (name, image, originals), asked, 0)
     names = [f"still-{k}" for k in range(1, MOST_STILLS + 1)]
@@ -290,6 +286,14 @@ def run(context: StageContext) -> StageOutput:
         metrics={"stills": len(made), "white": shown.display.source, "pull_stops": -math.log2(shown.display.pull)},
         left_out=left_out,
     )
+
+
+def _original(context: StageContext, shown: Shown) -> Panorama:
+    """Return the photograph in the film's light, in the size of what was made of it: a draft's is smaller."""
+    photograph, filled = upright_panorama(context), context.optional_artifact("remove", "filled")
+    found = _whole(shown, photograph if filled is None else in_size(photograph, filled.shape[1]))
+    context.let_go()  # of the measured one
+    return found
 
 
 def _whole(shown: Shown, image: LuminanceImage) -> Panorama:
@@ -317,7 +321,7 @@ def _stills(
     before: int,
 ) -> list[dict[str, Any]]:
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
-    state, image, originals = of[0], of[1] or context.artifact("render", of[0]), of[2]()
+    state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
     kind = state.partition("-")[0]
     light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []

@@ -117,10 +117,12 @@ class Shelf:
         self._held[stage, name] = _read_only(value)
         self._make_room()
 
-    def _make_room(self) -> None:
+    def _make_room(self, more: int = 0) -> None:
+        """``more``: pictures as large as the largest that are to be read."""
         sizes = {key: _bytes(value) for key, value in self._held.items()}
         pictures = [key for key, size in sizes.items() if size]
-        while len(pictures) > 1 and sum(sizes[key] for key in pictures) > HELD_BYTES:
+        room = HELD_BYTES - more * max(sizes.values(), default=0)
+        while len(pictures) + more > 1 and pictures and sum(sizes[key] for key in pictures) > room:
             del self._held[pictures.pop(0)]
 
     def let_go(self) -> None:
@@ -131,6 +133,7 @@ class Shelf:
         """Return an artifact; None where the stage left it out."""
         key = (stage, name)
         if key not in self._held:
+            self._make_room(more=1)
             value = self._read(stage, name)
             if value is None:
                 return None

@@ -83,7 +83,7 @@ def viewer_json(session: Path, state: str) -> str:
         raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
     image: Any = read_exr(path)
     name = path.relative_to(session).as_posix()
-    return viewer([State(state, image, state.startswith("Staged"), name)], look_of(session)).json
+    return viewer(State(state, lambda: image, state.startswith("Staged"), name), look_of(session)).json
 
 
 def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:

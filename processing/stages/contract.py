@@ -91,6 +91,11 @@ class StageContext:
             )
         return found
 
+    def has(self, stage: str, name: str) -> bool:
+        """Return whether an earlier stage made what it may leave out, without reading it."""
+        found = self.summary(stage)
+        return not (found.get("skipped") or name in found["left_out"])
+
     def part(self, name: str, files: tuple[str, ...], own: Any, make: Callable[[], Any], apart: str = "") -> Any:
         """Return the facts (JSON) of a part of the result, made now or kept with its files from the result before.
 

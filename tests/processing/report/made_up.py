@@ -16,7 +16,7 @@ from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
-from processing.stages.parameters import ReportParameters
+from processing.stages.parameters import MOST_STAGED, NO_SUCH, ReportParameters
 from station.session.session import SessionManifest
 from tests.processing.light.rooms import box, box_room, scene_of, uniform_sky
 from tests.station.session.sessions import manifest
@@ -99,7 +99,9 @@ def context(folder: Path, found: Mapping[str, Mapping[str, Any]], *, no_staged_l
         return folder / "stages" / stage / _file(name) if name in files and value is not None else value
 
     def summary(stage: str) -> dict[str, Any]:
-        blank = {"metrics": {}, "warnings": [], "left_out": {}, "honoured": {}}
+        optional = ("panorama", "outdoor", "empty", *(f"staged-{k}" for k in range(1, MOST_STAGED + 1)))
+        left_out = {name: NO_SUCH for name in optional if name not in found.get(stage, {})}
+        blank = {"metrics": {}, "warnings": [], "left_out": left_out, "honoured": {}}
         return blank if stage in found or stage == "verify" else {**blank, "skipped": "not asked"}
 
     out = folder / "page"

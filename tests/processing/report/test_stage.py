@@ -6,17 +6,24 @@ import base64
 import io
 import json
 import re
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from processing.pictures.images import LuminanceImage
 from processing.report import room_states, states
 from processing.report.data import Cards, Comparison, Models, Viewer
 from processing.report.stage import report_data, run, session_facts
 from processing.report.staging import relight_section
 from processing.report.states import Look
+from processing.report.stills import run as frame
+from processing.stages.contract import StageContext
+from processing.stages.parameters import StillsParameters
 from tests.processing.report.made_up import context, darker, picture, results, without
 
 STAGED_XMP = b"compositeSynthetic"
@@ -75,6 +82,25 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     assert all((STAGED_XMP in data) == name.startswith("Staged") for name, data in pictures.items())
     assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, False, labelled, labelled]
     assert bool(around.label) == labelled
+
+
+@pytest.mark.parametrize("made", [report_data, frame])
+def test_few_pictures_are_in_memory_together(tmp_path: Path, made: Callable[[StageContext], object]) -> None:
+    given = context(tmp_path, results())
+    found: list[weakref.ref[np.ndarray]] = []
+    together = []
+
+    def fetch(stage: str, name: str) -> object:
+        value = given.fetch(stage, name)
+        if isinstance(value, LuminanceImage):
+            value = replace(value, rgb=value.rgb.copy())
+            found.append(weakref.ref(value.rgb))
+            together.append(sum(one() is not None for one in found))
+        return value
+
+    made(replace(given, fetch=fetch, parameters=StillsParameters() if made is frame else given.parameters))
+    assert len(together) > 3
+    assert max(together) <= 2, "a session has five states and more"
 
 
 def test_of_a_given_picture_nobody_says_when_it_was_taken(tmp_path: Path) -> None:

@@ -26,6 +26,9 @@ def test_what_is_unused_longest_is_let_go_and_read_again(monkeypatch: pytest.Mon
         return picture(9.0)
 
     shelf = Shelf(from_disk)
+    assert shelf.get("room", "panorama") is not None, "nothing is held that says how large a picture is"
+    shelf.let_go()
+    read.clear()
     shelf.put("merge", "indoor", picture(1.0))
     shelf.put("merge", "response", {"a": 1})
     shelf.put("calibrate", "indoor", picture(2.0))
@@ -43,6 +46,21 @@ def test_what_is_unused_longest_is_let_go_and_read_again(monkeypatch: pytest.Mon
     assert not shelf.held
     assert shelf.get("remove", "empty") is not None
     assert read[-1] == "remove/empty"
+
+
+def test_room_is_made_before_a_picture_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, held = artifacts._bytes(picture(1.0)), list[int]()
+    monkeypatch.setattr(artifacts, "HELD_BYTES", 2 * one)
+
+    def from_disk(_stage: str, _name: str) -> LuminanceImage:
+        held.append(len(shelf.held))
+        return picture(9.0)
+
+    shelf = Shelf(from_disk)
+    for name in ("staged-1", "staged-2", "staged-3", "staged-4"):
+        shelf.get("render", name)
+    assert held == [0, 1, 1, 1], "beside the one that is read"
+    assert len(shelf.held) == 2
 
 
 def test_a_picture_larger_than_all_room_is_still_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
