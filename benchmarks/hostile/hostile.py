@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.hostile.glare import stray_light_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
@@ -92,6 +93,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "false_ghost_pct": 100 * float(np.mean([s.ghost for s in done if s.ghost is not None])),
         "median_err_stops": float(np.median([s.median for s in done])),
         **_raw_metrics(raws),
+        **stray_light_figures(_curves(), scenes, number),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "

@@ -17,7 +17,7 @@ from mocks.optics.camera import scene_rows
 from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
-from processing.calibration.optics import veil_taken_off
+from processing.calibration.optics import glare_taken_off
 from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, outdoor_view
 from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
@@ -26,8 +26,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
 from processing.rig.camera_fit import SessionSide, read_side
-from processing.sphere import solid_angles
-from processing.stages.parameters import CalibrateParameters
+from processing.sphere import Fisheye, solid_angles
 from station.session.session import Side
 
 DENSE_STOPS_S = (
@@ -165,8 +164,9 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     k2 = rig.result.profile.k2
     assert k2 is not None
     scale = combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty))
-    merged, _ = veil_taken_off(camera.merged(side), camera.lens, CalibrateParameters())
-    sky = camera.corrected(merged)
+    merged = camera.merged(side)
+    assert isinstance(merged.geometry, Fisheye)
+    sky = camera.corrected(glare_taken_off(merged, merged.geometry)[0])
     rows, scene = _truth(taken, Side.OUTDOOR)
     truth = luminance_cd_m2(scene).astype(np.float64)
     shown = luminance_cd_m2(scaled(sky, scale).rgb[rows]).astype(np.float64)

@@ -4,17 +4,15 @@ import math
 from dataclasses import replace
 from typing import Any, Literal, Protocol
 
-import numpy as np
-
 from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.profile import Correction, K2Record, RigProfile
-from processing.calibration.scale.veiling_glare import subtract_veil, veil_from_surround
+from processing.calibration.scale.veiling_glare import GlareKernel, kernel_from_surround, without_glare
 from processing.calibration.scale.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
 from processing.pictures.images import RelativeImage
-from processing.sphere import LensMapping
+from processing.sphere import Fisheye, LensMapping
 from station.session.session import SessionManifest, Side
 
 PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
@@ -25,8 +23,8 @@ PUBLISHED_FALLOFF = {"canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0
 OTHER_APERTURE_UNCERTAINTY = 0.03
 """Relative, of a fall-off published for another aperture: f/8 and f/11 differ by that much."""
 SURE_SUPPORT = 0.5  # share of rays on which the circle's edge must be seen, to trust it more than the rig file's
-VEIL_MAX_UNCERTAINTY = 0.5  # relative; chosen
-VEIL_MAX_INDEX = 0.3
+GLARE_MAX_MISFIT = 0.7  # chosen: half of the light's variance is then not the kernel's
+GLARE_MAX_INDEX = 0.3
 """Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""
 _CORRECTED: dict[Correction, str] = {
     "panorama": "the panorama's fall-off",
@@ -119,24 +117,25 @@ def corrections_unlike(k2: K2Record, done: dict[Correction, object]) -> list[str
     return found
 
 
-def veil_taken_off(merged: RelativeImage, lens: LensModel, asked: OpticsChoice) -> tuple[RelativeImage, dict[str, Any]]:
-    """Return the picture less the veil seen around the image circle, and what was found; unchanged where unsure.
+def glare_taken_off(
+    merged: RelativeImage, lens: Fisheye, *, keep: bool = False
+) -> tuple[RelativeImage, GlareKernel | None, dict[str, Any]]:
+    """Return the picture less the glare seen around the image circle, its kernel, and what was found.
 
-    The veil's light came from the picture itself: what is left is raised so that the mean over the field stays. k1 and
-    k2 are measured on targets about as bright as their rooms, with as much veil gained as light lost.
+    Unchanged, without a kernel, where it is to be kept, not seen or unsure. Its light came from the picture itself:
+    what is left is raised so that the mean over the field stays. k1 and k2 are measured on targets about as bright as
+    their rooms, with as much glare gained as light lost.
     """
-    circle = lens.circle.scaled((merged.rgb.shape[1], merged.rgb.shape[0]))
-    if asked.glare == "keep":
-        return merged, {"taken_off": False, "why": "as asked"}
+    if keep:
+        return merged, None, {"taken_off": False, "why": "as asked"}
     try:
-        veil = veil_from_surround(merged.rgb, merged.validity, circle.centre_px, circle.radius_px)
+        kernel = kernel_from_surround(merged.rgb, merged.validity, lens)
     except LensError as error:
-        return merged, {"taken_off": False, "why": str(error).split(" | ")[0]}
-    found = {"index": veil.index, "uncertainty": veil.uncertainty}
-    if veil.uncertainty > VEIL_MAX_UNCERTAINTY or veil.index > VEIL_MAX_INDEX:
-        return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to judge"}
-    clean = subtract_veil(merged, veil)
-    return replace(clean, rgb=clean.rgb / np.float32(1 - veil.index)), found | {"taken_off": True}
+        return merged, None, {"taken_off": False, "why": str(error).split(" | ")[0]}
+    found = {"index": kernel.index, "uncertainty": kernel.misfit, "shares": list(kernel.shares)}
+    if kernel.misfit > GLARE_MAX_MISFIT or kernel.index > GLARE_MAX_INDEX:
+        return merged, None, found | {"taken_off": False, "why": "the surround is too uneven or too bright to judge"}
+    return without_glare(replace(merged, geometry=lens), kernel), kernel, found | {"taken_off": True}
 
 
 def _lens(merged: RelativeImage, session: SessionManifest, asked: OpticsChoice) -> tuple[LensModel, str]:

@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.optics import glare_taken_off
 from processing.calibration.outdoor.lens import find_image_circle
 from processing.calibration.response.response import WHITE_CODE, estimate_noise, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminance_lx, luminance_map
+from processing.calibration.scale.veiling_glare import kernel_modes
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
 from processing.figures.glare import with_uncertainty
@@ -164,11 +166,12 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     ).image
     factor = constant * frames[0].f_number ** 2 / frames[0].iso
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
+    image, kernel, _ = glare_taken_off(image, lens)
     _, seen = directions(lens)
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
     picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes({"scale": said}, modes))
-    return widened(picture, camera_modes(picture))
+    return widened(picture, camera_modes(picture) if kernel is None else kernel_modes(picture, kernel))
 
 
 # Opening, scaling and summing up pictures for ``daylit figures``.

@@ -30,7 +30,6 @@ SEAM_SIGMA = 0.02
 VEIL_INDEX = 0.0125
 """Stray light over the mean luminance where none was measured; chosen: the root mean square of the 0.003 to 0.02 that
 good lenses have (ISO 9358)."""
-LEFT_INDEX = 0.005  # chosen: what is left of it after it was measured around the image circle, and taken off
 STRAY_CELLS = (16, 32)
 """Rows and columns of a panorama's map of stray light; chosen: 11 degrees, for it is smooth."""
 STRAY_NEAR_RAD = 0.1
@@ -122,7 +121,7 @@ def relative_error(
     if mode.kind == "scatter":
         light = _scattered(mode, image.rgb.shape[1], image.rgb.shape[0], rows)
         # Where it is all there is, more of it is no news.
-        return np.asarray(np.minimum(light / np.maximum(luminance, np.float32(1e-30)), 2) - mode.places[2], np.float32)
+        return np.asarray(np.clip(light / np.maximum(luminance, np.float32(1e-30)), -2, 2) - mode.places[2], np.float32)
     if mode.kind == "seam" and isinstance(image.geometry, Equirectangular):
         height, width = image.rgb.shape[:2]
         latitude = (0.5 - (np.arange(height)[rows] + 0.5) / height) * math.pi
@@ -172,18 +171,14 @@ def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
 def _scattered(mode: SharedMode, width: int, height: int, rows: slice) -> Floats:
     """Return the light of a scatter mode at rows of a picture, (h, W), between its cells' middles."""
     cells = np.reshape(np.array(mode.values), (int(mode.places[0]), int(mode.places[1])))
-    down, across = (
-        _between((np.arange(size)[part] + 0.5) / size, count)
-        for size, part, count in zip((height, width), (rows, slice(None)), cells.shape, strict=True)
-    )
+    down, across = between(height, cells.shape[0], rows), between(width, cells.shape[1])
     return np.asarray((down @ cells) @ across.T, dtype=np.float32)
 
 
-def _between(places: Doubles, count: int) -> Doubles:
-    """Return the weights (n, count) of cells for places 0..1, linear between the cells' middles."""
-    return np.asarray(
-        np.maximum(1 - np.abs(np.clip(places * count - 0.5, 0, count - 1)[:, None] - np.arange(count)), 0)
-    )
+def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
+    """Return the weights (n, count) of cells for a part of ``size`` pixels, linear between the cells' middles."""
+    places = np.clip((np.arange(size)[part] + 0.5) / size * count - 0.5, 0, count - 1)
+    return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
 
 
 def stray_light(image: LuminanceImage, index: float, measured: float | None = None) -> SharedMode:

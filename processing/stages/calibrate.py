@@ -14,12 +14,10 @@ from processing.calibration.profile import RigProfile, load_profile, unlike_prof
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
 from processing.calibration.scale.photometry import PLANES, illuminances
-from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
+from processing.calibration.scale.veiling_glare import bound_from_darkest
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
-from processing.ground.arrays import Rgb
 from processing.ground.board import find_board
-from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import camera_modes, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
@@ -197,8 +195,7 @@ def calibrate_indoor(
         "illuminance_lx": lux,
     }
     try:
-        veil = veil_bound_from_darkest(picture)
-        facts["veil_upper_bound"] = {"cd_m2": _luminance(veil.veil_rgb), "index": veil.index}
+        facts["veil_upper_bound"] = dict(zip(("cd_m2", "index"), bound_from_darkest(picture), strict=True))
     except LensError as error:
         facts["veil_upper_bound"] = {"none": str(error)}
     return Calibrated(picture, scale, facts, (*scale.warnings, *low, *not_a_panorama(picture)))
@@ -239,7 +236,3 @@ def _target(
     board = find_board(image.rgb, luminance_cd_m2(image.rgb), image.validity == Validity.VALID)
     longitude = math.remainder(board.longitude_rad + image.geometry.yaw_rad, 2 * math.pi)
     return longitude, board.latitude_rad, {"source": "board found", "confidence": board.confidence}
-
-
-def _luminance(rgb: Rgb) -> float:
-    return sum(weight * value for weight, value in zip(LUMINANCE_WEIGHTS, rgb, strict=True))

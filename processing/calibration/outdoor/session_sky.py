@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
-from processing.calibration.optics import OpticsChoice, find_optics, indoor_falloff, veil_taken_off
+from processing.calibration.optics import OpticsChoice, find_optics, glare_taken_off, indoor_falloff
 from processing.calibration.outdoor import outdoor, sun_place
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView
@@ -16,10 +16,11 @@ from processing.calibration.profile import K2Record, RigProfile, camera_state, r
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
 from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
+from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.pictures.modes import LEFT_INDEX, SharedMode, falloff_mode, modes_of, stray_light, widened, with_modes
+from processing.pictures.modes import VEIL_INDEX, SharedMode, falloff_mode, modes_of, stray_light, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import SessionManifest, Side
 
@@ -64,6 +65,8 @@ class _Sky:
     image: RelativeImage
     sun: Sun | None
     sun_text: str
+    kernel: GlareKernel | None = None
+    """Of the glare that was taken off."""
 
 
 def why_no_scale(
@@ -105,7 +108,7 @@ def calibrate_outdoor(
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
-    picture = _with_shared(picture, optics)
+    picture = _with_shared(picture, optics, sky.kernel)
     repaired, repair = _repaired(picture, asked, session, sky)
     lux, low = illuminances(repaired, {"up": UP})
     facts |= scale_facts | {
@@ -125,7 +128,7 @@ def calibrate_outdoor(
     return Calibrated(repaired, scale, facts, tuple(warnings))
 
 
-def _with_shared(picture: LuminanceImage, optics: OutdoorOptics) -> LuminanceImage:
+def _with_shared(picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None) -> LuminanceImage:
     """Return the picture with what stray light, fall-off and the filter's colour leave uncertain in all pixels alike.
 
     The last two are in the pixels' own uncertainty already, which sums take as independent.
@@ -135,7 +138,8 @@ def _with_shared(picture: LuminanceImage, optics: OutdoorOptics) -> LuminanceIma
         others.append(falloff_mode(optics.vignetting.relative_uncertainty))
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
-    picture = widened(picture, [stray_light(picture, LEFT_INDEX)])
+    left = kernel_modes(picture, kernel) if kernel else [stray_light(picture, VEIL_INDEX)]
+    picture = widened(picture, left)
     return replace(picture, attributes=with_modes(picture.attributes, [*modes_of(picture), *others]))
 
 
@@ -196,10 +200,12 @@ def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> lis
 
 
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
-    """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
-    image, veil = veil_taken_off(merged, optics.lens, asked)
+    """Return the picture after the paper's steps (1) and (2), with the glare taken off before."""
+    height, width = merged.validity.shape
+    keep = asked.glare == "keep"
+    image, kernel, veil = glare_taken_off(merged, optics.lens.fisheye((width, height)), keep=keep)
     bare = outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics)
-    return _with_sun(outdoor.correct_colour(bare, optics)), veil
+    return replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel), veil
 
 
 def _with_sun(image: RelativeImage) -> _Sky:

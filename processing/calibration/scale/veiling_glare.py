@@ -1,56 +1,127 @@
-"""Veiling glare: light that the lens scatters over the whole picture, estimated where there can be none.
+"""Veiling glare: light that the lens scatters over the picture, as a kernel over angle that the picture itself shows.
 
 No bracket removes it (McCann and Rizzi 2007). Outside a fisheye's image circle no ray of the scene arrives: what is
-there is scattered in the lens and the body. Indoors the darkest place of the picture bounds it from above. The figure
-is that of ISO 9358: veil over the mean luminance of the field. The correction takes the veil as uniform.
+there is scattered in lens and body, more beside bright places and in ways that tell how far it scatters. The kernel is
+a sum of scatter that falls off as the cube of the angle beyond one of three widths (Cauchy's distribution in the
+plane), and of light that is spread evenly; shares are not negative. Glare is smooth, so that it is worked out in cells
+of four degrees. Indoors the darkest place bounds it from above. The index is that of ISO 9358: glare over mean light.
 """
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
+import cv2
 import numpy as np
+from scipy.optimize import nnls
 
 from processing.errors import LensError, ParameterError
-from processing.ground.arrays import Bytes, Floats, Rgb
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import ROWS_AT_ONCE, STRAY_CELLS, VEIL_INDEX, SharedMode, between
+from processing.sphere import Fisheye, Geometry, directions, solid_angles
 
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
+WIDTHS_RAD = (0.1, 0.3, 0.9)
+"""Of the three parts of a kernel; chosen: from a cell to half the field, each three times the one before."""
+PRIOR_SHARE = VEIL_INDEX / math.sqrt(len(WIDTHS_RAD) + 1)
+"""Standard deviation about 0 of each part's share before anything is measured: together a lens's usual index."""
 RIM_GAP = 1.06  # in radii: nearer to the image circle the lens's own blur and its bright rim reach out
 MIN_SURROUND_PX = 400  # chosen
 MAX_DARK_SHARE = 0.25
 """Of the surround: where more of it is too dark to measure, what is left are the brightest by chance, not the veil."""
 _DARKEST_SHARE = 0.001  # of the field; chosen
-_MAD_SIGMA = 1.4826  # of a normal distribution: 1 / quantile(0.75)
+_ENOUGH_PX = 400  # of a radius, at least; chosen
+_CELLS_A_RADIUS = 24  # chosen: 3.75 degrees, half the narrowest part's width at half its height
+_SECTORS = 8  # of the surround, left out in turn (jackknife); chosen
+_ALIKE = 4  # parts of a sector whose cells err together; chosen, by halos out of the family on validation seeds
+_LEAST_MISFIT = 0.02  # relative, of a cell: no glare is smoother than that. Chosen.
+_FAINT = 0.2  # of the surround's mean: below it errors are alike. Chosen.
+_TARGETS = 512  # cells worked out at once: 15 MB. Chosen.
 
 
 @dataclass(frozen=True)
-class GlareEstimate:
-    """A veil in a picture's own units, and what it is worth."""
+class GlareKernel:
+    """What a lens does with light: shares that go to each of `WIDTHS_RAD`, and last everywhere alike."""
 
-    veil_rgb: Rgb
-    uncertainty: float
-    """Standard uncertainty of the veil's luminance, relative to it: how uneven it is over the places it was read in."""
+    shares: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    misfit: float
+    """Root mean square of the measured places' departure from what the kernel gives, over that of their light."""
     index: float
-    """Luminance of the veil over the mean luminance of the field (veiling glare index, ISO 9358), 0 to 1."""
-    upper_bound: bool
-    """The true veil may be anything from 0 to this (estimated from a dark place inside the scene)."""
-    n_pixels: int
+    """Luminance of the glare over the mean luminance of the field (veiling glare index, ISO 9358), where measured."""
 
 
-def veil_from_surround(rgb: Floats, validity: Bytes, centre_px: tuple[float, float], radius_px: float) -> GlareEstimate:
-    """Return the veil from the frame around the image circle of an uncropped fisheye picture (H, W, 3), linear.
+class _Cells(NamedTuple):
+    """A picture in cells: places (N, 2) of the sensor's plane in radians or (N, 3) directions, their areas (N,)."""
 
-    ``validity``: clipped pixels of the surround are left out. Dark ones count with their values, so that the median is
-    not of the bright ones alone. Raises `LensError` where less than 400 pixels are valid, which is no surround, and
-    where more than a quarter is dark: then the veil is less than the longest frame shows.
+    shape: tuple[int, int]
+    places: Doubles
+    area: Doubles
+    inside: Flags
+    """(N,): whose middles are in the field."""
+
+    def scattered(self, light: Doubles) -> Doubles:
+        """Return what a share of 1 of each part gives, (parts, N, C), of light (N, C) per area."""
+        sent = light * self.area[:, None]
+        near = np.flatnonzero(sent.any(axis=1))
+        sources, sent = self.places[near], sent[near]
+        found = np.empty((len(WIDTHS_RAD) + 1, *light.shape))
+        for start in range(0, len(light), _TARGETS):
+            targets = self.places[start : start + _TARGETS]
+            apart = (targets**2).sum(1)[:, None] + (sources**2).sum(1) - 2 * targets @ sources.T
+            apart = np.maximum(apart, 0)
+            if sources.shape[1] == 3:
+                apart = (2 * np.arcsin(np.minimum(np.sqrt(apart) / 2, 1))) ** 2
+            for k, width in enumerate(WIDTHS_RAD):
+                far = apart + width**2
+                found[k, start : start + _TARGETS] = (width / (2 * math.pi) / (far * np.sqrt(far))) @ sent
+        found[-1] = sent.sum(axis=0) / max(float(self.area @ self.inside), 1e-30)
+        return found
+
+
+def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKernel:
+    """Return the kernel by the frame around the image circle of an uncropped fisheye picture (H, W, 3), linear.
+
+    ``validity``: clipped pixels of the surround are left out. Dark ones count with their values, so that the rest is
+    not of the bright ones alone. Shares that the surround leaves open stay near 0, with the uncertainty of a lens that
+    was not measured; how much sectors of the surround disagree adds to it. Raises `LensError` where less than 400
+    pixels are valid, which is no surround, and where more than a quarter is dark: then the glare is less than the
+    longest frame shows.
     """
-    height, width = validity.shape
-    radius = np.hypot(np.arange(width)[None] + 0.5 - centre_px[0], np.arange(height)[:, None] + 0.5 - centre_px[1])
-    surround = (radius > RIM_GAP * radius_px) & (validity != Validity.CLIPPED)
-    usable = surround & (validity != Validity.DARK)
-    inside = radius < radius_px
+    # Glare is smooth: large pictures are reduced.
+    step = max(int(lens.radius_px / _ENOUGH_PX), 1)
+    height, width = (size // step for size in validity.shape)
+    rgb = cv2.resize(rgb[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+    validity = validity[step // 2 :: step, step // 2 :: step][:height, :width]
+    centre = (lens.axis_px[0] / step, lens.axis_px[1] / step)
+    lens = replace(lens, width_px=width, height_px=height, radius_px=lens.radius_px / step, centre_px=centre)
+    radius, luminance = _radii(lens), luminance_cd_m2(rgb)
+    surround = (radius > RIM_GAP) & (validity != Validity.CLIPPED)
+    _check_surround(surround, surround & (validity != Validity.DARK), radius < 1)
+    cells = _plane(lens)
+    light = _in_cells(luminance * (radius < 1), cells.shape)
+    if not (np.isfinite(light).all() and light.min(initial=0.0) >= 0):
+        raise ParameterError("the picture holds values that light cannot have (negative or not finite)")
+    parts = cells.scattered(light)[..., 0].T
+    seen = _in_cells(surround.astype(np.float32), cells.shape)[:, 0]
+    level = _in_cells(np.where(surround, luminance, 0), cells.shape)[:, 0]
+    use = seen > 0.5
+    found, x, y = level[use] / seen[use], *cells.places[use].T
+    sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * _SECTORS).astype(int)
+    shares, inverse, misfit = _fit(parts[use], found)
+    without = [_fit(parts[use][sector != k], found[sector != k])[0] for k in np.unique(sector)]
+    spread = np.array(without) - np.mean(without, axis=0)
+    covariance = np.linalg.inv(inverse) + (len(without) - 1) / len(without) * spread.T @ spread
+    # A kernel that fits badly tells as little as none.
+    covariance += misfit * PRIOR_SHARE**2 * np.eye(len(shares))
+    field = float(light[:, 0] @ cells.area / (cells.area @ cells.inside))
+    index = min(1.0, float(np.median(found)) / field) if field > 0 else 0.0
+    return GlareKernel(tuple(shares.tolist()), tuple(map(tuple, covariance.tolist())), misfit, index)
+
+
+def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
     if int(usable.sum()) < MIN_SURROUND_PX or not inside.any():
         raise LensError(
             f"{int(usable.sum())} usable pixels around the image circle; {MIN_SURROUND_PX} are needed",
@@ -64,11 +135,122 @@ def veil_from_surround(rgb: Floats, validity: Bytes, centre_px: tuple[float, flo
             likely="a veil weaker than the longest frame shows",
             advice="add a longer frame, or leave the veil on",
         )
-    return _estimate(rgb[surround], float(luminance_cd_m2(rgb[inside]).mean(dtype=np.float64)), upper_bound=False)
 
 
-def veil_bound_from_darkest(image: LuminanceImage) -> GlareEstimate:
-    """Return an upper bound of the veil: the mean of the darkest thousandth of what the picture shows.
+def _fit(parts: Doubles, found: Doubles) -> tuple[Doubles, Doubles, float]:
+    """Return shares (P,) >= 0, the inverse of their covariance, and the relative misfit of ``parts @ shares``.
+
+    Least squares with the prior's as further rows. Errors go by the root of the light, are as large as what the fit
+    leaves, and alike in parts of a sector.
+    """
+    mean = max(float(np.mean(found)), 1e-30)
+    level = np.sqrt(np.maximum(found, _FAINT * mean) * mean * max(len(found) / (_ALIKE * _SECTORS), 1))
+    relative, unit = 0.1, np.eye(parts.shape[1]) / PRIOR_SHARE
+    for _ in range(4):
+        rows = parts / (relative * level)[:, None]
+        shares, _ = nnls(np.vstack([rows, unit]), np.concatenate([found / (relative * level), np.zeros(len(unit))]))
+        off = found - parts @ shares
+        relative = max(float(np.sqrt(np.mean(off**2 / np.maximum(found, _FAINT * mean)) / mean)), _LEAST_MISFIT)
+    misfit = float(np.linalg.norm(off) / max(float(np.linalg.norm(found)), 1e-30))
+    return np.asarray(shares), np.asarray(rows.T @ rows + unit @ unit), misfit
+
+
+def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
+    """Return the picture less what the kernel scatters; the rest is raised so that the mean over the field stays.
+
+    Arrays keep their shape and unit. What falls to 0 or below becomes 0, `Validity.DARK`, with infinite uncertainty;
+    pixels outside the field stay. The kernel's own doubt is in `kernel_modes`.
+    """
+    if min(kernel.shares) < 0 or not math.isfinite(sum(kernel.shares)):
+        raise ParameterError(f"a kernel's shares are finite and not negative, not {kernel.shares}")
+    geometry, validity = image.geometry, image.validity.copy()
+    cells = _plane(geometry) if isinstance(geometry, Fisheye) else _around(geometry, 2 * STRAY_CELLS[0])
+    light = _in_cells(image.rgb, cells.shape)
+    if not np.isfinite(light).all():
+        raise ParameterError("the picture holds values that light cannot have (not finite)")
+    light *= cells.inside[:, None]
+    glare = np.tensordot(np.array(kernel.shares), cells.scattered(light), 1)
+    total, scattered = (float((cells.area * cells.inside) @ one.sum(axis=1)) for one in (light, glare))
+    gain = np.float32(total / (total - scattered) if scattered < 0.5 * total else 1.0)
+    rgb, uncertainty = np.empty_like(image.rgb), image.uncertainty.copy()
+    height, width = validity.shape
+    down, grid = between(height, cells.shape[0]).astype(np.float32), glare.reshape(*cells.shape, 3).astype(np.float32)
+    for start in range(0, height, ROWS_AT_ONCE):
+        rows = slice(start, min(start + ROWS_AT_ONCE, height))
+        across = np.tensordot(down[rows], grid, 1)
+        clean = cv2.resize(across, (width, across.shape[0]), interpolation=cv2.INTER_LINEAR)
+        np.maximum(np.subtract(image.rgb[rows], clean, out=clean), 0, out=clean)
+        here = validity[rows] != Validity.OUTSIDE
+        before, after = luminance_cd_m2(image.rgb[rows]), luminance_cd_m2(clean)
+        lit = here & (after > 0)
+        more = np.divide(before, after, out=np.full_like(after, np.inf), where=lit)
+        np.multiply(uncertainty[rows], more, out=uncertainty[rows], where=here)
+        validity[rows][here & ~lit & (validity[rows] != Validity.CLIPPED)] = Validity.DARK
+        np.multiply(clean, gain, out=rgb[rows])
+        rgb[rows][~here] = image.rgb[rows][~here]
+    attributes = {**image.attributes, "glare_shares": list(kernel.shares), "glare_index": kernel.index}
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, attributes=attributes)
+
+
+def kernel_modes(image: LuminanceImage, kernel: GlareKernel, *, measured: float | None = None) -> list[SharedMode]:
+    """Return what is left uncertain of a kernel's glare in a picture: a mode for each axis of its covariance.
+
+    ``measured``: luminance by which the picture was scaled, cd/m2: what is wrong there is in the scale.
+    """
+    cells = _around(image.geometry, STRAY_CELLS[0])
+    light = _in_cells(luminance_cd_m2(image.rgb) * (image.validity != Validity.OUTSIDE), cells.shape)
+    variances, axes = np.linalg.eigh(np.array(kernel.covariance))
+    left = np.sqrt(np.maximum(variances, 0))[:, None] * (axes.T @ cells.scattered(light)[..., 0])
+    found = []
+    for number, glare in enumerate(left, start=1):
+        known = 0.0 if measured is None else float(np.clip(glare.mean() / measured, -2, 2))
+        size = (*map(float, cells.shape), known)
+        found.append(SharedMode(f"stray light, measured {number}", "scatter", size, tuple(glare.tolist())))
+    return found
+
+
+def _plane(lens: Fisheye) -> _Cells:
+    """Return the cells of the whole sensor's plane. Angles are as in its middle."""
+    size = max(lens.radius_px / _CELLS_A_RADIUS, 1.0)
+    rows, columns = max(round(lens.height_px / size), 1), max(round(lens.width_px / size), 1)
+    wide, high = lens.width_px / columns, lens.height_px / rows
+    unit = lens.half_field_rad / lens.radius_px
+    x = ((np.arange(columns) + 0.5) * wide - lens.axis_px[0]) * unit
+    y = ((np.arange(rows) + 0.5) * high - lens.axis_px[1]) * unit
+    places = np.stack(np.broadcast_arrays(x[None], y[:, None]), axis=-1).reshape(-1, 2)
+    area = np.full(len(places), wide * high * unit**2)
+    return _Cells((rows, columns), places, area, np.hypot(*places.T) < lens.half_field_rad)
+
+
+def _around(geometry: Geometry, rows: int) -> _Cells:
+    """Return cells of a picture by direction: as many rows, and columns as it is wide."""
+    columns, scale = max(round(rows * geometry.width_px / geometry.height_px), 1), rows / geometry.height_px
+    small: Geometry
+    if isinstance(geometry, Fisheye):
+        centre, radius = (geometry.axis_px[0] * scale, geometry.axis_px[1] * scale), geometry.radius_px * scale
+        small = replace(geometry, width_px=columns, height_px=rows, radius_px=radius, centre_px=centre)
+    else:
+        small = replace(geometry, width_px=columns, height_px=rows)
+    rays, seen = directions(small)
+    area = np.where(seen, solid_angles(small), 0)
+    return _Cells((rows, columns), rays.reshape(-1, 3).astype(np.float64), area.reshape(-1), seen.reshape(-1))
+
+
+def _radii(lens: Fisheye) -> Floats:
+    """Return how many radii of the image circle each pixel's middle is from its axis, (H, W)."""
+    x, y = lens.axis_px
+    across, down = np.arange(lens.width_px) + 0.5 - x, np.arange(lens.height_px) + 0.5 - y
+    return np.asarray(np.hypot(across[None], down[:, None]) / lens.radius_px, dtype=np.float32)
+
+
+def _in_cells(picture: Floats, shape: tuple[int, int]) -> Doubles:
+    """Return means (N, C) of a picture (H, W) or (H, W, C) over its cells."""
+    small = cv2.resize(np.asarray(picture, np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(small.reshape(shape[0] * shape[1], -1), dtype=np.float64)
+
+
+def bound_from_darkest(image: LuminanceImage) -> tuple[float, float]:
+    """Return an upper bound of the glare, cd/m2 and index: the median of the darkest thousandth of what is shown.
 
     Valid and dark pixels count. Raises `LensError` for a picture in which nothing is valid.
     """
@@ -76,54 +258,10 @@ def veil_bound_from_darkest(image: LuminanceImage) -> GlareEstimate:
     if not usable.any():
         raise LensError("the picture has no valid pixels")
     luminance = luminance_cd_m2(image.rgb)
-    if not np.isfinite(luminance.sum(dtype=np.float64)):
-        raise ParameterError("the picture holds values that light cannot have (not finite)")
+    if not (np.isfinite(luminance.sum(dtype=np.float64)) and luminance.min() >= 0):
+        raise ParameterError("the picture holds values that light cannot have (negative or not finite)")
     count = max(1, int(_DARKEST_SHARE * int(usable.sum())))
     limit = np.partition(luminance[usable], count - 1)[count - 1]
-    darkest = usable & (luminance <= limit)
-    return _estimate(image.rgb[darkest], float(luminance[usable].mean(dtype=np.float64)), upper_bound=True)
-
-
-def _estimate(samples: Floats, field: float, *, upper_bound: bool) -> GlareEstimate:
-    """Return the channels' medians; their spread as uncertainty, for a veil is not quite uniform."""
-    veil = np.median(samples.astype(np.float64), axis=0)
-    values = luminance_cd_m2(samples)
-    middle = float(np.median(values))
-    spread = _MAD_SIGMA * float(np.median(np.abs(values - middle)))
-    red, green, blue = (float(value) for value in veil)
-    if not min(red, green, blue, field) >= 0:
-        raise ParameterError("the picture holds values that light cannot have (negative)")
-    return GlareEstimate(
-        veil_rgb=(red, green, blue),
-        uncertainty=spread / middle if middle > 0 else 0.0,
-        index=min(1.0, middle / field) if field > 0 else 0.0,
-        upper_bound=upper_bound,
-        n_pixels=int(samples.shape[0]),
-    )
-
-
-def subtract_veil(image: Picture, glare: GlareEstimate) -> Picture:
-    """Return the picture without a uniform veil; its doubt goes into each pixel's uncertainty.
-
-    What falls to 0 or below becomes 0, `Validity.DARK`, with infinite uncertainty. Pixels outside the field stay.
-    Raises `ParameterError` for an upper bound, which is not a value to subtract, and for a negative veil. The picture's
-    arrays keep their shape and unit.
-    """
-    if glare.upper_bound:
-        raise ParameterError("an upper bound of the veil cannot be subtracted", advice="estimate it from the surround")
-    if min(glare.veil_rgb) < 0 or not math.isfinite(sum(glare.veil_rgb)):
-        raise ParameterError(f"a veil is finite and not negative, not {glare.veil_rgb}")
-    veil = np.array(glare.veil_rgb, dtype=np.float32)
-    inside = image.validity != Validity.OUTSIDE
-    rgb = np.where(inside[..., None], np.maximum(image.rgb - veil, np.float32(0)), image.rgb)
-    before, after = luminance_cd_m2(image.rgb), luminance_cd_m2(rgb)
-    veil_sigma = float(luminance_cd_m2(veil)) * glare.uncertainty
-    lit = inside & (after > 0)
-    own = np.multiply(before, image.uncertainty, out=np.zeros_like(before), where=lit)
-    sigma = np.hypot(own, veil_sigma)
-    known = np.divide(sigma, after, out=np.full_like(after, np.inf), where=lit)
-    uncertainty = np.where(inside, known, image.uncertainty).astype(np.float32)
-    dark = inside & ~lit & (image.validity != Validity.CLIPPED)
-    validity = np.where(dark, np.uint8(Validity.DARK), image.validity).astype(np.uint8)
-    attributes = {**image.attributes, "veil_rgb": list(glare.veil_rgb), "veil_uncertainty": glare.uncertainty}
-    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, attributes=attributes)
+    veil = float(np.median(luminance[usable & (luminance <= limit)]))
+    field = float(luminance[usable].mean(dtype=np.float64))
+    return veil, min(1.0, veil / field) if field > 0 else 0.0

@@ -13,7 +13,7 @@ from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.photometry import illuminance_lx
-from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
+from processing.calibration.scale.veiling_glare import bound_from_darkest
 from processing.errors import BracketError, LensError, ParameterError, ResponseError
 from processing.figures.views import eye_view
 from processing.pictures.images import LuminanceImage
@@ -94,7 +94,7 @@ def test_pictures_of_impossible_light_give_no_figure(value: float) -> None:
     rgb = np.full((32, 64, 3), value, np.float32)
     ones = np.full((32, 64), 0.01, np.float32)
     image = LuminanceImage(rgb, ones, np.zeros((32, 64), np.uint8), Equirectangular(64, 32), 0.0)
-    for figure in (illuminance_lx, veil_bound_from_darkest, lambda one: eye_view(one, 0.0, 16)):
+    for figure in (illuminance_lx, bound_from_darkest, lambda one: eye_view(one, 0.0, 16)):
         with pytest.raises(ParameterError):
             figure(image)
 

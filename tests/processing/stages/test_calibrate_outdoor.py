@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mocks.worlds.sky import SimpleSky
-from processing.calibration.optics import corrections_unlike, find_optics, stated_circle, veil_taken_off
+from processing.calibration.optics import corrections_unlike, find_optics, glare_taken_off, stated_circle
 from processing.calibration.outdoor.session_sky import calibrate_outdoor
 from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
@@ -166,14 +166,18 @@ def test_the_veil_taken_off_leaves_the_light_of_the_field(picture):
         uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
         validity=np.zeros(rgb.shape[:2], np.uint8),
     )
-    clean, found = veil_taken_off(veiled, OPTICS.lens, CalibrateParameters())
+    lens = OPTICS.lens.fisheye((veiled.rgb.shape[1], veiled.rgb.shape[0]))
+    clean, kernel, found = glare_taken_off(veiled, lens)
+    assert kernel is not None
     assert found["taken_off"]
     assert found["index"] == pytest.approx(0.02, rel=0.02)
     assert float(np.median(clean.rgb[inside])) == pytest.approx(1000, rel=1e-3)
 
 
 def test_the_veil_taken_off_leaves_its_doubt(picture):
+    height, width = picture.rgb.shape[:2]
     rgb = picture.rgb + np.float32(10.0)
+    rgb[height // 2, width // 2] = 1.0
     rgb += np.random.default_rng(1).normal(0, 1, rgb.shape).astype(np.float32)
     veiled = replace(
         picture,
@@ -181,7 +185,9 @@ def test_the_veil_taken_off_leaves_its_doubt(picture):
         uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
         validity=np.zeros(rgb.shape[:2], np.uint8),
     )
-    clean, found = veil_taken_off(veiled, OPTICS.lens, CalibrateParameters())
+    lens = OPTICS.lens.fisheye((veiled.rgb.shape[1], veiled.rgb.shape[0]))
+    clean, kernel, found = glare_taken_off(veiled, lens)
+    assert kernel is not None
     assert found["taken_off"]
     dark = (clean.rgb.sum(axis=-1) == 0) & (veiled.rgb.sum(axis=-1) > 0)
     assert dark.any()

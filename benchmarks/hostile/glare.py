@@ -1,0 +1,126 @@
+"""Stray light taken off by the kernel that the surround of the image circle gives, in and out of its family.
+
+Uncropped fisheye frames of 720 x 480 of three real HDR scenes, facing the brightest window (the zenith outdoors), nine
+JPEG frames a bracket by a hostile camera with a published real curve: curve and kernel are estimated from these frames.
+Lenses: `even`, the simulated rig's own family, an even veil of 0.5 % and another part of 1 % that is in the kernel's;
+`halo`, hostile: 2 % in a Gaussian of 7 degrees and a mirrored ghost, which no sum of the kernel's parts gives.
+Errors, medians of |measured / true - 1| after a common scale (the median over the middle half of the luminances):
+`near`, within 3 to 12 degrees of the brightest thousandth; `dark`, the darkest twentieth of the field.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from benchmarks.hostile.worlds import Curves, HostileCamera, HostileWorld, hostile_bracket
+from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.optics import glare_taken_off
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
+from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes
+from processing.errors import ProcessingError
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.frames import array_frame
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.pictures.modes import VEIL_INDEX, stray_light, widened
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels
+
+FRAME = (720, 480)
+RADIUS = 0.48  # of the frame's height
+LENSES = {"in_family": 0.0, "hostile": 0.02}
+EVEN, NEAR_SHARE, NEAR_RAD = 0.005, 0.01, 0.15
+CLOSE_RAD = (math.radians(3), math.radians(12))
+BRIGHT_PCT, DARK_PCT = 99.9, 5.0
+
+
+def stray_light_figures(curves: Curves, scenes: list[Floats], seed: int) -> dict[str, float]:
+    """Return errors near bright places and in dark corners, as taken and with the kernel taken off, and coverage."""
+    irradiance, shown = curves
+    rows: dict[str, list[float]] = {}
+    for family, halo in LENSES.items():
+        for k, scene in enumerate(scenes):
+            camera = HostileCamera(irradiance, shown[(seed + k) % len(shown)], jpeg=("opencv", 95, "4:2:2"), seed=seed)
+            for key, value in _one(HostileWorld(family, camera, halo=halo), scene, not halo, seed + k).items():
+                rows.setdefault(f"glare_{family}_{key}", []).append(value)
+    return {key: float(np.median(values)) for key, values in rows.items()}
+
+
+def _one(world: HostileWorld, scene: Floats, even: bool, seed: int) -> dict[str, float]:
+    lens = Fisheye(*FRAME, LensMapping.EQUISOLID, RADIUS * FRAME[1], math.pi / 2)
+    light = _seen(scene, lens)
+    lit = _even_glare(light, lens) if even else light
+    bracket = hostile_bracket(world, lit, 5.0, seed)
+    fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)])
+    merged = merge(
+        [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)],
+        fit.times_s,
+        fit.curve,
+        fit.noise,
+        geometry=lens,
+        options=MergeOptions(own_curve=True),
+        time_sigma=fit.time_sigma,
+    ).image
+    truth = luminance_cd_m2(cv2.GaussianBlur(light, (0, 0), 0.7))
+    clean, kernel, found = glare_taken_off(merged, lens)
+    if kernel is None:
+        raise ProcessingError(f"{world.name}: {found['why']}")
+    places = _places(truth, lens)
+    before, after = _errors(merged, truth, places, None), _errors(clean, truth, places, kernel)
+    return {f"{k}_kept_pct": v for k, v in before.items()} | {f"{k}_pct": v for k, v in after.items()}
+
+
+def _seen(scene: Floats, lens: Fisheye) -> Floats:
+    """Return the fisheye's picture (H, W, 3) of a panorama, black around its circle; towards its brightest window."""
+    height, width = scene.shape[:2]
+    rays, seen = directions(lens)
+    blurred = cv2.GaussianBlur(luminance_cd_m2(scene), (0, 0), width / 40)
+    row, column = np.unravel_index(np.argmax(blurred), blurred.shape)
+    upright = (0.5 - (row + 0.5) / height) * math.pi < math.radians(20)
+    turn = (column + 0.5) / width * 2 * math.pi - math.pi
+    x, y, z = np.moveaxis(rays[..., [0, 2, 1]] if upright else rays, -1, 0)
+    ways = np.stack([x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn), z], axis=-1)
+    across, down, _ = pixels(Equirectangular(width, height), ways.astype(np.float32))
+    maps = ((across - 0.5).astype(np.float32), (down - 0.5).astype(np.float32))
+    found = cv2.remap(scene, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return np.asarray(np.where(seen[..., None], found, 0), dtype=np.float32)
+
+
+def _even_glare(light: Floats, lens: Fisheye) -> Floats:
+    """Return the picture with an even veil, and with scatter whose tail is the cube's, by a kernel of pixels."""
+    unit = lens.half_field_rad / lens.radius_px
+    y, x = np.mgrid[-FRAME[1] : FRAME[1] + 1, -FRAME[0] : FRAME[0] + 1] * unit
+    kernel = NEAR_RAD / (2 * math.pi) * unit**2 / (x**2 + y**2 + NEAR_RAD**2) ** 1.5
+    from scipy.signal import fftconvolve
+
+    near = np.stack([fftconvolve(light[..., c], kernel, "same") for c in range(3)], axis=-1)
+    inside = directions(lens)[1]
+    mean = light[inside].mean(axis=0)
+    return np.asarray((1 - EVEN - NEAR_SHARE) * light + NEAR_SHARE * np.maximum(near, 0) + EVEN * mean, np.float32)
+
+
+def _places(truth: Floats, lens: Fisheye) -> dict[str, Flags]:
+    inside = directions(lens)[1]
+    bright = inside & (truth >= np.percentile(truth[inside], BRIGHT_PCT))
+    apart = cv2.distanceTransform((~bright).astype(np.uint8), cv2.DIST_L2, 5) * lens.half_field_rad / lens.radius_px
+    close = inside & (apart > CLOSE_RAD[0]) & (apart < CLOSE_RAD[1])
+    return {"near": close, "dark": inside & (truth <= np.percentile(truth[inside], DARK_PCT)) & (truth > 0)}
+
+
+def _errors(
+    image: RelativeImage, truth: Floats, places: dict[str, Flags], kernel: GlareKernel | None
+) -> dict[str, float]:
+    """Return median errors and coverage of the 95 % interval, per cent; without a kernel as where none is measured."""
+    shown, good = luminance_cd_m2(image.rgb), (image.validity == 0) & (truth > 0)
+    low, high = np.percentile(truth[good], (25, 75))
+    middle = good & (truth > low) & (truth < high)
+    scale = np.float32(np.median(truth[middle] / shown[middle]))
+    picture = LuminanceImage(image.rgb * scale, image.uncertainty, image.validity, image.geometry, 0.01)
+    picture = widened(picture, kernel_modes(picture, kernel) if kernel else [stray_light(picture, VEIL_INDEX)])
+    off, sigma = np.abs(shown * scale / np.maximum(truth, 1e-9) - 1), np.hypot(picture.uncertainty, 0.01)
+    figures = {name: 100 * float(np.median(off[place & good])) for name, place in places.items()}
+    return figures | {
+        f"{name}_cover95": 100 * float(np.mean((off <= 1.96 * sigma)[p & good])) for name, p in places.items()
+    }
