@@ -93,7 +93,8 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKe
     # Glare is smooth: large pictures are reduced.
     step = max(int(lens.radius_px / _ENOUGH_PX), 1)
     height, width = (size // step for size in validity.shape)
-    rgb = cv2.resize(rgb[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+    whole = rgb[: height * step, : width * step]
+    rgb = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
     validity = validity[step // 2 :: step, step // 2 :: step][:height, :width]
     centre = (lens.axis_px[0] / step, lens.axis_px[1] / step)
     lens = replace(lens, width_px=width, height_px=height, radius_px=lens.radius_px / step, centre_px=centre)
@@ -114,7 +115,7 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKe
     without = [_fit(parts[use][sector != k], found[sector != k])[0] for k in np.unique(sector)]
     spread = np.array(without) - np.mean(without, axis=0)
     covariance = np.linalg.inv(inverse) + (len(without) - 1) / len(without) * spread.T @ spread
-    # A kernel that fits badly tells as little as none.
+    # A kernel that fits badly shows as little as none.
     covariance += misfit * PRIOR_SHARE**2 * np.eye(len(shares))
     field = float(light[:, 0] @ cells.area / (cells.area @ cells.inside))
     index = min(1.0, float(np.median(found)) / field) if field > 0 else 0.0
