@@ -1,7 +1,7 @@
 """Veiling glare: light that the lens scatters over the picture, as a kernel over angle that the picture itself shows.
 
 No bracket removes it (McCann and Rizzi 2007). Outside a fisheye's image circle no ray of the scene arrives: what is
-there is scattered in lens and body, more beside bright places and in ways that tell how far it scatters. The kernel is
+there is scattered in lens and body, more beside bright places and in ways that show how far it scatters. The kernel is
 a sum of scatter that falls off as the cube of the angle beyond one of three widths (Cauchy's distribution in the
 plane), and of light that is spread evenly; shares are not negative. Glare is smooth, so that it is worked out in cells
 of four degrees. Indoors the darkest place bounds it from above. The index is that of ISO 9358: glare over mean light.
