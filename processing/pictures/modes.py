@@ -176,7 +176,7 @@ def _scattered(mode: SharedMode, width: int, height: int, rows: slice) -> Floats
 
 
 def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
-    """Return the weights of shape (n, count) of cells for a part of ``size`` pixels, linear between the cells' middles."""
+    """Return weights, shape (n, count), of cells for a part of ``size`` pixels, linear between the cells' middles."""
     places = np.clip((np.arange(size)[part] + 0.5) / size * count - 0.5, 0, count - 1)
     return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
 
