@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mocks.optics.picture_cache import PictureCache, content_key
-from mocks.rooms.furniture.devices import BOARD_SIDE_M
+from mocks.rooms.furniture.build import BOARD_SIDE_M
 from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.light.light import QUALITIES, Baked, bake, components, lightings
 from mocks.rooms.model import Use

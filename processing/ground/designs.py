@@ -3,6 +3,7 @@
     low = 0.3 * h                                 a name for what follows
     pad fabric x=-X,X y=-Y,Y z=low,h edge=.04     a shape: verb, role of the material, measures
     @s:(-1,1) ?w>1 rod metal path=...             @name:values repeats a line, ?condition leaves it out
+    rod $leg path=...                             the role is what was named leg before
 
 Expressions know w, d, h (the size), X, Y (half of width and depth), what was named before, and some mathematics.
 The texts are the package's own (`*.toml` beside the code), as trusted as its code.
@@ -80,17 +81,15 @@ def build(
     verbs: Verbs,
     *,
     shared: Mapping[str, str] | None = None,
-    rng: np.random.Generator | None = None,
+    names: Mapping[str, Any] | None = None,
 ) -> None:
     """Make a design: each line by its verb (role, measures), `use` by a text of ``shared``.
 
-    What such a text names is known after it, unless it is repeated. ``rng`` is what rnd(low, high) draws from.
+    What such a text names is known after it, unless it is repeated. ``names`` are known from the beginning.
     """
     w, d, h = size
-    names = {**_MATHS, "w": w, "d": d, "h": h, "X": w / 2, "Y": d / 2}
-    if rng is not None:
-        names["rnd"] = lambda low, high: float(rng.uniform(low, high))
-    _run(text, names, verbs, shared or {})
+    own = {"w": w, "d": d, "h": h, "X": w / 2, "Y": d / 2}
+    _run(text, {**_MATHS, **own, **(names or {})}, verbs, shared or {})
 
 
 def _run(text: str, names: dict[str, Any], verbs: Verbs, shared: Mapping[str, str]) -> None:
@@ -106,7 +105,8 @@ def _run(text: str, names: dict[str, Any], verbs: Verbs, shared: Mapping[str, st
                 inner |= values
                 _run(shared[line.role], inner, verbs, shared)
             else:
-                verbs[line.verb](line.role, **values)
+                role = scope[line.role[1:]] if line.role.startswith("$") else line.role
+                verbs[line.verb](role, **values)
 
 
 def _scopes(loops: tuple[tuple[str, CodeType], ...], names: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -1,14 +1,15 @@
-"""The bench that models are built on: size, materials, chance, and a list of pieces."""
+"""The bench that models are built on: size, materials, chance, a list of pieces, and the shapes that designs name."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
 from mocks.rooms.model import Finish, Item, Material
 from mocks.worlds.light import Vector
-from processing.ground.mesh import Mesh
-from processing.ground.shapes import beam, rounded_box, tube
+from processing.ground.mesh import Mesh, moved, turned
+from processing.ground.shapes import ball, beam, cylinder, lathe, pad, rounded_box, tube
 
 PAPER: tuple[Vector, ...] = (
     *((0.55, 0.12, 0.10), (0.10, 0.19, 0.34), (0.72, 0.66, 0.52), (0.14, 0.27, 0.20), (0.80, 0.78, 0.72)),
@@ -18,14 +19,54 @@ PAPER: tuple[Vector, ...] = (
 CERAMIC = ((0.78, 0.76, 0.71), (0.55, 0.30, 0.19), (0.16, 0.22, 0.26), (0.42, 0.50, 0.42), (0.62, 0.52, 0.40))
 """Albedos of pots and vases."""
 FOLIAGE = ((0.055, 0.135, 0.035), (0.075, 0.17, 0.05), (0.045, 0.11, 0.05), (0.11, 0.20, 0.06))
-BLACK_PLASTIC = Material("black plastic", (0.025, 0.025, 0.027), roughness=0.35)
-WHITE_PLASTIC = Material("white plastic", (0.74, 0.74, 0.72), roughness=0.35)
-SCREEN = Material("screen", (0.012, 0.012, 0.014), roughness=0.12)
-PAGES = Material("paper", (0.76, 0.73, 0.64))
-SOIL = Material("soil", (0.055, 0.038, 0.025))
+BOARD_SIDE_M = 0.5  # chosen: a white board as rigs carry them
+MATERIALS = {
+    "black_plastic": Material("black plastic", (0.025, 0.025, 0.027), roughness=0.35),
+    "white_plastic": Material("white plastic", (0.74, 0.74, 0.72), roughness=0.35),
+    "screen": Material("screen", (0.012, 0.012, 0.014), roughness=0.12),
+    "paper": Material("paper", (0.76, 0.73, 0.64)),
+    "shade": Material("lampshade", (0.76, 0.71, 0.60)),
+    "alloy": Material("grey alloy", (0.22, 0.22, 0.23), roughness=0.35),
+    "board_white": Material("meter board", (0.90, 0.90, 0.90)),
+    "bed_sheet": Material("bed sheet", (0.80, 0.79, 0.76)),
+}
+"""What is the same in every room; the meter's board is matte white of albedo 0.90."""
+BLACK_PLASTIC, WHITE_PLASTIC, PAGES = (MATERIALS[name] for name in ("black_plastic", "white_plastic", "paper"))
+SIZES = {
+    "BOARD": 0.018,  # usual chipboard
+    "GAP": 0.004,  # chosen: between fronts
+    "FRONT": 0.019,  # usual MDF
+    "HANDLE": 0.025,  # how far handles stand out; the size of a piece includes them
+    "TOP": 0.03,  # chosen: thickness of table tops
+    "SEAT": 0.44,  # usual height of seats, 0.40 to 0.46 m
+    "SIDE": BOARD_SIDE_M,
+}
+"""Metres that designs know by name."""
 CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 """Signs of x and y of the four corners."""
-SHADE = Material("lampshade", (0.76, 0.71, 0.60))
+
+
+Span = tuple[float, float]
+
+
+def vessel(profile: Sequence[Span], wall: float) -> Mesh:
+    """Return an open vessel from its outer profile (foot to rim) and the thickness of its wall."""
+    inside = [(max(r - wall, 0.001), max(z, wall)) for r, z in reversed(profile)]
+    return lathe([(0.0, 0.0), *profile, *inside, (0.0, wall)], 28)
+
+
+SHAPES: dict[str, Callable[..., Mesh]] = {
+    "block": lambda x, y, z, r=0.003, fine=1: rounded_box((x[0], y[0], z[0]), (x[1], y[1], z[1]), r, fine),
+    "pad": lambda x, y, z, edge, puff: pad((x[0], y[0], z[0]), (x[1], y[1], z[1]), edge, puff),
+    "bar": lambda path, wide, thick, r=0.003: beam(path[0], path[1], wide, thick, r),
+    "tube": lambda path, r, sides=10: tube(path, r, sides),
+    "leg": lambda foot, top, r: tube([foot, top], r, 12),
+    "cylinder": lambda r, h, edge=0.0, sides=24: cylinder((0, 0, 0), r, h, edge, sides),
+    "ball": lambda r, sides=20: ball((0, 0, 0), r, sides),
+    "lathe": lambda profile, sides=24: lathe(profile, sides),
+    "vessel": vessel,
+}
+"""Shapes by the names that designs have for them; blocks and pads lie between the ends of their spans."""
 
 
 @dataclass
@@ -58,18 +99,6 @@ class Build:
             mesh = replace(mesh, uv=mesh.uv + self.rng.uniform(0.0, 2.0, 2))
         self.pieces.append((mesh, material, ade))
 
-    def block(self, low: Vector, high: Vector, material: Material, radius_m: float = 0.003) -> None:
-        """Add a block with slightly rounded edges."""
-        self.add(rounded_box(low, high, radius_m), material)
-
-    def bar(self, start: Vector, end: Vector, width_m: float, thickness_m: float, material: Material) -> None:
-        """Add a straight bar."""
-        self.add(beam(start, end, width_m, thickness_m), material)
-
-    def leg(self, foot: Vector, top: Vector, foot_m: float, top_m: float, material: Material) -> None:
-        """Add a round tapered leg between two places, given its radii."""
-        self.add(tube([foot, top], (foot_m, top_m), 12), material)
-
     def plain(self, name: str, colours: Sequence[Vector], roughness: float | None = None) -> Material:
         """Return a plain material of one of the colours, a little lighter or darker."""
         colour = np.array(colours[int(self.rng.integers(len(colours)))]) * self.rng.uniform(0.85, 1.1)
@@ -85,9 +114,46 @@ class Build:
         """Return one of the materials, by chance."""
         return materials[int(self.rng.integers(len(materials)))]
 
-    def legs(self, inset_m: float, height_m: float, thick_m: float, material: Material) -> None:
+    def legs(self, material: Material, inset: float, top: float, thick: float) -> None:
         """Add four square legs from the floor up to a height."""
         w, d, _ = self.size
         for sx, sy in CORNERS:
-            x, y = sx * (w / 2 - inset_m), sy * (d / 2 - inset_m)
-            self.bar((x, y, 0.0), (x, y, height_m), thick_m, thick_m, material)
+            x, y = sx * (w / 2 - inset), sy * (d / 2 - inset)
+            self.add(beam((x, y, 0.0), (x, y, top), thick, thick), material)
+
+    def shape(
+        self,
+        name: str,
+        material: Material,
+        *,
+        turns: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        about: Vector = (0.0, 0.0, 0.0),
+        at: Vector | None = None,
+        ade: str = "",
+        **measures: Any,
+    ) -> None:
+        """Add a shape, turned by radians about x, y, z, then moved."""
+        mesh = SHAPES[name](**measures)
+        for axis, angle in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), turns, strict=True):
+            mesh = turned(mesh, axis, angle, about) if angle else mesh
+        self.add(mesh if at is None else moved(mesh, at), material, ade)
+
+    def materials(self) -> dict[str, Material]:
+        """Return all materials by their names in designs."""
+        own = {one.name: getattr(self.finish, one.name) for one in fields(self.finish)}
+        return {**MATERIALS, **own, "timber": self.timber()}
+
+    def names(self) -> dict[str, Any]:
+        """Return what designs know besides their measures."""
+        rng = self.rng
+        own = {"seed": self.item.seed, "CORNERS": CORNERS, "PAPER": PAPER, "CERAMIC": CERAMIC}
+        draws = {"option": self.option, "plain": self.plain, "pick": self.pick, "chance": rng.random}
+        return {
+            **SIZES,
+            **self.materials(),
+            **own,
+            **draws,
+            "material": lambda name, colour, roughness=None: Material(name, colour, roughness=roughness),
+            "rnd": lambda low, high: float(rng.uniform(low, high)),
+            "normal": lambda mean, spread: float(rng.normal(mean, spread)),
+        }

@@ -1,105 +1,92 @@
-"""Small things: what lies on tables and shelves, pictures and mirrors on walls, pot plants."""
+"""Small things that designs cannot say in their shapes: books, toys, pictures, pot plants."""
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, FOLIAGE, PAPER, SOIL, WHITE_PLASTIC, Build
+from mocks.rooms.furniture.build import (
+    BLACK_PLASTIC,
+    CERAMIC,
+    FOLIAGE,
+    PAPER,
+    WHITE_PLASTIC,
+    Build,
+    vessel,
+)
 from mocks.rooms.model import Material
 from mocks.worlds.light import Vector
-from processing.ground.mesh import Mesh, box, moved, turned
-from processing.ground.shapes import ball, beam, cylinder, disc, lathe, rounded_box, sheet, tube
+from processing.ground.mesh import Mesh, box, merge, moved, turned
+from processing.ground.shapes import cylinder, disc, lathe, rounded_box, sheet, tube
 
 
-def _vessel(outside: list[tuple[float, float]], wall: float) -> Mesh:
-    """Return an open vessel from its outer profile (foot to rim) and the thickness of its wall."""
-    inside = [(max(r - wall, 0.001), max(z, wall)) for r, z in reversed(outside)]
-    return lathe([(0.0, 0.0), *outside, *inside, (0.0, wall)], 28)
+def volume(wide_m: float, deep_m: float, thick_m: float) -> tuple[Mesh, Mesh]:
+    """Return cover and pages of a book lying on its back cover, its spine at -y, the middle of its base at the origin.
+
+    The cover is 2.5 mm thick and stands 3 mm over the pages.
+    """
+    w, d, t, c = wide_m / 2, deep_m / 2, thick_m, 0.0025
+    cover = merge([box((-w, -d, 0), (w, d, c)), box((-w, -d, t - c), (w, d, t)), box((-w, -d, c), (w, -d + c, t - c))])
+    return cover, box((-w + 0.003, -d + c, c), (w - 0.003, d - 0.003, t - c))
 
 
-def vase(b: Build) -> None:
-    """Build a vase, some with dry stalks."""
-    w, _, h = b.size
-    r = w / 2
-    stalks = h > 0.4
-    tall = 0.5 * h if stalks else h
-    shapes: tuple[tuple[float, ...], ...] = (
-        (0.55, 0.8, 0.97, 1.0, 0.9, 0.65, 0.42, 0.40, 0.48),
-        (0.6, 0.7, 0.8, 0.88, 0.94, 0.98, 1.0, 1.0, 0.98),
-        (0.75, 0.95, 1.0, 0.9, 0.65, 0.42, 0.34, 0.34, 0.40),
-    )
-    shape = shapes[b.item.seed % 3]
-    radius = r if not stalks else min(r, 0.09)
-    outline = [(radius * s, tall * k / (len(shape) - 1)) for k, s in enumerate(shape)]
-    b.add(_vessel(outline, 0.005), b.plain("ceramic", CERAMIC, None if b.item.seed % 2 else 0.2))
-    if stalks:
-        straw = Material("dry grass", (0.46, 0.35, 0.20))
-        for _ in range(11):
-            a, reach = b.rng.uniform(0, 2 * math.pi), b.rng.uniform(0.2, 0.9) * (r - 0.015)
-            top = h * float(b.rng.uniform(0.8, 0.97))
-            x, y = float(reach * math.cos(a)), float(reach * math.sin(a))
-            neck = 0.25 * radius / max(reach, 1e-3)
-            b.add(tube([(0, 0, 0.02), (x * neck, y * neck, tall), (x, y, top)], 0.0015, 5), straw)
-            ear = [(x * 0.93, y * 0.93, top * 0.88), (x * 0.97, y * 0.97, top * 0.94), (x, y, top)]
-            b.add(tube(ear, (0.003, 0.009, 0.001), 7), straw)
+def books(
+    b: Build, paper: Material, x: tuple[float, float], front: float, z: float, limits: tuple[float, float]
+) -> None:
+    """Add upright books between two places along x, spines at ``front``; limits are height and depth."""
+    at, tallest, deepest = x[0], limits[0], limits[1]
+    usual = float(b.rng.uniform(0.18, 0.26))
+    while at < x[1] - 0.012:
+        thick = min(float(b.rng.gamma(4.0, 0.007)) + 0.009, x[1] - at)
+        tall = float(np.clip(b.rng.normal(usual, 0.025), 0.15, tallest))
+        deep = float(np.clip(0.7 * tall, 0.10, deepest))
+        cover, pages = volume(tall, deep, thick - 0.001)
+        place = (at + thick - 0.0005, front + deep / 2 + float(b.rng.uniform(0.0, 0.01)), z + tall / 2)
+        last = at + thick > x[1] - 0.015
+        tilt = float(b.rng.uniform(0.0, 0.05)) if last else 0.0
+        for mesh, material in ((cover, b.plain("book", PAPER, 0.4)), (pages, paper)):
+            upright = moved(turned(mesh, (0, 1, 0), -np.pi / 2 - tilt), place)
+            b.add(upright, material, "book")
+        at += thick
 
 
-def bottle(b: Build) -> None:
-    """Build a bottle."""
-    w, _, h = b.size
-    r = w / 2
-    outline = [(0.0, 0.0), (0.95 * r, 0.0), (r, 0.05 * h), (r, 0.58 * h), (0.85 * r, 0.66 * h), (0.42 * r, 0.76 * h)]
-    glass = b.plain("bottle glass", ((0.03, 0.06, 0.03), (0.05, 0.03, 0.02), (0.35, 0.42, 0.42)), 0.08)
-    b.add(lathe([*outline, (0.36 * r, 0.80 * h), (0.36 * r, h), (0.0, h)], 24), glass)
-    label = [(r + 0.0005, 0.18 * h), (r + 0.001, 0.19 * h), (r + 0.001, 0.45 * h), (r + 0.0005, 0.46 * h)]
-    b.add(lathe(label, 24), b.plain("label", PAPER))
-
-
-def bowl(b: Build) -> None:
-    """Build a bowl, on tables with fruit."""
-    w, _, h = b.size
-    r = w / 2
-    outline = [(0.35 * r, 0.0), (0.40 * r, 0.03 * h), (0.7 * r, 0.22 * h), (0.9 * r, 0.55 * h), (r, h)]
-    b.add(_vessel(outline, 0.006), b.plain("ceramic", CERAMIC, 0.2))
-    if w > 0.2 and b.item.seed % 2:
-        peel = b.plain("fruit", ((0.55, 0.22, 0.04), (0.42, 0.48, 0.08), (0.50, 0.08, 0.05)), 0.4)
-        for k in range(4):
-            a = math.pi / 2 * k
-            b.add(ball((0.4 * r * math.cos(a), 0.4 * r * math.sin(a), 0.22 * h + 0.036), 0.036, 16), peel)
-
-
-def mug(b: Build) -> None:
-    """Build a mug with its handle."""
-    w, _, h = b.size
-    r = 0.38 * w
-    clay = b.plain("ceramic", CERAMIC, 0.2)
-    b.add(moved(_vessel([(0.9 * r, 0.0), (r, 0.06 * h), (r, h)], 0.004), (-0.1 * w, 0, 0)), clay)
-    arc: list[Vector] = [
-        (r - 0.1 * w + 0.2 * w * math.sin(t), 0.0, h * (0.5 - 0.32 * math.cos(t)))
-        for t in np.linspace(0.1, math.pi - 0.1, 8)
-    ]
-    b.add(tube(arc, 0.005, 8), clay)
-
-
-def carton(b: Build) -> None:
-    """Build a box: cardboard with a taped lid, or a lidded storage box."""
+def pile(b: Build, paper: Material) -> None:
+    """Add a pile of books, the larger below, none quite straight."""
     w, d, h = b.size
-    if b.item.seed % 2:
-        card = Material("cardboard", (0.42, 0.30, 0.19))
-        b.block((-w / 2, -d / 2, 0.0), (w / 2, d / 2, h - 0.001), card, 0.003)
-        tape = Material("tape", (0.55, 0.42, 0.26), roughness=0.2)
-        b.block((-0.025, -d / 2 - 0.0005, h * 0.7), (0.025, d / 2 + 0.0005, h), tape, 0.0004)
+    count = max(1, round(h / 0.025))
+    thick = h / count
+    for k in range(count):
+        shrink = 1.0 - 0.28 * k / max(1, count)
+        cover, pages = volume(w * 0.9 * shrink, d * 0.86 * shrink, thick)
+        angle = float(b.rng.normal(0.0, 0.08))
+        colour = b.plain("book", PAPER, 0.4)
+        for mesh, material in ((cover, colour), (pages, paper)):
+            b.add(moved(turned(mesh, (0, 0, 1), float(np.clip(angle, -0.12, 0.12))), (0, 0, k * thick)), material)
+
+
+def filled(b: Build, paper: Material, x: tuple[float, float], z: float, tall: float) -> None:
+    """Fill one shelf: mostly books from one side, then a box, a vase or nothing."""
+    depth, (x0, x1) = b.size[1], x
+    fullness = float(b.rng.uniform(0.25, 1.0)) * b.option("fullness", 0.85)
+    if fullness < 0.22:
         return
-    skin = b.plain("box", PAPER)
-    b.block((-w / 2 + 0.004, -d / 2 + 0.004, 0.0), (w / 2 - 0.004, d / 2 - 0.004, h - 0.01), skin, 0.003)
-    b.block((-w / 2, -d / 2, h - 0.07), (w / 2, d / 2, h), skin, 0.003)
+    end = x0 + fullness * (x1 - x0)
+    books(b, paper, (x0, end), -depth / 2 + 0.03, z, (tall - 0.03, depth - 0.05))
+    room = x1 - end
+    if room > 0.26 and b.rng.random() < 0.5:
+        side = min(0.26, room - 0.05)
+        box = rounded_box(
+            (x1 - side - 0.01, -depth / 2 + 0.02, z), (x1 - 0.01, depth / 2 - 0.03, z + 0.6 * tall), 0.006
+        )
+        b.add(box, b.plain("box", ((0.55, 0.50, 0.42), (0.30, 0.32, 0.34), (0.70, 0.68, 0.64))), "box")
+    elif room > 0.16:
+        b.add(cylinder((x1 - 0.08, 0.0, z), 0.05, min(0.18, tall - 0.05), 0.012), b.plain("pot", CERAMIC, 0.3), "vase")
 
 
-def basket(b: Build) -> None:
-    """Build a wicker basket of stacked strands, open above."""
+def strands(b: Build, wicker: Material) -> None:
+    """Add a basket of stacked strands, open above."""
     w, _, h = b.size
-    wicker = b.plain("wicker", ((0.42, 0.29, 0.16), (0.55, 0.44, 0.28), (0.20, 0.15, 0.11)))
     r, rings = w / 2, max(6, round(h / 0.028))
     outside: list[tuple[float, float]] = []
     for k in range(rings):
@@ -107,12 +94,11 @@ def basket(b: Build) -> None:
         z0, z1 = h * k / rings, h * (k + 1) / rings
         outside += [(base - 0.004, z0 + 1e-4), (base, z0 + 0.25 * (z1 - z0)), (base, z0 + 0.75 * (z1 - z0))]
     outside.append((0.99 * r, h))
-    b.add(_vessel(outside, 0.012), wicker)
-    b.add(cylinder((0, 0, 0.02), 0.8 * r - 0.02, 0.55 * h, 0.03, 20), b.finish.second_fabric)
+    b.add(vessel(outside, 0.012), wicker)
 
 
-def toy_blocks(b: Build) -> None:
-    """Build a scatter of toy blocks with a small tower."""
+def scattered_blocks(b: Build, _role: str) -> None:
+    """Add a scatter of toy blocks with a small tower."""
     w, d, _ = b.size
     side = 0.04
     across, along = (np.arange(-long / 2 + side, long / 2 - side, 0.065) for long in (w, d))
@@ -126,12 +112,6 @@ def toy_blocks(b: Build) -> None:
             b.add(moved(turned(cube, (0, 0, 1), float(b.rng.uniform(0, 1.57))), spot), b.plain("toy", PAPER, 0.35))
 
 
-def toy_ball(b: Build) -> None:
-    """Build a ball."""
-    r = b.size[0] / 2
-    b.add(ball((0, 0, r), r, 24), b.plain("toy", PAPER, 0.3))
-
-
 MOUNT = Material("passe-partout", (0.80, 0.79, 0.76))
 PAINTS: tuple[tuple[Vector, ...], ...] = (
     ((0.62, 0.60, 0.52), (0.20, 0.30, 0.36), (0.55, 0.33, 0.18), (0.10, 0.13, 0.16)),
@@ -141,16 +121,16 @@ PAINTS: tuple[tuple[Vector, ...], ...] = (
 """Colours that go together: ground first."""
 
 
-def picture(b: Build) -> None:
-    """Build a framed picture: hills, discs or blocks of colour, some behind a mount."""
+def framed(b: Build, _role: str) -> None:
+    """Add a framed picture: hills, discs or blocks of colour, some behind a mount."""
     w, d, h = b.size
     frame = b.pick(b.finish.wood, BLACK_PLASTIC, WHITE_PLASTIC, b.finish.second_wood)
     bar, x, back = 0.02 + 0.01 * (b.item.seed % 2), w / 2, d / 2
     for side in (-1, 1):
         low, high = sorted((side * x, side * (x - bar)))
-        b.block((low, -d / 2, 0.0), (high, back, h), frame, 0.002)
+        b.shape("block", frame, x=(low, high), y=(-d / 2, back), z=(0.0, h), r=0.002)
         bottom = 0.0 if side < 0 else h - bar
-        b.block((-x + bar, -d / 2, bottom), (x - bar, back, bottom + bar), frame, 0.002)
+        b.shape("block", frame, x=(-x + bar, x - bar), y=(-d / 2, back), z=(bottom, bottom + bar), r=0.002)
     border = 0.0 if b.item.seed % 3 == 0 else 0.16 * min(w, h)
     paints = [Material("paint", c) for c in PAINTS[int(b.rng.integers(len(PAINTS)))]]
     b.add(box((-x + bar, 0.0, bar), (x - bar, back, h - bar)), MOUNT if border else paints[0])
@@ -202,31 +182,12 @@ def _blocks(b: Build, low: tuple[float, float], high: tuple[float, float], paint
         b.add(box((x0, y, z0), (x1, y + 0.0005, z1)), paint)
 
 
-def wall_clock(b: Build) -> None:
-    """Build a round clock; its hands show a time drawn by chance."""
-    w, d, h = b.size
-    r, z = w / 2, h / 2
-    rim = b.pick(BLACK_PLASTIC, b.finish.wood, b.finish.metal)
-    b.add(tube([(0, d / 2, z), (0, -d / 2 + 0.008, z)], r, 40), rim)
-    face = -d / 2 + 0.006
-    b.add(tube([(0, -d / 2 + 0.009, z), (0, face, z)], 0.93 * r, 40), WHITE_PLASTIC)
-    for k in range(12):
-        mark = beam((0, face - 0.001, 0.76 * r), (0, face - 0.001, 0.87 * r), 0.03 * r, 0.001, 0.0002)
-        b.add(moved(turned(mark, (0, 1, 0), 2 * math.pi * k / 12), (0, 0, z)), BLACK_PLASTIC)
-    minutes = float(b.rng.uniform(0, 720))
-    for long, thick, angle, y in (
-        (0.5, 0.05, 2 * math.pi * minutes / 720, face - 0.002),
-        (0.72, 0.035, 2 * math.pi * minutes / 60, face - 0.004),
-    ):
-        hand = beam((0, y, -0.12 * r), (0, y, long * r), thick * r, 0.001, 0.0002)
-        b.add(moved(turned(hand, (0, 1, 0), angle), (0, 0, z)), BLACK_PLASTIC)
-
-
+SOIL = Material("soil", (0.055, 0.038, 0.025))
 BARK = Material("bark", (0.16, 0.115, 0.075))
 
 
-def plant(b: Build) -> None:
-    """Build a plant in its pot; tall ones may be small trees."""
+def grown(b: Build, _role: str) -> None:
+    """Add a plant in its pot; tall ones may be small trees."""
     designs = (_bush, _swords, _tree) if b.size[2] > 0.8 else (_bush, _swords, _bush)
     # The pot with its soil; the plant grows from within its radius, at the height of the soil
     w, _, h = b.size
@@ -326,3 +287,8 @@ def blade(length_m: float, width_m: float, lean_rad: float, bend_rad: float) -> 
     x = half[:, None] * np.array([-1.0, 0.0, 1.0])
     surface = np.stack([x, np.broadcast_to(line[:, :1], x.shape), np.broadcast_to(line[:, 1:], x.shape)], axis=-1)
     return sheet(surface.transpose(1, 0, 2), 0.002)
+
+
+VERBS: dict[str, Callable[..., None]] = {
+    one.__name__: one for one in (books, pile, filled, strands, scattered_blocks, framed, grown)
+}

@@ -77,5 +77,6 @@ def build_model(category: str, style: str, size_m: Size | None = None, design: s
         raise ItemError(f"no design '{name[:40]}'; there are: {', '.join(BUILT_IN[category].designs)}", where=category)
     bench = Bench(size, style_named(style), np.random.default_rng(sum(category.encode())))
     make = {verb: partial(add, bench) for verb, add in VERBS.items()}
-    build(BUILT_IN[category].designs[name], size, make, shared=_designs()["shared"], rng=bench.rng)
+    names = {"rnd": lambda low, high: float(bench.rng.uniform(low, high))}
+    build(BUILT_IN[category].designs[name], size, make, shared=_designs()["shared"], names=names)
     return FurnitureModel(f"{category}/{style}", category, bench.parts(), size, LICENCE, notes=(f"design {name}",))
