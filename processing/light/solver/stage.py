@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int32s
@@ -100,10 +101,7 @@ def part_albedo(part: Part, face: Int32s, places: Doubles) -> Doubles:
     if texture is None or part.uv is None:
         return np.broadcast_to(colour, (len(face), 3))
     uv = on_faces(part, np.asarray(part.uv, np.float64), face, places)
-    high, wide = texture.shape[:2]
-    x = ((uv[:, 0] % 1.0) * wide).astype(np.int32).clip(0, wide - 1)
-    y = ((1 - uv[:, 1] % 1.0) * high).astype(np.int32).clip(0, high - 1)
-    return np.asarray(colour * texture.reshape(-1, 3)[y * wide + x])
+    return np.asarray(colour * _sampled(texture, uv[:, 0] % 1.0, 1 - uv[:, 1] % 1.0, cv2.BORDER_WRAP))
 
 
 def on_faces(part: Part, values: Doubles, face: Int32s, places: Doubles) -> Doubles:
@@ -133,14 +131,17 @@ def _mix_corners(vertices, faces, values, face, places, out):  # type: ignore[no
 
 def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
     """Return values (N, 3) of a texture (H, W, 3) at ``u``, ``v`` (N,), shares of its width and height, bilinear."""
-    high, wide = texture.shape[:2]
-    if high == wide == 1:
+    if texture.shape[:2] == (1, 1):
         return np.broadcast_to(texture[0, 0], (len(u), 3))
-    x = np.clip(u * wide - 0.5, 0, wide - 1).astype(np.float32)
-    y = np.clip(v * high - 0.5, 0, high - 1).astype(np.float32)
+    return _sampled(texture, u, v, cv2.BORDER_REPLICATE)
+
+
+def _sampled(texture: Floats, u: Doubles, v: Doubles, border: int) -> Floats:
+    x = (u * texture.shape[1] - 0.5).astype(np.float32)
+    y = (v * texture.shape[0] - 0.5).astype(np.float32)
     # OpenCV's remap takes at most 32,767 columns.
-    found = np.empty((len(u), 3), np.float32)
+    found, texels = np.empty((len(u), 3), np.float32), np.ascontiguousarray(texture, np.float32)
     for start in range(0, len(u), 1 << 14):
         part = slice(start, start + (1 << 14))
-        found[part] = linear_samples(np.ascontiguousarray(texture), x[None, part], y[None, part])[0]
+        found[part] = linear_samples(texels, x[None, part], y[None, part], border)[0]
     return found

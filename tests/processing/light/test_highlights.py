@@ -18,7 +18,7 @@ from processing.light.scene.scene import Material, Part, Scene, plain
 from processing.light.scene.sources import find_lamps
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import FIRST_PART, sight_of
-from processing.light.solver.stage import Stage
+from processing.light.solver.stage import Stage, part_albedo
 from processing.sphere import Equirectangular, directions
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -133,6 +133,16 @@ def test_normals_that_fit_no_vertices_are_refused() -> None:
     one = ball(normals=True)
     with pytest.raises(SceneError, match="normals"):
         replace(one, normals=one.normals[:3])
+
+
+def test_a_parts_texture_is_smooth_between_texels_and_goes_on_where_it_repeats() -> None:
+    corners = np.array([[0, 0, 0], [4, 0, 0], [4, 1, 0], [0, 1, 0]], float)
+    stripes = np.array([[[0.2] * 3, [0.8] * 3]], np.float32)
+    material = Material("stripes", (0.5, 0.5, 0.5), texture=stripes)
+    rug = Part("rug", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), material, uv=corners[:, :2])
+    places = np.column_stack([[0.25, 0.5, 0.75, 1.0, 1.125, 2.25], np.full(6, 0.01), np.zeros(6)])
+    found = part_albedo(rug, np.zeros(6, np.int32), places)[:, 0]
+    np.testing.assert_allclose(found, np.multiply(material.colour[0], [0.2, 0.5, 0.8, 0.5, 0.35, 0.2]), rtol=1e-4)
 
 
 def test_edges_are_where_furniture_ends() -> None:
