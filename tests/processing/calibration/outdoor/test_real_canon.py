@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.photometry import canon_real as canon
+from processing.calibration.outdoor import lens
 from processing.calibration.outdoor.lens import find_image_circle
 from processing.calibration.scale.photometry import illuminance_lx
+from processing.pictures.frames import jpeg_frame
 from processing.pictures.images import LuminanceImage
 
 pytestmark = [
@@ -58,3 +60,15 @@ def test_the_image_circle_is_where_it_was_published(bracket: canon.CanonBracket)
     found, published = find_image_circle(list(bracket.frames)), canon.published_circle(bracket.size_px)
     assert math.dist(found.centre_px, published.centre_px) < 0.01 * published.radius_px
     assert found.radius_px == pytest.approx(published.radius_px, rel=0.02)
+
+
+def test_a_search_from_the_circle_that_was_found_finds_it_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two rounds from a coarse circle stopped 20 full-size pixels short, for light reaches past the rim."""
+    frames = [np.asarray(jpeg_frame(path).decode(4)) for path in sorted(canon.FOLDER.glob("*.JPG"))]
+    found = find_image_circle(frames)
+    monkeypatch.setattr(lens, "_coarse_circle", lambda _: (*found.centre_px, found.radius_px))
+    again = find_image_circle(frames)
+    assert math.dist(again.centre_px, found.centre_px) < 1
+    assert again.radius_px == pytest.approx(found.radius_px, abs=0.5)
+    by_short = find_image_circle(frames[3:7])
+    assert math.dist(by_short.centre_px, found.centre_px) < 2.5
