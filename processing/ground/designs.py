@@ -35,6 +35,7 @@ _MATHS: dict[str, Any] = {
         for k in range(17)
     ),
     "span": lambda a, b: (min(a, b), max(a, b)),
+    "range_of": lambda low, high, step: np.arange(low, high, step).tolist(),
     "steps": lambda low, high, count: [float(v) for v in np.linspace(low, high, count)],
 }
 
@@ -83,30 +84,43 @@ def build(
     shared: Mapping[str, str] | None = None,
     names: Mapping[str, Any] | None = None,
 ) -> None:
-    """Make a design: each line by its verb (role, measures), `use` by a text of ``shared``.
+    """Make a design: each line by its verb (role, measures); ``names`` are known from the beginning.
 
-    What such a text names is known after it, unless it is repeated. ``names`` are known from the beginning.
+    A text of ``shared`` is a verb too: it knows its role as m, its measures, and what it is `given` where these were
+    left out. `use` makes such a text in place: what it names is known after it, unless it is repeated.
     """
     w, d, h = size
     own = {"w": w, "d": d, "h": h, "X": w / 2, "Y": d / 2}
-    _run(text, {**_MATHS, **own, **(names or {})}, verbs, shared or {})
+    begin = {**_MATHS, **own, **(names or {})}
+    _Making(verbs, shared or {}, begin).run(text, dict(begin))
 
 
-def _run(text: str, names: dict[str, Any], verbs: Verbs, shared: Mapping[str, str]) -> None:
-    for line in lines_of(text):
-        for scope in _scopes(line.loops, names):
-            if not all(_value(code, scope) for code in line.conditions):
-                continue
-            values = {key: _value(code, scope) for key, code in line.values}
-            if line.verb == "=":
-                names |= values
-            elif line.verb == "use":
-                inner = {**scope, **values} if line.loops else names
-                inner |= values
-                _run(shared[line.role], inner, verbs, shared)
-            else:
-                role = scope[line.role[1:]] if line.role.startswith("$") else line.role
-                verbs[line.verb](role, **values)
+@dataclass(frozen=True)
+class _Making:
+    verbs: Verbs
+    shared: Mapping[str, str]
+    begin: dict[str, Any]
+
+    def run(self, text: str, names: dict[str, Any]) -> None:
+        for line in lines_of(text):
+            for scope in _scopes(line.loops, names):
+                if all(_value(code, scope) for code in line.conditions):
+                    self._make(line, scope, {key: _value(code, scope) for key, code in line.values})
+
+    def _make(self, line: Line, scope: dict[str, Any], values: dict[str, Any]) -> None:
+        role = scope[line.role[1:]] if line.role.startswith("$") else line.role
+        if line.verb == "=":
+            scope |= values
+        elif line.verb == "given":
+            scope |= {key: value for key, value in values.items() if key not in scope}
+        elif line.verb == "use":
+            inner = dict(scope) if line.loops else scope
+            inner |= values
+            self.run(self.shared[line.role], inner)
+        elif line.verb in self.shared:
+            self.run(self.shared[line.verb], {**self.begin, **values, "m": role})
+        else:
+            self.verbs[line.verb](role, **values)
 
 
 def _scopes(loops: tuple[tuple[str, CodeType], ...], names: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -30,6 +30,12 @@ def _designs() -> dict[str, Any]:
 
 
 LICENCE = "Apache-2.0 (part of daylit)"
+LENGTHS_M = {
+    "BOARD": 0.019,  # the usual melamine board
+    "GAP": 0.004,  # chosen: as between real doors
+    "OUT": 0.026,  # how far handles stand out; a piece's depth includes them
+}
+"""What designs know by name."""
 
 
 class Kind(NamedTuple):
@@ -77,6 +83,7 @@ def build_model(category: str, style: str, size_m: Size | None = None, design: s
         raise ItemError(f"no design '{name[:40]}'; there are: {', '.join(BUILT_IN[category].designs)}", where=category)
     bench = Bench(size, style_named(style), np.random.default_rng(sum(category.encode())))
     make = {verb: partial(add, bench) for verb, add in VERBS.items()}
-    names = {"rnd": lambda low, high: float(bench.rng.uniform(low, high))}
+    chance = {"rnd": lambda low, high: float(bench.rng.uniform(low, high))}
+    names = {**chance, **LENGTHS_M, "handles": bench.style.handles}
     build(BUILT_IN[category].designs[name], size, make, shared=_designs()["shared"], names=names)
     return FurnitureModel(f"{category}/{style}", category, bench.parts(), size, LICENCE, notes=(f"design {name}",))

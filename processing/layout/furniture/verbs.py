@@ -9,8 +9,9 @@ import numpy as np
 from processing.ground.arrays import Bytes, Doubles
 from processing.ground.colour import srgb_of_linear
 from processing.ground.mesh import carried_frames
-from processing.layout.furniture import cases, solids
+from processing.layout.furniture import solids
 from processing.layout.furniture.bench import Bench
+from processing.layout.furniture.books import books, pile
 from processing.layout.furniture.model import Colour, Material, noise
 from processing.layout.furniture.soft import cushion, hanging, pad, pillow, sheets, wrinkled
 from processing.layout.furniture.solids import Solid, Spot
@@ -158,6 +159,11 @@ def add(bench: Bench, role: str, verb: str, **values: Any) -> None:
         material = bench.glowing(material, pose.lumen)
     run = int(np.argmax(np.ptp(body.rest, axis=0))) if pose.grain is None else pose.grain
     bench.add(body, material, grain=run, crease_rad=math.radians(80 if pose.soft else 50))
+
+
+def _block(bench: Bench, role: str, x: Span, y: Span, z: Span, bevel: float = 0.003, grain: int | None = None) -> None:
+    low, high = zip(x, y, z, strict=True)
+    bench.block(low, high, bench.style.material(role), bevel_m=bevel, grain=grain)
 
 
 # The swivel chair: shapes that only it has.
@@ -357,6 +363,8 @@ VERBS: dict[str, Callable[..., None]] = {
     "printed": _printed,
     "woven": _woven,
     "legs": lambda bench, _, reach, top, thick=0.04, splay=0.0: bench.legs(reach, top, thick_m=thick, splay=splay),
-    **cases.VERBS,
+    "block": _block,
+    "books": books,
+    "pile": pile,
     "swivel": _swivel_chair,
 }
