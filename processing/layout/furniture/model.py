@@ -188,3 +188,76 @@ def leather(colour: Colour, seed: int = 17) -> Bytes:
     pores = np.abs(noise((SIDE, SIDE), (7, 7), seed))
     tone = -0.05 * np.exp(-4 * pores) + 0.07 * noise((SIDE, SIDE), (150, 150), seed + 1)
     return _coloured(tone, colour, (-0.1, 0.05, 0.1))
+
+
+# Flat pictures: rugs and prints, drawn in the style's colours.
+
+
+def _grid(width_m: float, depth_m: float, scale: float) -> tuple[Doubles, Doubles]:
+    cols, rows = max(16, round(width_m * scale)), max(16, round(depth_m * scale))
+    y, x = np.meshgrid((np.arange(rows) + 0.5) / scale, (np.arange(cols) + 0.5) / scale, indexing="ij")
+    return x, y
+
+
+def rug_pattern(kind: str, colours: tuple[Colour, Colour, Colour], width_m: float, depth_m: float) -> Bytes:
+    """Return a rug's picture (H, W, 3), sRGB: lozenges in a border, a plain border, bands, or a berber's grid."""
+    x, y = _grid(width_m, depth_m, min(400.0, 900.0 / max(width_m, depth_m)))
+    shape = (x.shape[0], x.shape[1])
+    wobble = 0.006 * noise(shape, (40, 40), 2)
+    edge = np.minimum(np.minimum(x, width_m - x), np.minimum(y, depth_m - y)) + wobble
+    ground, figure, line = (np.array(c) for c in colours)
+    picture = np.broadcast_to(ground, (*shape, 3)).copy()
+    n = [max(2, round((size - 0.3) / 0.34)) for size in (width_m, depth_m)]
+    u, v = ((a - 0.15) / max(s - 0.3, 0.1) * k + 2 * wobble for a, s, k in ((x, width_m, n[0]), (y, depth_m, n[1])))
+    lozenge = np.abs(u % 1 - 0.5) + np.abs(v % 1 - 0.5)
+    if kind == "lozenge":
+        inside = edge > 0.15
+        picture[inside & (np.abs(lozenge - 0.5) < 0.045)] = line
+        picture[inside & (lozenge < 0.20)] = figure
+        picture[(edge > 0.06) & (edge < 0.115)] = figure
+    elif kind == "border":
+        picture[(edge > 0.05) & (edge < 0.15)] = figure
+        picture[(np.abs(edge - 0.19) < 0.012) | (edge < 0.012)] = figure
+        picture[(edge > 0.26) & (np.abs(lozenge - 0.5) < 0.03)] = line
+    elif kind == "bands":
+        t = (x + 3 * wobble) / width_m
+        picture[np.abs(t - 0.30) < 0.11] = figure
+        picture[np.abs(t - 0.66) < 0.035] = line
+        picture[(np.abs(t - 0.80) < 0.05) | (np.abs(t - 0.47) < 0.012)] = figure
+    else:
+        picture[(np.abs(lozenge - 0.5) < 0.035) & (edge > 0.06)] = line
+    wool = 1 + 0.05 * noise(shape, (3, 9), 4) + 0.04 * noise(shape, (60, 60), 5)
+    return srgb_of_linear(picture * np.clip(wool, 0.6, 1.4)[..., None])[::-1]
+
+
+def print_picture(kind: str, colours: tuple[Colour, Colour, Colour], size: tuple[float, float], seed: int) -> Bytes:
+    """Return a print (H, W, 3), sRGB: overlapping shapes, arches, or a horizon, in a style's colours on paper."""
+    x, y = _grid(*size, 420 / max(size))
+    u, v = x / size[0], 1 - y / size[1]
+    rng = np.random.default_rng(seed)
+    paper = np.array([0.72, 0.69, 0.62])
+    inks = [np.array(c) for c in colours] + [0.5 * (np.array(colours[1]) + paper)]
+    picture = np.broadcast_to(paper, (*x.shape, 3)).copy()
+    wobble = 0.012 * noise((x.shape[0], x.shape[1]), (50, 50), seed)
+    if kind == "horizon":
+        levels = np.sort(rng.uniform(0.15, 0.7, 5))[::-1]
+        sky = np.clip(1.2 - 0.5 * v, 0.5, 1)[..., None]
+        picture = picture * sky
+        for k, level in enumerate(levels):
+            hills = level + 0.05 * np.sin(5 * u + rng.uniform(0, 6)) + 0.02 * np.sin(13 * u + k) + wobble
+            picture[v < hills] = (0.75 - 0.13 * k) * inks[2 if k < 3 else 1] + 0.05 * (4 - k)
+    elif kind == "arches":
+        cx, order, wide = rng.uniform(0.4, 0.6), rng.permutation(3), rng.uniform(0.28, 0.38)
+        for k, r in enumerate((wide, 0.7 * wide, 0.4 * wide)):
+            top = np.hypot((u - cx) / r, (v - 0.5) * size[1] / size[0] / r) + wobble < 1
+            picture[(top & (v >= 0.5)) | ((np.abs(u - cx) + wobble < r) & (v < 0.5) & (v > 0.12))] = inks[order[k]]
+        sun = np.hypot(u - cx - rng.choice([-0.25, 0.25]), (v - 0.86) * size[1] / size[0])
+        picture[sun < rng.uniform(0.05, 0.09)] = inks[order[1]]
+    else:
+        for k in range(5):
+            cx, cy, r, s = rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8), rng.uniform(0.13, 0.3), rng.uniform(0.7, 1.5)
+            blob = np.hypot((u - cx) * s, (v - cy) * size[1] / size[0]) * (1 + 3 * wobble) < r
+            picture[blob] = inks[k % 4]
+        picture[np.abs(v - 0.5 - 0.18 * np.sin(4 * u + rng.uniform(0, 6))) < 0.006] = inks[2]
+    grain = 1 + 0.03 * noise((x.shape[0], x.shape[1]), (3, 3), 6)
+    return srgb_of_linear(np.clip(picture * grain[..., None], 0, 0.85))
