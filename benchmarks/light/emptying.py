@@ -26,7 +26,7 @@ from benchmarks.whole.end_to_end import rig_profile, rows_of
 from benchmarks.whole.end_to_end_run import bias_pct, errors_of
 from processing.pictures.exr import read_exr, read_exr_rgb
 from processing.pictures.images import luminance_cd_m2
-from processing.pictures.masks import read_mask
+from processing.pictures.preview import read_mask
 from processing.running.panorama_session import panorama_session
 from processing.running.requests import RunRequest
 from processing.running.runner import process

@@ -24,7 +24,7 @@ from benchmarks.truth_rooms import kept_list, truth_of
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import luminance_cd_m2
-from processing.pictures.masks import read_mask
+from processing.pictures.preview import read_mask
 from processing.running.panorama_session import panorama_session
 from processing.running.requests import RunRequest
 from processing.running.runner import process

@@ -33,7 +33,7 @@ from processing.light.solver.sight import GLASS, albedo_of, seen_outdoors, sight
 from processing.light.solver.stage import Stage
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
-from processing.pictures.masks import read_mask
+from processing.pictures.preview import read_mask
 from processing.running.requests import RunRequest
 from processing.running.runner import process
 from processing.sphere import Equirectangular, solid_angles

@@ -37,7 +37,7 @@ from processing.layout.items import parse_items
 from processing.layout.plan import from_room_model
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
-from processing.pictures.masks import write_mask
+from processing.pictures.preview import write_mask
 from processing.running.panorama_session import panorama_session
 from processing.sphere import Equirectangular
 

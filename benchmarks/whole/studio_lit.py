@@ -14,7 +14,7 @@ from benchmarks.whole.studio import PATIENCE_LARGE_MS, SIZE_PX, box_of, make_ses
 from processing.light.picture.render import render
 from processing.light.scene.scene_file import write_scene
 from processing.light.solver.irradiance import Effort
-from processing.pictures.masks import write_mask
+from processing.pictures.preview import write_mask
 from processing.sphere import Equirectangular
 
 ROWS = 512

@@ -294,7 +294,7 @@ def _write(
     """Write picture, JPEG and mask; return the facts."""
     from processing.exchange.showing import session_shown
     from processing.pictures.exr import write_exr
-    from processing.pictures.masks import write_mask
+    from processing.pictures.preview import write_mask
     from processing.relighting.relit_session import seen_picture
     from processing.sphere import Equirectangular
 

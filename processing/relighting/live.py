@@ -16,8 +16,8 @@ import numpy as np
 from processing.calibration.outdoor.sun_place import Place, zone_at
 from processing.errors import ParameterError
 from processing.exchange.showing import session_shown
+from processing.figures.figures import eye_view
 from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
-from processing.figures.views import eye_view
 from processing.ground.arrays import Vector
 from processing.light.picture.relight_photo import veil_gains
 from processing.light.picture.viewpoint import seen_from

@@ -32,8 +32,8 @@ WRITTEN = True
 _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
 _READ_PICTURE = "processing.pictures.exr:read_exr"
 _WRITE_PICTURE = "processing.pictures.exr:write_stage_exr"
-_READ_MASK = "processing.pictures.masks:read_mask"
-_WRITE_MASK = "processing.pictures.masks:write_mask"
+_READ_MASK = "processing.pictures.preview:read_mask"
+_WRITE_MASK = "processing.pictures.preview:write_mask"
 
 
 def file_name(artifact: Artifact) -> str:

@@ -118,7 +118,7 @@ def designs(session: Path) -> dict[str, dict[str, Any]]:
     All built-in styles (the category's name: that of the room), each in the finish of the others, too, and what the
     session's own furniture has.
     """
-    from processing.layout.furniture.styles import STYLES
+    from processing.layout.furniture.bench import STYLES
     from processing.layout.models.catalogue import Catalogue
 
     own = read_choices(session).value(session, "furniture")

@@ -24,7 +24,7 @@ from processing.ground.seam import resized
 from processing.ground.threads import limit_libraries
 from processing.layout.arrangement import PlacedItem
 from processing.pictures.images import LuminanceImage
-from processing.pictures.masks import read_mask
+from processing.pictures.preview import read_mask
 from processing.pipeline import resolve, stage_named
 from processing.removal.fill import Quick
 from processing.running.artifacts import file_name, load

@@ -10,7 +10,7 @@ import numpy as np
 
 from processing.ground.arrays import Flags
 from processing.ground.seam import share_of_sphere
-from processing.pictures.masks import read_mask
+from processing.pictures.preview import read_mask
 from processing.removal.masks import Masks, find_masks
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, read_evidence

@@ -8,9 +8,9 @@ from processing.figures.figures import (
     level_ratio,
     meter_figures,
     outdoor_figures,
+    reduced,
     surface_figures,
 )
-from processing.figures.views import reduced
 from processing.ground.room_model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.upright import upright_panorama

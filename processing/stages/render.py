@@ -15,7 +15,7 @@ from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
-from processing.layout.furniture.styles import STYLES, differing, style_named
+from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled

@@ -38,7 +38,7 @@ from benchmarks.whole.studio import (
 from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError, DeviceTimeoutError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room
-from processing.pictures.masks import read_mask, write_mask
+from processing.pictures.preview import read_mask, write_mask
 from processing.running.choices import read_choices
 from processing.segmentation.evidence import SceneEvidence, write_evidence
 from station.capture.rig_file import example_text

@@ -11,9 +11,8 @@ import numpy as np
 from processing.errors import CatalogueError, ItemError
 from processing.ground.designs import build
 from processing.ground.tables import table_of
-from processing.layout.furniture.bench import Bench
+from processing.layout.furniture.bench import Bench, style_named
 from processing.layout.furniture.model import FurnitureModel, Size
-from processing.layout.furniture.styles import style_named
 from processing.layout.furniture.verbs import VERBS
 
 

@@ -20,10 +20,10 @@ from processing.errors import CatalogueError, ModelFileError
 from processing.ground.arrays import Floats
 from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
+from processing.layout.furniture.bench import STYLES, style_named
 from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model, design_of
 from processing.layout.furniture.model import FurnitureModel, Part, Size
 from processing.layout.furniture.solids import rotation
-from processing.layout.furniture.styles import STYLES, style_named
 from processing.layout.items import KINDS, ItemSpec, UseZone
 
 if TYPE_CHECKING:

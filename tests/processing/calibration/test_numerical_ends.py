@@ -15,7 +15,7 @@ from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.calibration.scale.veiling_glare import bound_from_darkest
 from processing.errors import BracketError, LensError, ParameterError, ResponseError
-from processing.figures.views import eye_view
+from processing.figures.figures import eye_view
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
 from tests.processing.calibration.merge.merge_cases import NOISE, bracket, merged, true_curve

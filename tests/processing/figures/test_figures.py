@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.figures.figures import camera_figures, level_ratio, meter_figures, surface_figures
-from processing.figures.views import eye_view, reduced
+from processing.figures.figures import camera_figures, eye_view, level_ratio, meter_figures, reduced, surface_figures
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Fisheye, LensMapping
 from processing.stages.contract import StageContext

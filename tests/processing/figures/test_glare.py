@@ -11,8 +11,8 @@ import pytest
 
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError
+from processing.figures.figures import eye_view
 from processing.figures.glare import bright_spots, glare_indices, glare_of, linked, position_index, probability
-from processing.figures.views import eye_view
 from processing.pictures.images import LuminanceImage
 from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, directions, solid_angles

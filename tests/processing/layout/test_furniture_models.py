@@ -7,10 +7,10 @@ import pytest
 
 from processing.errors import CatalogueError, ItemError
 from processing.layout.arrangement import PlacedItem
+from processing.layout.furniture.bench import STYLES
 from processing.layout.furniture.builtin import BUILT_IN, build_model, design_of
 from processing.layout.furniture.model import FurnitureModel, noise, wood
 from processing.layout.furniture.solids import signed_volume_m3
-from processing.layout.furniture.styles import STYLES
 from processing.layout.items import KINDS, ItemSpec
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.models.mesh_files import RawPart

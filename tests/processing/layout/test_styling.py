@@ -8,8 +8,8 @@ import pytest
 
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, PlacedItem
+from processing.layout.furniture.bench import STYLES, differing
 from processing.layout.furniture.builtin import checked_size
-from processing.layout.furniture.styles import STYLES, differing
 from processing.layout.items import KINDS, ItemSpec, set_items
 from processing.layout.plan import Door, FloorPlan, Hung, Window, make_plan
 from processing.layout.rules import built_in_rules

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from processing.errors import PictureFileError
-from processing.pictures.masks import read_mask, write_mask
+from processing.pictures.preview import read_mask, write_mask
 from processing.pipeline import Artifact
 from processing.running.artifacts import Shelf, load, save
 

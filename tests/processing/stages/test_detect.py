@@ -14,7 +14,7 @@ import pytest
 from processing.errors import ParameterError
 from processing.ground.seam import share_of_sphere
 from processing.pictures.images import LuminanceImage
-from processing.pictures.masks import write_mask
+from processing.pictures.preview import write_mask
 from processing.pipeline import resolve, stage_named
 from processing.report.sections import detect_section, tinted
 from processing.segmentation.evidence import write_evidence
