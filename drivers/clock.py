@@ -1,11 +1,9 @@
 """Time as the drivers see it: injected, so that tests can run a day of faults in a second."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Protocol
+from typing import Protocol, Self
 
 from drivers.errors import DeviceTimeoutError
 
@@ -90,7 +88,7 @@ class Deadline:
     limit_s: float
 
     @classmethod
-    def after(cls, clock: Clock, limit_s: float) -> Deadline:
+    def after(cls, clock: Clock, limit_s: float) -> Self:
         """Return the deadline ``limit_s`` seconds from now."""
         return cls(clock, clock.monotonic_s() + limit_s, limit_s)
 

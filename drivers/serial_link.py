@@ -1,14 +1,12 @@
 """Lines over a serial port: the only file that knows pyserial. Every call has a deadline, every buffer a bound."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn, Protocol
+from typing import Literal, NoReturn, Protocol, Self
 
 import serial
 from serial.tools import list_ports as serial_list_ports
@@ -94,7 +92,7 @@ class SerialLink:
         self._buffer = bytearray()
 
     @classmethod
-    def open(cls, name: str, settings: PortSettings, *, clock: Clock | None = None) -> SerialLink:
+    def open(cls, name: str, settings: PortSettings, *, clock: Clock | None = None) -> Self:
         """Open a port for ourselves alone.
 
         Raises `DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError`: as the operating

@@ -1,10 +1,9 @@
 """The Theta Z1's properties: how each is written and read back, and the fixed settings of a bracket as a table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 from drivers.camera import BodySetting, CameraSettings, SettingReadback, Verdict
 from drivers.camera_link import CameraLink
@@ -32,7 +31,7 @@ class Fraction32:
     denominator: int
 
     @classmethod
-    def from_u64(cls, value: int) -> Fraction32:
+    def from_u64(cls, value: int) -> Self:
         """Split the integer that property D00F carries: LE32 numerator, LE32 denominator on the wire."""
         return cls(value & 0xFFFFFFFF, value >> 32)
 

@@ -5,12 +5,10 @@ of the floor polygon (counter-clockwise, so the room lies to the left of each ed
 along its edge from the edge's first corner. Albedo and emission are linear RGB with Rec. 709 primaries.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, TypeAlias
+from typing import Literal, Self, TypeAlias
 
 from mocks.worlds.light import Vector
 from processing.ground.mesh import Mesh
@@ -94,7 +92,7 @@ class Part:
     wall: int = -1
     """Of walls: which edge of the polygon."""
 
-    def placed(self, position_m: Vector, turn_rad: float = 0.0) -> Part:
+    def placed(self, position_m: Vector, turn_rad: float = 0.0) -> Self:
         """Return the part turned about z, then moved."""
         return replace(self, mesh=self.mesh.placed(position_m, turn_rad))
 

@@ -3,12 +3,11 @@
 One room a seed, or by the name of a scene: the same name is the same room, whenever it is photographed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Self
 
 import numpy as np
 
@@ -100,7 +99,7 @@ class Room:
         """Return the clear panes of all windows."""
         return tuple(window_panes(self.plan))
 
-    def emptied(self) -> Room:
+    def emptied(self) -> Self:
         """Return the same room without furniture, clutter and the photographer's things, under the same light."""
         return replace(self, items=())
 

@@ -6,8 +6,6 @@ conditional put: it names the prefix and the SHA-256 of every object. What has n
 lies there; what has one is whole, since nothing under a named prefix is ever written again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import posixpath
@@ -17,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 from uuid import uuid4
 
 from processing.batch.work import Outcome, Task, work
@@ -52,7 +50,7 @@ class Store:
     sleep: Sleep = time.sleep
 
     @classmethod
-    def at(cls, url: str, sleep: Sleep = time.sleep) -> Store:
+    def at(cls, url: str, sleep: Sleep = time.sleep) -> Self:
         """Open a URL; raises `StoreError` where its library is missing or it is none."""
         import fsspec
 
@@ -63,7 +61,7 @@ class Store:
             raise StoreError(f"cannot be opened: {error}", where=url, advice=advice) from error
         return cls(url.rstrip("/"), files, root.rstrip("/"), sleep)
 
-    def below(self, name: str) -> Store:
+    def below(self, name: str) -> Self:
         """Return a folder in this one."""
         return replace(self, url=f"{self.url}/{name}", root=f"{self.root}/{name}")
 

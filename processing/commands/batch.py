@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from processing.commands.process import ProcessCommand, given_now, run_request
-from station.commands.views import FILE, FOLDER, SilentView, answer, printable
+from station.commands.views import FILE, FOLDER, SilentView, answer, numbers, printable
 
 if TYPE_CHECKING:
     from processing.batch.run import BatchReport
@@ -181,7 +181,6 @@ def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about:
     from processing.batch.dataset import build as make
     from processing.batch.dataset import summary as sum_up
     from processing.calibration.outdoor.sun_place import zone_named
-    from station.commands.views import numbers
 
     description = Description(version=about.pop("release"), **about)
     train, validation, test = (part / 100 for part in numbers("--split", split, 3, "per cent, such as 70,15,15"))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, NO_FOLDER, answer
+from station.commands.views import FILE, FOLDER, NO_FOLDER, answer, numbers
 
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
@@ -145,8 +145,6 @@ def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
 
 
 def _size(text: str | None) -> tuple[float, float, float] | None:
-    from station.commands.views import numbers
-
     if text is None:
         return None
     width, depth, height = numbers("--size", text, 3, "width, depth and height in metres")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, answer
+from station.commands.views import FILE, FOLDER, answer, numbers
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -250,7 +250,6 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     from processing.light.solver.irradiance import EFFORTS
     from processing.relighting.relit_session import read_session_room
     from processing.running.choices import go_on_with, remember
-    from station.commands.views import numbers
 
     eye = list(numbers("--eye", asked["eye"], 3, "metres to the right, ahead and up"))
     geometry = _geometry(asked)
@@ -276,7 +275,6 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
 
 def _geometry(asked: dict[str, Any]) -> Any:
     from processing.sphere import Equirectangular, Perspective
-    from station.commands.views import numbers
 
     wide = asked["width"] // 2 * 2
     if asked["panorama"]:

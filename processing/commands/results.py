@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, answer
+from station.commands.views import FILE, FOLDER, answer, numbers
 
 if TYPE_CHECKING:
     from processing.exchange.export import Exported
@@ -32,7 +32,6 @@ def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) ->
       daylit inspect sky.hdr --at 0,90 --radius 5 --json
     """
     from processing.exchange.inspection import open_picture, picture_facts, place_facts
-    from station.commands.views import numbers
 
     picture = open_picture(file)
     directions = [numbers("--at", one, 2, "longitude and latitude in degrees") for one in at]

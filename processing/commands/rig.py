@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FOLDER, NO_FOLDER, answer
+from station.commands.views import FOLDER, NO_FOLDER, answer, numbers
 
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
@@ -63,7 +63,6 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
 def _request(options: dict[str, Any]) -> RigRequest:
     from processing.calibration.response.shutter import ShutterRule
     from processing.rig.calibrate import RigRequest
-    from station.commands.views import numbers
 
     first, *rest = options["sessions"]
     chart = options["chart"] or first

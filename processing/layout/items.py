@@ -4,14 +4,12 @@ An item's local frame: origin on the floor in the middle of its footprint, x alo
 the wall it stands at), z up. Its footprint is the rectangle |x| <= width/2, |y| <= depth/2.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, Self, TypeAlias
 
 from processing.errors import ItemError
 from processing.ground.arrays import Vector
@@ -80,7 +78,7 @@ class ItemSpec:
         """Return the height of its top above the floor."""
         return self.base_m + self.size_m[2]
 
-    def checked(self) -> ItemSpec:
+    def checked(self) -> Self:
         """Return itself; raise `ItemError` where a size cannot be right."""
         if not all(math.isfinite(v) and 0 < v <= MAX_SIZE_M for v in self.size_m):
             raise ItemError(

@@ -3,13 +3,11 @@
 `Outside` is where the room is, how it faces and what the weather is like; `daylit relight` and the studio share it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from datetime import datetime, tzinfo
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -52,7 +50,7 @@ class Outside:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, room: SessionRoom, kind: Kind, asked: dict[str, Any]) -> Outside:
+    def of(cls, room: SessionRoom, kind: Kind, asked: dict[str, Any]) -> Self:
         """Return a room's; ``asked``: "site" ("LAT,LON"), "heading" (degrees) and "zone"; None: as the session says.
 
         Raises `DaylightError` where the place or the heading is not known.

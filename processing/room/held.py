@@ -4,12 +4,10 @@ In every column that sees a placed wall its distance counts as if measured, and 
 rooms that may be meant compete and are fitted as before, and in the end what was placed lies exactly where it was.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -39,7 +37,7 @@ class Held(NamedTuple):
     """Places (m) of openings that were estimated and taken away."""
 
     @classmethod
-    def of(cls, room: RoomModel, estimated: RoomModel) -> Held:
+    def of(cls, room: RoomModel, estimated: RoomModel) -> Self:
         """Return what a room says that it holds; where it says nothing, all in which it differs from the estimate."""
         walls, corners = ([int(n.split()[1]) for n in room.held if n.startswith(kind)] for kind in ("wall", "corner"))
         ceiling = CEILING in room.held

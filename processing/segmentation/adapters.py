@@ -5,12 +5,10 @@ scores per pixel, class numbers per pixel, or queries with masks (as MaskFormer 
 what does not fit its contract is refused by name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -128,7 +126,7 @@ class NetworkContract(BaseModel):
     """Number of the first named class: 1 where 0 stands for "other" (labels not reduced)."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> NetworkContract:
+    def _fits_together(self) -> Self:
         if self.size_px % self.size_multiple:
             raise ValueError(f"size_px {self.size_px} is no multiple of {self.size_multiple}")
         if len(self.outputs) != (2 if self.output == "queries" else 1):

@@ -6,8 +6,6 @@ A stage's parameters stand here, apart from its code, because they are needed to
 all; nothing but pydantic is imported.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import types
@@ -227,7 +225,7 @@ class RoomParameters(StageParameters):
     level: Literal["auto", "off"] = Field("auto", description="A tilted panorama: auto makes it upright, off leaves it")
 
     @model_validator(mode="after")
-    def _contract_of_a_file(self) -> RoomParameters:
+    def _contract_of_a_file(self) -> Self:
         if (self.segmenter_contract is None) == (self.segmenter is not None and str(self.segmenter) not in WORDS):
             raise ValueError("--segmenter FILE and --segmenter-contract belong together; own and fuse have none")
         return self

@@ -9,8 +9,6 @@ Everything that counts is durable before it is reported: a capture that ends at 
 `Capture.resume` completes.
 """
 
-from __future__ import annotations
-
 import math
 import queue
 import threading
@@ -18,6 +16,7 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 from uuid import uuid4
 
 from drivers.errors import DeviceError
@@ -83,7 +82,7 @@ class Capture:
         self._checkers = rig.checkers or {side: FrameChecker() for side in plan.sides}
 
     @classmethod
-    def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
+    def new(cls, rig: Rig, request: CaptureRequest) -> Self:
         """Return the capture of a new session.
 
         Raises `UsageError`: no camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed
@@ -97,7 +96,7 @@ class Capture:
         return cls(rig, plan, ReadingTaker(rig, request.typed_readings), request, None)
 
     @classmethod
-    def resume(cls, rig: Rig, store: SessionStore, *, typed_readings: tuple[float, ...] = ()) -> Capture:
+    def resume(cls, rig: Rig, store: SessionStore, *, typed_readings: tuple[float, ...] = ()) -> Self:
         """Return the capture that completes a partial session.
 
         Raises `SessionError`: the session was imported, or needs a camera that the rig lacks or has set otherwise.

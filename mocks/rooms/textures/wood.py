@@ -4,11 +4,10 @@ A board shows where it was cut: the growth rings are cylinders about the pith, s
 shows nested arches along its middle and one far from it shows straight lines. Colours: wood, gap.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -45,7 +44,7 @@ class Timber:
     knots_per_m: float
 
     @classmethod
-    def of(cls, rng: np.random.Generator, texture: Texture, pixel_m: float) -> Timber:
+    def of(cls, rng: np.random.Generator, texture: Texture, pixel_m: float) -> Self:
         """Return the timber of a texture. Options: ring_m, figure, knots (per metre of board)."""
         return cls(
             rings=ring_tones(rng, _RINGS),
@@ -162,7 +161,7 @@ class Layout:
     @classmethod
     def of(
         cls, number: npt.NDArray[np.signedinteger], along_m: Reals, across_m: Reals, size_m: tuple[float, float]
-    ) -> Layout:
+    ) -> Self:
         """Return a layout of blocks of length and width ``size_m``: per pixel (H, W) the block and the place in it."""
         return cls(number.astype(np.int32), along_m.astype(np.float32), across_m.astype(np.float32), *size_m)
 

@@ -5,11 +5,10 @@ shorter frames only repeat it with more noise; once a frame is clipped all over,
 decoded. (Inside a picture, runs of pixels leave frames out by the same rules.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -37,7 +36,7 @@ class Order:
     depth_bits: int
     warnings: tuple[str, ...] = ()
 
-    def only(self, places: Sequence[int]) -> Order:
+    def only(self, places: Sequence[int]) -> Self:
         """Return the frames at some places."""
         return replace(
             self,

@@ -5,10 +5,9 @@ Paper, section 3, step (2); Stumpfel et al. 2004. What a filter does to linear R
 does not touch the scale: k2, which is measured on a white patch through the filter, holds the density.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +51,7 @@ class NdFilter:
             )
 
     @classmethod
-    def of_matrix(cls, forward: npt.ArrayLike, *, relative_uncertainty: float = 0.0, source: str = "") -> NdFilter:
+    def of_matrix(cls, forward: npt.ArrayLike, *, relative_uncertainty: float = 0.0, source: str = "") -> Self:
         """Return the filter that multiplies linear RGB by a matrix (``rgb @ forward``), split in tint and density.
 
         ``forward``: shape (3, 3).

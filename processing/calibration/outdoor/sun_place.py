@@ -5,12 +5,10 @@ Ineichen and Perez's clear-sky model (2002) for the beam in W/m2, times Perez et
 271-289, table 4, direct) in lm/W. North comes from the sun's place in the outdoor picture, or from a recorded heading.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
-from typing import Literal
+from typing import Literal, Self
 from zoneinfo import ZoneInfo
 
 from processing.calibration.outdoor.sun_disc import Sun, find_sun
@@ -63,7 +61,7 @@ class Place:
             )
 
     @classmethod
-    def of(cls, site: Site) -> Place | None:
+    def of(cls, site: Site) -> Self | None:
         """Return where a session was taken; None where that is not recorded."""
         if site.latitude_deg is None or site.longitude_deg is None:
             return None

@@ -1,8 +1,7 @@
 """Units, the upward axis and the front of loaded furniture: given, or guessed from what furniture is like, and said."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -137,7 +136,7 @@ class Given:
     size_m: Size | None = None
     """Width, depth, height."""
 
-    def checked(self, where: str) -> Given:
+    def checked(self, where: str) -> Self:
         """Return itself; raise `CatalogueError` where a value is none of those there are."""
         for value, known, what in (
             (self.unit, UNITS, "unit"),

@@ -6,9 +6,8 @@ without it. Pixels whose light does not change are kept bit by bit.
 ``ibl``: furniture lit by the panorama alone, as if all of it lay infinitely far away; it changes nothing in the room.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -52,7 +51,7 @@ class Bare:
     lights: Lights = field(default_factory=dict)
 
     @classmethod
-    def of(cls, room: Scene, effort: Effort) -> Bare:
+    def of(cls, room: Scene, effort: Effort) -> Self:
         """Return a room made ready for pictures of this effort."""
         return cls(Stage.of(room, effort.texel_m))
 

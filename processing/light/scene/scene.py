@@ -6,11 +6,10 @@ Light goes from surface to surface as if all were matte (Lambert); what the eye 
 has highlights besides (`highlights`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -249,11 +248,11 @@ class Scene:
         if not self.surfaces and not self.parts:
             raise SceneError("nothing to render", advice="give surfaces or parts")
 
-    def furnished(self, parts: tuple[Part, ...]) -> Scene:
+    def furnished(self, parts: tuple[Part, ...]) -> Self:
         """Return the scene with furniture added."""
         return replace(self, parts=(*self.parts, *parts))
 
-    def under(self, outdoors: Outdoors) -> Scene:
+    def under(self, outdoors: Outdoors) -> Self:
         """Return the scene in another light."""
         return replace(self, outdoors=outdoors)
 
