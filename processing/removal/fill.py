@@ -153,6 +153,7 @@ def empty_room(
     foreign: Flags | None = None,
     quality: str | Quick = "standard",
     filler: PlaneFiller | None = None,
+    own: bool = False,
 ) -> Emptied:
     """Return the panorama with the target filled.
 
@@ -163,14 +164,13 @@ def empty_room(
     ``foreign`` (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it
       is, and floors are not filled from it.
     ``quality``: draft, standard or reference: how fine textures may be; `Quick`: of a preview.
+    ``own``: the light of ``image`` may be drawn in.
     Raises `ParameterError`: sizes that do not fit; a picture that is not equirectangular; an unknown quality;
     `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen.
     """
     geometry = _checked(image, target, sunlight, foreign, quality)
-    provenance = np.zeros(target.shape, np.uint8)
-    confidence = np.ones(target.shape, np.float32)
     if not target.any():
-        return Emptied(image, provenance, confidence, (), ("nothing to remove",))
+        return Emptied(image, *_blank(target.shape), (), ("nothing to remove",))
     rgb, blind = _finite(image)
     if (target | blind).all():
         raise RemovalError(
@@ -189,7 +189,8 @@ def empty_room(
 
     seen = _Seen(rgb, np.stack([unfit, kept], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
     filled = _filled(seen, hidden, foreign, quality, skirting, filler)
-    out, notes = image.rgb.copy(), []
+    provenance, confidence = _blank(target.shape)
+    out, notes = image.rgb if own else image.rgb.copy(), []
     for plane, done in zip(hidden, filled, strict=True):
         where = target & (shown == plane.index)
         _draw(done, room, (geometry, shown), where, (out, provenance, confidence))
@@ -198,6 +199,11 @@ def empty_room(
             notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
     soften_edges(out, target, room, geometry)
     return Emptied(_image(image, out, provenance, confidence), provenance, confidence, tuple(filled), tuple(notes))
+
+
+def _blank(shape: tuple[int, ...]) -> tuple[Bytes, Floats]:
+    """Return provenance and confidence (H, W) of what is all seen."""
+    return np.zeros(shape, np.uint8), np.ones(shape, np.float32)
 
 
 def _filled(

@@ -83,7 +83,7 @@ def lifted(
     reflectance *= gain
     for k, factors in enumerate(gain):  # row by row: little memory
         change[k] += np.log(factors).mean(axis=-1)
-    del gain
+    del gain, factors, lift, light  # the last two of a band
     done = empty_room(
         replace(image, rgb=reflectance),
         target,
@@ -92,6 +92,7 @@ def lifted(
         foreign=foreign,
         quality=quality,
         filler=filler,
+        own=True,
     )
     rgb = done.image.rgb
     stays = ~target & (image.validity == Validity.VALID)

@@ -80,6 +80,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
         "filler": filler,
     }
     shadow = _optional_mask(context, "shadow", width_px)
+    context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
         found, change = lifted(image, target, room, shade._replace(shadow=shadow), **others)
         return found, change, 0.0

@@ -59,7 +59,7 @@ def in_size(image: LuminanceImage, width_px: int) -> LuminanceImage:
 
 def mask_in_size(mask: Flags, width_px: int) -> Flags:
     """Return a mask (H, W) in a width that divides its own: a block is in it where any of its pixels is."""
-    return _worst(mask, mask.shape[1] // width_px)
+    return mask if mask.shape[1] == width_px else _worst(mask, mask.shape[1] // width_px)
 
 
 def _worst(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
