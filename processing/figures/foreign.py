@@ -18,7 +18,7 @@ from processing.calibration.outdoor.lens import find_image_circle
 from processing.calibration.response.response import WHITE_CODE, estimate_noise, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
-from processing.calibration.scale.photometry import PLANES, illuminance_lx, luminance_map
+from processing.calibration.scale.photometry import PLANES, illuminances_lx, luminance_map
 from processing.calibration.scale.veiling_glare import kernel_modes
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
@@ -250,8 +250,7 @@ def light_figures(image: LuminanceImage) -> dict[str, Figure]:
     fisheye = isinstance(image.geometry, Fisheye)
     planes = {"illuminance": (0.0, 0.0, 1.0)} if fisheye else {f"illuminance-{n}": p for n, p in PLANES.items()}
     found = {}
-    for name, plane in planes.items():
-        light = illuminance_lx(image, plane)
+    for name, light in zip(planes, illuminances_lx(image, list(planes.values())), strict=True):
         found[f"{name}_lx"] = {"value": light.value_lx, "uncertainty": light.uncertainty_lx}
     height, width = image.validity.shape
     return found | region_figures(image, (0, 0, width, height), "picture")

@@ -9,8 +9,9 @@ Modes are independent: the variance of a sum over pixels is the sum of its squar
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -18,7 +19,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.sphere import Equirectangular, directions
+from processing.sphere import Equirectangular, Geometry, directions
 
 KEY = "shared_modes"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
@@ -128,34 +129,44 @@ def relative_error(
         longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * math.pi
         place = np.cos(latitude)[:, None] * np.cos(longitude)
     else:
-        rays, _ = directions(image.geometry, rows)
+        rays = _rays(image.geometry, *rows.indices(image.rgb.shape[0])[:2])
         place = rays[..., 1] if mode.kind == "seam" else np.hypot(rays[..., 0], rays[..., 1])
     return np.asarray(np.interp(place, mode.places, mode.values), dtype=np.float32)
 
 
-def shared_error(image: LuminanceImage, levels: Doubles, bands: Callable[[], Iterable[tuple[slice, Doubles]]]) -> float:
-    """Return the standard uncertainty of a weighted sum over the valid pixels' luminance by the picture's modes.
+@lru_cache(maxsize=1)
+def _rays(geometry: Geometry, start: int, stop: int) -> Doubles:
+    """Return the directions of rows' pixels, (h, W, 3), which several modes ask for one after the other."""
+    return directions(geometry, slice(start, stop))[0]
 
-    ``levels`` (LEVELS,): that sum by the upper bits of the pixels' luminance (float32, `LEVEL_SHIFT`). ``bands``: rows
-    and the sum's weights (h, W), asked for where a mode goes by place. What the picture's scale adds
-    (`LuminanceImage.scale_uncertainty`) is not in it.
+
+def level_error(image: LuminanceImage, levels: Doubles) -> float:
+    """Return the standard uncertainty of a weighted sum over valid pixels' luminance by the modes that go by level.
+
+    ``levels`` (LEVELS,): that sum by the upper bits of the pixels' luminance (float32, `LEVEL_SHIFT`).
     """
-    modes = modes_of(image)
-    by_place = [mode for mode in modes if mode.kind != "level"]
-    found = [levels @ _by_bits(np.array(m.places), np.array(m.values)) for m in modes if m.kind == "level"]
-    sums = np.zeros(len(by_place))
-    for whole, weights in bands() if by_place else ():
-        for start in range(whole.start, whole.stop, ROWS_AT_ONCE):
-            rows = slice(start, min(start + ROWS_AT_ONCE, whole.stop))
-            luminance = luminance_cd_m2(image.rgb[rows])
-            valid = image.validity[rows] == Validity.VALID
-            parts = weights[start - whole.start : rows.stop - whole.start] * valid * luminance
-            sums += [np.vdot(parts, relative_error(mode, image, luminance, rows)) for mode in by_place]
-    return math.hypot(*found, *sums.tolist())
+    found = (levels @ _by_bits(np.array(m.places), np.array(m.values)) for m in modes_of(image) if m.kind == "level")
+    return math.hypot(*found)
+
+
+def placed_parts(image: LuminanceImage, whole: slice) -> Floats:
+    """Return what modes that go by place add to rows' valid luminance, (M, h, W), in its unit.
+
+    What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it.
+    """
+    modes = [mode for mode in modes_of(image) if mode.kind != "level"]
+    parts = np.empty((len(modes), whole.stop - whole.start, image.rgb.shape[1]), np.float32)
+    for start in range(whole.start, whole.stop if modes else whole.start, ROWS_AT_ONCE):
+        rows = slice(start, min(start + ROWS_AT_ONCE, whole.stop))
+        luminance = luminance_cd_m2(image.rgb[rows])
+        valid = luminance * (image.validity[rows] == Validity.VALID)
+        for part, mode in zip(parts, modes, strict=True):
+            part[start - whole.start : rows.stop - whole.start] = valid * relative_error(mode, image, luminance, rows)
+    return parts
 
 
 def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
-    """Return the parts of `shared_error` by cause, of ``sum(weights * luminance)``, in that sum's unit.
+    """Return the parts of both by cause, of ``sum(weights * luminance)``, in that sum's unit.
 
     Modes of one name, numbered, are one cause. ``weights``: (H, W).
     """

@@ -44,11 +44,13 @@ RIM_PX, STEEP_RIM_PX = 2, 20
 CELLS_AT_ONCE = 1 << 18  # for memory
 
 
+@functools.lru_cache(maxsize=1)
 def fisheye_solid_angles(lens: Fisheye) -> Doubles:
-    """Return the solid angle of each cell's part inside the circle (H, W), in steradians."""
+    """Return the solid angle of each cell's part inside the circle (H, W), in steradians; kept, and read only."""
     found = _cells(lens, lambda sine, cosine, _c, _s: _cap(sine, cosine), _rim_solid(lens), None)
     # A cell that the circle only touches may come out as minus a rounding error.
-    return np.asarray(np.maximum(found, 0.0))
+    np.maximum(found, 0.0, out=found).setflags(write=False)
+    return found
 
 
 def fisheye_areas(lens: Fisheye) -> Doubles:

@@ -6,9 +6,8 @@ float64 sums. Of a uniform hemisphere it is pi L, of a CIE overcast sky 7 pi / 9
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +17,8 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.ground.kernels import compiled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
-from processing.pictures.modes import LEVEL_SHIFT, LEVELS, shared_error
-from processing.sphere import Equirectangular, Geometry
+from processing.pictures.modes import LEVEL_SHIFT, LEVELS, level_error, placed_parts
+from processing.sphere import Equirectangular
 from processing.sphere.area import projected_bands
 
 UP = (0.0, 0.0, 1.0)  # a level plane's normal
@@ -78,17 +77,36 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
 
     Raises `ParameterError` for a normal that is no direction.
     """
-    direction = _unit(normal)
-    sums, levels = np.zeros(5 + len(Validity)), np.zeros(LEVELS)
-    for rows, weights in _weights(image.geometry, direction):
-        picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]
-        _add_light(*picture, weights, np.array(LUMINANCE_WEIGHTS), sums, levels)
+    return illuminances_lx(image, [normal])[0]
+
+
+def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -> list[Illuminance]:
+    """Return `illuminance_lx` of several planes; of a panorama, whose rows come in bands, in one pass."""
+    directions, whole = [_unit(normal) for normal in normals], isinstance(image.geometry, Equirectangular)
+    found, parts, of = list[Illuminance](), np.empty((0, 0, 0), np.float32), slice(0)
+    for some in [directions] if whole else [[one] for one in directions]:
+        sums, levels, off = np.zeros((len(some), 5 + len(Validity))), np.zeros((len(some), LEVELS)), np.zeros(())
+        for bands in zip(*(projected_bands(image.geometry, one) for one in some), strict=True):
+            rows, weights = bands[0][0], [each for _, each in bands]
+            picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]
+            for k, each in enumerate(weights):
+                _add_light(*picture, each, np.array(LUMINANCE_WEIGHTS), sums[k], levels[k])
+            if rows != of:
+                parts, of = placed_parts(image, rows), rows
+            own = [[np.vdot(each, wide) for each in weights] for wide in (part.astype(np.float64) for part in parts)]
+            off = off + np.reshape(own, (len(parts), len(some))).T
+        found += [_illuminance(image, *each) for each in zip(sums, levels, off, strict=True)]
+    return found
+
+
+def _illuminance(image: LuminanceImage, sums: Doubles, levels: Doubles, off: Doubles) -> Illuminance:
+    """Return what `_add_light` and, by modes (M,), `placed_parts` found of a plane."""
     value, squares, straight, doubtful, seen = sums[:5].tolist()
     if not (math.isfinite(value) and value >= 0):
         raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
     # A picture without a scale is a photograph through a supposed tone curve: its pixels are wrong together.
     pixels = math.sqrt(squares) if image.absolute else straight
-    shared = shared_error(image, levels, lambda: _weights(image.geometry, direction))
+    shared = math.hypot(level_error(image, levels), *off.tolist())
     scale = value * image.scale_uncertainty
     shares = {
         code.name.lower(): float(sums[5 + code]) / value if value > 0 else 0.0
@@ -109,7 +127,7 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
 @compiled
 def _add_light(rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminance: Any, sums: Any, levels: Any) -> None:
     """Add light to ``sums``: all, valid pixels' errors squared and straight, the others' errors, solid angle seen, and
-    light by `Validity`; to ``levels`` valid light by the upper bits of its luminance (`shared_error`). ``weights``
+    light by `Validity`; to ``levels`` valid light by the upper bits of its luminance (`level_error`). ``weights``
     (H, W): projected solid angles; ``luminance`` (3,): of R, G and B.
     """
     part = np.empty_like(sums)
@@ -185,16 +203,6 @@ def _unit(normal: Sequence[float]) -> Vector:
     return x, y, z
 
 
-def _weights(geometry: Geometry, normal: Vector) -> Iterable[tuple[slice, Doubles]]:
-    """Return rows and their projected solid angles; a fisheye's last are kept (100 MB), a panorama's cost little."""
-    return projected_bands(geometry, normal) if isinstance(geometry, Equirectangular) else _kept(geometry, normal)
-
-
-@functools.lru_cache(maxsize=1)
-def _kept(geometry: Geometry, normal: Vector) -> list[tuple[slice, Doubles]]:
-    return list(projected_bands(geometry, normal))
-
-
 CLIPPED_SHARE = 0.01  # of an illuminance, from clipped pixels: more is worth a warning
 PLANES = {
     "up": (0.0, 0.0, 1.0),
@@ -210,7 +218,7 @@ def illuminances(image: LuminanceImage, planes: dict[str, Vector]) -> tuple[dict
 
     Warnings name the planes on which so much is clipped that the value is a lower bound.
     """
-    found = {name: illuminance_lx(image, normal) for name, normal in planes.items()}
+    found = dict(zip(planes, illuminances_lx(image, list(planes.values())), strict=True))
     facts = {
         name: {"value": e.value_lx, "uncertainty": e.uncertainty_lx, "clipped_share": e.invalid_shares["clipped"]}
         for name, e in found.items()
