@@ -41,7 +41,7 @@ def item_parts(item: Item, finish: Finish) -> list[Part]:
 def make_item(b: Build) -> None:
     """Make an item's design on the bench."""
     names = b.names()
-    makers: dict[str, Callable[..., None]] = {name: partial(b.shape, name) for name in SHAPES} | {"legs": b.legs}
+    makers: dict[str, Callable[..., None]] = {name: partial(b.shape, name) for name in SHAPES}
     makers |= {name: partial(make, b) for name, make in {**soft.VERBS, **small.VERBS}.items()}
 
     def run(verb: str, role: str | Material, **measures: Any) -> None:

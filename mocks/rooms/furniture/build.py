@@ -114,13 +114,6 @@ class Build:
         """Return one of the materials, by chance."""
         return materials[int(self.rng.integers(len(materials)))]
 
-    def legs(self, material: Material, inset: float, top: float, thick: float) -> None:
-        """Add four square legs from the floor up to a height."""
-        w, d, _ = self.size
-        for sx, sy in CORNERS:
-            x, y = sx * (w / 2 - inset), sy * (d / 2 - inset)
-            self.add(beam((x, y, 0.0), (x, y, top), thick, thick), material)
-
     def shape(
         self,
         name: str,

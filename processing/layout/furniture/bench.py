@@ -123,25 +123,6 @@ class Bench:
         run = int(np.argmax(np.subtract(high, low))) if grain is None else grain
         self.add(solids.box(low, high, bevel_m, steps), material, grain=run)
 
-    def rod(self, path: Sequence[Spot], radius_m: float, material: Material, sides: int = 12) -> None:
-        """Add a round bar along points."""
-        self.add(solids.tube(path, radius_m, sides), material)
-
-    def legs(self, reach: tuple[float, float], top_z: float, *, thick_m: float = 0.04, splay: float = 0.0) -> None:
-        """Add four legs whose hips stand at (+-x, +-y), in the style's manner; splay moves their feet outwards."""
-        (x, y), s = reach, self.style
-        timber, second, metal = (s.material(role) for role in ("timber", "timber2", "metal"))
-        for sx in (-1, 1):
-            for sy in (-1, 1):
-                hip = (sx * x, sy * y, top_z)
-                foot = (sx * (x + splay), sy * (y + splay), 0.0)
-                if s.legs == "round":
-                    self.add(solids.leg(foot, hip, 0.30 * thick_m, 0.52 * thick_m), second)
-                elif s.legs == "square":
-                    self.add(solids.square_leg(foot, hip, 0.72 * thick_m, thick_m), timber)
-                else:
-                    self.add(solids.leg(foot, hip, 0.26 * thick_m, 0.26 * thick_m), metal)
-
     def glowing(self, material: Material, lumen: float) -> Material:
         """Return a material that sends out light while its lamp is switched on; alike for alike lamps."""
         key = (material.name, lumen)

@@ -83,6 +83,6 @@ def build_model(category: str, style: str, size_m: Size | None = None, design: s
     bench = Bench(size, style_named(style), np.random.default_rng(sum(category.encode())))
     make = {verb: partial(add, bench) for verb, add in VERBS.items()}
     chance = {"rnd": lambda low, high: float(bench.rng.uniform(low, high))}
-    names = {**chance, **LENGTHS_M, "handles": bench.style.handles}
+    names = {**chance, **LENGTHS_M, "handles": bench.style.handles, "manner": bench.style.legs}
     build(BUILT_IN[category].designs[name], size, make, shared=_designs()["shared"], names=names)
     return FurnitureModel(f"{category}/{style}", category, bench.parts(), size, LICENCE, notes=(f"design {name}",))

@@ -332,7 +332,6 @@ VERBS: dict[str, Callable[..., None]] = {
     **{name: (lambda bench, role, name=name, **values: add(bench, role, name, **values)) for name in SHAPES},
     "printed": _printed,
     "woven": _woven,
-    "legs": lambda bench, _, reach, top, thick=0.04, splay=0.0: bench.legs(reach, top, thick_m=thick, splay=splay),
     "block": _block,
     "books": books,
     "pile": pile,
