@@ -28,6 +28,7 @@ from processing.stages import render as rendering
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters, StageParameters
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
+from tests.processing.pictures.picture_strategies import luminance_image
 
 ROWS = 48
 LOOK = Effort(texel_m=0.3, patch_samples=32, rows=ROWS, pixel_samples=32, clean=False)
@@ -231,3 +232,21 @@ def test_what_is_no_arrangement_is_refused(tmp_path: Path, known: dict[tuple[str
     wrong.write_text('{"items": []}')
     with pytest.raises(ProcessingError, match="not a valid arrangement: plan"):
         load(artifact, wrong)
+
+
+def test_what_changes_more_is_stated_less_sure_and_the_kept_photograph_as_before() -> None:
+    flat = np.full((4, 8, 3), 100.0, np.float32)
+    image = luminance_image(flat)
+    after = flat.copy()
+    after[0], after[1], after[2] = 95.0, 50.0, 0.0
+    kept = np.zeros((4, 8), bool)
+    kept[3] = True
+    work = SimpleNamespace(empty=SimpleNamespace(image=image), asked=SimpleNamespace(method="differential"))
+    staged = SimpleNamespace(rgb=after, kept=kept, furniture=np.zeros((4, 8), bool))
+    found = rendering._picture(work, staged, SimpleNamespace(rank=1))  # type: ignore[arg-type]
+    own = image.uncertainty[0, 0]
+    little, much, black = found.uncertainty[:3, 0]
+    assert little == pytest.approx(np.hypot(own, rendering.MODELLED), rel=0.05)
+    assert much == pytest.approx(np.hypot(np.hypot(own, rendering.MODELLED), 0.5 * np.log(2)), rel=1e-3)
+    assert black == pytest.approx(1.0, rel=0.05)
+    np.testing.assert_array_equal(found.uncertainty[3], image.uncertainty[3])
