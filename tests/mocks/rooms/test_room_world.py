@@ -291,3 +291,6 @@ def test_the_demos_light_is_shipped_and_is_that_of_its_room():
     world = room_world(*DEFAULT)
     assert _shipped(light_key(world.room, world.quality)) is not None
     assert _shipped("another") is None
+    assert room_world("bedroom", 7, sky="clear") == world
+    assert {room_world("bedroom", 8, sky="clear").quality, room_world("office", 7).quality} == {"standard"}
+    assert room_world("bedroom", 7, "draft", "clear").quality == "draft"
