@@ -150,7 +150,7 @@ def empty_room(
     room: RoomModel,
     *,
     sunlight: Flags | None = None,
-    foreign: Flags | None = None,
+    foreign: Flags | tuple[Flags | None, Floats | None] | None = None,
     quality: str | Quick = "standard",
     filler: PlaneFiller | None = None,
     own: bool = False,
@@ -162,12 +162,13 @@ def empty_room(
     ``sunlight`` (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target``
       says so, and goes on in holes that it runs into elsewhere.
     ``foreign`` (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it
-      is, and floors are not filled from it.
+      is, and floors are not filled from it; or that and how much of what is seen is skirting (h, w), 0..1.
     ``quality``: draft, standard or reference: how fine textures may be; `Quick`: of a preview.
     ``own``: the light of ``image`` may be drawn in.
     Raises `ParameterError`: sizes that do not fit; a picture that is not equirectangular; an unknown quality;
     `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen.
     """
+    foreign, boards = foreign if isinstance(foreign, tuple) else (foreign, None)
     geometry = _checked(image, target, sunlight, foreign, quality)
     if not target.any():
         return Emptied(image, *_blank(target.shape), (), ("nothing to remove",))
@@ -184,7 +185,7 @@ def empty_room(
     foreign = np.zeros_like(target) if foreign is None else foreign
     kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
     walls = ((shown >= FIRST_WALL) & target).any()
-    skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
+    skirting = find_skirting(rgb, geometry, room, target | blind | unfit, boards) if walls else None
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
 
     seen = _Seen(rgb, np.stack([unfit, kept], axis=-1).view(np.uint8), geometry, room, target | blind, shown)

@@ -47,6 +47,8 @@ class Shade(NamedTuple):
     """(h, w): seen places from which the furniture keeps the sun away."""
     shadow: Flags | None = None
     """(H, W), of the picture: soft shadows of furniture as they were found."""
+    boards: Floats | None = None
+    """(h', w'), 0..1: how much of what is seen is skirting."""
 
 
 def lifted(
@@ -89,7 +91,7 @@ def lifted(
         target,
         room,
         sunlight=sunlight,
-        foreign=foreign,
+        foreign=(foreign, shade.boards),
         quality=quality,
         filler=filler,
         own=True,

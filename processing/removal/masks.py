@@ -24,6 +24,7 @@ from processing.removal.furniture import (
     lower_ends,
     with_things,
 )
+from processing.removal.plane_fill import SEEN_SHARE
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
@@ -37,7 +38,7 @@ MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16  # 11 degrees a row; chosen, never swept
 CURTAIN_RAD = math.radians(1.5)  # from a window, where fixtures are its curtains (chosen)
 FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)
-BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.6, 0.12, math.radians(0.8)
+BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.3, math.radians(1.2)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
@@ -102,7 +103,8 @@ def find_masks(
     if evidence.reach is not None:
         flat = (maps.plane == FLOOR) & (resized(evidence.reach, shape) * room.camera_height_m > FLAT * maps.depth_m)
     seen = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
-    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known, flat)
+    boards = flat & False if evidence.skirting is None else resized(evidence.skirting, shape) > SEEN_SHARE
+    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known, (flat, boards))
     return _united(found, image, geometry, margin_rad)
 
 
@@ -129,7 +131,10 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, flat: Flags) -> _Found:
+def _find(
+    rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, lying: tuple[Flags, Flags]
+) -> _Found:
+    """Find all masks; ``lying``: where what lies flat on the floor is seen, and where skirting is, (H, W) each."""
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
@@ -140,7 +145,8 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), flat)
+    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), lying[0])
+    furniture = _without(furniture, lying[1])
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -160,12 +166,18 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
+    hangs |= lying[1] & ~grown(furniture.mask, MARGIN_RAD)
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, hangs, notes)
+
+
+def _without(found: FurnitureFound, stays: Flags) -> FurnitureFound:
+    """Return furniture without what ``stays`` (H, W)."""
+    return replace(found, mask=found.mask & ~stays, probability=np.where(stays, np.float32(0), found.probability))
 
 
 def _with_things(

@@ -73,6 +73,7 @@ OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
 GRAIN_PX = 3.0  # chosen, never swept
 FEW = 0.1  # of the columns near the hole: rows with fewer known ones hardly have a profile
 TRUSTED = 0.6  # trust in a row's profile from which it is its own; below, it is more and more as usual on other walls
+BOARD = 0.1  # tone against the wall from which what is usual is a board (chosen)
 UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
 SLOW_ROWS = 0.08  # of the height: slower changes are light
 CALM = 5.0  # times the median energy of grain, from which there is more than grain
@@ -173,6 +174,9 @@ def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> F
     if usual is not None:
         # The less a row of this wall is to be trusted, the more it is as on others.
         found += usual * np.clip(1 - trust / TRUSTED, 0, 1)[:, None]
+        # Boards are alike along all walls, whatever stands before this one.
+        boards = np.abs(usual).max(axis=1) > BOARD
+        found[boards] = usual[boards]
     return np.asarray(found[:, None], np.float32)
 
 

@@ -152,7 +152,10 @@ def _surface(
         done = complete(values, sources, hole, density=texture.density, found=found)
     else:
         wall = texture.plane.index >= FIRST_WALL
-        usual = skirting.rows(len(hole), texture.px_per_m) if wall and skirting is not None else None
+        usual = None
+        if wall and skirting is not None:
+            paint = np.log(np.maximum(np.median(values[sources], axis=0), 1e-6))
+            usual = skirting.rows(len(hole), texture.px_per_m, paint)
         plain = fill_plain(
             values,
             sources,
@@ -193,25 +196,42 @@ LEAST_TONE, MOST_SPREAD = 0.04, 0.35
 """Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone)."""
 
 
+SEEN_SHARE, SURE_SHARE = 0.25, 0.35
+"""Of a pixel, as the network sees it, from which it shows skirting, and surely (chosen on three rooms: up to 0.5 to
+0.8)."""
+AROUND_ROWS, PALE, ALIKE = 2, 0.2, 0.6
+"""Rows of the network beside the strongest that belong to it; tone against the wall under which a foot is no board, as
+where the wall is estimated to end above it; how much more alike its own tone must be on all walls (chosen)."""
+
+
 @dataclass(frozen=True)
 class Skirting:
     """Tone against the wall above, by height over the floor."""
 
     tone: Floats
     """(N, 3), from the floor up, ``1 / SKIRTING_PX_PER_M`` a row; 0 where there is none."""
+    own: Floats | None = None
+    """(3,): its own logarithm of light, where that is alike on walls of different paint."""
 
-    def rows(self, height: int, px_per_m: float) -> Floats:
-        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down."""
+    def rows(self, height: int, px_per_m: float, paint: Floats | None = None) -> Floats:
+        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down; ``paint`` (3,): log light of the
+        wall."""
         above_m = (height - 0.5 - np.arange(height)) / px_per_m
-        places = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M
-        parts = [np.interp(above_m, places, self.tone[:, k], right=0.0) for k in range(3)]
+        places, tone = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M, self.tone
+        if self.own is not None and paint is not None:
+            much = np.abs(tone).mean(axis=1, keepdims=True)
+            tone = much / much.max() * (self.own - paint)
+        parts = [np.interp(above_m, places, tone[:, k], right=0.0) for k in range(3)]
         return np.stack(parts, axis=-1).astype(np.float32)
 
 
-def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags) -> Skirting | None:
+def find_skirting(
+    rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags, share: Floats | None = None
+) -> Skirting | None:
     """Return what runs along the foot of the walls, None where nothing does or walls differ.
 
-    ``rgb`` (H, W, 3) is finite; nothing is taken from ``masked`` pixels (H, W).
+    ``rgb`` (H, W, 3) is finite; nothing is taken from ``masked`` pixels (H, W). ``share`` (h, w): how much of what is
+    seen is skirting; None: unknown.
     """
     found = []
     for plane in planes_of(room)[FIRST_WALL:]:
@@ -224,27 +244,73 @@ def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, maske
         eye = np.array([0.0, 0.0, room.camera_height_m])
         away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
         pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
+        if share is not None:
+            rough = Equirectangular(share.shape[1], share.shape[0])
+            known &= unwrap(share, rough, room, plane, SKIRTING_PX_PER_M).values.max(axis=0) > SEEN_SHARE
         profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
         if profile is not None:
             found.append(profile)
+    boards = _seen_boards(rgb, room.camera_height_m, masked, share)
     if not found:
-        return None
-    profiles = np.stack([tone for tone, _ in found])
+        return boards
+    profiles, paint = np.stack([tone for tone, _, _ in found]), np.stack([level for _, _, level in found])
     # Skirting ends within `EDGE_ROWS`; shade, which walls without a seen skirting have there, does not.
     edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
-    columns = np.array([count for _, count in found], np.float64) * edge.clip(LEAST_EDGE)
+    seen = np.array([count for _, count, _ in found], np.float64)
+    columns = seen * edge.clip(LEAST_EDGE)
     middle = _weighted_median(profiles, columns)
     strongest = int(np.abs(middle).mean(axis=1).argmax())
     height = float(np.abs(middle[strongest]).mean())
-    off = np.abs(grey(profiles[:, strongest]) - float(grey(middle[strongest])))
-    spread = float(_weighted_median(off[:, None], columns)[0])
+    relative = profiles[:, strongest]
+    tones = relative + paint if _own_alike(relative, paint, seen) else relative
+    usual = _weighted_median(tones, columns)
+    spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
+    if height < PALE and boards is not None:
+        return boards
     if height < LEAST_TONE or spread > MOST_SPREAD * height:
         return None
-    return Skirting(middle.astype(np.float32))
+    # How high it is shows best where it differs most from its wall.
+    own = Skirting(profiles[int(columns.argmax())].astype(np.float32), usual.astype(np.float32))
+    return Skirting(middle.astype(np.float32)) if tones is relative else own
 
 
-def _profile(texture: Texture, mixed: int) -> tuple[Floats, int] | None:
-    """Return the tone (N, 3) of the lowest rows, from the floor up, against the wall above; of how many columns."""
+def _own_alike(tones: Floats, paint: Floats, seen: np.ndarray) -> bool:
+    """Return whether skirting's own tone is more alike on walls than that against them (N, 3); ``paint`` (N, 3).
+
+    White boards before white and red walls are white before both: so much lighter than each they are not.
+    """
+    both = tones, tones + paint
+    apart = [np.average(np.abs(one - _weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
+    return bool(apart[1] < ALIKE * apart[0])
+
+
+def _seen_boards(rgb: Floats, camera_m: float, masked: Flags, share: Floats | None) -> Skirting | None:
+    """Return the skirting by its ``share`` (h, w) of pixels alone, where walls are estimated to end elsewhere.
+
+    Summed over a column, shares are its angular height; their middle looks at it, and at its colour.
+    """
+    if share is None:
+        return None
+    places = np.arange(share.shape[0])[:, None] + 0.5
+    share = np.where(np.abs(places - 0.5 - share.argmax(axis=0)) <= AROUND_ROWS, share, 0)
+    total = np.maximum(share.sum(axis=0), 1e-6)
+    middle = (share * places).sum(axis=0) / total / len(share)
+    y = (middle * len(rgb)).astype(np.intp)
+    x = ((np.arange(share.shape[1]) + 0.5) / share.shape[1] * rgb.shape[1]).astype(np.intp)
+    seen = (share.max(axis=0) > SURE_SHARE) & ~masked[y, x] & (middle > 0.5)
+    if seen.sum() < LEAST_COLUMNS:
+        return None
+    down = (middle[seen] - 0.5) * math.pi
+    height_m = float(np.median(total[seen] * math.pi / len(share) * camera_m / (np.sin(down) * np.cos(down))))
+    rows = np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)) + 0.5
+    tone = np.repeat((rows < height_m * SKIRTING_PX_PER_M)[:, None], 3, axis=1).astype(np.float32)
+    own = np.log(np.maximum(np.median(rgb[y[seen], x[seen]], axis=0), 1e-6))
+    return Skirting(tone, own.astype(np.float32)) if tone.any() else None
+
+
+def _profile(texture: Texture, mixed: int) -> tuple[Floats, int, Floats] | None:
+    """Return the tone (N, 3) of the lowest rows, from the floor up, against the wall above; of how many columns; the
+    wall's log light (3,)."""
     rows = round(HIGHEST_M * SKIRTING_PX_PER_M)
     foot = round(texture.plane.height_m * SKIRTING_PX_PER_M)
     top, low = foot - round(ABOVE_M[1] * SKIRTING_PX_PER_M), foot - round(ABOVE_M[0] * SKIRTING_PX_PER_M)
@@ -259,7 +325,8 @@ def _profile(texture: Texture, mixed: int) -> tuple[Floats, int] | None:
     # Walls grow darker towards the floor; that is light.
     found -= np.median(found[-round(TOP_M * SKIRTING_PX_PER_M) :], axis=0)
     found[:mixed] = found[min(mixed, rows - 1)]
-    return found, int(whole.sum())
+    paint = np.log(np.maximum(np.median(texture.values[top:low, whole], axis=(0, 1)), 1e-6))
+    return found, int(whole.sum()), paint.astype(np.float32)
 
 
 def _weighted_median(values: Floats, weight: np.ndarray) -> Floats:

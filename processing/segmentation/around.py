@@ -85,6 +85,7 @@ def segment_around(
         views_skipped=skipped,
         notes=(note,) if skipped else (),
         reach=first.reach if first else None,
+        skirting=first.skirting if first else None,
     )
 
 

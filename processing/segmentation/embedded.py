@@ -160,6 +160,7 @@ def scene_evidence(
         _boundary(network, columns, turns),
         views_used=len(turns),
         reach=np.exp(_mean(details, turns)[1]),
+        skirting=_mean(details, turns)[0],
     )
 
 

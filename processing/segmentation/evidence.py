@@ -70,6 +70,8 @@ class SceneEvidence:
     """How many networks the probabilities are the mean of."""
     reach: Floats | None = None
     """(H, W): estimated distance from the camera to what is seen, in camera heights."""
+    skirting: Floats | None = None
+    """(H, W), 0..1: how much of a pixel is skirting that is seen."""
 
     def share(self, *classes: SceneClass) -> Floats:
         """Return the summed probability (H, W) of some classes."""
@@ -78,6 +80,7 @@ class SceneEvidence:
 
 FORMAT = 2  # raised when the file's arrays change
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
+_DETAILS = ("reach", "skirting")
 LARGEST_PIXELS = 8 << 20
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, SyntaxError)
 """What reading a damaged archive raises, beside errors of its parts."""
@@ -96,8 +99,7 @@ def write_evidence(path: Path, evidence: SceneEvidence) -> None:
     arrays = {"probabilities": evidence.probabilities.astype(np.float16)}
     if evidence.boundary is not None:
         arrays |= {name: np.asarray(getattr(evidence.boundary, name)) for name in _BOUNDARY}
-    if evidence.reach is not None:
-        arrays["reach"] = evidence.reach.astype(np.float16)
+    arrays |= {name: one.astype(np.float16) for name in _DETAILS if (one := getattr(evidence, name)) is not None}
     out = io.BytesIO()
     np.savez_compressed(out, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
     write_bytes(path, out.getvalue())
@@ -113,7 +115,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             facts = json.loads(str(file["facts"]))
             found = file["probabilities"].astype(np.float32)
             boundary = {name: file[name] for name in _BOUNDARY} if "floor_rad" in file.files else None
-            reach = file["reach"].astype(np.float32) if "reach" in file.files else None
+            details = {name: file[name].astype(np.float32) for name in _DETAILS if name in file.files}
         if facts["format"] != FORMAT or found.ndim != 3 or found.shape[0] != len(SceneClass):
             raise SegmenterError("is not evidence of this version", where=str(path), advice="make it anew")
         if found[0].size > LARGEST_PIXELS or not np.isfinite(found).all():
@@ -126,7 +128,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             views_skipped=int(facts["views_skipped"]),
             notes=tuple(str(note) for note in facts["notes"]),
             networks=int(facts["networks"]),
-            reach=reach,
+            **details,
         )
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
         raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc

@@ -73,19 +73,21 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), known_room(context)
+    foreign, boards = _foreign(context, target.shape)
     others: dict[str, Any] = {
         "sunlight": sunlight,
-        "foreign": _foreign(context, target.shape),
+        "foreign": foreign,
         "quality": quick or context.quality.value,
         "filler": filler,
     }
     shadow = _optional_mask(context, "shadow", width_px)
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
-        found, change = lifted(image, target, room, shade._replace(shadow=shadow), **others)
+        found, change = lifted(image, target, room, shade._replace(shadow=shadow, boards=boards), **others)
         return found, change, 0.0
-    gain = relit(image.rgb, shadow, (target, others["foreign"]), room)
+    gain = relit(image.rgb, shadow, (target, foreign), room)
     share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
+    others["foreign"] = foreign, boards
     return empty_room(replace(image, rgb=image.rgb * gain), target, room, **others), None, share
 
 
@@ -94,13 +96,15 @@ def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | N
     return None if mask is None else mask_in_size(np.asarray(mask, bool), width_px)
 
 
-def _foreign(context: StageContext, shape: tuple[int, ...]) -> Flags | None:
-    """Return what the network takes for furniture or fixtures (rugs), in the target or not; None: it said nothing."""
+def _foreign(context: StageContext, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
+    """Return what the network takes for furniture or fixtures (rugs), in the target or not, and the share (h, w) of
+    skirting; None: it said nothing."""
     kept = context.optional_artifact("room", "evidence")
     if kept is None:
-        return None
-    things = read_evidence(kept).probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    return np.asarray(resized(things, (shape[0], shape[1])) > FOREIGN)
+        return None, None
+    evidence = read_evidence(kept)
+    things = evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE)
+    return np.asarray(resized(things, (shape[0], shape[1])) > FOREIGN), evidence.skirting
 
 
 def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> tuple[Flags, Flags]:

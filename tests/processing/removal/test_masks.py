@@ -58,6 +58,17 @@ def test_the_margin_is_kept(painted: Painted) -> None:
     assert any("no sun" in note for note in none.notes)
 
 
+def test_skirting_that_the_network_sees_stays(painted: Painted) -> None:
+    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False)
+    # Left of the furniture, where its contact shadow and margin are.
+    beside = grown(before.furniture, 0.06) & ~grown(before.furniture, 0.025) & (painted.maps.plane >= 2)
+    assert (before.target & beside).sum() > 20
+    evidence = replace(painted.evidence, skirting=beside.astype(np.float32))
+    after = find_masks(painted.image, evidence, painted.room, sun_possible=False)
+    assert not (after.target & beside).any()
+    assert (after.furniture == before.furniture).mean() > 0.999
+
+
 def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) -> None:
     """A picture that the network sees hangs on whole; furniture's contact shadow does not reach it."""
     middle = int(np.flatnonzero(painted.furniture.any(axis=0))[-1]) - 6
