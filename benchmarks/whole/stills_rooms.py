@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import statistics
 import sys
 import time
@@ -105,6 +106,7 @@ def room_session(number: int, use: Any, seed: int, *, quick: bool) -> Path:
     key = content_key("stills", RoomWorld(room, QUALITY).key, divisor)
     session = default_folder().parent / "stills-rooms" / f"{room.name}-{divisor}-{key[:12]}"
     if not (session / "session.json").is_file():
+        shutil.rmtree(session, ignore_errors=True)  # what was broken off
         write_session(session, taken_of(room, divisor))
     options = {"--calibration": str(rig_profile(seed)), "--alternatives": 1}
     process(session, RunRequest(until="stills", quality=Quality("draft" if quick else "standard"), options=options))

@@ -22,9 +22,9 @@ from processing.ground.kernels import compiled, inner
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Material
 from processing.light.solver.irradiance import denoised
-from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, random
+from processing.light.solver.kernels import FIRST, FURNITURE, PANE, SECOND, STEP_OFF_M, Key, random
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up, sight_of
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo
 from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import LightMap
 from processing.sphere import Equirectangular
@@ -66,6 +66,13 @@ class Surroundings:
         chosen = np.flatnonzero(room)
         shown, sure = self._shown(place[chosen], p.owner[hit[chosen]])
         out[chosen[sure]] = shown[sure] * self.gain[met[chosen[sure]]]
+        pieces = np.flatnonzero((patch >= 0) & (p.owner[hit] == FURNITURE))
+        lit = self._even[met[pieces]] / np.pi
+        for number in np.unique(p.part[hit[pieces]]):
+            mine = np.flatnonzero(p.part[hit[pieces]] == number)
+            at = pieces[mine]
+            out[at] = part_albedo(stage.scene.parts[number], p.face[hit[at]], place[at]) * lit[mine]
+            out[at] += np.float32(stage.scene.parts[number].material.emission_cd_m2)
         glass = (hits.triangle >= 0) & (p.owner[hit] == PANE)
         for number, pane in enumerate(stage.scene.panes):
             mine = np.flatnonzero(glass & (p.item[hit] == number))
@@ -73,6 +80,21 @@ class Surroundings:
             sky = looked_up(stage.scene.outdoors.rgb, rays[mine]) * pane.through(rays[mine])
             out[mine] = pane.clear[row, column, None] * sky + pane.veil_cd_m2[row, column]
         return out, (patch >= 0) & (p.owner[hit] < 0)
+
+    @cached_property
+    def _even(self) -> Doubles:
+        """(P, 3): irradiance of furniture's patches, the mean over a side of a part: single patches are triangles."""
+        p, total = self.stage.patches, self.light.total
+        mine = np.flatnonzero(p.owner == FURNITURE)
+        of, first = np.unique(p.item[mine], return_index=True)
+        facing = np.rint(p.normal[of]).astype(int) @ (9, 3, 1)
+        _, side = np.unique(np.stack([p.part[mine[first]], facing]), axis=1, return_inverse=True)
+        area = np.maximum(p.area_m2[of], 1e-12)
+        whole = np.bincount(side, area)
+        out = np.array(total)
+        for k in range(3):
+            out[of, k] = (np.bincount(side, area * total[of, k]) / whole)[side]
+        return out
 
     def _shown(self, places: Floats, owner: np.ndarray) -> tuple[Floats, np.ndarray]:
         """Return what the photograph shows of places (N, 3) on surfaces (N,), and where it shows them indeed."""
@@ -121,7 +143,9 @@ def furniture_highlights(
         mine = sight.pixels.get(FIRST_PART + number)
         if mine is None or not is_glossy(part.material):
             continue
-        width = max(part.material.roughness**2, least_width)
+        # A looking glass with its facets would sparkle: of a dozen rays one meets a window
+        sharp = least_width == 0 and is_looking_glass(part.material)
+        width = 0.0 if sharp else max(part.material.roughness**2, least_width)
         # The reflectance (3,) of a material seen head on
         colour = np.asarray(part.material.colour, np.float64)
         if part.material.texture is not None:

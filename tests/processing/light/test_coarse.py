@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -65,3 +68,20 @@ def test_threads_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
         found.append(staged(monkeypatch, 4, None)[1])
     assert np.array_equal(found[0].rgb, found[1].rgb)
     assert np.array_equal(found[0].kept, found[1].kept)
+
+
+def test_grain_of_gathered_light_is_evened_out_over_a_side_of_a_thing_alone() -> None:
+    rng = np.random.default_rng(3)
+    point = np.column_stack([rng.uniform(0, 0.0299, 400), np.zeros(400), np.repeat([0.01, 0.04], 200)])
+    normal = np.tile([0.0, 1.0, 0.0], (400, 1))
+    normal[:100] = (1.0, 0.0, 0.0)
+    label = np.full(400, FIRST_PART, np.int32)
+    label[300:] += 1
+    sight: Any = SimpleNamespace(point=point, normal=normal, label=label)
+    light = rng.exponential(np.repeat([10.0, 20.0, 30.0, 40.0], 100)[:, None], (400, 3)).astype(np.float32)
+    sides = light.reshape(4, 100, 3).mean(axis=1)
+    kept = light[399].copy()
+    change._even_out(sight, np.arange(399), light)
+    np.testing.assert_allclose(light[:300], np.repeat(sides[:3], 100, axis=0), rtol=1e-5)
+    assert np.ptp(light[300:399], axis=0).max() < 1e-4
+    np.testing.assert_array_equal(light[399], kept)
