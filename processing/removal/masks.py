@@ -38,7 +38,7 @@ MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16  # 11 degrees a row; chosen, never swept
 CURTAIN_RAD = math.radians(1.5)  # from a window, where fixtures are its curtains (chosen)
 FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)
-BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.3, math.radians(1.2)
+BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.12, math.radians(1.2)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall

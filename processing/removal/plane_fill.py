@@ -196,12 +196,9 @@ LEAST_TONE, MOST_SPREAD = 0.04, 0.35
 """Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone)."""
 
 
-SEEN_SHARE, SURE_SHARE = 0.25, 0.35
-"""Of a pixel, as the network sees it, from which it shows skirting, and surely (chosen on three rooms: up to 0.5 to
-0.8)."""
-AROUND_ROWS, PALE, ALIKE = 2, 0.2, 0.6
-"""Rows of the network beside the strongest that belong to it; tone against the wall under which a foot is no board, as
-where the wall is estimated to end above it; how much more alike its own tone must be on all walls (chosen)."""
+SEEN_SHARE, ALIKE = 0.25, 0.6
+"""Of a pixel, as the network sees it, from which it shows skirting (chosen on three rooms: up to 0.5 to 0.8); how much
+more alike its own tone must be on all walls than that against them (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -250,9 +247,8 @@ def find_skirting(
         profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
         if profile is not None:
             found.append(profile)
-    boards = _seen_boards(rgb, room.camera_height_m, masked, share)
     if not found:
-        return boards
+        return None
     profiles, paint = np.stack([tone for tone, _, _ in found]), np.stack([level for _, _, level in found])
     # Skirting ends within `EDGE_ROWS`; shade, which walls without a seen skirting have there, does not.
     edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
@@ -265,8 +261,6 @@ def find_skirting(
     tones = relative + paint if _own_alike(relative, paint, seen) else relative
     usual = _weighted_median(tones, columns)
     spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
-    if height < PALE and boards is not None:
-        return boards
     if height < LEAST_TONE or spread > MOST_SPREAD * height:
         return None
     # How high it is shows best where it differs most from its wall.
@@ -282,30 +276,6 @@ def _own_alike(tones: Floats, paint: Floats, seen: np.ndarray) -> bool:
     both = tones, tones + paint
     apart = [np.average(np.abs(one - _weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
     return bool(apart[1] < ALIKE * apart[0])
-
-
-def _seen_boards(rgb: Floats, camera_m: float, masked: Flags, share: Floats | None) -> Skirting | None:
-    """Return the skirting by its ``share`` (h, w) of pixels alone, where walls are estimated to end elsewhere.
-
-    Summed over a column, shares are its angular height; their middle looks at it, and at its colour.
-    """
-    if share is None:
-        return None
-    places = np.arange(share.shape[0])[:, None] + 0.5
-    share = np.where(np.abs(places - 0.5 - share.argmax(axis=0)) <= AROUND_ROWS, share, 0)
-    total = np.maximum(share.sum(axis=0), 1e-6)
-    middle = (share * places).sum(axis=0) / total / len(share)
-    y = (middle * len(rgb)).astype(np.intp)
-    x = ((np.arange(share.shape[1]) + 0.5) / share.shape[1] * rgb.shape[1]).astype(np.intp)
-    seen = (share.max(axis=0) > SURE_SHARE) & ~masked[y, x] & (middle > 0.5)
-    if seen.sum() < LEAST_COLUMNS:
-        return None
-    down = (middle[seen] - 0.5) * math.pi
-    height_m = float(np.median(total[seen] * math.pi / len(share) * camera_m / (np.sin(down) * np.cos(down))))
-    rows = np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)) + 0.5
-    tone = np.repeat((rows < height_m * SKIRTING_PX_PER_M)[:, None], 3, axis=1).astype(np.float32)
-    own = np.log(np.maximum(np.median(rgb[y[seen], x[seen]], axis=0), 1e-6))
-    return Skirting(tone, own.astype(np.float32)) if tone.any() else None
 
 
 def _profile(texture: Texture, mixed: int) -> tuple[Floats, int, Floats] | None:

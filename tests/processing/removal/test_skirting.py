@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -76,20 +75,6 @@ def test_white_boards_are_white_before_walls_of_any_paint(bare: Painted) -> None
     paint_of_red = np.log(np.median(bare.image.rgb[bare.maps.plane == 5], axis=0) * red)
     drawn = np.exp(found.rows(270, 100.0, paint_of_red)[-10] + paint_of_red)
     np.testing.assert_allclose(drawn, np.median(lit.rgb[board], axis=0), rtol=0.15)
-
-
-def test_the_network_shows_boards_where_walls_are_estimated_too_far_away(bare: Painted) -> None:
-    """Half a metre of floor, boards and wall then looks like floor."""
-    lit, board = with_skirting(bare), (bare.maps.plane >= 2) & (bare.points_m[..., 2] < HEIGHT_M)
-    share = cv2.resize(board.astype(np.float32), (256, 128), interpolation=cv2.INTER_AREA)
-    wide = box_room(window=False).model_copy(update={"floor": ((-2.5, -2.5), (2.5, -2.5), (2.5, 3.5), (-2.5, 3.5))})
-    assert find_skirting(lit.rgb, GEOMETRY, wide, np.zeros_like(board)) is None
-    found = find_skirting(lit.rgb, GEOMETRY, wide, np.zeros_like(board), share)
-    assert found is not None
-    assert found.own is not None
-    assert abs(found.tone[:, 0].sum() / 80 - HEIGHT_M) < 0.05
-    np.testing.assert_allclose(np.exp(found.own), np.median(lit.rgb[board], axis=0), rtol=0.15)
-    assert find_skirting(lit.rgb, GEOMETRY, wide, np.ones_like(board), share) is None, "all of it is hidden"
 
 
 def test_what_is_seen_through_a_low_window_is_no_wall_to_compare_with(bare: Painted) -> None:
