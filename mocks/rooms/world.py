@@ -108,7 +108,7 @@ def room_world(use: str, seed: int, quality: str | None = None, sky: Kind | None
     """
     room = make_room(seed, None if use == "any" else Use(use), sky=sky)
     if quality is None:
-        quality = DEFAULT[2] if _shipped(light_key(room, DEFAULT[2])) else "standard"
+        quality = DEFAULT[2] if _is_shipped(light_key(room, DEFAULT[2])) else "standard"
     return RoomWorld(room, quality)
 
 
@@ -140,12 +140,17 @@ def light_key(room: Room, quality: str) -> str:
     return content_key("room light", LIGHT_VERSION, room.key, QUALITIES[quality])
 
 
-def _shipped(key: str) -> bytes | None:
-    """Return the light that came with the program, if it is this one: its name stands in front."""
+def _is_shipped(key: str) -> bool:
+    """Return whether the light that came with the program is this one: its name stands in front."""
     if not SHIPPED.is_file():
-        return None
-    name, _, data = SHIPPED.read_bytes().partition(b"\n")
-    return lzma.decompress(data) if name.decode() == key else None
+        return False
+    with SHIPPED.open("rb") as file:
+        return file.readline().rstrip(b"\n").decode() == key
+
+
+def _shipped(key: str) -> bytes | None:
+    """Return the light that came with the program, if it is this one."""
+    return lzma.decompress(SHIPPED.read_bytes().partition(b"\n")[2]) if _is_shipped(key) else None
 
 
 def ship() -> None:

@@ -8,6 +8,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -144,13 +145,23 @@ class _Seen:
     """(H, W): index of the plane behind each pixel."""
 
 
+class Others(NamedTuple):
+    """What else is known of what is seen."""
+
+    foreign: Flags | None = None
+    """(H, W): what is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it is, and floors
+    are not filled from it."""
+    boards: Floats | None = None
+    """(h, w), 0..1: how much of what is seen is skirting; None: unknown."""
+
+
 def empty_room(
     image: LuminanceImage | RelativeImage,
     target: Flags,
     room: RoomModel,
     *,
     sunlight: Flags | None = None,
-    foreign: Flags | tuple[Flags | None, Floats | None] | None = None,
+    others: Others | None = None,
     quality: str | Quick = "standard",
     filler: PlaneFiller | None = None,
     own: bool = False,
@@ -161,14 +172,13 @@ def empty_room(
     ``target`` (H, W): what is to be removed, with its shadow.
     ``sunlight`` (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target``
       says so, and goes on in holes that it runs into elsewhere.
-    ``foreign`` (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it
-      is, and floors are not filled from it; or that and how much of what is seen is skirting (h, w), 0..1.
+    ``others``: what else is known of what is seen.
     ``quality``: draft, standard or reference: how fine textures may be; `Quick`: of a preview.
     ``own``: the light of ``image`` may be drawn in.
     Raises `ParameterError`: sizes that do not fit; a picture that is not equirectangular; an unknown quality;
     `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen.
     """
-    foreign, boards = foreign if isinstance(foreign, tuple) else (foreign, None)
+    foreign, boards = others or Others()
     geometry = _checked(image, target, sunlight, foreign, quality)
     if not target.any():
         return Emptied(image, *_blank(target.shape), (), ("nothing to remove",))

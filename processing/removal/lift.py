@@ -20,7 +20,7 @@ from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage, Validity
-from processing.removal.fill import Emptied, PlaneFiller, Quick, empty_room, soften_edges
+from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import opening_map, plane_map
@@ -91,7 +91,7 @@ def lifted(
         target,
         room,
         sunlight=sunlight,
-        foreign=(foreign, shade.boards),
+        others=Others(foreign, shade.boards),
         quality=quality,
         filler=filler,
         own=True,

@@ -13,7 +13,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import ESTIMATED_BITS, estimated, to_bits
-from processing.removal.fill import Emptied, Quick, empty_room
+from processing.removal.fill import Emptied, Others, Quick, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
 from processing.removal.shadows import relit
@@ -74,21 +74,17 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), known_room(context)
     foreign, boards = _foreign(context, target.shape)
-    others: dict[str, Any] = {
-        "sunlight": sunlight,
-        "foreign": foreign,
-        "quality": quick or context.quality.value,
-        "filler": filler,
-    }
+    how: dict[str, Any] = {"sunlight": sunlight, "quality": quick or context.quality.value, "filler": filler}
     shadow = _optional_mask(context, "shadow", width_px)
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
-        found, change = lifted(image, target, room, shade._replace(shadow=shadow, boards=boards), **others)
+        shade = shade._replace(shadow=shadow, boards=boards)
+        found, change = lifted(image, target, room, shade, foreign=foreign, **how)
         return found, change, 0.0
     gain = relit(image.rgb, shadow, (target, foreign), room)
     share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
-    others["foreign"] = foreign, boards
-    return empty_room(replace(image, rgb=image.rgb * gain), target, room, **others), None, share
+    bright = replace(image, rgb=image.rgb * gain)
+    return empty_room(bright, target, room, others=Others(foreign, boards), **how), None, share
 
 
 def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:

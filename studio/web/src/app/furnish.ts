@@ -29,6 +29,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   let places = placesOf(pieces);
   let broken: string[] = [];
   let focused = "";
+  let kept = 0;
   const turns = new Turns();
   const verdicts = new Latest();
   const lights = new Latest();
@@ -142,10 +143,16 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     }
   });
 
-  const judge = (asked: Places): Promise<void> => verdicts.ask(async () => {
-    broken = await api.judge(session.name, asked);
-    say();
-  });
+  /** While pieces move; a verdict that comes when something else has been kept is of no place that stands. */
+  const judge = (asked: Places): Promise<void> => {
+    const then = kept;
+    return verdicts.ask(async () => {
+      const found = await api.judge(session.name, asked);
+      if (then !== kept) return;
+      broken = found;
+      say();
+    });
+  };
 
   function drag(down: PointerEvent, id: string, mark: SVGGElement): { move: (event: PointerEvent) => void; end: () => void } {
     const [start, before] = [plan.at(down), places];
@@ -206,8 +213,10 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   /** Save; where a rule is broken the piece goes back to where it was, and the reason is said. */
   async function keep(changed: Places, before: Places, step = false): Promise<void> {
     places = changed;
+    kept += 1;
     try {
-      await judge(changed);
+      broken = await api.judge(session.name, changed);
+      say();
       if (broken.length) throw new Error(broken[0]);
       if (step) undo.step(before);
       await turns.save(async () => {
