@@ -19,8 +19,9 @@ from processing.ground.seam import row_latitudes, row_solid_angles, wrapped
 STEPS_STOPS = (0.03, 0.06, 0.10)
 """Between neighbouring pixels of one even surface, more is an edge: a dim board before a white wall needs the least.
 Chosen on the simulated rooms."""
-LARGEST_STEP_STOPS = 0.20
-"""Tried as well where the board's place is known, so that a noisy picture's board is found there. Chosen."""
+KNOWN_STEPS_STOPS = (0.015, 0.02, *STEPS_STOPS, 0.20)
+"""Where the board's place is known, finer ones and a coarser are tried too: a board before a wall as bright, a noisy
+picture. Chosen on the stills' simulated rooms: eight boards of eight, with `STEPS_STOPS` and the coarser one six."""
 TINT_TIMES = 2.0
 """Of those steps, in log2 of blue over red: two channels' noise, and colours of a room's light on the board. Chosen."""
 LEAST_SR, MOST_SR = 6e-4, 0.35
@@ -89,7 +90,7 @@ def board_around(level: Floats, known: Flags, seed: tuple[int, int], tint: Float
     """
     row_sr = row_solid_angles((level.shape[0], level.shape[1])).ravel()
     largest = None
-    for step in (*STEPS_STOPS, LARGEST_STEP_STOPS):
+    for step in KNOWN_STEPS_STOPS:
         even = _even(level, known, step)
         even = even if tint is None else even & _even(tint, known, TINT_TIMES * step)
         near = _nearest(even, seed)

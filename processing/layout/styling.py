@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from processing.ground.arrays import Doubles
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
 from processing.layout.items import KINDS, ItemSpec
-from processing.layout.plan import FloorPlan
+from processing.layout.plan import FloorPlan, Window
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
 
@@ -30,6 +31,8 @@ NEAR_WALL_M = 0.30  # what stands nearer than this to a wall is before it
 ABOVE_M, EYE_M = 0.18, 1.5
 """Art hangs this much above its host, its middle at eye height where it has none (museums: 1.45 to 1.55 m)."""
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
+PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
+APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
 Wall = tuple[int, float, float, float, float]
 """An edge, start and end along it, bottom and top, metres."""
 
@@ -145,28 +148,52 @@ Groups = Iterator[list[PlacedItem]]
 
 
 def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
-    """Yield a pair of curtains and their rod for each window where there is room for them; long where they can be."""
+    """Yield curtains of one length and their rod for each row of windows where there is room on both sides.
+
+    A single curtain looks forgotten, and a rod across a blind or a picture wrong: such windows go without.
+    """
     wide, deep, _ = row["size"]
-    for window in room.plan.windows:
-        dressed = (h.name == "curtain" and h.edge == window.edge for h in room.plan.hung)
-        top = min(window.head_m + OVER_HEAD_M, room.plan.ceiling_height_m - 2 * AIR_M)
-        if any(dressed) or top < window.head_m + 0.03:
+    for run in _runs(room.plan):
+        edge, start, end = run[0].edge, run[0].start_m, run[-1].end_m
+        head, sill = max(w.head_m for w in run), min(w.sill_m for w in run)
+        top = min(head + OVER_HEAD_M, room.plan.ceiling_height_m - 2 * AIR_M)
+        if top < head + 0.03 or _covered(room.plan, edge):
             continue
-        pair: list[PlacedItem] = []
-        for side, edge_m in ((-1.0, window.start_m), (1.0, window.end_m)):
-            near = edge_m + side * (AIR_M + 0.001)
-            tries = [
-                (window.edge, *sorted((near, near + side * share * wide)), low, top)
-                for low in (0.02, max(0.02, window.sill_m - 0.15), window.sill_m)
-                for share in (1.0, 0.7, 0.45)
-            ]
-            found = next(filter(room.free, tries), None)
-            pair += [room.at_wall("curtain", found, deep, 0.03)] if found else []
-        if pair:
-            pair[-1] = pair[-1].model_copy(update={"id": f"{pair[-1].id}-right"})
-            ends = [v for item in pair for v in room.along(window.edge, item)[0]]
-            rod = (min(*ends, window.start_m) - 0.04, max(*ends, window.end_m) + 0.04, top - 0.012, top + 0.028)
-            yield [*pair, room.at_wall("curtain rod", (window.edge, *rod), 0.03 + deep / 2 + 0.012)]
+        near = AIR_M + 0.001
+        for low, share in ((a, b) for a in (0.02, max(0.02, sill - 0.15), sill) for b in (1.0, 0.8, 0.6)):
+            ends = [(start - near - share * wide, start - near), (end + near, end + near + share * wide)]
+            pair = [(edge, *span, low, top) for span in ends]
+            if all(map(room.free, pair)):
+                piers = [(edge, a.end_m + near, b.start_m - near, low, top) for a, b in pairwise(run)]
+                walls = [*pair, *(wall for wall in piers if wall[2] - wall[1] > PANEL_M and room.free(wall))]
+                made = [room.at_wall("curtain", wall, deep, 0.03) for wall in walls]
+                rod = (edge, ends[0][0] - 0.04, ends[1][1] + 0.04, top - 0.012, top + 0.028)
+                named = [a.model_copy(update={"id": a.id + "bcdefg"[:n][-1:]}) for n, a in enumerate(made)]
+                yield [*named, room.at_wall("curtain rod", rod, 0.03 + deep / 2 + 0.012)]
+                break
+
+
+def _runs(plan: FloorPlan) -> Iterator[list[Window]]:
+    """Yield the windows of each wall that stand side by side."""
+    run: list[Window] = []
+    for window in sorted(plan.windows, key=lambda w: (w.edge, w.start_m)):
+        if run and (run[-1].edge != window.edge or window.start_m > run[-1].end_m + PIER_M):
+            yield run
+            run = []
+        run.append(window)
+    if run:
+        yield run
+
+
+def _covered(plan: FloorPlan, edge: int) -> bool:
+    """Return whether something hangs at a window of a wall above its sill: curtains, or a blind."""
+    hung = [h for h in plan.hung if h.edge == edge]
+    return any(h.name == "curtain" for h in hung) or any(
+        h.start_m < w.end_m and h.end_m > w.start_m and h.head_m > w.sill_m
+        for h in hung
+        for w in plan.windows
+        if w.edge == edge
+    )
 
 
 def _under(room: _Room, row: Mapping[str, Any]) -> Groups:
@@ -226,7 +253,11 @@ def _above(room: _Room, row: Mapping[str, Any]) -> Groups:
         tries = [pairs, [(-wide / 2, wide / 2)]] if room.rng.random() < 0.6 else [[(-wide / 2, wide / 2)], pairs]
         for spans in (*tries, [(-0.2, 0.2)]) if high > 0.3 else ():
             walls = [(host.edge, middle + a, middle + b, low, low + high) for a, b in spans]
-            if all(map(room.free, walls)):
+            beside = (h for h in room.plan.hung if h.edge == host.edge and h.head_m > low)
+            alone = all(
+                h.start_m > middle + spans[-1][1] + APART_M or h.end_m < middle + spans[0][0] - APART_M for h in beside
+            )
+            if alone and all(map(room.free, walls)):
                 made = [room.at_wall(row["what"], wall, 0.03) for wall in walls]
                 yield [a.model_copy(update={"id": a.id + "b" * n}) for n, a in enumerate(made)]
                 break
@@ -265,9 +296,10 @@ def _corner(room: _Room, row: Mapping[str, Any]) -> Groups:
 
 
 def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
-    """Yield something on free walls, in the middle of what is free, the longest first."""
+    """Yield something on walls where nothing hangs yet, in the middle of what is free, the longest first."""
     usual, d, h = row["size"]
-    for edge in sorted(range(len(room.plan.corners)), key=lambda k: -room.plan.edge(k)[2]):
+    hung = {one.edge for one in room.plan.hung if one.head_m > EYE_M - 0.3}
+    for edge in sorted(set(range(len(room.plan.corners))) - hung, key=lambda k: -room.plan.edge(k)[2]):
         length, w = room.plan.edge(edge)[2], usual
         if row["what"] == "art":
             w = usual * float(room.rng.choice((0.8, 1.0, 1.3)))

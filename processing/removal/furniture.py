@@ -10,13 +10,17 @@ from processing.ground.arrays import Bytes, Flags, Floats, Indices, Int32s
 from processing.ground.seam import components, grown, row_solid_angles, smoothed
 from processing.removal.edges import snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps
 
 FLOOR_SLACK_RAD = math.radians(2.5)  # errors of the floor's boundary
 ON_FLOOR_SHARE = 0.05  # of a component's solid angle that lies before the floor, from which it stands on it ...
 FOOT_SHARE = 0.10  # ... or of the columns it is seen in, those whose lowest pixel does.
 LEAST_SR = 2e-5  # smaller components are noise: about 1.5 x 1.5 pixels of 1024 x 512
 EVIDENCE_WEIGHT = 1.03  # of the network's log odds
+NEARER_WEIGHT, NEARER_FROM, NEARER_SHARE = 3.0, 0.1, 0.42
+"""Of how much nearer than its wall a place is seen (natural logarithm), from what errors make; and least probability:
+the smooth front of a large wardrobe looks like a wall to one network of two. With less, rooms that are estimated too
+large lose walls (hotel_visualizer: IoU 0.78, and 0.71 at a least probability of 0.3)."""
 HERE_WEIGHT, AROUND_WEIGHT = 0.16, 0.40
 """Of the colours' distance from the surface's own, at the place and within `AROUND_RAD` of it."""
 AROUND_RAD = math.radians(1.0)
@@ -52,13 +56,16 @@ class FurnitureFound:
     dropped_sr: float
 
 
-def find_furniture(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, whole: bool = False) -> FurnitureFound:
+def find_furniture(
+    probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, whole: bool = False, reach_m: Floats | None = None
+) -> FurnitureFound:
     """Return the furniture of an upright panorama.
 
     ``probabilities`` (8, H, W).
     ``maps``: of the room, at the same size.
     ``rgb8`` (H, W, 3), sRGB.
     ``whole``: complete things to the borders of their colours: for evidence that two networks share.
+    ``reach_m`` (H, W): distance to what is seen, as far as it is known.
     """
     # The probability (H, W) of furniture: the network's, what the room says, and unusual colours. Weights are a
     # logistic regression on simulated rooms of validation seeds and real rooms that may be looked at
@@ -67,6 +74,9 @@ def find_furniture(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, who
     unusual = surface_outliers(probabilities, maps, rgb8)
     odds = EVIDENCE_WEIGHT * np.log(share / (1 - share)) + BIAS
     odds += HERE_WEIGHT * unusual + AROUND_WEIGHT * smoothed(unusual, AROUND_RAD)
+    if reach_m is not None:
+        nearer = np.maximum(np.log(maps.depth_m / np.maximum(reach_m, 1e-3)) - NEARER_FROM, 0)
+        odds += NEARER_WEIGHT * np.where((share > NEARER_SHARE) & (maps.plane >= FIRST_WALL), nearer, 0)
     odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (maps.opening >= 0)
     prior = np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
     vote = CUT_SHARE * snapped(prior, rgb8) + (1 - CUT_SHARE) * prior

@@ -10,7 +10,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Flags, Floats
-from processing.ground.room_model import RoomModel
+from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
@@ -99,12 +99,10 @@ def find_masks(
     maps = surface_maps(room, small)
     sun = sun_direction if sun_possible else None
     known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1)
-    flat = np.zeros(shape, bool)
-    if evidence.reach is not None:
-        flat = (maps.plane == FLOOR) & (resized(evidence.reach, shape) * room.camera_height_m > FLAT * maps.depth_m)
+    reach_m = None if evidence.reach is None else resized(evidence.reach, shape) * np.float32(room.camera_height_m)
     seen = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
-    boards = flat & False if evidence.skirting is None else resized(evidence.skirting, shape) > SEEN_SHARE
-    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known, (flat, boards))
+    boards = np.zeros(shape, bool) if evidence.skirting is None else resized(evidence.skirting, shape) > SEEN_SHARE
+    found = _find(rgb, np.ascontiguousarray(seen.transpose(2, 0, 1)), room, maps, known, (reach_m, boards))
     return _united(found, image, geometry, margin_rad)
 
 
@@ -132,21 +130,27 @@ class _Found:
 
 
 def _find(
-    rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, lying: tuple[Flags, Flags]
+    rgb: Floats,
+    probabilities: Floats,
+    room: RoomModel,
+    maps: SurfaceMaps,
+    known: _Known,
+    seen: tuple[Floats | None, Flags],
 ) -> _Found:
-    """Find all masks; ``lying``: where what lies flat on the floor is seen, and where skirting is, (H, W) each."""
+    """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
+    reach_m, boards = seen
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
     tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
-    board, stand = _board(rgb, known.meter_target, maps.opening >= 0)
+    board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(tripod, mask=tripod.mask | board)
-    furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
+    furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks, reach_m=reach_m)
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely), lying[0])
-    furniture = _without(furniture, lying[1])
+    openings, flat = others | (maps.opening >= 0), _flat(maps, reach_m)
+    furniture = _without(_with_things(furniture, shown, maps, openings, (fixtures, likely), flat), boards)
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -163,10 +167,10 @@ def _find(
         sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)
     hidden = furniture.mask | tripod.mask
-    other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
+    other = tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
-    hangs |= lying[1] & ~grown(furniture.mask, MARGIN_RAD)
+    hangs |= boards & ~grown(furniture.mask, MARGIN_RAD)
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)
@@ -209,14 +213,21 @@ def _with_things(
     return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
 
 
-def _board(rgb: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:
+def _flat(maps: SurfaceMaps, reach_m: Floats | None) -> Flags:
+    """Return where (H, W) the floor, or what lies flat on it, is seen by distances (H, W), metres, if known."""
+    far = np.zeros(maps.plane.shape, bool) if reach_m is None else reach_m > FLAT * maps.depth_m
+    return np.asarray((maps.plane == FLOOR) & far)
+
+
+def _board(rgb: Floats, target: tuple[float, float] | None, room: RoomModel, maps: SurfaceMaps) -> tuple[Flags, bool]:
     """Return board and stand, and whether there is a stand; a pane that the meter looked at is no board."""
-    none = np.zeros(openings.shape, bool)
+    none = np.zeros(maps.plane.shape, bool)
     if target is None:
         return none, False
     red, _, blue = np.moveaxis(np.maximum(rgb, 1e-6), -1, 0)
     board, stand = meter_board(luminance_cd_m2(rgb), target, np.log2(blue / red).astype(np.float32))
-    return (none, False) if (board & openings).sum() > 0.5 * board.sum() else (board, stand)
+    panes = np.isin(maps.opening, [k for k, one in enumerate(room.openings) if one.kind is OpeningKind.WINDOW])
+    return (none, False) if (board & panes).sum() > 0.5 * board.sum() else (board, stand)
 
 
 def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound) -> tuple[str, ...]:
