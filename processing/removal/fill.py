@@ -119,12 +119,18 @@ class Quick:
         self._kept: dict[bytes, FilledPlane] = {}
 
     def fill(
-        self, texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats, skirting: Skirting | None
+        self,
+        texture: Texture,
+        hole: Flags,
+        apart: tuple[Flags, Flags],
+        room: RoomModel,
+        elsewhere: Floats,
+        skirting: Skirting | None,
     ) -> FilledPlane:
         """Return `fill_plane` of a texture (H, W), worked out or remembered."""
-        parts = (texture.values, texture.known, hole, unfit)
+        parts = (texture.values, texture.known, hole, *apart)
         key = hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest() + bytes([texture.plane.index % 256])
-        found = self._kept.pop(key, None) or fill_plane(texture, hole, unfit, room, elsewhere, skirting)
+        found = self._kept.pop(key, None) or fill_plane(texture, hole, apart, room, elsewhere, skirting)
         self._kept = {**dict([*self._kept.items()][1 - MOST_KEPT :]), key: found}
         return found
 
@@ -136,7 +142,7 @@ class _Seen:
     light: Floats
     """(H, W, 3): finite."""
     marks: Bytes
-    """(H, W, 2): what is seen but not to be copied; direct sunlight that stays."""
+    """(H, W, 3): what is seen but not to be copied; direct sunlight that stays; what is no part of its plane."""
     geometry: Equirectangular
     room: RoomModel
     masked: Flags
@@ -198,7 +204,7 @@ def empty_room(
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit, boards) if walls else None
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
 
-    seen = _Seen(rgb, np.stack([unfit, kept], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
+    seen = _Seen(rgb, np.stack([unfit, kept, foreign], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
     filled = _filled(seen, hidden, foreign, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
     out, notes = image.rgb if own else image.rgb.copy(), []
@@ -288,7 +294,8 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
     elsewhere = np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
     fill = fill_plane if isinstance(quality, str) else quality.fill
-    done = fill(texture, hole, mixed, room, elsewhere, skirting)
+    things = texture.known & (whole.values[..., 5] > 0.5)
+    done = fill(texture, hole, (mixed, things), room, elsewhere, skirting)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
     done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))

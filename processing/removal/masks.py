@@ -194,14 +194,15 @@ def _with_things(
     """
     count, labels = components(things[0])
     stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)
-    # What hangs on a wall stays, unless it touches furniture itself (a framed photograph on a chest).
-    stays[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = False
     lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
+    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
+    # What hangs on a wall stays, unless it is small and touches furniture itself (a framed photograph on a chest).
+    small = (size < STANDING_SR) | lies
+    stays[[label for label in np.unique(labels[grown(found.mask, TOUCH_RAD)]) if small[label]]] = False
     rugs = (~stays & lies)[labels] & (labels > 0)
     free = np.ones(count + 1, bool)
     free[np.unique(labels[beside])] = free[0] = False
     # What stands on furniture, such as a picture on a chest, goes whole with it.
-    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
     near, ends = lower_ends(labels, grown(found.mask, BELOW_RAD), count)
     stands = free & (near > MOST_ENDS * ends) & (size < STANDING_SR)
     on, stays = stands[labels] & ~rugs, (stays | ~free) & ~stands

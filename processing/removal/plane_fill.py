@@ -16,6 +16,7 @@ from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
 from processing.removal.sources import plane_sources
+from processing.removal.upright_parts import Part, upright_parts
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, planes_of
 from processing.surfaces.textures import Texture, unwrap
@@ -91,13 +92,21 @@ class FilledPlane:
 
 
 def fill_plane(
-    texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats, skirting: Skirting | None = None
+    texture: Texture,
+    hole: Flags,
+    apart: tuple[Flags, Flags],
+    room: RoomModel,
+    elsewhere: Floats,
+    skirting: Skirting | None = None,
 ) -> FilledPlane:
-    """Fill a texture's ``hole`` (H, W); ``unfit`` texels (H, W) are known but not copied (sunlight, mixed pixels).
+    """Fill a texture's ``hole`` (H, W).
 
+    ``apart``: texels (H, W) that are known but not copied (sunlight, mixed pixels); what is probably no part of a wall
+    (pictures, mirrors, curtains).
     ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known; ``skirting`` that of
     the room, for walls that hide their own.
     """
+    unfit, things = apart
     known = texture.known & ~hole
     sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
     values = np.where((known | hole)[..., None], texture.values, 0).astype(np.float32)
@@ -129,13 +138,39 @@ def fill_plane(
         own = sources & rest
         # Pictures, sockets and the like on walls are left out where these are filled.
         own = plane_sources(values, own, texture.px_per_m) if texture.plane.index == FLOOR else own
-        values, sure, goes_on, how = _surface(texture, values, own, inside, skirting)
-        confidence[inside], continued[inside] = sure[inside], goes_on
+        values, sure, goes_on, how = _by_parts(texture, values, (own, things), inside, skirting)
+        confidence[inside], continued[inside] = sure[inside], goes_on[inside]
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
     return elsewhere if known.sum() < LEAST_TEXELS else np.asarray(np.median(values[known], axis=0), np.float32)
+
+
+def _by_parts(
+    texture: Texture, values: Floats, seen: tuple[Flags, Flags], hole: Flags, skirting: Skirting | None
+) -> tuple[Floats, Floats, Flags, str]:
+    """Return values, confidence, where it is a continuation, and how it was filled: walls between upright edges.
+
+    ``seen``: what may be learnt from, and what is probably no part of the wall, (H, W) each.
+    """
+    wall, (sources, things) = texture.plane.index >= FIRST_WALL, seen
+    parts = upright_parts(values, (sources, things), hole, texture.px_per_m) if wall else [Part(slice(None), 0)]
+    if len(parts) == 1:
+        values, sure, goes_on, how = _surface(texture, values, sources, hole, skirting)
+        return values, sure, np.full_like(hole, goes_on), how
+    out, sure, continued = values.copy(), np.ones(hole.shape, np.float32), np.ones_like(hole)
+    for columns, top in parts:
+        part = np.s_[:, columns]
+        inside = hole[part]
+        fit = sources[part] & (np.arange(len(hole)) >= top)[:, None]
+        if inside.any() and fit.sum() >= LEAST_TEXELS:
+            own = replace(texture, density=texture.density[part])
+            out[part], sure[part], continued[part], _ = _surface(own, values[part], fit, inside, skirting)
+        elif inside.any():
+            out[part] = hanging(values[part], sources[part], inside, texture.px_per_m)
+            sure[part], continued[part] = np.where(inside, SURE, 1), False
+    return out, sure, continued, f"{len(parts)} parts between upright edges"
 
 
 def _surface(

@@ -89,6 +89,15 @@ def test_a_picture_on_a_chest_goes_whole_and_a_mirror_or_a_curtain_beside_stays(
     assert not (beside & picture).any(), "what hangs at a window is its curtain"
 
 
+def test_a_large_mirror_that_furniture_touches_stays() -> None:
+    chest, mirror = box(150, 175, 240, 280), box(60, 151, 200, 330)
+    light = grey_room()
+    light[box(130, 151, 250, 262)] = (0.05, 0.05, 0.6)  # what it shows
+    found = FurnitureFound(chest, chest.astype(np.float32), 0, 0.0)
+    whole = _with_things(found, shown(light), MAPS, NONE, (mirror & ~chest, mirror.astype(np.float32)), NONE).mask
+    assert not (whole & mirror & ~chest).any()
+
+
 def test_what_is_large_is_the_building_and_stays() -> None:
     table, pillar = box(150, 175, 240, 280), box(80, 150, 256, 270)
     light = grey_room()

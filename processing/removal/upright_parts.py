@@ -1,0 +1,116 @@
+"""Walls of more than one colour: posts, panels, jambs and doors that furniture hides the lower end of.
+
+Their edges run upright, so behind what hides them too. A wall is divided where such an edge comes down to a hole that
+reaches its foot, and each part is filled by itself: no colour runs into the next one.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from processing.ground.arrays import Flags, Floats, Indices
+from processing.removal.illumination import ToneScale
+
+# Chosen by looking at four furnished real rooms (docs/measurements/real.md).
+STEP = 0.18
+"""Tone by which both sides of an edge differ: less is the light's or a joint of boards."""
+SIDE_M, SIDE_PX = 0.03, 3
+"""Of what is compared on both sides; at least."""
+LONG_M, ALONG = 0.7, 0.85
+"""How far an edge must be seen above the hole, and in what share of the rows: pictures and mirrors end before."""
+HEAD_M, CEILING_M = 1.85, 0.35
+"""Above the floor, up to which an edge reaches at least: doors do; below the ceiling, that of a thing: curtains do."""
+NEAR_M, NEAR_SHARE = 0.15, 0.5
+"""Just above the hole, where so much of an edge must be seen, too: what ends there hangs."""
+FOOT_M, MOSTLY = 0.3, 0.8
+"""Above the floor, as far as a hole may end and still reach the wall's foot; share of a column that it is from there.
+"""
+GAP_M, GAP_PX = 0.05, 2
+"""Above the hole's rim, of mixed pixels; at least."""
+
+
+class Part(NamedTuple):
+    """Columns of a wall between two upright edges."""
+
+    columns: slice
+    top: int
+    """Row from which on down it is one surface: above a door's lintel is wall."""
+
+
+def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per_m: float) -> list[Part]:
+    """Return the parts, from left to right, of a wall's texture (H, W, 3), linear light: one without upright edges.
+
+    ``seen``: what may be learnt from, and what is probably no part of the wall, (H, W) each; an edge counts only above
+    the ``hole`` (H, W).
+    """
+    (known, things), (height, width) = seen, hole.shape
+    rim, side = _rims(hole, px_per_m), max(SIDE_PX, round(SIDE_M * px_per_m))
+    step = _steps(ToneScale.of(values, known).tone(values), known, side)
+    beside = cv2.dilate(things.astype(np.uint8), np.ones((1, 2 * side + 1), np.uint8)).astype(bool)
+    strength, tops = np.zeros(width), np.zeros(width, int)
+    gap = max(GAP_PX, round(GAP_M * px_per_m))
+    for x in np.flatnonzero(rim < height):
+        # Of a ragged rim, its highest place beside the edge, else its own.
+        for start in (int(rim[max(0, x - side) : x + side + 1].min()), int(rim[x])):
+            low = max(0, start - gap)
+            top = _upper_end(step[:low, x], px_per_m)
+            if top is None:
+                continue
+            of_thing = beside[top:low, x].mean() > 0.5
+            if top <= (CEILING_M * px_per_m if of_thing else height - HEAD_M * px_per_m):
+                strength[x], tops[x] = np.abs(step[top:low, x]).mean(), top
+                break
+    edges = []
+    while strength.max() > 0:
+        x = int(strength.argmax())
+        edges.append((x, int(tops[x])))
+        strength[max(0, x - 2 * side) : x + 2 * side + 1] = 0
+    return _between(sorted(edges), width)
+
+
+def _rims(hole: Flags, px_per_m: float) -> Indices:
+    """Return, for each column, the highest row of the hole that reaches the wall's foot; H where none does.
+
+    Rests of things may be seen in it.
+    """
+    height = len(hole)
+    upward = hole[::-1]
+    near = upward[: max(1, round(FOOT_M * px_per_m))].any(axis=0)
+    share = np.cumsum(upward, axis=0) / np.arange(1, height + 1)[:, None]
+    within = upward & (share >= MOSTLY)
+    return np.where(near & within.any(axis=0), within[::-1].argmax(axis=0), height)
+
+
+def _steps(tone: Floats, known: Flags, side: int) -> Floats:
+    """Return (H, W): by how much the tone is higher on the right of each texel than on its left, in the channel where
+    it is most; 0 where either side is not known."""
+    share = cv2.blur(known.astype(np.float32), (side, 1), borderType=cv2.BORDER_CONSTANT)
+    mean = cv2.blur(np.where(known[..., None], tone, 0).astype(np.float32), (side, 1), borderType=cv2.BORDER_CONSTANT)
+    mean /= np.maximum(share, 1e-6)[..., None]
+    off = side // 2 + 1
+    right, left = np.roll(mean, -off, axis=1), np.roll(mean, off, axis=1)
+    both = (np.roll(share, -off, axis=1) > 0.5) & (np.roll(share, off, axis=1) > 0.5)
+    both[:, :off] = both[:, -off:] = False
+    apart = right - left
+    most = np.abs(apart).argmax(axis=-1)[..., None]
+    return np.where(both, np.take_along_axis(apart, most, axis=-1)[..., 0], 0).astype(np.float32)
+
+
+def _upper_end(step: Floats, px_per_m: float) -> int | None:
+    """Return the highest row of an edge that comes down to the last of a column's steps (N,); None where none does."""
+    count, long, near = len(step), round(LONG_M * px_per_m), max(1, round(NEAR_M * px_per_m))
+    if count < long:
+        return None
+    run = (np.abs(step) > STEP) & (np.sign(step) == np.sign(np.median(step[-long:])))
+    if run[-long:].mean() < ALONG or run[-near:].mean() < NEAR_SHARE:
+        return None
+    share = np.cumsum(run[::-1]) / np.arange(1, count + 1)
+    return count - 1 - int(np.flatnonzero((share >= ALONG) & run[::-1])[-1])
+
+
+def _between(edges: list[tuple[int, int]], width: int) -> list[Part]:
+    """Return the parts between edges (column, upper end): each as high as both of its edges go."""
+    borders = [(0, 0), *edges, (width, 0)]
+    return [Part(slice(left, right), max(high, other)) for (left, high), (right, other) in itertools.pairwise(borders)]

@@ -1,0 +1,78 @@
+"""Walls of more than one colour: an upright edge above a hole divides what is filled; what hangs does not."""
+
+import numpy as np
+import pytest
+
+from processing.removal.upright_parts import Part, upright_parts
+
+PX_PER_M = 50.0
+HEIGHT, WIDTH = 130, 200
+GREY, RED = (0.5, 0.5, 0.5), (0.4, 0.08, 0.08)
+
+
+@pytest.fixture
+def wall():
+    """A grey wall, 2.6 by 4 m, its lower 0.8 m hidden."""
+    values = np.full((HEIGHT, WIDTH, 3), GREY, np.float32)
+    hole = np.zeros((HEIGHT, WIDTH), bool)
+    hole[90:] = True
+    return values, hole
+
+
+def parts_of(values, hole, things=None):
+    """Return the parts of what is seen of a wall."""
+    none = np.zeros_like(hole)
+    return upright_parts(values, (~hole, none if things is None else things), hole, PX_PER_M)
+
+
+def test_one_colour_is_one_part(wall):
+    assert parts_of(*wall) == [Part(slice(0, WIDTH), 0)]
+
+
+def test_post_and_door_divide(wall):
+    values, hole = wall
+    values[:, 60:70] = RED
+    values[25:, 120:165] = RED  # a door's lintel is 2.1 m high
+    found = parts_of(values, hole)
+    borders = [part.columns.start for part in found[1:]]
+    np.testing.assert_allclose(borders, [60, 70, 120, 165], atol=1)
+    assert found[1].top <= 2
+    assert 23 <= found[3].top <= 27  # above it is wall
+
+
+def test_what_hangs_does_not_divide(wall):
+    values, hole = wall
+    values[30:75, 40:80] = RED  # a picture's lower edge is 0.3 m above the hole
+    values[45:90, 120:160] = RED  # a board of 0.9 m stands on what is removed
+    assert len(parts_of(values, hole)) == 1
+
+
+def test_mirrors_do_not_divide_where_the_network_sees_them_and_curtains_do(wall):
+    values, hole = wall
+    values[30:, 40:80] = RED
+    things = np.zeros_like(hole)
+    things[30:, 40:80] = True
+    assert len(parts_of(values, hole)) == 3
+    assert len(parts_of(values, hole, things)) == 1
+    values[5:, 40:80] = RED
+    things[5:, 40:80] = True
+    assert len(parts_of(values, hole, things)) == 3
+
+
+def test_only_holes_that_reach_the_foot_count(wall):
+    values, hole = wall
+    values[:, 60:70] = RED
+    hole[110:] = False
+    assert len(parts_of(values, hole)) == 1
+
+
+def test_soft_light_is_no_edge(wall):
+    values, hole = wall
+    values *= np.linspace(0.3, 1.0, WIDTH, dtype=np.float32)[:, None]
+    assert len(parts_of(values, hole)) == 1
+
+
+def test_everything_hidden_or_black(wall):
+    values, hole = wall
+    assert len(parts_of(values, np.ones_like(hole))) == 1
+    assert len(parts_of(np.zeros_like(values), hole)) == 1
