@@ -4,7 +4,9 @@ No bracket removes it (McCann and Rizzi 2007). Outside a fisheye's image circle 
 there is scattered in lens and body, more beside bright places and in ways that show how far it scatters. The kernel is
 a sum of scatter that falls off as the cube of the angle beyond one of three widths (Cauchy's distribution in the
 plane), and of light that is spread evenly; shares are not negative. Glare is smooth, so that it is worked out in cells
-of four degrees. Indoors the darkest place bounds it from above. The index is that of ISO 9358: glare over mean light.
+of four degrees. A clipped light has an unknown factor of what it shows, as likely at every size, which the surround
+shows together with the shares. Indoors the darkest place bounds the glare from above. The index is that of ISO 9358:
+glare over mean light.
 """
 
 import math
@@ -14,9 +16,10 @@ from typing import NamedTuple, TypeVar
 import cv2
 import numpy as np
 from scipy.optimize import nnls
+from scipy.special import ndtr, ndtri
 
 from processing.errors import LensError, ParameterError
-from processing.ground.arrays import Bytes, Doubles, Flags, Floats
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import ROWS_AT_ONCE, STRAY_CELLS, VEIL_INDEX, SharedMode, between
 from processing.sphere import Fisheye, Geometry, directions, solid_angles
@@ -39,6 +42,10 @@ _ALIKE = 4  # parts of a sector whose cells err together; chosen, by halos out o
 _LEAST_MISFIT = 0.02  # relative, of a cell: no glare is smoother than that. Chosen.
 _FAINT = 0.2  # of the surround's mean: below it errors are alike. Chosen.
 _TARGETS = 512  # cells worked out at once: 15 MB. Chosen.
+MOST_CLIPPED = 10.0
+"""Light that clipping may hide, over all that is shown. Chosen: thrice the most of seven real scenes with their sun."""
+_FACTORS, _LEAST_FACTOR = 48, 0.03  # of the clipped light, between which it is log-uniform; chosen
+_DRAWS, _SWEEPS = 256, 60  # draws, and steps to each; chosen
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,8 @@ class GlareKernel:
     """Root mean square of the measured places' departure from what the kernel gives, over that of their light."""
     index: float
     """Luminance of the glare over the mean luminance of the field (veiling glare index, ISO 9358), where measured."""
+    hidden: tuple[float, ...] = (0.0,) * 4
+    """Shares times how much more light clipped pixels have than they show; the covariance is of both."""
 
 
 class _Cells(NamedTuple):
@@ -84,17 +93,18 @@ class _Cells(NamedTuple):
 def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKernel:
     """Return the kernel by the frame around the image circle of an uncropped fisheye picture (H, W, 3), linear.
 
-    ``validity``: clipped pixels of the surround are left out. Dark ones count with their values, so that the rest is
-    not of the bright ones alone. Shares that the surround leaves open stay near 0, with the uncertainty of a lens that
-    was not measured; how much sectors of the surround disagree adds to it. Raises `LensError` where less than 400
-    pixels are valid, which is no surround, and where more than a quarter is dark: then the glare is less than the
-    longest frame shows.
+    ``validity``: clipped pixels of the surround are left out. Dark ones count with their values, so that the rest
+    is not of the bright ones alone. Shares that the surround leaves open stay near 0, with the uncertainty of a
+    lens that was not measured (where light is clipped: their means over all that it may hide); how much sectors of
+    the surround disagree adds to it. Raises `LensError` where less than 400 pixels are valid, which is no surround,
+    and where more than a quarter is dark: then the glare is less than the longest frame shows.
     """
     # Glare is smooth: large pictures are reduced.
     step = max(int(lens.radius_px / _ENOUGH_PX), 1)
     height, width = (size // step for size in validity.shape)
     whole = rgb[: height * step, : width * step]
-    rgb = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+    clipped = _means(validity[: height * step, : width * step] == Validity.CLIPPED, (height, width))
+    rgb = _means(whole, (height, width))
     validity = validity[step // 2 :: step, step // 2 :: step][:height, :width]
     centre = (lens.axis_px[0] / step, lens.axis_px[1] / step)
     lens = replace(lens, width_px=width, height_px=height, radius_px=lens.radius_px / step, centre_px=centre)
@@ -102,24 +112,21 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKe
     surround = (radius > RIM_GAP) & (validity != Validity.CLIPPED)
     _check_surround(surround, surround & (validity != Validity.DARK), radius < 1)
     cells = _plane(lens)
-    light = _in_cells(luminance * (radius < 1), cells.shape)
-    if not (np.isfinite(light).all() and light.min(initial=0.0) >= 0):
+    if not (np.isfinite(luminance).all() and luminance.min(initial=0.0) >= 0):
         raise ParameterError("the picture holds values that light cannot have (negative or not finite)")
-    parts = cells.scattered(light)[..., 0].T
+    light = _in_cells(np.stack([luminance, luminance * clipped], axis=-1) * (radius < 1)[..., None], cells.shape)
+    parts = np.moveaxis(cells.scattered(light), -1, 0)
     seen = _in_cells(surround.astype(np.float32), cells.shape)[:, 0]
     level = _in_cells(np.where(surround, luminance, 0), cells.shape)[:, 0]
     use = seen > 0.5
     found, x, y = level[use] / seen[use], *cells.places[use].T
     sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * _SECTORS).astype(int)
-    shares, inverse, misfit = _fit(parts[use], found)
-    without = [_fit(parts[use][sector != k], found[sector != k])[0] for k in np.unique(sector)]
-    spread = np.array(without) - np.mean(without, axis=0)
-    covariance = np.linalg.inv(inverse) + (len(without) - 1) / len(without) * spread.T @ spread
-    # A kernel that fits badly shows as little as none.
-    covariance += misfit * PRIOR_SHARE**2 * np.eye(len(shares))
+    most = MOST_CLIPPED * light[:, 0].sum() / max(light[:, 1].sum(), 1e-30)
+    factors = np.geomspace(_LEAST_FACTOR, max(most, _LEAST_FACTOR), _FACTORS) if light[:, 1].any() else np.zeros(1)
+    fit = _fit(parts[..., use], found, sector, factors)
     field = float(light[:, 0] @ cells.area / (cells.area @ cells.inside))
     index = min(1.0, float(np.median(found)) / field) if field > 0 else 0.0
-    return GlareKernel(tuple(shares.tolist()), tuple(map(tuple, covariance.tolist())), misfit, index)
+    return replace(fit, index=index)
 
 
 def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
@@ -138,22 +145,97 @@ def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
         )
 
 
-def _fit(parts: Doubles, found: Doubles) -> tuple[Doubles, Doubles, float]:
-    """Return shares (P,) >= 0, the inverse of their covariance, and the relative misfit of ``parts @ shares``.
+def _fit(parts: Doubles, found: Doubles, sector: Indices, factors: Doubles) -> GlareKernel:
+    """Return the kernel of places' light ``found`` (N,), of parts (2, P, N) of the light shown and of the clipped.
 
     Least squares with the prior's as further rows. Errors go by the root of the light, are as large as what the fit
-    leaves, and alike in parts of a sector.
+    leaves, and alike in parts of a ``sector`` (N,). ``factors`` (H,): what clipped light may hide, over what it shows.
     """
     mean = max(float(np.mean(found)), 1e-30)
-    level = np.sqrt(np.maximum(found, _FAINT * mean) * mean * max(len(found) / (_ALIKE * _SECTORS), 1))
-    relative, unit = 0.1, np.eye(parts.shape[1]) / PRIOR_SHARE
+    level = np.sqrt(np.maximum(found, _FAINT * mean) * mean)
+    both = parts.reshape(-1, len(found))
+    table = np.vstack([both, found[None]]) / level
+    # A few rows have the sums of squares of all.
+    sectors = [_short(table[:, sector == k].T) for k in np.unique(sector)]
+    rows = _short(np.vstack(sectors))
+    alike, relative = math.sqrt(max(len(found) / (_ALIKE * _SECTORS), 1)), 0.1
     for _ in range(4):
-        rows = parts / (relative * level)[:, None]
-        shares, _ = nnls(np.vstack([rows, unit]), np.concatenate([found / (relative * level), np.zeros(len(unit))]))
-        off = found - parts @ shares
-        relative = max(float(np.sqrt(np.mean(off**2 / np.maximum(found, _FAINT * mean)) / mean)), _LEAST_MISFIT)
-    misfit = float(np.linalg.norm(off) / max(float(np.linalg.norm(found)), 1e-30))
-    return np.asarray(shares), np.asarray(rows.T @ rows + unit @ unit), misfit
+        likeliest = _likeliest(rows / (relative * alike), factors)
+        left = float(np.linalg.norm(rows @ np.append(likeliest, -1)))
+        relative = max(left / math.sqrt(len(found)), _LEAST_MISFIT)
+    misfit = float(np.linalg.norm(found - likeliest @ both) / max(float(np.linalg.norm(found)), 1e-30))
+    scale, count = relative * alike, len(parts[0])
+    shares, covariance = _posterior(rows / scale, factors, likeliest)
+    others = [np.vstack(sectors[:k] + sectors[k + 1 :]) / scale for k in range(len(sectors))]
+    without = np.array([_likeliest(one, factors) for one in others if len(others) > 1])
+    if len(without):
+        spread = without - without.mean(axis=0)
+        covariance += (len(without) - 1) / len(without) * spread.T @ spread
+    # A kernel that fits badly shows as little as none; what it says of clipped light is worth half (in logarithms).
+    power = np.square(shares)
+    known = float(power[count:].sum() / max(power[:count].sum(), 1e-30))
+    own = np.repeat([1.0, math.sqrt(known * float(np.mean(factors**2)))], count)
+    covariance += misfit * PRIOR_SHARE**2 * np.diag(own)
+    rounded = tuple(map(tuple, covariance.tolist()))
+    return GlareKernel(tuple(shares[:count].tolist()), rounded, misfit, 0.0, tuple(shares[count:].tolist()))
+
+
+def _short(rows: Doubles) -> Doubles:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def _at(rows: Doubles, factor: float) -> tuple[Doubles, Doubles]:
+    """Return the P columns of light shown plus ``factor`` times the clipped, and what they make."""
+    count = rows.shape[1] // 2
+    return rows[:, :count] + factor * rows[:, count:-1], rows[:, -1]
+
+
+def _shares(rows: Doubles, factor: float) -> tuple[Doubles, float]:
+    """Return the likeliest shares (P,) >= 0 for a factor, and their sum of squares with the prior's."""
+    some, goal = _at(rows, factor)
+    unit = np.eye(some.shape[1]) / PRIOR_SHARE
+    shares, norm = nnls(np.vstack([some, unit]), np.append(goal, np.zeros(len(unit))))
+    return np.asarray(shares), float(norm) ** 2
+
+
+def _likeliest(rows: Doubles, factors: Doubles) -> Doubles:
+    """Return the shares of light shown and of clipped light, (2 P,), of the factor that fits best."""
+    tries = [_shares(rows, factor) for factor in factors]
+    best = int(np.argmin([squares for _, squares in tries]))
+    return np.concatenate([tries[best][0], factors[best] * tries[best][0]])
+
+
+def _posterior(rows: Doubles, factors: Doubles, likeliest: Doubles) -> tuple[Doubles, Doubles]:
+    """Return the shares (2 P,) and their covariance: where light is clipped, over all that it may hide (Gibbs).
+
+    Given the factor, shares are Gaussian, cut off at 0; given shares, the factors' likelihoods are known. It starts
+    from factors drawn by the volume of their shares (Laplace).
+    """
+    rng, count = np.random.default_rng(0), rows.shape[1] // 2
+    tables = [_at(rows, factor) for factor in factors]
+    squares = np.array([some.T @ some for some, _ in tables]) + np.eye(count) / PRIOR_SHARE**2
+    if len(factors) == 1:
+        covariance = np.zeros((2 * count, 2 * count))
+        covariance[:count, :count] = np.linalg.inv(squares[0])
+        return likeliest, covariance
+    goals = np.array([some.T @ goal for some, goal in tables])
+    tries = [_shares(rows, factor) for factor in factors]
+    log = -0.5 * (np.array([one[1] for one in tries]) + np.linalg.slogdet(squares)[1])
+    weights = np.exp(log - log.max())
+    which = rng.choice(len(factors), _DRAWS, p=weights / weights.sum())
+    shares = np.array([one[0] for one in tries])[which]
+    for _ in range(_SWEEPS):
+        square, goal = squares[which], goals[which]
+        for k in range(count):
+            sigma = 1 / np.sqrt(square[:, k, k])
+            middle = shares[:, k] + (goal[:, k] - (square[:, k] * shares).sum(axis=1)) * sigma**2
+            below = ndtr(-middle / sigma)
+            drawn = ndtri(np.minimum(below + rng.random(_DRAWS) * (1 - below), 1 - 1e-12))
+            shares[:, k] = np.maximum(middle + sigma * drawn, 0)
+        log = shares @ goals.T - 0.5 * np.einsum("dj,hjk,dk->dh", shares, squares, shares)
+        which = np.argmax(log + rng.gumbel(size=log.shape), axis=1)
+    draws = np.hstack([shares, factors[which][:, None] * shares])
+    return draws.mean(axis=0), np.asarray(np.cov(draws.T))
 
 
 def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
@@ -162,7 +244,7 @@ def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
     Arrays keep their shape and unit. What falls to 0 or below becomes 0, `Validity.DARK`, with infinite uncertainty;
     pixels outside the field stay. The kernel's own doubt is in `kernel_modes`.
     """
-    if min(kernel.shares) < 0 or not math.isfinite(sum(kernel.shares)):
+    if min(kernel.shares + kernel.hidden) < 0 or not math.isfinite(sum(kernel.shares + kernel.hidden)):
         raise ParameterError(f"a kernel's shares are finite and not negative, not {kernel.shares}")
     geometry, validity = image.geometry, image.validity.copy()
     cells = _plane(geometry) if isinstance(geometry, Fisheye) else _around(geometry, 2 * STRAY_CELLS[0])
@@ -172,6 +254,9 @@ def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
     light *= cells.inside[:, None]
     glare = np.tensordot(np.array(kernel.shares), cells.scattered(light), 1)
     total, scattered = (float((cells.area * cells.inside) @ one.sum(axis=1)) for one in (light, glare))
+    if any(kernel.hidden):
+        clipped = _in_cells(image.rgb * (validity == Validity.CLIPPED)[..., None], cells.shape) * cells.inside[:, None]
+        glare += np.tensordot(np.array(kernel.hidden), cells.scattered(clipped), 1)
     gain = np.float32(total / (total - scattered) if scattered < 0.5 * total else 1.0)
     rgb, uncertainty = np.empty_like(image.rgb), image.uncertainty.copy()
     height, width = validity.shape
@@ -199,9 +284,12 @@ def kernel_modes(image: LuminanceImage, kernel: GlareKernel, *, measured: float 
     ``measured``: luminance by which the picture was scaled, cd/m2: what is wrong there is in the scale.
     """
     cells = _around(image.geometry, STRAY_CELLS[0])
-    light = _in_cells(luminance_cd_m2(image.rgb) * (image.validity != Validity.OUTSIDE), cells.shape)
+    luminance = luminance_cd_m2(image.rgb)
+    masks = [image.validity != Validity.OUTSIDE, image.validity == Validity.CLIPPED]
+    light = _in_cells(np.stack([luminance * mask for mask in masks], axis=-1), cells.shape)
+    parts = np.concatenate(np.moveaxis(cells.scattered(light), -1, 0))[: len(kernel.covariance)]
     variances, axes = np.linalg.eigh(np.array(kernel.covariance))
-    left = np.sqrt(np.maximum(variances, 0))[:, None] * (axes.T @ cells.scattered(light)[..., 0])
+    left = np.sqrt(np.maximum(variances, 0))[:, None] * (axes.T @ parts)
     found = []
     for number, glare in enumerate(left, start=1):
         known = 0.0 if measured is None else float(np.clip(glare.mean() / measured, -2, 2))
@@ -242,6 +330,10 @@ def _radii(lens: Fisheye) -> Floats:
     x, y = lens.axis_px
     across, down = np.arange(lens.width_px) + 0.5 - x, np.arange(lens.height_px) + 0.5 - y
     return np.asarray(np.hypot(across[None], down[:, None]) / lens.radius_px, dtype=np.float32)
+
+
+def _means(picture: Floats | Flags, shape: tuple[int, int]) -> Floats:
+    return np.asarray(cv2.resize(np.asarray(picture, np.float32), shape[::-1], interpolation=cv2.INTER_AREA))
 
 
 def _in_cells(picture: Floats, shape: tuple[int, int]) -> Doubles:
