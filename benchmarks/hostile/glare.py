@@ -3,7 +3,7 @@
 Uncropped fisheye frames of 720 x 480 of three real HDR scenes, facing the brightest window (the zenith outdoors), nine
 JPEG frames a bracket by a hostile camera with a published real curve: curve and kernel are estimated from these frames.
 Lenses: `even`, the simulated rig's own family, an even veil of 0.5 % and another part of 1 % that is in the kernel's;
-`halo`, hostile: 2 % in a Gaussian of 7 degrees and a mirrored ghost, which no sum of the kernel's parts gives.
+`halo`, hostile: 2 % in a Gaussian of about 28 degrees and a mirrored ghost, which no sum of the kernel's parts gives.
 Errors, medians of |measured / true - 1| after a common scale (the median over the middle half of the luminances):
 `near`, within 3 to 12 degrees of the brightest thousandth; `dark`, the darkest twentieth of the field.
 """

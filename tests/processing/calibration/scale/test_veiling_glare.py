@@ -73,6 +73,24 @@ def test_a_halo_of_another_family_is_less_near_the_window_and_stays_within_its_d
     assert np.mean(after <= 1.96 * clean.uncertainty[near]) > 0.9
 
 
+@pytest.mark.parametrize("shown", [300.0, 1000.0])
+@pytest.mark.parametrize("near", [0.0, 0.012])
+def test_what_a_clipped_light_scatters_is_estimated_with_the_shares_and_stays_within_its_doubt(
+    shown: float, near: float
+) -> None:
+    picture, scene = taken(near=near, even=0.002)
+    validity = np.where(picture[..., 0] > shown, Validity.CLIPPED, Validity.VALID).astype(np.uint8)
+    cut = np.minimum(picture, np.float32(shown))
+    kernel = kernel_from_surround(cut, validity, LENS)
+    assert sum(kernel.hidden) > 0
+    clean = without_glare(as_image(cut, validity), kernel)
+    clean = widened(clean, kernel_modes(clean, kernel))
+    dark = (scene[..., 0] == 20.0) & (validity == Validity.VALID)
+    before, after = (np.abs(one[dark][:, 0] / 20 - 1) for one in (cut, clean.rgb))
+    assert np.median(after) < 0.9 * np.median(before)
+    assert np.mean(after <= 1.96 * clean.uncertainty[dark]) > 0.9
+
+
 def test_cropped_or_unusable_surround_is_refused() -> None:
     picture, _ = taken()
     with pytest.raises(LensError, match="0 usable"):
