@@ -30,6 +30,7 @@ SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
+MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a curtain and no wall (chosen)
 FRAME_M = 0.08  # around an opening: its frame belongs to it
 
 
@@ -164,7 +165,8 @@ def _by_parts(
         part = np.s_[:, columns]
         inside = hole[part]
         fit = sources[part] & (np.arange(len(hole)) >= top)[:, None]
-        if inside.any() and fit.sum() >= LEAST_TEXELS:
+        hangs = fit.any() and things[part][fit].mean() > MOSTLY_THING
+        if inside.any() and fit.sum() >= LEAST_TEXELS and not hangs:
             own = replace(texture, density=texture.density[part])
             out[part], sure[part], continued[part], _ = _surface(own, values[part], fit, inside, skirting)
         elif inside.any():

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
+from processing.removal.plane_fill import fill_plane
 from processing.removal.upright_parts import Part, upright_parts
+from processing.surfaces.maps import FIRST_WALL, planes_of
+from processing.surfaces.textures import Texture, texture_shape
+from tests.processing.removal.painted_room import box_room
 
 PX_PER_M = 50.0
 HEIGHT, WIDTH = 130, 200
@@ -76,3 +80,26 @@ def test_everything_hidden_or_black(wall):
     values, hole = wall
     assert len(parts_of(values, np.ones_like(hole))) == 1
     assert len(parts_of(np.zeros_like(values), hole)) == 1
+
+
+def test_posts_and_curtains_go_on_to_the_floor():
+    room = box_room(window=False)
+    plane = planes_of(room)[FIRST_WALL]
+    height, width = texture_shape(plane, PX_PER_M)
+    values = np.full((height, width, 3), GREY, np.float32)
+    values[:, 20:30] = RED
+    things = np.zeros((height, width), bool)
+    things[4:, 50:90] = True
+    folds = 0.3 + 0.2 * np.sin(np.arange(40) * 0.8)
+    values[4:, 50:90] = folds[:, None] * np.float32([1.0, 0.3, 0.3])
+    hole = np.zeros((height, width), bool)
+    hole[-40:] = True
+    seen = np.where(hole[..., None], 0, values).astype(np.float32)
+    texture = Texture(plane, PX_PER_M, seen, ~hole, np.ones((height, width), np.float32))
+    done = fill_plane(texture, hole, (np.zeros_like(hole), things), room, np.float32(GREY))
+    inner = np.ones(width, bool)
+    inner[[*range(17, 33), *range(47, 53), *range(87, 93)]] = False  # edges are found to a texel or two
+    inner[22:28] = True
+    off = np.abs(np.log(done.values[-30:, inner] / values[-30:, inner]))
+    assert np.quantile(off, 0.95) < 0.1
+    assert "parts between upright edges" in done.how
