@@ -60,6 +60,7 @@ NEEDS = {
     "remove": "textures",
     "batch": "paper",
     "arrange": "floorplans",
+    "hostile": "curves",
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {

@@ -112,7 +112,8 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKe
     surround = (radius > RIM_GAP) & (validity != Validity.CLIPPED)
     _check_surround(surround, surround & (validity != Validity.DARK), radius < 1)
     cells = _plane(lens)
-    if not (np.isfinite(luminance).all() and luminance.min(initial=0.0) >= 0):
+    # Noise about 0 averages out within cells.
+    if not np.isfinite(luminance).all() or _in_cells(luminance * (radius < 1), cells.shape).min(initial=0.0) < 0:
         raise ParameterError("the picture holds values that light cannot have (negative or not finite)")
     light = _in_cells(np.stack([luminance, luminance * clipped], axis=-1) * (radius < 1)[..., None], cells.shape)
     parts = np.moveaxis(cells.scattered(light), -1, 0)
