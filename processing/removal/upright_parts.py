@@ -64,9 +64,9 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
                 break
     edges = []
     while strength.max() > 0:
-        x = int(strength.argmax())
-        edges.append((x, int(tops[x])))
-        strength[max(0, x - 2 * side) : x + 2 * side + 1] = 0
+        best = int(strength.argmax())
+        edges.append((best, int(tops[best])))
+        strength[max(0, best - 2 * side) : best + 2 * side + 1] = 0
     return _between(sorted(edges), width)
 
 
@@ -88,7 +88,7 @@ def _steps(tone: Floats, known: Flags, side: int) -> Floats:
     it is most; 0 where either side is not known."""
     share = cv2.blur(known.astype(np.float32), (side, 1), borderType=cv2.BORDER_CONSTANT)
     mean = cv2.blur(np.where(known[..., None], tone, 0).astype(np.float32), (side, 1), borderType=cv2.BORDER_CONSTANT)
-    mean /= np.maximum(share, 1e-6)[..., None]
+    mean = mean / np.maximum(share, 1e-6)[..., None]
     off = side // 2 + 1
     right, left = np.roll(mean, -off, axis=1), np.roll(mean, off, axis=1)
     both = (np.roll(share, -off, axis=1) > 0.5) & (np.roll(share, off, axis=1) > 0.5)
