@@ -168,7 +168,7 @@ def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
                 walls = [*pair, *(wall for wall in piers if wall[2] - wall[1] > PANEL_M and room.free(wall))]
                 made = [room.at_wall("curtain", wall, deep, 0.03) for wall in walls]
                 rod = (edge, ends[0][0] - 0.04, ends[1][1] + 0.04, top - 0.012, top + 0.028)
-                named = [a.model_copy(update={"id": a.id + "bcdefg"[:n][-1:]}) for n, a in enumerate(made)]
+                named = [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
                 yield [*named, room.at_wall("curtain rod", rod, 0.03 + deep / 2 + 0.012)]
                 break
 

@@ -21,7 +21,6 @@ NEARER_WEIGHT, NEARER_FROM, NEARER_SHARE = 3.0, 0.1, 0.42
 """Of how much nearer than its wall a place is seen (natural logarithm), from what errors make; and least probability:
 the smooth front of a large wardrobe looks like a wall to one network of two. With less, rooms that are estimated too
 large lose walls (hotel_visualizer: IoU 0.78, and 0.71 at a least probability of 0.3)."""
-MIRRORED = 0.4  # probability of fixtures, against that of furniture, from which distances are no furniture's (chosen)
 HERE_WEIGHT, AROUND_WEIGHT = 0.16, 0.40
 """Of the colours' distance from the surface's own, at the place and within `AROUND_RAD` of it."""
 AROUND_RAD = math.radians(1.0)
@@ -77,9 +76,7 @@ def find_furniture(
     odds += HERE_WEIGHT * unusual + AROUND_WEIGHT * smoothed(unusual, AROUND_RAD)
     if reach_m is not None:
         nearer = np.maximum(np.log(maps.depth_m / np.maximum(reach_m, 1e-3)) - NEARER_FROM, 0)
-        # What a mirror shows is no nearer than the mirror.
-        sure = (share > NEARER_SHARE) & (probabilities[SceneClass.FIXTURE] < MIRRORED * share)
-        odds += NEARER_WEIGHT * np.where(sure & (maps.plane >= FIRST_WALL), nearer, 0)
+        odds += NEARER_WEIGHT * np.where((share > NEARER_SHARE) & (maps.plane >= FIRST_WALL), nearer, 0)
     odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (maps.opening >= 0)
     prior = np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
     vote = CUT_SHARE * snapped(prior, rgb8) + (1 - CUT_SHARE) * prior

@@ -193,12 +193,12 @@ def _with_things(
     or what lies flat on it, is seen by the network's distances.
     """
     count, labels = components(things[0])
-    stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)
+    touches, beside = np.zeros(count + 1, bool), grown(openings, CURTAIN_RAD)
+    touches[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = True
     lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
     size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
     # What hangs on a wall stays, unless it is small and touches furniture itself (a framed photograph on a chest).
-    small = (size < STANDING_SR) | lies
-    stays[[label for label in np.unique(labels[grown(found.mask, TOUCH_RAD)]) if small[label]]] = False
+    stays = ~(touches & ((size < STANDING_SR) | lies))
     rugs = (~stays & lies)[labels] & (labels > 0)
     free = np.ones(count + 1, bool)
     free[np.unique(labels[beside])] = free[0] = False

@@ -100,7 +100,8 @@ def _steps(tone: Floats, known: Flags, side: int) -> Floats:
 
 def _upper_end(step: Floats, px_per_m: float) -> int | None:
     """Return the highest row of an edge that comes down to the last of a column's steps (N,); None where none does."""
-    count, long, near = len(step), round(LONG_M * px_per_m), max(1, round(NEAR_M * px_per_m))
+    count = len(step)
+    long, near = (max(1, round(length_m * px_per_m)) for length_m in (LONG_M, NEAR_M))
     if count < long:
         return None
     run = (np.abs(step) > STEP) & (np.sign(step) == np.sign(np.median(step[-long:])))

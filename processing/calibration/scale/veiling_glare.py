@@ -172,7 +172,8 @@ def _fit(parts: Doubles, found: Doubles, sector: Indices, factors: Doubles) -> G
     if len(without):
         spread = without - without.mean(axis=0)
         covariance += (len(without) - 1) / len(without) * spread.T @ spread
-    # A kernel that fits badly shows as little as none; what it says of clipped light is worth half (in logarithms).
+    # A kernel that fits badly shows as little as none. Of clipped light, the spread is the geometric mean of what this
+    # kernel hides and of what the prior allows.
     power = np.square(shares)
     known = float(power[count:].sum() / max(power[:count].sum(), 1e-30))
     own = np.repeat([1.0, math.sqrt(known * float(np.mean(factors**2)))], count)
