@@ -27,6 +27,9 @@ os.environ["DAYLIT_MODELS"] = os.devnull
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
 """Whether sweeps go over everything."""
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""For small matrices a second thread waits more than it works, and workers of the tests are side by side as it is."""
+
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 """Byte code is kept: each of the many programs that tests start would else compile all that it imports."""
