@@ -8,8 +8,9 @@ by the same ratio of lights, guarded against ghosts (`light.scene.furnished`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -19,13 +20,14 @@ from processing.ground.arrays import Flags, Floats, Int16s
 from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import resized
+from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import opening_map, plane_map
 
-BAND_ROWS = 256  # rows that are lifted at once; chosen, 40 MB at full size
+BAND_ROWS, MOST_BANDS = 128, 4  # rows lifted at once, and so many times side by side; chosen, 20 MB each at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
 LIGHT_DOUBT = 0.05
 """Of the light in a room, relative, standard (measured with the truth given: docs/measurements/emptying.md)."""
@@ -78,14 +80,12 @@ def lifted(
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance = np.empty_like(image.rgb)
     change = np.zeros(image.rgb.shape[:2], np.float32)
-    for rows, lift, light, _ in _bands(planes, plane, glass):
-        reflectance[rows] = math.pi * image.rgb[rows] * np.exp(lift) / light
-        change[rows] = lift.mean(axis=-1)
+    _in_bands(partial(_unlit, image.rgb, reflectance, change), planes, plane, glass)
     gain = relit(reflectance, shade.shadow, (target, foreign), room)
     reflectance *= gain
     for k, factors in enumerate(gain):  # row by row: little memory
         change[k] += np.log(factors).mean(axis=-1)
-    del gain, factors, lift, light  # the last two of a band
+    del gain, factors
     done = empty_room(
         replace(image, rgb=reflectance),
         target,
@@ -98,11 +98,7 @@ def lifted(
     )
     rgb = done.image.rgb
     stays = ~target & (image.validity == Validity.VALID)
-    for rows, lift, light, much in _bands(planes, plane, glass):
-        changed = target[rows] | (stays[rows] & (change[rows] != 0))
-        lit = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
-        rgb[rows] = np.where(changed[..., None], lit, image.rgb[rows])
-        change[rows] *= much[..., 0]
+    _in_bands(partial(_lit_again, (image.rgb, rgb), change, target, stays), planes, plane, glass)
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     change[~stays] = 0
@@ -110,11 +106,38 @@ def lifted(
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
 
 
+def _unlit(
+    rgb: Floats, reflectance: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, _much: Floats
+) -> None:
+    """Fill a band's reflectance (H, W, 3) and log change (H, W) of luminance."""
+    reflectance[rows] = math.pi * rgb[rows] * np.exp(lift) / light
+    change[rows] = lift.mean(axis=-1)
+
+
+def _lit_again(
+    pictures: tuple[Floats, Floats],
+    change: Floats,
+    target: Flags,
+    stays: Flags,
+    rows: slice,
+    lift: Floats,
+    light: Floats,
+    much: Floats,
+) -> None:
+    """Light a band of the second of two pictures (H, W, 3), reflectance so far; what has not changed is the first's."""
+    before, rgb = pictures
+    changed = target[rows] | (stays[rows] & (change[rows] != 0))
+    lit = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
+    rgb[rows] = np.where(changed[..., None], lit, before[rows])
+    change[rows] *= much[..., 0]
+
+
 def _put_on(image: LuminanceImage, rows: int) -> Floats:
     """Return (rows, 2 rows), 0..1: how much of the lift is put on, less within `SHOULDER` stops below clipping."""
-    level, clipped = image.rgb.max(axis=-1), image.validity == Validity.CLIPPED
+    clipped = image.validity == Validity.CLIPPED
     if not clipped.any():
         return np.ones((rows, 2 * rows), np.float32)
+    level = np.maximum(np.maximum(image.rgb[..., 0], image.rgb[..., 1]), image.rgb[..., 2])  # max(axis=-1) is slow
     stops = np.log2(float(np.median(level[clipped])) / np.maximum(level, 1e-6))
     much = resized(np.clip(stops / SHOULDER, 0, 1).astype(np.float32), (rows, 2 * rows))
     return np.asarray(cv2.GaussianBlur(much, (0, 0), SHOULDER_PX), np.float32)
@@ -126,8 +149,11 @@ def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Flo
     plane = plane_map(room, Equirectangular(2 * rows, rows))
     light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
     planes = _by_plane(shade, room, np.ones(shade.seen.shape, np.float32))
-    for band, lift, lit, _ in _bands(planes, plane, np.zeros(plane.shape, bool)):
+
+    def fill(band: slice, lift: Floats, lit: Floats, _: Floats) -> None:
         light[band], doubt[band] = lit, LIFT_DOUBT * np.abs(lift.mean(axis=-1))
+
+    _in_bands(fill, planes, plane, np.zeros(plane.shape, bool))
     return light, np.hypot(doubt, LIGHT_DOUBT)
 
 
@@ -163,23 +189,28 @@ def _continued(values: Floats, known: Flags) -> Floats:
     return out
 
 
-def _bands(planes: dict[int, Floats], plane: Int16s, glass: Flags) -> Iterator[tuple[slice, Floats, Floats, Floats]]:
-    """Yield bands of rows of the whole picture: log change (h, W, 3), 0 on glass, irradiance (h, W, 3), lx, and how
-    much of the change is put on, (h, W, 1)."""
+def _in_bands(
+    work: Callable[[slice, Floats, Floats, Floats], None], planes: dict[int, Floats], plane: Int16s, glass: Flags
+) -> None:
+    """Do ``work``, side by side, on bands of rows of the whole picture: with log change (h, W, 3), 0 on glass,
+    irradiance (h, W, 3), lx, and how much of the change is put on, (h, W, 1)."""
     high, wide = plane.shape
     small_high, small_wide = next(iter(planes.values())).shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
     layers, which = np.stack([*planes.values()]), np.zeros(max(planes) + 1, np.int16)
     which[[*planes]] = np.arange(len(planes))
     usual = np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes.values()], axis=0)
-    for start in range(0, high, BAND_ROWS):
+
+    def band(start: int) -> None:
         rows = slice(start, min(start + BAND_ROWS, high))
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
         both = np.empty((rows.stop - rows.start, wide, 7), np.float32)
         _sampled(layers, which[plane[rows]], x, y, both)
         # What is seen through glass is not lit by the room: it goes on as it is, in one light.
         both[glass[rows]] = np.append(np.zeros(4, np.float32), usual)
-        yield rows, both[..., :3], np.exp(both[..., 4:]), both[..., 3:4]
+        work(rows, both[..., :3], np.exp(both[..., 4:]), both[..., 3:4])
+
+    side_by_side(band, range(0, high, BAND_ROWS), MOST_BANDS)
 
 
 @compiled

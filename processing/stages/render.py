@@ -13,6 +13,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
+from processing.ground.kernels import compiled
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
@@ -26,7 +27,7 @@ from processing.light.scene.scene import Part, Scene
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.pictures.exr import write_stage_exr
-from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
@@ -207,18 +208,32 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
-    image, method, kept = work.empty.image, work.asked.method, _kept(work, staged)
-    change = np.log(np.maximum(luminance_cd_m2(staged.rgb), 1e-6) / np.maximum(luminance_cd_m2(image.rgb), 1e-6))
-    modelled = np.hypot(np.float32(MODELLED), CHANGE * np.minimum(np.abs(change), MOST_CHANGE))
-    doubt = np.hypot(np.minimum(image.uncertainty, 1.0), modelled)
+    image, method, uncertainty = work.empty.image, work.asked.method, work.empty.image.uncertainty.copy()
+    _doubt(staged.rgb, image.rgb, _kept(work, staged), np.array(LUMINANCE_WEIGHTS, np.float32), uncertainty)
     return replace(
         image,
         rgb=staged.rgb,
-        uncertainty=np.where(kept, image.uncertainty, doubt).astype(np.float32),
+        uncertainty=uncertainty,
         validity=np.where(staged.furniture, np.uint8(Validity.VALID), image.validity).astype(np.uint8),
         ghost=None,
         attributes={**image.attributes, "staged": True, "method": method, "arrangement": one.rank},
     )
+
+
+@compiled
+def _doubt(shown, before, kept, weights, uncertainty):  # type: ignore[no-untyped-def]
+    """Widen ``uncertainty`` (H, W) where a picture (H, W, 3) is not ``kept`` (H, W) as it was ``before``."""
+    for i in range(kept.shape[0]):
+        for j in range(kept.shape[1]):
+            if kept[i, j]:
+                continue
+            new = old = np.float32(0)
+            for c in range(3):
+                new += weights[c] * shown[i, j, c]
+                old += weights[c] * before[i, j, c]
+            change = abs(math.log(max(new, np.float32(1e-6)) / max(old, np.float32(1e-6))))
+            modelled = math.hypot(MODELLED, CHANGE * min(change, MOST_CHANGE))
+            uncertainty[i, j] = math.hypot(min(uncertainty[i, j], 1.0), modelled)
 
 
 def _kept(work: _Work, staged: Staged) -> Flags:

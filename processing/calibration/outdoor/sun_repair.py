@@ -12,7 +12,7 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_disc import SUN_RADIUS_RAD, SUN_SOLID_ANGLE_SR, Sun, Window, find_sun, window_at
 from processing.calibration.outdoor.sun_place import Beam
-from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.photometry import level_lx
 from processing.errors import ParameterError, SunError
 from processing.ground.arrays import Doubles
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
@@ -66,9 +66,9 @@ def repair_sun(
     sine = math.sin(sun.elevation_rad)
     seen = min(1.0, float((cover * window.pixel_sr).sum()) / SUN_SOLID_ANGLE_SR) if sun.cut else 1.0
     empty = _without_sun(image, window, cover)
-    rest = illuminance_lx(empty)
+    rest_lx, before_lx = level_lx([empty, image])
     if horizontal_lx is not None:
-        normal, sigma = _normal_of_reading(horizontal_lx, reading_uncertainty, rest.value_lx, sine * seen, image)
+        normal, sigma = _normal_of_reading(horizontal_lx, reading_uncertainty, rest_lx, sine * seen, image)
     else:
         assert beam is not None
         normal, sigma = beam.normal_lx, beam.relative_uncertainty
@@ -80,15 +80,14 @@ def repair_sun(
             advice="check the illuminance reading and its time",
         )
     done = _painted(empty, window, cover, luminance, sigma)
-    before = illuminance_lx(image).value_lx
     source: Literal["illuminance", "clear sky"] = "clear sky" if horizontal_lx is None else "illuminance"
     note = (
         f"the clipped sun was replaced from {'a clear-sky model' if beam else 'the illuminance reading'}: "
         f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx on level ground "
-        f"beside {rest.value_lx:.4g} lx of the rest; the picture alone gave at least {before:.4g} lx in all"
+        f"beside {rest_lx:.4g} lx of the rest; the picture alone gave at least {before_lx:.4g} lx in all"
     )
     count = int((cover > 0).sum())
-    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest.value_lx, count, note)
+    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest_lx, count, note)
     return replace(done, attributes={**image.attributes, "sun_repaired": note}), repair
 
 

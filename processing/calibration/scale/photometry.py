@@ -99,11 +99,28 @@ def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -
     return found
 
 
+def level_lx(images: Sequence[LuminanceImage]) -> list[float]:
+    """Return the illuminances on a level plane by pictures of one geometry, without their uncertainties: a fifth of
+    the time of `illuminance_lx`.
+    """
+    sums, levels = np.zeros((len(images), 5 + len(Validity))), np.zeros(LEVELS)
+    for rows, weights in projected_bands(images[0].geometry, UP):
+        for image, own in zip(images, sums, strict=True):
+            picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]
+            _add_light(*picture, weights, np.array(LUMINANCE_WEIGHTS), own, levels)
+    return [_checked(float(own[0])) for own in sums]
+
+
+def _checked(value_lx: float) -> float:
+    if not (math.isfinite(value_lx) and value_lx >= 0):
+        raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
+    return value_lx
+
+
 def _illuminance(image: LuminanceImage, sums: Doubles, levels: Doubles, off: Doubles) -> Illuminance:
     """Return what `_add_light` and, by modes (M,), `placed_parts` found of a plane."""
     value, squares, straight, doubtful, seen = sums[:5].tolist()
-    if not (math.isfinite(value) and value >= 0):
-        raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
+    _checked(value)
     # A picture without a scale is a photograph through a supposed tone curve: its pixels are wrong together.
     pixels = math.sqrt(squares) if image.absolute else straight
     shared = math.hypot(level_error(image, levels), *off.tolist())

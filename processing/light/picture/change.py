@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector
-from processing.ground.kernels import compiled, inner
+from processing.ground.kernels import compiled, inlined
 from processing.ground.threads import side_by_side
-from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, little
+from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, much
 from processing.light.picture.edges import MOST_GAIN, smooth_edges
 from processing.light.picture.highlights import Mirrors, few_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
@@ -307,7 +307,10 @@ def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
             band.shown[i, j, c] = photo[i, j, c] * gain[c]
         if solid and given.mirror.shape[1] > 0:
             add_mirrored(given.mirror[n, :3], given.mirror[n, 3:6], gain, weights, photo, i, j, band.shown)
-        if not solid or little(band.shown, photo, i, j):
+        changed = False
+        for c in range(3):
+            changed |= much(band.shown[i, j, c], photo[i, j, c])
+        if not solid or not changed:
             band.kept[i, j] = True
             for c in range(3):
                 band.shown[i, j, c] = photo[i, j, c]
@@ -315,7 +318,7 @@ def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
             band.gain[i, j] = weights[0] * gain[0] + weights[1] * gain[1] + weights[2] * gain[2]
 
 
-@inner
+@inlined
 def _gain(given, weights, photo, n, gain):  # type: ignore[no-untyped-def]
     """Fill by how much furniture changes (3,) what a pixel of the room shows, ``photo`` (3,)."""
     gain[:] = np.float32(1)

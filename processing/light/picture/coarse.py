@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int32s, Vector
-from processing.ground.kernels import compiled, inner
+from processing.ground.kernels import compiled, inlined
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.stage import Stage
 
@@ -101,16 +101,13 @@ def _mark(middle, reach, per_rad, around, found):  # type: ignore[no-untyped-def
                 found[r, c % columns] = 1
 
 
-@inner
-def little(shown, photo, i, j) -> bool:  # type: ignore[no-untyped-def]
-    """Return whether a pixel (i, j) hardly differs from the photograph's."""
-    for c in range(3):
-        if abs(shown[i, j, c] - photo[i, j, c]) >= LEAST_CHANGE * max(photo[i, j, c], np.float32(1e-12)):
-            return False
-    return True
+@inlined
+def much(shown, photo) -> bool:  # type: ignore[no-untyped-def]
+    """Return whether one channel differs from the photograph's. Numbers, no arrays: handing these on costs more."""
+    return bool(abs(shown - photo) >= LEAST_CHANGE * max(photo, np.float32(1e-12)))
 
 
-@inner
+@inlined
 def add_mirrored(old, new, gain, weights, photo, i, j, shown):  # type: ignore[no-untyped-def]
     """Add to ``shown`` what a glossy floor mirrors now, ``new`` (3,), less what it mirrored before, ``old`` (3,).
 
@@ -129,12 +126,12 @@ def add_mirrored(old, new, gain, weights, photo, i, j, shown):  # type: ignore[n
 
 @compiled
 def fill_plain(nodes, step, near, photo, weights, band):  # type: ignore[no-untyped-def]
-    """Fill the blocks of a band (h, w) that their corners show, and mark all pixels of the others in ``band.todo``.
+    """Fill the blocks of a band (h, w), kept so far, that their corners show; mark pixels of others in ``band.todo``.
 
     ``near`` (blocks): where furniture may be seen; ``weights`` (3,): luminance of R, G and B.
     """
     high, wide = photo.shape[0], photo.shape[1]
-    corner, mixed = np.empty((4, 3), np.float32), np.empty((3, 3), np.float32)
+    corner, scratch = np.empty((4, 9), np.float32), np.empty((3, 9), np.float32)
     rows, columns = nodes.label.shape
     for top in range(0, high, step):
         j = top // step
@@ -146,16 +143,14 @@ def fill_plain(nodes, step, near, photo, weights, band):  # type: ignore[no-unty
             if near[j, i] or not _agree(nodes, j, below, i, beside, corner):
                 band.todo[top:bottom, left:right] = True
                 continue
-            mirrors = nodes.label[j, i] >= 0 and (nodes.mirror[j, i].any() or nodes.mirror[j, beside].any())
-            mirrors |= nodes.label[j, i] >= 0 and (nodes.mirror[below, i].any() or nodes.mirror[below, beside].any())
-            tall = float(max(min(step, nodes.last_row - top), 1))
-            for r in range(top, bottom):
-                for k in range(left, right):
-                    v, u = min((r - top) / tall, 1.0), (k - left) / float(right - left)
-                    _one_plain(nodes, (j, below, i, beside), (u, v, r, k, mirrors), corner, photo, weights, mixed, band)
+            if nodes.label[j, i] < 0:
+                continue  # kept as it is, as all of a band is to begin with
+            count = 9 if _mirrored(nodes, j, below, i, beside, corner) else 3
+            block = top, bottom, left, right, np.float32(max(min(step, nodes.last_row - top), 1))
+            _one_block(block, (corner, scratch), count, photo, weights, band)
 
 
-@inner
+@inlined
 def _agree(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyped-def]
     """Return whether four nodes show one thing in one light; fill ``corner`` (4, 3) with their gains."""
     label = nodes.label[j, i]
@@ -173,33 +168,48 @@ def _agree(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyp
     return True
 
 
-@inner
-def _one_plain(nodes, at, place, corner, photo, weights, mixed, band):  # type: ignore[no-untyped-def]
-    """Fill one pixel from its block's corners; ``at``: their rows and columns; ``mixed`` (3, 3): scratch.
-
-    ``place``: shares of the block's width and height, row and column; whether a floor mirrors light there.
-    """
-    u, v, r, k, mirrors = place
-    label = nodes.label[at[0], at[2]]
-    shares = ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
-    for c in range(3):
-        gain = np.float32(0)
-        for n in range(4):
-            gain += np.float32(shares[n]) * corner[n, c]
-        mixed[0, c] = gain
-        band.shown[r, k, c] = photo[r, k, c] * gain
-    if mirrors:
+@inlined
+def _mirrored(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyped-def]
+    """Return whether a floor mirrors light at any of four nodes; fill ``corner`` (4, 9) from the fourth column on."""
+    if nodes.mirror.shape[2] == 0:
+        return False
+    there = False
+    for n in range(4):
+        y, x = (below if n >= 2 else j), (beside if n % 2 else i)
         for c in range(6):
-            value = np.float32(0)
-            for n in range(4):
-                y, x = (at[1] if n >= 2 else at[0]), (at[3] if n % 2 else at[2])
-                value += np.float32(shares[n]) * nodes.mirror[y, x, c]
-            mixed[1 + c // 3, c % 3] = value
-        add_mirrored(mixed[1], mixed[2], mixed[0], weights, photo, r, k, band.shown)
-    band.kept[r, k] = label < 0 or little(band.shown, photo, r, k)
-    if band.kept[r, k]:
-        band.gain[r, k] = np.float32(1)
-        for c in range(3):
-            band.shown[r, k, c] = photo[r, k, c]
-    else:
-        band.gain[r, k] = weights[0] * mixed[0, 0] + weights[1] * mixed[0, 1] + weights[2] * mixed[0, 2]
+            corner[n, 3 + c] = nodes.mirror[y, x, c]
+            there |= corner[n, 3 + c] != 0
+    return there
+
+
+@inlined
+def _one_block(block, values, count, photo, weights, band):  # type: ignore[no-untyped-def]
+    """Fill a ``block`` (top, bottom, left, right, rows from node to node) from its corners' first ``count`` values.
+
+    ``values``: the corners' (4, 9) and scratch (3, 9).
+    """
+    (top, bottom, left, right, tall), (corner, scratch) = block, values
+    begin, step, mixed = scratch[0], scratch[1], scratch[2]
+    across = np.float32(1) / np.float32(right - left)
+    for r in range(top, bottom):
+        v = min(np.float32(r - top) / tall, np.float32(1))
+        for c in range(count):
+            begin[c] = corner[0, c] + v * (corner[2, c] - corner[0, c])
+            step[c] = (corner[1, c] + v * (corner[3, c] - corner[1, c]) - begin[c]) * across
+        for k in range(left, right):
+            u = np.float32(k - left)
+            gain = begin[0] + u * step[0], begin[1] + u * step[1], begin[2] + u * step[2]
+            p, q, t = photo[r, k, 0], photo[r, k, 1], photo[r, k, 2]
+            x, y, z = p * gain[0], q * gain[1], t * gain[2]
+            if count > 3:
+                for c in range(count):
+                    mixed[c] = begin[c] + u * step[c]
+                band.shown[r, k, 0], band.shown[r, k, 1], band.shown[r, k, 2] = x, y, z
+                add_mirrored(mixed[3:6], mixed[6:9], mixed, weights, photo, r, k, band.shown)
+                x, y, z = band.shown[r, k, 0], band.shown[r, k, 1], band.shown[r, k, 2]
+            if much(x, p) or much(y, q) or much(z, t):
+                band.kept[r, k] = False
+                band.gain[r, k] = weights[0] * gain[0] + weights[1] * gain[1] + weights[2] * gain[2]
+            else:
+                x, y, z = p, q, t
+            band.shown[r, k, 0], band.shown[r, k, 1], band.shown[r, k, 2] = x, y, z

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Floats, Int32s, Vector
-from processing.ground.kernels import compiled, inner
+from processing.ground.kernels import compiled, inlined
 from processing.light.solver.kernels import FIRST, SECOND
 from processing.light.solver.sight import FIRST_PART, Sight, sight_along
 from processing.light.solver.stage import Stage
@@ -89,7 +89,7 @@ class _Seen(NamedTuple):
         return cls(sight.label.reshape(shape), sight.normal.reshape(*shape, 3), sight.distance_m.reshape(shape))
 
 
-@inner
+@inlined
 def _likest(rays, i, s, y, x, pixels):  # type: ignore[no-untyped-def]
     """Return row and column of the pixel around (y, x) that shows most nearly what ray (i, s) meets; -1 where none."""
     label, normal, far = rays.label[i, s], rays.normal[i, s], rays.far[i, s]

@@ -108,8 +108,8 @@ def met_patches(origins, directions, triangle, distance, ownership, patch, facin
 
 
 @inner
-def _on_rectangle(x0, y0, z0, x1, y1, p, q):  # type: ignore[no-untyped-def]
-    """Return the solid angle of a rectangle (x0..x1, y0..y1) at z0 < 0, and a place (x, y) on it for p, q in 0..1.
+def _solid_angle(x0, y0, z0, x1, y1):  # type: ignore[no-untyped-def]
+    """Return the solid angle of a rectangle (x0..x1, y0..y1) at z0 < 0, and what else `_on_rectangle` needs of it.
 
     Urena, Fajardo and King (2013), "An area-preserving parametrization for spherical rectangles".
     """
@@ -121,9 +121,16 @@ def _on_rectangle(x0, y0, z0, x1, y1, p, q):  # type: ignore[no-untyped-def]
     g2 = math.acos(min(max(-n2z * n3z, -1.0), 1.0))
     g3 = math.acos(min(max(-n3z * n0z, -1.0), 1.0))
     rest = 2 * math.pi - g2 - g3
-    solid = g0 + g1 - rest
-    if not solid > 1e-12:
-        return 0.0, x0, y0
+    return g0 + g1 - rest, rest, n0z, n2z
+
+
+@inner
+def _on_rectangle(sides, angles, p, q):  # type: ignore[no-untyped-def]
+    """Return a place (x, y) on a rectangle, ``sides`` (x0, y0, z0, x1, y1), for p, q in 0..1.
+
+    ``angles``: what `_solid_angle` returned of it.
+    """
+    (x0, y0, z0, x1, y1), (solid, rest, n0z, n2z) = sides, angles
     angle = p * solid + rest
     fu = (math.cos(angle) * n0z - n2z) / math.sin(angle)
     cu = min(1.0 / math.sqrt(fu * fu + n0z * n0z), 1.0) * (1.0 if fu > 0 else -1.0)
@@ -132,15 +139,15 @@ def _on_rectangle(x0, y0, z0, x1, y1, p, q):  # type: ignore[no-untyped-def]
     d2 = x * x + z0 * z0
     h0, h1 = y0 / math.sqrt(d2 + y0 * y0), y1 / math.sqrt(d2 + y1 * y1)
     h = h0 + q * (h1 - h0)
-    y = h * math.sqrt(d2) / math.sqrt(1 - h * h) if h * h < 1 - 1e-6 else y1
-    return solid, x, y
+    return x, h * math.sqrt(d2) / math.sqrt(1 - h * h) if h * h < 1 - 1e-6 else y1
 
 
 @compiled
 def pane_rays(points, normals, shifts, rectangle, origins, directions, weight):  # type: ignore[no-untyped-def]
     """Fill rays (N, S, 3) to a ``rectangle`` (3, 3: corner, across, up; m), uniform in solid angle.
 
-    ``weight`` (N, S): cosine times the rectangle's solid angle, sr; 0 where the rectangle is behind the surface.
+    ``weight`` (N, S): cosine times the rectangle's solid angle, sr; 0 where the rectangle is behind the surface, and
+    then the ray is not filled.
     """
     corner, across, up = rectangle[0], rectangle[1], rectangle[2]
     samples = directions.shape[1]
@@ -148,31 +155,38 @@ def pane_rays(points, normals, shifts, rectangle, origins, directions, weight): 
     high = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
     ax, ay, az = across[0] / wide, across[1] / wide, across[2] / wide
     bx, by, bz = up[0] / high, up[1] / high, up[2] / high
-    several = points.shape[1] > 1
+    several, start = points.shape[1] > 1, np.empty(3, np.float32)
+    sides, angles, cx, cy, cz = (0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
     for i in range(normals.shape[0]):
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        reach = max(nx * across[0] + ny * across[1] + nz * across[2], 0.0)
+        reach += max(nx * up[0] + ny * up[1] + nz * up[2], 0.0)
         for s in range(samples):
-            k = s if several else 0
-            cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-            for c in range(3):
-                origins[i, s, c] = points[i, k, c] + STEP_OFF_M * normals[i, c]
-            dx, dy, dz = corner[0] - origins[i, s, 0], corner[1] - origins[i, s, 1], corner[2] - origins[i, s, 2]
-            z0 = dx * cx + dy * cy + dz * cz
+            if s == 0 or several:
+                # What all rays from one place share: the rectangle as it is seen from there.
+                for c in range(3):
+                    start[c] = points[i, s if several else 0, c] + STEP_OFF_M * normals[i, c]
+                dx, dy, dz = corner[0] - start[0], corner[1] - start[1], corner[2] - start[2]
+                cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+                z0 = dx * cx + dy * cy + dz * cz
+                ahead = abs(z0) >= 1e-6 and nx * dx + ny * dy + nz * dz + reach > 0
+                if z0 > 0:
+                    z0, cx, cy, cz = -z0, -cx, -cy, -cz
+                x0, y0 = dx * ax + dy * ay + dz * az, dx * bx + dy * by + dz * bz
+                sides = x0, y0, z0, x0 + wide, y0 + high
+                angles = _solid_angle(x0, y0, z0, x0 + wide, y0 + high) if ahead else (0.0, 0.0, 0.0, 0.0)
             weight[i, s] = 0.0
-            directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = cx, cy, cz
-            if abs(z0) < 1e-6:
+            if not angles[0] > 1e-12:
                 continue
-            if z0 > 0:
-                z0, cx, cy, cz = -z0, -cx, -cy, -cz
-            x0, y0 = dx * ax + dy * ay + dz * az, dx * bx + dy * by + dz * bz
-            p = (shifts[i, 0] + (s + 1) * FIRST) % 1.0
-            q = (shifts[i, 1] + (s + 1) * SECOND) % 1.0
-            solid, x, y = _on_rectangle(x0, y0, z0, x0 + wide, y0 + high, p, q)
+            p, q = (shifts[i, 0] + (s + 1) * FIRST) % 1.0, (shifts[i, 1] + (s + 1) * SECOND) % 1.0
+            x, y = _on_rectangle(sides, angles, p, q)
             far = math.sqrt(x * x + y * y + z0 * z0)
             ox, oy, oz = x * ax + y * bx + z0 * cx, x * ay + y * by + z0 * cy, x * az + y * bz + z0 * cz
-            directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = ox / far, oy / far, oz / far
-            cosine = (ox * normals[i, 0] + oy * normals[i, 1] + oz * normals[i, 2]) / far
+            cosine = (ox * nx + oy * ny + oz * nz) / far
             if cosine > 0:
-                weight[i, s] = cosine * solid
+                weight[i, s] = cosine * angles[0]
+                origins[i, s, 0], origins[i, s, 1], origins[i, s, 2] = start[0], start[1], start[2]
+                directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = ox / far, oy / far, oz / far
 
 
 @compiled

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
-from processing.ground.kernels import compiled, inner
+from processing.ground.kernels import compiled, inlined
 from processing.light.solver.sight import Sight
 
 REACH_PX = 3  # how far a large pixel looks for small ones of its own surface
@@ -110,7 +110,7 @@ def _apply(values, index, weight, out):  # type: ignore[no-untyped-def]
                     out[i, c] += w * values[j, c]
 
 
-@inner
+@inlined
 def _likeness(small, r, c, large, i) -> float:  # type: ignore[no-untyped-def]
     """Return how much small pixel (r, c) says of large pixel i: 0 for another surface, less the more they are turned.
 
@@ -131,7 +131,7 @@ def _likeness(small, r, c, large, i) -> float:  # type: ignore[no-untyped-def]
     return float(turned * turned)
 
 
-@inner
+@inlined
 def _keep(index, weight, i, at, share):  # type: ignore[no-untyped-def]
     """Keep one more pixel of large pixel i, in place of the least."""
     least = 0
@@ -143,7 +143,7 @@ def _keep(index, weight, i, at, share):  # type: ignore[no-untyped-def]
         weight[i, least] = share
 
 
-@inner
+@inlined
 def _around(seen, i, place, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
     """Keep the best small pixels about ``place`` (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
     (small, large), (y, x) = seen, place
