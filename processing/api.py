@@ -290,7 +290,7 @@ def arrange(
     seed: int = 0,
     keep_camera_free: bool = False,
 ) -> Arrangements:
-    """Arrange furniture in a room so that no hard rule is broken, in several ways, best first.
+    """Arrange furniture in a room so that no hard rule is broken, in several ways: the best, then what differs most.
 
     Parameters
     ----------

@@ -22,6 +22,9 @@ from processing.layout.solver.search import Final, Search
 from processing.layout.verify import Judge
 
 MOST_ALTERNATIVES = 50  # chosen: more than anybody looks at
+SEARCHED_FOR = 7
+"""Alternatives that a search is for where two or more are asked: so more of them leave the first as they are (chosen:
+as many as can be staged)."""
 LITTLE_MORE = 1.0
 """Where something has no place, alternatives may leave out so much more (`units.loss_of`): another piece instead."""
 
@@ -36,7 +39,7 @@ def arrange(
     pins: Mapping[str, Pose] | None = None,
     book: Rules | None = None,
 ) -> Arrangements:
-    """Return up to `n` different arrangements, best first, none of which breaks a hard rule.
+    """Return up to `n` different arrangements, none of which breaks a hard rule: the best, then what differs most.
 
     ``plan``, ``items``: from `make_plan` or `plan_files`, and `parse_items`, `set_items` or `number_items`.
     ``rules``: a rule set, or its name in `book`.
@@ -71,10 +74,11 @@ def arrange(
         )
     search = Search(field, doors, [poses.anchor(s) for s in held])
     task = _Task(plan, items, tuple(stood), tuple(too_tall), search, frame, rules, book, judge)
-    finals = run_search(search, free, rules, n, seed, task.valid) if free else []
+    wide = n if n == 1 else max(n, SEARCHED_FOR)
+    finals = run_search(search, free, rules, wide, seed, task.valid) if free else []
     if any(f.left_out() for f in finals[:1]):
         refuse_too_small(task.bare, free)
-    chosen = _chosen(task, finals, n)
+    chosen = _chosen(task, finals, n, wide)
     return Arrangements(
         plan=plan_to_mapping(plan),
         rule_set=rules.name,
@@ -147,8 +151,9 @@ def _fewer(finals: Sequence[Final], found: int, asked: int) -> tuple[str, ...]:
     )
 
 
-def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
-    """Return the arrangements to give: of those that leave least out, good and different ones that the judge passes."""
+def _chosen(task: _Task, finals: Sequence[Final], n: int, wide: int) -> list[Chosen]:
+    """Return `n` arrangements of a search for so many: of those that leave least out, good and different ones that the
+    judge passes."""
     if not finals:
         scores = soft_scores(Floor(task.plan), task.stood)
         only = Candidate(task.stood, (), weighted(scores, task.book.weights), scores)
@@ -157,17 +162,17 @@ def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
     main = units[0].items[0].id if units else ""
     chosen: list[Chosen] = []
     least = 0.0
-    for loss, candidates in _candidates(finals, task, n):
+    for loss, candidates in _candidates(finals, task, wide):
         if chosen and loss > least + (LITTLE_MORE if least > 0 else 0.0):
             break
         least = least if chosen else loss
-        chosen = choose(candidates, n, main, lambda c: task.judge.passes(poses.pieces(c.placed)), 6 * n + 24, chosen)
+        chosen = choose(candidates, n, main, lambda c: task.judge.passes(poses.pieces(c.placed)), 6 * wide + 24, chosen)
         if len(chosen) == n:
             break
     if not any(one.candidate.left_out for one in chosen):
         return chosen
     fuller = [replace(one, candidate=_fuller(one.candidate, task)) for one in chosen]
-    return sorted(fuller, key=lambda one: (len(one.candidate.left_out), -one.candidate.score))
+    return sorted(fuller, key=lambda one: len(one.candidate.left_out))
 
 
 def _fuller(candidate: Candidate, task: _Task) -> Candidate:

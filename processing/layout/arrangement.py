@@ -72,7 +72,7 @@ class Arrangement(_Strict):
 
 
 class Arrangements(_Strict):
-    """What `arrange` gives: the plan, what was asked, and the arrangements, best first."""
+    """What `arrange` gives: the plan, what was asked, and the arrangements: the best, then what differs most."""
 
     version: Literal[1] = 1
     plan: dict[str, Any]

@@ -156,9 +156,9 @@ def choose(
     most_checks: int,
     before: Sequence[Chosen] = (),
 ) -> list[Chosen]:
-    """Return `before` and valid candidates, up to `count`, best first, each different from all before it.
+    """Return `before` and valid candidates, up to `count`: the best, then each the best that differs from all before.
 
-    What stands elsewhere in more of its footprint is preferred.
+    What stands elsewhere in more of its footprint is preferred. More of them change none of the first ones.
 
     Different: the main piece on another wall or moved by 1 m; where no more of those are left, another large piece.
     """
@@ -181,7 +181,7 @@ def choose(
             shares = [min(a, b) for a, b in zip(shares, near, strict=True)] if chosen else near
             chosen.append(Chosen(one, f"{difference}{more}"))
             known[number] = False  # taken
-    return sorted(chosen, key=lambda c: (len(c.candidate.left_out), -c.candidate.score))
+    return chosen
 
 
 def _next(

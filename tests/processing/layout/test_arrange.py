@@ -73,6 +73,13 @@ def test_seven_different_and_the_same_bytes_for_the_same_seed() -> None:
     assert all(one.differs_by for one in first.arrangements[1:]) or first.arrangements[0].differs_by
 
 
+def test_more_alternatives_leave_the_first_as_they_are() -> None:
+    few, more = (arrange(ROOM, set_items("bedroom"), "tight", n=n).arrangements for n in (3, 5))
+    assert [one.items for one in more[:3]] == [one.items for one in few]
+    assert len(more) == 5
+    assert more[0].score >= max(one.score for one in more[1:])
+
+
 def test_nothing_tall_hides_a_picture_or_stands_right_before_the_camera() -> None:
     """Both walls without openings would do for the wardrobe; one has pictures, the camera is near to the other."""
     ring, door, window = [[0, 0], [4.2, 0], [4.2, 3.6], [0, 3.6]], Door(0, 0.2, 1.1), Window(2, 1.0, 3.0)
