@@ -15,7 +15,14 @@ from processing.calibration.profile import Correction, K2Record, PatchRecord, Ri
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
-from processing.calibration.scale.chart_patches import WHITE, WINDOW, FoundChart, chart_points, homography
+from processing.calibration.scale.chart_patches import (
+    WHITE,
+    WINDOW,
+    FoundChart,
+    chart_points,
+    check_corners,
+    homography,
+)
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError
@@ -64,6 +71,9 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
     charts = {side: taken for side in Side if (taken := read_side(request.chart, side)) is not None}
     if not charts:
         raise ParameterError("the chart session has no frames", where=str(request.chart))
+    for side, corners in request.corners.items():
+        if side in charts:
+            check_corners(np.reshape(corners, (-1, 2)), charts[side].size_px)
     cameras, views = {}, {}
     for side, taken in charts.items():
         report(f"{side}: response, noise, shutter times")

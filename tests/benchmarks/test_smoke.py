@@ -64,10 +64,10 @@ NEEDS = {
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
-    *("batch", "capture", "detect", "emptying", "end_to_end", "instruments"),
-    *("photometry", "pipeline", "real", "remove", "room", "sphere", "stills", "studio", "truth"),
+    *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "instruments", "merge", "photometry"),
+    *("pipeline", "real", "relight", "remove", "render", "response", "room", "sphere", "stills", "studio", "truth"),
 }
-"""Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
+"""Five seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
 """Of the truth panoramas in the place of 512."""
 SMALLER: dict[str, Any] = {
@@ -170,7 +170,7 @@ def test_the_list_is_whole() -> None:
 @pytest.mark.parametrize("name", sorted(KEYS))
 def test_benchmark_runs_and_has_its_keys(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in LONG and os.environ.get("DAYLIT_TORTURE") != "1":
-        pytest.skip("half a minute of CPU time: set DAYLIT_TORTURE=1, or run make torture")
+        pytest.skip("seconds to minutes of CPU time: set DAYLIT_TORTURE=1, or run make torture")
     needed = DATA / NEEDS.get(name, "")
     if name in NEEDS and not needed.is_dir():
         pytest.skip(f"shared data {NEEDS[name]} are not beside the checkout")

@@ -81,6 +81,18 @@ def checked_corners(corners_px: npt.ArrayLike) -> Doubles:
     return corners
 
 
+def check_corners(corners_px: npt.ArrayLike, size_px: tuple[int, int]) -> None:
+    """Raise `ChartError` where four corners (4, 2) cannot be a chart's in a frame (width, height): nothing is read."""
+    corners = checked_corners(corners_px)
+    (x, y), (far_x, far_y) = corners.T, np.roll(corners, 1, axis=0).T
+    patch_px = 0.5 * abs(float(x @ far_y - y @ far_x)) * WINDOW**2 / (COLUMNS * ROWS)
+    if np.any(corners < 0) or np.any(corners > size_px):
+        raise ChartError("a corner of the chart lies outside the frame", where="corners", advice=f"frames: {size_px}")
+    if patch_px < MIN_PIXELS:
+        text = f"the corners leave {patch_px:.1f} pixels to a patch of the chart"
+        raise ChartError(text, where="corners", advice="give them in order around the chart, in pixels of the frames")
+
+
 def chart_points(mapping: Doubles, window: float, grid: int) -> Doubles:
     """Return picture points (24, grid * grid, 2) spread over the middles of all patches.
 

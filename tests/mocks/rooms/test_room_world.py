@@ -17,6 +17,7 @@ from mocks.rooms.light.sunlight import enters, sun_share
 from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role, Use
 from mocks.rooms.room import check_room, make_room
+from mocks.rooms.sky import backdrop
 from mocks.rooms.sky.sky import CloudDrift
 from mocks.rooms.truth import description, equirectangular, point_lights, truth_pictures
 from mocks.rooms.world import DEFAULT, RoomWorld, _shipped, baked_light, light_key, room_world
@@ -24,6 +25,16 @@ from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
 from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
 ROWS = 96
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_skyline():
+    """A skyline of an eighth the columns: rooms are looked at, not what stands before their windows."""
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(backdrop, "COLUMNS", 512)
+        context.setattr(backdrop, "PIXEL_RAD", 2 * math.pi / 512)
+        context.setattr(backdrop, "ROWS", round((backdrop.TOP_RAD - backdrop.BOTTOM_RAD) / backdrop.PIXEL_RAD))
+        yield
 
 
 def sunny(use=Use.LIVING, first=0):

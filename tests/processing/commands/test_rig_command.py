@@ -78,7 +78,8 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
         (["--corners", "outdoor:1,2,3"], "four corners"),
         (["--corners", "upstairs:1,2,3,4,5,6,7,8"], "upstairs"),
         (["--shutter", "indoor:fifths"], "fifths"),
-        (["--corners", "indoor:1,1,2,1,2,2,1,2"], "chart"),
+        (["--corners", "indoor:1,1,2,1,2,2,1,2"], "pixels to a patch of the chart"),
+        (["--corners", "indoor:1,1,2000,1,2000,40,1,40"], "outside the frame"),
     ],
 )
 def test_what_cannot_be_is_refused(
