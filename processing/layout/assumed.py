@@ -9,15 +9,18 @@ import numpy as np
 import shapely
 
 from processing.errors import LayoutError, RoomTooSmallError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.ground.seam import components, resized
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement
 from processing.layout.items import KINDS, set_items
 from processing.layout.plan import FloorPlan, Hung
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
-from processing.surfaces.maps import FIRST_WALL, in_sight, planes_of
+from processing.segmentation.evidence import SceneClass, SceneEvidence
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import FIRST_WALL, in_sight, latitudes, planes_of, surface_maps
 
 
 def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
@@ -178,8 +181,40 @@ def hung_things(room: RoomModel, fixtures: Floats) -> tuple[Hung, ...]:
     return tuple(sorted(found, key=lambda h: -h.width_m * (h.head_m - h.sill_m)))
 
 
+NEARER, LEAF_DOUBT, LEAF_M = 0.87, 0.1, (0.8, 1.6)
+"""Of the wall's distance, within which something stands before it; probability of doors, on average, from which that is
+an open leaf, and heights that it spans at least. Chosen on nine simulated and eight real rooms: of a leaf that stands
+open networks are seldom sure."""
+
+
+def open_doors(room: RoomModel, evidence: SceneEvidence, removed: Flags) -> Flags:
+    """Return where (h, w) of the evidence's distances a door stands open: its leaf before a wall, and the doorway.
+
+    ``removed`` (H, W): what is taken out of the picture, which is furniture and no leaf.
+    """
+    if evidence.reach is None:
+        return np.zeros(evidence.probabilities.shape[1:], bool)
+    shape = evidence.reach.shape
+    geometry = Equirectangular(shape[1], shape[0])
+    maps, far_m = surface_maps(room, geometry), evidence.reach * room.camera_height_m
+    door = resized(evidence.share(SceneClass.DOOR), shape)
+    wall = (maps.plane >= FIRST_WALL) & (maps.opening < 0) & (resized(removed.astype(np.float32), shape) < 0.5)
+    near = wall & (far_m < NEARER * maps.depth_m)
+    near = cv2.morphologyEx(near.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    level_m = room.camera_height_m + far_m * np.sin(latitudes(geometry))[:, None]
+    leaves, (count, labels) = np.zeros(shape, bool), components(near)
+    for one in (labels == k for k in range(1, count + 1)):
+        low, high = np.percentile(level_m[one], [3, 97])
+        if low < LEAF_M[0] and high > LEAF_M[1] and door[one].mean() > LEAF_DOUBT:
+            leaves |= one
+    _, labels = components(wall & ((door > LEAF_DOUBT) | leaves))
+    return np.asarray(np.isin(labels, np.unique(labels[leaves])))
+
+
 def _kind(room: RoomModel, wall: int, sides: tuple[float, float], levels: tuple[float, float]) -> str:
     """Return what a rectangle on a wall is, by where it hangs and how tall it is."""
+    if levels[0] < LEAF_M[0] and levels[1] > LEAF_M[1]:
+        return "door"
     windows = [o for o in room.openings if o.wall == wall and o.kind is OpeningKind.WINDOW]
     gaps = [max(o.start_m - sides[1], sides[0] - o.end_m) for o in windows]
     if min(gaps, default=math.inf) < BESIDE_M and levels[1] - levels[0] > 1.0:

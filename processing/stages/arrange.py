@@ -5,10 +5,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
+from processing.ground.seam import resized
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
-from processing.layout.assumed import Choice, broken_rules, fitting_choice, hung_things, named_choice, with_door
+from processing.layout.assumed import (
+    Choice,
+    broken_rules,
+    fitting_choice,
+    hung_things,
+    named_choice,
+    open_doors,
+    with_door,
+)
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import parse_pins
 from processing.layout.items import KINDS, Item, number_items, parse_items, set_list
@@ -73,7 +84,11 @@ def _hung(context: StageContext) -> tuple[Hung, ...]:
     if kept is None:
         return ()
     # Doors that only the pixels show are no openings of the room: nothing is put before them all the same.
-    seen = read_evidence(kept).share(SceneClass.FIXTURE, SceneClass.DOOR)
+    evidence, removed = read_evidence(kept), context.optional_artifact("detect", "target")
+    seen = evidence.share(SceneClass.FIXTURE, SceneClass.DOOR)
+    if removed is not None:
+        open_ones = open_doors(known_room(context), evidence, removed).astype(np.float32)
+        seen = np.maximum(seen, resized(open_ones, seen.shape))
     return hung_things(known_room(context), seen)
 
 

@@ -18,16 +18,20 @@ from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallErro
 from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
-from processing.layout.assumed import hung_things
+from processing.layout.assumed import hung_things, open_doors
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import Place, parse_pins, placed_by_ratios
 from processing.layout.items import KINDS as ITEMS
 from processing.layout.items import SETS, parse_items, set_items
-from processing.layout.plan import Door, FloorPlan, Hung, Window, make_plan
+from processing.layout.plan import Door, FloorPlan, Hung, Window, from_room_model, make_plan
 from processing.layout.plan_files import plan_from_mapping, plan_to_mapping
 from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.solver.poses import mirrored_plan
+from processing.layout.styling import styled
 from processing.layout.verify import Judge, Piece
+from processing.segmentation.evidence import SceneClass, SceneEvidence
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import surface_maps
 
 ROOM = make_plan(
     [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]
@@ -118,6 +122,38 @@ def test_what_hangs_is_found_where_a_network_saw_it() -> None:
         [picture.start_m, picture.end_m, picture.sill_m, picture.head_m], [1.1, 1.9, 1.3, 1.9], atol=0.06
     )
     np.testing.assert_allclose([radiator.start_m, radiator.end_m], [2.7, 3.3], atol=0.06)
+
+
+def test_nothing_is_put_before_an_open_door_that_stays_in_the_picture() -> None:
+    room = RoomModel(
+        source="given", floor=((-2, -2), (2, -2), (2, 2), (-2, 2)), camera_height_m=1.5, ceiling_height_m=2.6
+    )
+    shape = (128, 256)
+    maps = surface_maps(room, Equirectangular(shape[1], shape[0]))
+    reach = maps.depth_m / room.camera_height_m
+    azimuth = ((np.arange(256) + 0.5) / 256 - 0.5) * 2 * np.pi
+    doorway, leaf = ((maps.plane >= 2) & (np.abs(azimuth - at) < 0.15) for at in (0.0, 0.3))
+    leaf &= np.abs(np.arange(128) - 68)[:, None] < 20
+    reach[leaf] *= 0.75
+    shares = np.zeros((len(SceneClass), *shape), np.float32)
+    shares[SceneClass.DOOR][doorway | leaf] = 0.2
+    shares[SceneClass.WALL] = 1 - shares[SceneClass.DOOR]
+    seen, none = SceneEvidence(shares, "made up", reach=reach.astype(np.float32)), np.zeros(shape, bool)
+    found = open_doors(room, seen, none)
+    assert found[leaf].mean() > 0.95
+    assert found[doorway].mean() > 0.9
+    assert found[~leaf & ~doorway].mean() < 0.02
+    hung = hung_things(room, found.astype(np.float32))
+    assert [thing.name for thing in hung] == ["door"]
+    # A plant of the styling keeps out of the corner behind such a leaf
+    plan = from_room_model(room, hung=[Hung(0, 3.2, 4.0, 0.1, 2.0, "door")])
+    one = arrange(replace(plan, doors=(Door(2, 0.2, 1.1),)), parse_items("desk"), "tight", n=1).arrangements[0]
+    plants = [p for p in styled(one, plan, "scandinavian", "full", 0) if p.category == "plant" and not p.base_m]
+    assert plants
+    assert min(math.dist(p.t_m[:2], (2, -2)) for p in plants) > 1.0
+    # The same is furniture where it is taken out, and a thing on the wall where no door is seen at all
+    assert not open_doors(room, seen, leaf).any()
+    assert not open_doors(room, replace(seen, probabilities=np.full_like(shares, 0.05)), none).any()
 
 
 def test_fewer_than_asked_says_why_and_leaves_out_other_pieces() -> None:
