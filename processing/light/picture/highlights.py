@@ -23,7 +23,7 @@ from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Material
 from processing.light.solver.irradiance import denoised
 from processing.light.solver.kernels import FIRST, FURNITURE, PANE, SECOND, STEP_OFF_M, Key, random
-from processing.light.solver.sight import FIRST_PART, Sight, looked_up, sight_of
+from processing.light.solver.sight import FIRST_PART, GLASS, Sight, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo
 from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import LightMap
@@ -51,8 +51,11 @@ class Surroundings:
     """(P, 3): by which furniture changes the light of the room's patches."""
     eye_m: Vector
 
-    def radiance(self, origins: Floats, rays: Floats) -> tuple[Floats, np.ndarray]:
-        """Return what rays (N, 3) bring (N, 3) cd/m2, and which of them end on furniture."""
+    def radiance(self, origins: Floats, rays: Floats, *, imaged: bool = False) -> tuple[Floats, np.ndarray]:
+        """Return what rays (N, 3) bring (N, 3) cd/m2, and which of them end on furniture.
+
+        ``imaged``: a window is shown as the photograph shows it, where it does: a pane's own cells are far coarser.
+        """
         stage, p = self.stage, self.stage.patches
         hits = stage.tracer.cast(origins, rays)
         patch, _ = stage.met(origins, rays, hits)
@@ -79,6 +82,10 @@ class Surroundings:
             row, column = pane.cells(place[mine])
             sky = looked_up(stage.scene.outdoors.rgb, rays[mine]) * pane.through(rays[mine])
             out[mine] = pane.clear[row, column, None] * sky + pane.veil_cd_m2[row, column]
+        if imaged:
+            mine = np.flatnonzero(glass)
+            shown, sure = self._shown(place[mine], np.full(len(mine), GLASS))
+            out[mine[sure]] = shown[sure]
         return out, (patch >= 0) & (p.owner[hit] < 0)
 
     @cached_property
@@ -174,7 +181,7 @@ def mirrored_light(
         weight = np.empty((count, samples, 2), np.float32)
         facet_rays(sight.rays[chosen], sight.normal[chosen], shift[part], samples, width, rays, weight)
         origins = np.repeat(sight.point[chosen] + np.float32(STEP_OFF_M) * sight.normal[chosen], samples, axis=0)
-        light, furniture = around.radiance(origins, rays.reshape(-1, 3))
+        light, furniture = around.radiance(origins, rays.reshape(-1, 3), imaged=width == 0)
         light = light.reshape(count, samples, 3)
         whole = weight[..., :1] * head_on.astype(np.float32) + weight[..., 1:] * (1 - head_on).astype(np.float32)
         out[part] = (whole * light).mean(axis=1)
@@ -257,6 +264,7 @@ MOST_ROWS = 512  # of mirror images: 0.35 degrees a row; chosen, never swept
 FLOOR_BLUR_PX = 1.5
 """About the width of a varnished floor's mirror images at `MOST_ROWS` rows; it takes the noise of few rays away too."""
 MOST_GAIN = 4.0  # two stops; chosen, never swept
+GAIN_BLUR = 1.5  # patches; chosen by looking
 FURNITURE_RAYS, FLOOR_RAYS, FEW_RAYS = 48, 24, 12
 """From each small pixel; of what no small pixel sees, from each large one."""
 
@@ -337,13 +345,20 @@ def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floa
 
 
 def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:
-    """Return by how much furniture changes the light of the room's patches (P, 3); 1 for its own."""
+    """Return by how much furniture changes the light of the room's patches (P, 3); 1 for its own.
+
+    Evened out over each surface: single patches are noisy, and a looking glass would show them as tiles.
+    """
     out = np.ones((full.patches.count, 3))
     before, after = lights[0].total, lights[1].total
     shared = len(before)
     known = before > 0
     ratio = np.where(known, after[:shared] / np.where(known, before, 1), 1)
     out[:shared] = np.clip(ratio, 0, MOST_GAIN)
+    for columns, rows, first in full.patches.grids:
+        mine = slice(first, first + columns * rows)
+        grid = cv2.medianBlur(out[mine].reshape(rows, columns, 3).astype(np.float32), 5)
+        out[mine] = cv2.GaussianBlur(grid, (0, 0), GAIN_BLUR).reshape(-1, 3)
     return out
 
 

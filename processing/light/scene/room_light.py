@@ -186,6 +186,18 @@ class EmptyRoom:
     """(H, W): what removal made up; None where nothing was removed."""
     sunless: Flags | None = None
     """(H, W): what is shown without the direct sun that may fall there."""
+    sunlit: Flags | None = None
+    """(H, W): where the sun stands again as it was photographed."""
+    shaded: Floats | None = None
+    """(K, 3): what removal left of those places, without that sun, row by row."""
+
+    def without(self, patches: Flags) -> tuple[Floats, Flags | None]:
+        """Return picture and ``sunless`` with some of the sunlight (H, W) as removal left it."""
+        if self.sunlit is None or self.shaded is None or self.sunless is None or not patches.any():
+            return self.image.rgb, self.sunless
+        rgb = self.image.rgb.copy()
+        rgb[patches] = self.shaded[patches[self.sunlit]]
+        return rgb, self.sunless | patches
 
 
 def with_sunlight(
@@ -204,7 +216,7 @@ def with_sunlight(
         validity=np.where(back, before.validity, empty.validity),
         uncertainty=np.where(back, before.uncertainty, empty.uncertainty),
     )
-    return EmptyRoom(image, filled & ~back, filled & ~back)
+    return EmptyRoom(image, filled & ~back, filled & ~back, back, empty.rgb[back])
 
 
 def _grown(mask: Flags, by_rad: float) -> Flags:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import differential, ibl
+from processing.light.picture.composite import Bare, differential, ibl
 from processing.light.picture.render import render
+from processing.light.scene.room_light import with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
 from processing.light.solver.irradiance import Effort
+from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Perspective
+from processing.stages.render import parted_sun
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
@@ -67,6 +74,28 @@ def test_furniture_throws_a_shadow_in_the_sun() -> None:
     staged = differential(photograph, room, (low,), EYE, effort=LOOK)
     assert (staged.ratio[~staged.furniture] < 0.5).any()
     assert staged.ratio.max() <= 4
+
+
+def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() -> None:
+    direction = np.array([0.0, -0.7, 0.7]) / np.linalg.norm([0.7, 0.7])
+    room = scene_of(box_room(), uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4))), 0.5)
+    photograph = render(room, GEOMETRY, EYE, effort=LOOK).rgb
+    floor = np.zeros((ROWS, 2 * ROWS), bool)
+    floor[ROWS // 2 + 8 :] = True
+    sunny = floor & (photograph[..., 1] > 10 * np.median(photograph[floor]))
+    none = np.zeros(sunny.shape, np.float32)
+    image = LuminanceImage(photograph, none, none.astype(np.uint8), GEOMETRY, 0.02)
+    removed = replace(image, rgb=np.where(sunny[..., None], np.float32(1), photograph))
+    empty = with_sunlight(removed, image, sunny, sunny, np.zeros_like(sunny))
+    assert np.array_equal(empty.image.rgb, photograph)
+    work: Any = SimpleNamespace(base=photograph, bare=Bare.of(room, LOOK), empty=empty, eye_m=EYE)
+    shades, away = box((0.0, -0.8, 0.2), (1.0, 0.8, 0.4)), box((2.2, 1.8, 0.1), (0.2, 0.2, 0.2))
+    assert parted_sun(work, (shades,))[sunny].mean() > 0.5
+    assert not parted_sun(work, (away,)).any()
+    rgb, sunless = empty.without(parted_sun(work, (shades,)))
+    assert sunless is not None
+    assert (rgb[sunny & sunless] == 1).all()
+    assert np.array_equal(rgb[~sunless], photograph[~sunless])
 
 
 def test_ibl_lights_furniture_by_the_panorama_and_changes_nothing_else(room) -> None:

@@ -157,7 +157,8 @@ def test_edges_are_where_furniture_ends() -> None:
     assert not edge[~near].any()
 
 
-def test_a_looking_glass_shows_the_room_as_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("window", [None, (1.5, 3.5, 0.8, 2.3)])
+def test_a_looking_glass_shows_the_room_as_an_image(monkeypatch: pytest.MonkeyPatch, window: Any) -> None:
     """Stripes of the photograph, found where a plane mirror shows them: plain geometry, not the tracer's."""
     monkeypatch.setattr(highlights, "MOST_ROWS", 96)  # the small picture, in which the stripes are lost
     effort = Effort(texel_m=0.5, patch_samples=16, rows=32, pixel_samples=16, sun_samples=16, clean=False)
@@ -169,7 +170,7 @@ def test_a_looking_glass_shows_the_room_as_an_image(monkeypatch: pytest.MonkeyPa
     rays = np.asarray(directions(Equirectangular(2 * rows, rows))[0], np.float64)
     photograph = np.repeat(stripes(rays)[..., None], 3, axis=-1).astype(np.float32)
     glass = box((0.0, 1.96, 1.3), (1.6, 0.02, 1.2), (1.0, 1.0, 1.0), metallic=1.0, roughness=0.04)
-    room = scene_of(box_room(window=None), uniform_sky(1000.0), 0.5)
+    room = scene_of(box_room(window=window), uniform_sky(1000.0), 0.5)
     staged = differential(photograph, room, (glass,), EYE, effort=effort).rgb[..., 0]
 
     front = rays * (1.95 / np.maximum(rays[..., 1:2], 1e-9))  # from the eye, on the glass's front
