@@ -244,7 +244,7 @@ def _notices(context: StageContext, room: RoomModel | None, states: list[str]) -
     found = []
     if any(state.startswith("staged") for state in states):
         found.append("Furniture in pictures marked as virtually staged is not there.")
-    if context.optional_artifact("remove", "filled") is not None:
+    if context.has("remove", "filled"):
         found.append("Furniture that stood in the room was removed by computer: what it hid is computed, not seen.")
     if room is not None and room.source == "estimated" and room.confidence < DOUBTFUL:
         found.append(

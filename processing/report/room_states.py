@@ -1,7 +1,7 @@
 """Which states of the room a session has, where to look, and what the page says of them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,29 +17,26 @@ from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import RELATIVE_UNITS, LuminanceImage, luminance_cd_m2
 from processing.report.data import Model, Models, Section
 from processing.report.states import FIELD_DEG, Cuts, Look, State, comparison
-from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED, ReportParameters
 from processing.stages.upright import in_size, upright_panorama
 
 HALF_FIELD = math.radians(FIELD_DEG / 2)
+LOOKED_AT = 3
+"""Alternatives that the views are turned to (chosen: as many as there usually are; more do not turn them)."""
 LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
 """Bytes of the first model within the page; and of all, if there are to be more."""
 
 
-def room_states(context: StageContext) -> tuple[State, ...]:
-    """Return the room as photographed, emptied, and staged: those that there are, if it was seen all around."""
-    filled = context.optional_artifact("remove", "filled")
+def room_states(context: StageContext) -> Iterator[State]:
+    """Yield the room as photographed, emptied, and staged: those that there are, none asked for before its turn."""
 
     def photograph() -> LuminanceImage:
-        image = upright_panorama(context)
+        image, filled = upright_panorama(context), context.optional_artifact("remove", "filled")
         return image if filled is None else in_size(image, filled.shape[1])  # a draft's others are smaller
 
-    image = upright_panorama(context)
-    if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
-        return ()
     file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
-    found = [State("Photograph", photograph, False, file, "the room as it was photographed")]
+    yield State("Photograph", photograph, False, file, "the room as it was photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
     for stage, name, title, alt in (
         ("remove", "empty", "Emptied", "the room without its furniture"),
@@ -47,22 +44,27 @@ def room_states(context: StageContext) -> tuple[State, ...]:
     ):
         if context.has(stage, name):
             read = partial(context.artifact, stage, name)
-            found.append(State(title, read, stage == "render", f"stages/{stage}/{name}.exr", alt))
-    return tuple(found)
+            yield State(title, read, stage == "render", f"stages/{stage}/{name}.exr", alt)
 
 
-def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
-    """Return how the states are shown: in the photograph's exposure, towards what changes most."""
+def views_of(context: StageContext) -> Vector:
+    """Return the longitudes of the two views, and 0: towards the furniture, else towards what emptying changes most."""
+    arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
+    if arranged and (places := furniture_places(arranged)) and context.has("render", "staged-1"):
+        return (*towards_furniture(places), 0.0)
+    *_, last = states = tuple(room_states(context))
+    yaw = towards(states[0].read(), last.read())
+    return yaw, yaw + math.pi, 0.0
+
+
+def look_of(context: StageContext, views: Vector, image: LuminanceImage) -> Look:
+    """Return how the states, ``image`` one of them, are shown: in the photograph's exposure, towards these views."""
     asked = context.parameters
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
-    arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
-    places = furniture_places(arranged) if states[-1].staged and arranged else []
-    photograph = states[0].read()
-    yaw = 0.0 if places else towards(photograph, states[-1].read())
-    first, second = towards_furniture(places) if places else (yaw, yaw + math.pi)
-    room = context.optional_artifact("room", "room")
-    panes = panes_of(room, photograph.geometry)
-    return Look(display_in(context, photograph.rgb), panes, first, "" if plain else TEXT, second, room)
+    known, room = context.has("stills", "display"), context.optional_artifact("room", "room")
+    panes = panes_of(room, image.geometry)
+    exposed = image if known else next(room_states(context)).read()
+    return Look(display_in(context, exposed.rgb), panes, views[0], "" if plain else TEXT, views[1], room)
 
 
 def display_in(context: StageContext, rgb: Floats) -> Display:
@@ -72,10 +74,10 @@ def display_in(context: StageContext, rgb: Floats) -> Display:
 
 
 def furniture_places(arranged: Arrangements) -> list[Vector]:
-    """Return the pieces of all alternatives: x, y in metres from the camera, and size of the footprint in metres."""
+    """Return the pieces of the first alternatives: x, y in metres from the camera, size of the footprint in metres."""
     return [
         (item.t_m[0], item.t_m[1], math.sqrt(item.size_m[0] * item.size_m[1]))
-        for arrangement in arranged.arrangements
+        for arrangement in arranged.arrangements[:LOOKED_AT]
         for item in arrangement.items
         if item.category != "rug"
     ]
@@ -118,7 +120,7 @@ def lead_section(cuts: Sequence[Cuts]) -> Section | None:
     if len(cuts) < 2:
         return None
     text = "Drag to compare two states of the room."
-    if any(one.state.staged for one in cuts):
+    if any(one.staged for one in cuts):
         text += " Furniture in staged pictures is virtual; what the room's own furniture hid is computed."
     return Section("Before and after", text, widgets=(comparison(cuts),))
 

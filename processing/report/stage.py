@@ -21,7 +21,8 @@ from processing.report.data import FileLine, Quantity, ReportData, Section, Stag
 from processing.report.page import build_client_page, build_page, client_data, write_page
 from processing.report.room_states import display_in
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
-from processing.report.staging import staging_sections
+from processing.report.staging import kept, staging_sections
+from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import MOST_STAGED, NO_SUCH
 from processing.stages.upright import upright_panorama
@@ -50,15 +51,19 @@ def run(context: StageContext) -> StageOutput:
     client = client_data(context, data)
     write_page(context.folder / "index.html", build_client_page(client))
     metrics = {"sections": len(data.sections), "stills": len(client.stills)}
-    return StageOutput(artifacts={"page": True, "lab": True}, metrics=metrics)
+    cuts = {f"cuts-{k}": (context.folder / f"cuts-{k}.json").is_file() for k in range(1, MOST_STAGED + 3)}
+    made = dict.fromkeys(("page", "lab", "details", *(name for name, there in cuts.items() if there)), True)
+    return StageOutput(artifacts=made, metrics=metrics, left_out=dict.fromkeys(cuts.keys() - made.keys(), NO_SUCH))
 
 
 def report_data(context: StageContext) -> ReportData:
     """Return what the page shows, from the session, the stages' summaries and their artifacts."""
-    facts, unit = context.artifact("calibrate", "calibration"), context.artifact("calibrate", "indoor").unit
-    # First what is of one picture each, then all states side by side: so each is read from the disk once.
-    details = _sections(context, facts)
-    lead, staging = staging_sections(context)
+    facts = context.artifact("calibrate", "calibration")
+    unit, whole = context.part("panorama", (), None, lambda: _panorama(context))
+    # First what is of one picture each, then all states side by side: so each is read from the disk once at most.
+    own = [context.session.name, [frame.sha256 for frame in context.session.frames]]
+    details = kept(context, "details", own, tuple[Section, ...], lambda: _sections(context, facts))
+    lead, staging = staging_sections(context, whole=whole)
     return ReportData(
         title=context.session.name,
         facts=session_facts(context.session),
@@ -75,6 +80,13 @@ def report_data(context: StageContext) -> ReportData:
         made_with=f"daylit {version('daylit')}",
         unit=unit,
     )
+
+
+def _panorama(context: StageContext) -> list[str | bool]:
+    """Return the unit of luminance, and whether the room was seen all around."""
+    image = upright_panorama(context)
+    whole = isinstance(image.geometry, Equirectangular) and image.rgb.shape[1] == 2 * image.rgb.shape[0]
+    return [image.unit, whole]
 
 
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:

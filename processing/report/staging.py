@@ -1,21 +1,32 @@
 """What people look at first: before and after, viewer, models, alternatives, materials, other times of day."""
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from processing.exchange.jpeg_files import jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
-from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section
-from processing.report.states import VIEWER_WIDTHS_PX, Cuts, Look, cuts_of, small_direction, small_height_px
+from processing.report.room_states import (
+    lead_section,
+    look_of,
+    model_section,
+    room_states,
+    viewer_section,
+    views_of,
+)
+from processing.report.states import VIEWER_WIDTHS_PX, Cuts, Look, State, cuts_of, small_direction, small_height_px
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED
+from processing.stages.upright import upright_panorama
 from station.session import strict_json
 
 METHODS = {
@@ -39,7 +50,7 @@ def alternatives_section(
         return None
     every = arranged.arrangements
     facts: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
-    pictures = {one.state.name: one.small for one in cuts if one.state.staged}
+    pictures = {one.name: one.small for one in cuts if one.staged}
     views = [
         Card(
             f"Alternative {number}",
@@ -144,21 +155,57 @@ def _window_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
     return f"opening {one['opening']}", share, f"{100 * float(one['covered_share']):.0f} %"
 
 
-def staging_sections(context: StageContext) -> tuple[Section | None, list[Section]]:
-    """Return the section that leads the page, if there is one, and those that follow the summary."""
-    states = room_states(context)
+T = TypeVar("T")
+
+
+def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callable[[], T]) -> T:
+    """Return a piece of the page: the former page's where nothing that it is made of has changed; kept as a file.
+
+    ``own``: JSON of what it depends on beside what was read so far; arrangements are left to it.
+    """
+    path = context.folder / f"{name}.json"
+
+    def write() -> bool:
+        value = {"it": asdict(one) if hasattr(one := make(), "__dataclass_fields__") else [*map(asdict, one)]}  # type: ignore[call-overload]
+        path.write_text(json.dumps(value, default=lambda data: {"base64": b64encode(data).decode("ascii")}), "ascii")
+        return True
+
+    def hook(found: dict[str, Any]) -> Any:
+        return b64decode(found["base64"]) if found.keys() == {"base64"} else found
+
+    context.part(name, (path.name,), own, write, apart="arrange")
+    return TypeAdapter(kind).validate_python(json.loads(path.read_bytes(), object_hook=hook)["it"])
+
+
+def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[float]) -> list[Cuts]:
+    """Return what is shown of the states, one picture at a time; those that stand are not read."""
+    least, found = 3 if context.has("render", "staged-1") else 1, list[Cuts]()
+    own = [views, getattr(context.parameters, "no_staged_label", False)]
+    for number, state in enumerate(room_states(context), 1):
+        wide = next(width for most, width in VIEWER_WIDTHS_PX if max(number, least) <= most)
+        shown = [*own, wide, state.name, state.file]
+        found.append(kept(context, f"cuts-{number}", shown, Cuts, lambda: cuts_of(state, look(state), wide)))  # noqa: B023
+    return found
+
+
+def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | None, list[Section]]:
+    """Return the section that leads the page, if there is one, and those that follow the summary.
+
+    ``whole``: whether the room was seen all around.
+    """
     lead: Section | None = None
     found: list[Section | None] = []
-    if states:
-        look = look_of(context, states)
-        wide = next(width for most, width in VIEWER_WIDTHS_PX if len(states) <= most)
-        cuts = [cuts_of(state, look, wide) for state in states]  # one picture at a time
+    if whole:
+        views = views_of(context)
+        cuts = _cuts(context, lambda state: look_of(context, views, state.read()), views)
         lead = lead_section(cuts)
         found += [viewer_section(cuts), model_section(context)]
         arranged = context.optional_artifact("arrange", "arrangement")
         staged = context.optional_artifact("render", "staged")
         found.append(alternatives_section(arranged, staged, cuts, _plans(context)))
-        found.append(relight_section(context.session_path, look))
+        if (context.session_path / FOLDER).is_dir():
+            look = look_of(context, views, upright_panorama(context))
+            found.append(relight_section(context.session_path, look))
     materials = context.optional_artifact("materials", "materials")
     if materials is not None:
         found.append(materials_section(materials, context.summary("materials").get("metrics", {})))

@@ -117,7 +117,8 @@ def packed(codes: UInt16s | Bytes) -> str:
 
 MAP_WIDTH_PX = 1024  # of what the probe reads
 VIEWER_WIDTHS_PX = ((2, 4096), (5, 3072), (99, 2048))
-"""Most states, and the width of their pictures then: the page stays one that can be sent."""
+"""The last of the states whose pictures are so wide, where there are more than two: the page stays one that can be
+sent, and one more alternative leaves the pictures before it as they are."""
 PANORAMA_WIDTH_PX = 1800  # chosen: a screen's width
 VIEW_PX = (1500, 1000)
 FIELD_DEG = 95.0  # horizontal: what a photographer's wide lens shows
@@ -145,7 +146,8 @@ class State:
 class Cuts:
     """What the page shows of a state, cut from its picture in one pass."""
 
-    state: State
+    name: str
+    staged: bool
     scenes: tuple[Scene, ...]
     """Towards ``look.yaw_rad``, ``look.other_yaw_rad``, and all around, of this state alone."""
     small: bytes
@@ -165,7 +167,8 @@ def cuts_of(state: State, look: Look, wide: int) -> Cuts:
     around = shown(_panorama(image.rgb, PANORAMA_WIDTH_PX), look)
     scenes.append(_scene("Panorama", state, look, image, around, panorama=True))
     card = shown(cut_view(whole, small)[-small_height_px(SMALL_PX) :], look, small)
-    return Cuts(state, tuple(scenes), _jpeg(card, state, look, image, panorama=False), viewer(state, look, wide))
+    first = _jpeg(card, state, look, image, panorama=False)
+    return Cuts(state.name, state.staged, tuple(scenes), first, viewer(state, look, wide))
 
 
 def comparison(cuts: Sequence[Cuts]) -> Comparison:
@@ -173,8 +176,8 @@ def comparison(cuts: Sequence[Cuts]) -> Comparison:
     scenes = (
         replace(one[0], shots=sum((s.shots for s in one), ())) for one in zip(*(c.scenes for c in cuts), strict=True)
     )
-    staged = [one.state.name for one in cuts if one.state.staged]
-    return Comparison(tuple(scenes), cuts[0].state.name, staged[0] if staged else cuts[-1].state.name)
+    staged = [one.name for one in cuts if one.staged]
+    return Comparison(tuple(scenes), cuts[0].name, staged[0] if staged else cuts[-1].name)
 
 
 def small_direction(look: Look, width_px: int) -> Perspective:

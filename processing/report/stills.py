@@ -267,7 +267,7 @@ def run(context: StageContext) -> StageOutput:
         if not context.has("render", name):
             continue
         assert room is not None
-        frames = frames_of(room, one.items, MOST if number == 1 else 1)
+        frames = _framed(context, room, one.items, number)
         if number == 1:
             frames = with_aimed(aimed(asked.aim, room, one.items), frames)
         make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
@@ -286,6 +286,17 @@ def run(context: StageContext) -> StageOutput:
         metrics={"stills": len(made), "white": shown.display.source, "pull_stops": -math.log2(shown.display.pull)},
         left_out=left_out,
     )
+
+
+def _framed(context: StageContext, room: RoomModel, items: Sequence[PlacedItem], number: int) -> tuple[Frame, ...]:
+    """Return the frames of an alternative, which are looked for once: all of the first, the best of others."""
+    most, own = MOST if number == 1 else 1, [item.model_dump(mode="json") for item in items]
+
+    def look() -> list[dict[str, Any]]:
+        return [{**asdict(one), "shows": list(one.shows)} for one in frames_of(room, items, most)]
+
+    found = context.part(f"frames-{number}", (), [most, own], look, apart="arrange")
+    return tuple(Frame(**{**one, "shows": tuple(one["shows"])}) for one in found)
 
 
 def _original(context: StageContext, shown: Shown) -> Panorama:

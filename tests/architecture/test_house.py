@@ -38,7 +38,7 @@ LINES = {
     "drivers": 7_100,
     "station": 11_050,
     "mocks": 15_550,
-    "processing": 57_300,
+    "processing": 57_400,
     "studio": 870,
 }
 """The budget of lines of each room."""

@@ -25,6 +25,7 @@ from processing.report.stills import run as frame
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters
 from tests.processing.report.made_up import context, darker, picture, results, without
+from tests.processing.report.test_stills import Kept
 
 STAGED_XMP = b"compositeSynthetic"
 
@@ -101,6 +102,33 @@ def test_few_pictures_are_in_memory_together(tmp_path: Path, made: Callable[[Sta
     made(replace(given, fetch=fetch, parameters=StillsParameters() if made is frame else given.parameters))
     assert len(together) > 3
     assert max(together) <= 2, "a session has five states and more"
+
+
+def test_one_more_alternative_is_the_only_one_that_the_page_reads(tmp_path: Path) -> None:
+    """What the page before shows of the others is kept; a page made anew is the same."""
+    kept, read = Kept(), list[str]()
+
+    def page(folder: Path, alternatives: int, parts: Kept | None) -> str:
+        given = context(folder, results(alternatives=alternatives))
+        inner = given.fetch
+
+        def fetch(stage: str, name: str) -> object:
+            value = inner(stage, name)
+            read.extend([name] * isinstance(value, LuminanceImage))
+            return value
+
+        read.clear()
+        made = run(replace(given, fetch=fetch, parts=parts))
+        assert made.artifacts.keys() >= {"details", f"cuts-{2 + alternatives}"}
+        assert f"cuts-{3 + alternatives}" in made.left_out
+        return (given.folder / "lab.html").read_text("utf-8")
+
+    page(tmp_path, 2, kept)
+    assert {"indoor", "empty", "staged-1", "staged-2"} <= set(read)
+    more = page(tmp_path, 3, kept)
+    assert set(read) == {"indoor", "staged-3"}, "without stills, the photograph's exposure is asked for"
+    (tmp_path / "anew").mkdir()
+    assert page(tmp_path / "anew", 3, None) == more
 
 
 def test_of_a_given_picture_nobody_says_when_it_was_taken(tmp_path: Path) -> None:
