@@ -23,7 +23,8 @@ from processing.rig.calibrate import one_colour
 from processing.sphere import Equirectangular
 from station.session.session import Side
 
-SMALL = 16
+SMALL = 12
+"""Of the frames' size: with smaller ones no view shows the chart surely, and all are searched."""
 
 
 @pytest.fixture(scope="module")
