@@ -194,12 +194,15 @@ class Pane:
         _check_albedo(where, self.clear)
         _check_emission(where, self.veil_cd_m2)
 
-    def cells(self, points: npt.NDArray[np.floating]) -> tuple[Indices, Indices]:
-        """Return row and column of ``clear`` at places (N, 3) on the pane."""
-        rows, columns = self.clear.shape
+    def shares(self, points: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:
+        """Return which share of the pane's width, and of its height from the top, places (N, 3) on it are at."""
         offset = points - self.corner_m
         u = offset @ self.across_m / (self.across_m @ self.across_m)
-        v = 1 - offset @ self.up_m / (self.up_m @ self.up_m)
+        return u, 1 - offset @ self.up_m / (self.up_m @ self.up_m)
+
+    def cells(self, points: npt.NDArray[np.floating]) -> tuple[Indices, Indices]:
+        """Return row and column of ``clear`` at places (N, 3) on the pane."""
+        (rows, columns), (u, v) = self.clear.shape, self.shares(points)
         row, column = np.floor(v * rows).astype(np.intp), np.floor(u * columns).astype(np.intp)
         return row.clip(0, rows - 1), column.clip(0, columns - 1)
 

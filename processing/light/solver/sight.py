@@ -189,8 +189,10 @@ def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
     for number, pane in enumerate(stage.scene.panes):
         mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number))
         outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * pane.through(sight.rays[mine])
-        row, column = pane.cells(sight.point[mine])
-        out[mine] = pane.clear[row, column, None] * outside + pane.veil_cd_m2[row, column]
+        # Between cells, which are far larger than pixels, cover and veil change evenly: a window would look tiled.
+        cells = np.repeat(pane.clear[..., None], 3, axis=2), pane.veil_cd_m2
+        clear, veil = (surface_values(one, *pane.shares(sight.point[mine])) for one in cells)
+        out[mine] = clear * outside + veil
     return out
 
 

@@ -12,7 +12,8 @@ from processing.light.picture.render import render
 from processing.light.picture.viewpoint import check_place, seen_from
 from processing.light.scene.scene import plain
 from processing.light.solver.irradiance import Effort
-from processing.light.solver.sight import own_pixels
+from processing.light.solver.sight import GLASS, own_pixels, seen_outdoors, sight_of
+from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular, Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -109,3 +110,17 @@ def test_pixels_of_another_surface_do_not_bleed() -> None:
         assert weight[0] > 0
     _, none = own_pixels(picture, labels, ahead, np.array([7], np.int32))
     assert none[0] == 0
+
+
+def test_a_panes_cells_are_no_tiles() -> None:
+    """A pane half covered, in two cells: across it the view fades into the cover, even from pixel to pixel."""
+    bare = scene_of(box_room(), uniform_sky(1000.0, ground=1.0), 0.5)
+    clear, veil = np.array([[1.0, 0.0]], np.float32), np.zeros((1, 2, 3), np.float32)
+    stage = Stage.of(replace(bare, panes=(replace(bare.panes[0], clear=clear, veil_cd_m2=veil),)))
+    sight = sight_of(stage, Perspective(400, 40, 1.2, yaw_rad=np.pi), EYE)
+    row = seen_outdoors(stage, sight)[:, 0].reshape(sight.shape)[20]
+    row = row[(sight.label == GLASS).reshape(sight.shape)[20]]
+    assert len(row) > 200
+    assert row.max() > 0.9 * 1000
+    assert row.min() < 1
+    assert np.abs(np.diff(row)).max() < 0.02 * 1000
