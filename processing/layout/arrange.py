@@ -152,8 +152,10 @@ def _fewer(finals: Sequence[Final], found: int, asked: int) -> tuple[str, ...]:
 
 
 def _chosen(task: _Task, finals: Sequence[Final], n: int, wide: int) -> list[Chosen]:
-    """Return `n` arrangements of a search for so many: of those that leave least out, good and different ones that the
-    judge passes."""
+    """Return up to `n` arrangements: of those that leave least out, good and different ones that the judge passes.
+
+    ``wide``: how many alternatives the search was for.
+    """
     if not finals:
         scores = soft_scores(Floor(task.plan), task.stood)
         only = Candidate(task.stood, (), weighted(scores, task.book.weights), scores)

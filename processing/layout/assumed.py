@@ -147,13 +147,14 @@ CORNICE_M = 0.12  # what lies this near to the ceiling or, as skirting, to the f
 BESIDE_M = 0.35  # a curtain begins at most this far from its window
 
 
-def hung_things(room: RoomModel, fixtures: Floats) -> tuple[Hung, ...]:
-    """Return what hangs on the walls, largest first.
+def hung_things(room: RoomModel, fixtures: Floats, doors: Floats) -> tuple[Hung, ...]:
+    """Return what hangs on the walls, and doors that are no openings of the room, largest first.
 
-    ``fixtures`` (H, 2 H): probability, in an upright panorama from the room's camera, of what stays that is neither
-    wall nor opening (`SceneClass.FIXTURE`).
+    ``fixtures``, ``doors`` (H, 2 H): probability, in an upright panorama from the room's camera, of what stays that is
+    neither wall nor opening (`SceneClass.FIXTURE`), and of doors.
     """
     height, width = fixtures.shape
+    either = np.maximum(fixtures, doors)
     found: list[Hung] = []
     for wall, plane in enumerate(planes_of(room)[FIRST_WALL:]):
         columns, rows = (max(1, round(size / CELL_M)) for size in (plane.width_m, plane.height_m))
@@ -163,21 +164,22 @@ def hung_things(room: RoomModel, fixtures: Floats) -> tuple[Hung, ...]:
         far = np.linalg.norm(way, axis=-1)
         x = ((np.arctan2(way[..., 0], way[..., 1]) / (2 * np.pi) + 0.5) * width).astype(int) % width
         y = ((0.5 - np.arcsin(way[..., 2] / far) / np.pi) * height).astype(int).clip(0, height - 1)
-        there = (fixtures[y, x] > SURE) & in_sight(room.floor, places[..., :2])
+        there = (either[y, x] > SURE) & in_sight(room.floor, places[..., :2])
         there &= (v[:, None] > CORNICE_M) & (v[:, None] < plane.height_m - CORNICE_M)
         for opening in (o for o in room.openings if o.wall == wall):
             u0, u1 = plane.width_m - opening.end_m, plane.width_m - opening.start_m
             v0, v1 = plane.height_m - opening.head_m, plane.height_m - opening.sill_m
             there &= ~((u > u0) & (u < u1) & (v[:, None] > v0) & (v[:, None] < v1))
         closed = cv2.morphologyEx(there.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        count, _, boxes, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
-        for left, top, wide, high, cells in boxes[1:count].tolist():
+        _, labels, boxes, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
+        for number, (left, top, wide, high, cells) in enumerate(boxes[1:].tolist(), 1):
             if min(wide, high) * CELL_M < LEAST_M or cells * CELL_M**2 < LEAST_M2:
                 continue
             end = plane.width_m - left * CELL_M
             sides = max(0.0, end - wide * CELL_M), end
             levels = plane.height_m - (top + high) * CELL_M, plane.height_m - top * CELL_M
-            found.append(Hung(wall, *sides, *levels, _kind(room, wall, sides, levels)))
+            is_door = (doors[y, x][labels == number] > SURE).mean() > 0.5
+            found.append(Hung(wall, *sides, *levels, "door" if is_door else _kind(room, wall, sides, levels)))
     return tuple(sorted(found, key=lambda h: -h.width_m * (h.head_m - h.sill_m)))
 
 
@@ -213,8 +215,6 @@ def open_doors(room: RoomModel, evidence: SceneEvidence, removed: Flags) -> Flag
 
 def _kind(room: RoomModel, wall: int, sides: tuple[float, float], levels: tuple[float, float]) -> str:
     """Return what a rectangle on a wall is, by where it hangs and how tall it is."""
-    if levels[0] < LEAF_M[0] and levels[1] > LEAF_M[1]:
-        return "door"
     windows = [o for o in room.openings if o.wall == wall and o.kind is OpeningKind.WINDOW]
     gaps = [max(o.start_m - sides[1], sides[0] - o.end_m) for o in windows]
     if min(gaps, default=math.inf) < BESIDE_M and levels[1] - levels[0] > 1.0:

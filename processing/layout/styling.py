@@ -32,7 +32,7 @@ ABOVE_M, EYE_M = 0.18, 1.5
 """Art hangs this much above its host, its middle at eye height where it has none (museums: 1.45 to 1.55 m)."""
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
-LEAF_M = 0.9  # from a wall, in which an open door's leaf may stand before it
+SWING_M = 0.9  # from a wall, within which an open door's leaf may stand before it (chosen: a door's width)
 APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
 Wall = tuple[int, float, float, float, float]
 """An edge, start and end along it, bottom and top, metres."""
@@ -98,7 +98,7 @@ class _Room:
         """Return whether a piece on the floor breaks no rule that holds without it, and hides no door that stays."""
         for door in (h for h in self.plan.hung if h.name == "door"):
             along, away = self.along(door.edge, piece)
-            if away.min() < LEAF_M and along.min() < door.end_m and along.max() > door.start_m:
+            if away.min() < SWING_M and along.min() < door.end_m and along.max() > door.start_m:
                 return False
         return len(self.judge.judge(self._pieces(piece)).violations) <= self.broken
 

@@ -170,7 +170,7 @@ def _find(
     other = tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
-    hangs |= boards & ~grown(furniture.mask, 2 * MARGIN_RAD)  # at full size furniture is that much wider
+    hangs |= boards & ~grown(furniture.mask, 2 * MARGIN_RAD)  # twice: crumbs of furniture stayed on skirting
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)

@@ -51,7 +51,7 @@ def run(context: StageContext) -> StageOutput:
     client = client_data(context, data)
     write_page(context.folder / "index.html", build_client_page(client))
     metrics = {"sections": len(data.sections), "stills": len(client.stills)}
-    cuts = {f"cuts-{k}": (context.folder / f"cuts-{k}.json").is_file() for k in range(1, MOST_STAGED + 3)}
+    cuts = {f"cuts-{k}": (context.folder / f"cuts-{k}.json.gz").is_file() for k in range(1, MOST_STAGED + 3)}
     made = dict.fromkeys(("page", "lab", "details", *(name for name, there in cuts.items() if there)), True)
     return StageOutput(artifacts=made, metrics=metrics, left_out=dict.fromkeys(cuts.keys() - made.keys(), NO_SUCH))
 
@@ -62,7 +62,7 @@ def report_data(context: StageContext) -> ReportData:
     unit, whole = context.part("panorama", (), None, lambda: _panorama(context))
     # First what is of one picture each, then all states side by side: so each is read from the disk once at most.
     own = [context.session.name, [frame.sha256 for frame in context.session.frames]]
-    details = kept(context, "details", own, tuple[Section, ...], lambda: _sections(context, facts))
+    details = kept(context, "details", own, Section, lambda: _sections(context, facts))
     lead, staging = staging_sections(context, whole=whole)
     return ReportData(
         title=context.session.name,

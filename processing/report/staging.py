@@ -1,15 +1,15 @@
 """What people look at first: before and after, viewer, models, alternatives, materials, other times of day."""
 
+import gzip
 import io
-import json
-from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
 from processing.exchange.jpeg_files import jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements
@@ -156,25 +156,19 @@ def _window_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 T = TypeVar("T")
+_AS_JSON = ConfigDict(ser_json_bytes="base64", val_json_bytes="base64", ser_json_inf_nan="constants")
 
 
-def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callable[[], T]) -> T:
-    """Return a piece of the page: the former page's where nothing that it is made of has changed; kept as a file.
+def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:
+    """Return pieces of the page: the former page's where nothing that they are made of has changed; kept as a file.
 
-    ``own``: JSON of what it depends on beside what was read so far; arrangements are left to it.
+    ``own``: JSON of what they depend on beside what was read so far; arrangements are left to it.
     """
-    path = context.folder / f"{name}.json"
-
-    def write() -> bool:
-        value = {"it": asdict(one) if hasattr(one := make(), "__dataclass_fields__") else [*map(asdict, one)]}  # type: ignore[call-overload]
-        path.write_text(json.dumps(value, default=lambda data: {"base64": b64encode(data).decode("ascii")}), "ascii")
-        return True
-
-    def hook(found: dict[str, Any]) -> Any:
-        return b64decode(found["base64"]) if found.keys() == {"base64"} else found
-
-    context.part(name, (path.name,), own, write, apart="arrange")
-    return TypeAdapter(kind).validate_python(json.loads(path.read_bytes(), object_hook=hook)["it"])
+    path, form = context.folder / f"{name}.json.gz", TypeAdapter(tuple[kind, ...], config=_AS_JSON)  # type: ignore[valid-type]
+    context.part(
+        name, (path.name,), own, lambda: path.write_bytes(gzip.compress(form.dump_json(make()), 1)), apart="arrange"
+    )
+    return form.validate_json(gzip.decompress(path.read_bytes()))
 
 
 def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[float]) -> list[Cuts]:
@@ -184,8 +178,13 @@ def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[
     for number, state in enumerate(room_states(context), 1):
         wide = next(width for most, width in VIEWER_WIDTHS_PX if max(number, least) <= most)
         shown = [*own, wide, state.name, state.file]
-        found.append(kept(context, f"cuts-{number}", shown, Cuts, lambda: cuts_of(state, look(state), wide)))  # noqa: B023
+        make = partial(_cut, state, look, wide)
+        found += kept(context, f"cuts-{number}", shown, Cuts, make)
     return found
+
+
+def _cut(state: State, look: Callable[[State], Look], wide: int) -> tuple[Cuts, ...]:
+    return (cuts_of(state, look(state), wide),)
 
 
 def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | None, list[Section]]:

@@ -85,11 +85,12 @@ def _hung(context: StageContext) -> tuple[Hung, ...]:
         return ()
     # Doors that only the pixels show are no openings of the room: nothing is put before them all the same.
     evidence, removed = read_evidence(kept), context.optional_artifact("detect", "target")
-    seen = evidence.share(SceneClass.FIXTURE, SceneClass.DOOR)
+    fixtures, doors = evidence.share(SceneClass.FIXTURE), evidence.share(SceneClass.DOOR)
     if removed is not None:
-        open_ones = open_doors(known_room(context), evidence, removed).astype(np.float32)
-        seen = np.maximum(seen, resized(open_ones, seen.shape))
-    return hung_things(known_room(context), seen)
+        doors = np.maximum(
+            doors, resized(open_doors(known_room(context), evidence, removed).astype(np.float32), doors.shape)
+        )
+    return hung_things(known_room(context), fixtures, doors)
 
 
 def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Choice:

@@ -15,21 +15,17 @@ from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.kernels import compiled
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import components
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.change import rays_of
-from processing.light.picture.composite import Bare, Staged, differential, ibl
+from processing.light.picture.composite import Bare, Staged, differential, ibl, parted_sun
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
-from processing.light.solver.stage import Stage
-from processing.light.solver.upsample import Places
 from processing.pictures.exr import write_stage_exr
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.sphere import Equirectangular
@@ -54,9 +50,6 @@ MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5
 MODELLED = 0.18
 """Relative standard uncertainty of what is not measured: furniture's colour, and the change of light around it. Of two
 validation rooms, photographed at 1/16, it covers 95 % of the changed pixels; their errors have mostly one sign."""
-PARTED, PARTED_PX = 0.1, 400
-"""Of a patch of sun, from which furniture shades it and it falls anew as a whole: its photographed edge is not the
-model's to the pixel, and a bright rim stayed round the shadow. And pixels of a patch that are tried. Chosen."""
 CHANGE, MOST_CHANGE = 0.5, 2.0
 """The same for each e-fold by which furniture or shadow changes a pixel, up to so many; chosen: of a validation bedroom
 those that change by more than 0.4 err by 0.44 to 0.73 (rms), and were covered at 77 %."""
@@ -212,29 +205,9 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
         return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, clean=effort.clean, seed=work.asked.seed)
     base, sunless = work.base, None
     if work.asked.method == "differential":
-        base, sunless = work.empty.without(parted_sun(work, parts))
+        parted = parted_sun(work.empty.sunlit, work.bare, parts, work.eye_m)
+        base, sunless = work.empty.without(parted)
     return differential(base, work.bare, parts, work.eye_m, effort=effort, seed=work.asked.seed, sunless=sunless)
-
-
-def parted_sun(work: _Work, parts: tuple[Part, ...]) -> Flags:
-    """Return the patches of sun (H, W) of the photograph of which furniture shades a share."""
-    high, wide = work.base.shape[:2]
-    out, outdoors = np.zeros((high, wide), bool), work.bare.stage.scene.outdoors
-    if work.empty.sunlit is None or outdoors.sun is None or not parts:
-        return out
-    furniture = Stage.of(Scene((), (), outdoors, parts), 0.2).tracer
-    count, labels = components(work.empty.sunlit)
-    for number in range(1, count + 1):
-        row, column = np.nonzero(labels == number)
-        some = slice(None, None, max(1, len(row) // PARTED_PX))
-        rays = rays_of(Places(row[some].astype(np.int32), column[some].astype(np.int32), high, wide))
-        eye = np.broadcast_to(np.asarray(work.eye_m, np.float32), rays.shape)
-        far = work.bare.stage.tracer.cast(eye, rays).distance_m[:, None]
-        towards = np.broadcast_to(np.asarray(outdoors.sun.direction, np.float32), rays.shape)
-        shaded = furniture.cast(eye + far * rays, towards).triangle >= 0
-        if shaded.mean() > PARTED:
-            out |= labels == number
-    return out
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:

@@ -12,8 +12,9 @@ from typing import Self
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Floats, Vector
-from processing.light.picture.change import Change, bands, in_bands
+from processing.ground.arrays import Flags, Floats, Vector
+from processing.ground.seam import components
+from processing.light.picture.change import Change, bands, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene
@@ -24,6 +25,9 @@ from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.light.solver.upsample import Places, upsampled
 from processing.sphere import Equirectangular
 
+PARTED, PARTED_PX = 0.1, 400
+"""Of a patch of sun, from which furniture shades it and it falls anew as a whole: its photographed edge is not the
+model's to the pixel, and a bright rim stayed round the shadow. And pixels of a patch that are tried. Chosen."""
 IBL_ROWS = 512  # height of the picture in which furniture's light by the panorama is gathered
 
 
@@ -157,3 +161,26 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
         seen = np.where((hits.triangle < 0)[:, None], looked_up(panorama, flat), 0)
         out[part] = np.pi * seen.reshape(count, samples, 3).mean(axis=1)
     return out
+
+
+def parted_sun(sunlit: Flags | None, bare: Bare, parts: tuple[Part, ...], eye_m: Vector) -> Flags | None:
+    """Return of patches of sun (H, W) of a panorama those of which furniture shades a share; None: there are none."""
+    outdoors = bare.stage.scene.outdoors
+    if sunlit is None or outdoors.sun is None or not parts:
+        return None
+    furniture = Stage.of(Scene((), (), outdoors, parts), 0.2).tracer
+    high, wide = sunlit.shape
+    out = np.zeros(sunlit.size, bool)
+    # Pixels patch by patch: patches are many, and the picture large.
+    labels = components(sunlit)[1].ravel()
+    pixels = np.flatnonzero(labels)
+    pixels = pixels[np.argsort(labels[pixels], kind="stable")]
+    for patch in np.split(pixels, np.flatnonzero(np.diff(labels[pixels])) + 1):
+        row, column = np.divmod(patch[:: max(1, len(patch) // PARTED_PX)].astype(np.int32), wide)
+        rays = rays_of(Places(row, column, high, wide))
+        eye = np.broadcast_to(np.asarray(eye_m, np.float32), rays.shape)
+        far = bare.stage.tracer.cast(eye, rays).distance_m[:, None]
+        towards = np.broadcast_to(np.asarray(outdoors.sun.direction, np.float32), rays.shape)
+        shaded = furniture.cast(eye + far * rays, towards).triangle >= 0
+        out[patch] = len(shaded) > 0 and shaded.mean() > PARTED
+    return out.reshape(high, wide)

@@ -191,9 +191,9 @@ class EmptyRoom:
     shaded: Floats | None = None
     """(K, 3): what removal left of those places, without that sun, row by row."""
 
-    def without(self, patches: Flags) -> tuple[Floats, Flags | None]:
-        """Return picture and ``sunless`` with some of the sunlight (H, W) as removal left it."""
-        if self.sunlit is None or self.shaded is None or self.sunless is None or not patches.any():
+    def without(self, patches: Flags | None) -> tuple[Floats, Flags | None]:
+        """Return picture and ``sunless`` with some patches of sun (H, W), None for none, as removal left them."""
+        if self.sunlit is None or self.shaded is None or self.sunless is None or patches is None:
             return self.image.rgb, self.sunless
         rgb = self.image.rgb.copy()
         rgb[patches] = self.shaded[patches[self.sunlit]]

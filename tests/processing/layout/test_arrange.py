@@ -116,7 +116,7 @@ def test_what_hangs_is_found_where_a_network_saw_it() -> None:
         0.9  # on wall 2, 0.9 to 1.7 m from its end
     )
     seen[ahead & (np.abs(across + 1.0) < 0.3) & (np.abs(level - 0.5) < 0.3)] = 0.9
-    picture, radiator = hung_things(room, seen)
+    picture, radiator = hung_things(room, seen, np.zeros_like(seen))
     assert (picture.name, picture.edge, radiator.name, radiator.edge) == ("picture", 2, "radiator", 2)
     np.testing.assert_allclose(
         [picture.start_m, picture.end_m, picture.sill_m, picture.head_m], [1.1, 1.9, 1.3, 1.9], atol=0.06
@@ -143,8 +143,9 @@ def test_nothing_is_put_before_an_open_door_that_stays_in_the_picture() -> None:
     assert found[leaf].mean() > 0.95
     assert found[doorway].mean() > 0.9
     assert found[~leaf & ~doorway].mean() < 0.02
-    hung = hung_things(room, found.astype(np.float32))
+    hung = hung_things(room, none.astype(np.float32), found.astype(np.float32))
     assert [thing.name for thing in hung] == ["door"]
+    assert "door" not in {one.name for one in hung_things(room, found.astype(np.float32), none.astype(np.float32))}
     # A plant of the styling keeps out of the corner behind such a leaf
     plan = from_room_model(room, hung=[Hung(0, 3.2, 4.0, 0.1, 2.0, "door")])
     one = arrange(replace(plan, doors=(Door(2, 0.2, 1.1),)), parse_items("desk"), "tight", n=1).arrangements[0]

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
+from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import Bare, differential, ibl
+from processing.light.picture.composite import Bare, differential, ibl, parted_sun
 from processing.light.picture.render import render
 from processing.light.scene.room_light import with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Perspective
-from processing.stages.render import parted_sun
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
@@ -65,11 +63,23 @@ def test_differential_is_the_furnished_room_and_keeps_the_window(room, photograp
     assert np.array_equal(differential(photograph, room, (TABLE,), EYE, effort=LOOK, seed=2).rgb, staged.rgb)
 
 
-def test_furniture_throws_a_shadow_in_the_sun() -> None:
+FLOOR = np.zeros((ROWS, 2 * ROWS), bool)
+FLOOR[ROWS // 2 + 8 :] = True
+
+
+@cache
+def sunny_room():
+    """Return a room with the sun on its floor, its picture, and where the sun falls."""
     direction = np.array([0.0, -0.7, 0.7]) / np.linalg.norm([0.7, 0.7])
-    sunny = uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4)))
-    room = scene_of(box_room(), sunny, 0.5)
+    room = scene_of(box_room(), uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4))), 0.5)
     photograph = render(room, GEOMETRY, EYE, effort=LOOK).rgb
+    sunny = FLOOR & (photograph[..., 1] > 10 * np.median(photograph[FLOOR]))
+    assert sunny.any()
+    return room, photograph, sunny
+
+
+def test_furniture_throws_a_shadow_in_the_sun() -> None:
+    room, photograph, _ = sunny_room()
     low = box((0.0, -1.2, 0.1), (0.4, 0.4, 0.2))
     staged = differential(photograph, room, (low,), EYE, effort=LOOK)
     assert (staged.ratio[~staged.furniture] < 0.5).any()
@@ -77,22 +87,20 @@ def test_furniture_throws_a_shadow_in_the_sun() -> None:
 
 
 def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() -> None:
-    direction = np.array([0.0, -0.7, 0.7]) / np.linalg.norm([0.7, 0.7])
-    room = scene_of(box_room(), uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4))), 0.5)
-    photograph = render(room, GEOMETRY, EYE, effort=LOOK).rgb
-    floor = np.zeros((ROWS, 2 * ROWS), bool)
-    floor[ROWS // 2 + 8 :] = True
-    sunny = floor & (photograph[..., 1] > 10 * np.median(photograph[floor]))
+    room, photograph, sunny = sunny_room()
     none = np.zeros(sunny.shape, np.float32)
     image = LuminanceImage(photograph, none, none.astype(np.uint8), GEOMETRY, 0.02)
     removed = replace(image, rgb=np.where(sunny[..., None], np.float32(1), photograph))
     empty = with_sunlight(removed, image, sunny, sunny, np.zeros_like(sunny))
     assert np.array_equal(empty.image.rgb, photograph)
-    work: Any = SimpleNamespace(base=photograph, bare=Bare.of(room, LOOK), empty=empty, eye_m=EYE)
+    bare = Bare.of(room, LOOK)
     shades, away = box((0.0, -0.8, 0.2), (1.0, 0.8, 0.4)), box((2.2, 1.8, 0.1), (0.2, 0.2, 0.2))
-    assert parted_sun(work, (shades,))[sunny].mean() > 0.5
-    assert not parted_sun(work, (away,)).any()
-    rgb, sunless = empty.without(parted_sun(work, (shades,)))
+    parted, whole = (parted_sun(empty.sunlit, bare, (one,), EYE) for one in (shades, away))
+    assert parted is not None
+    assert parted[sunny].mean() > 0.5
+    assert whole is not None
+    assert not whole.any()
+    rgb, sunless = empty.without(parted)
     assert sunless is not None
     assert (rgb[sunny & sunless] == 1).all()
     assert np.array_equal(rgb[~sunless], photograph[~sunless])
@@ -164,14 +172,8 @@ def test_what_cannot_be_is_refused_by_name(photograph, room) -> None:
 
 
 def test_sunlight_returns_where_removal_took_it() -> None:
-    direction = np.array([0.0, -0.7, 0.7]) / np.linalg.norm([0.7, 0.7])
-    room = scene_of(box_room(), uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4))), 0.5)
-    photograph = render(room, GEOMETRY, EYE, effort=LOOK).rgb
-    floor = np.zeros((ROWS, 2 * ROWS), bool)
-    floor[ROWS // 2 + 8 :] = True
-    sunny = floor & (photograph[..., 1] > 10 * np.median(photograph[floor]))
-    assert sunny.any()
-    shaded = np.where(sunny[..., None], np.median(photograph[floor], axis=0), photograph).astype(np.float32)
+    room, photograph, sunny = sunny_room()
+    shaded = np.where(sunny[..., None], np.median(photograph[FLOOR], axis=0), photograph).astype(np.float32)
     far = box((2.0, 1.6, 0.2), (0.3, 0.3, 0.4))
     staged = differential(shaded, room, (far,), EYE, effort=LOOK, sunless=sunny)
     back = staged.rgb[sunny & ~staged.furniture][:, 1] / photograph[sunny & ~staged.furniture][:, 1]
