@@ -154,7 +154,7 @@ def hung_things(room: RoomModel, fixtures: Floats, doors: Floats) -> tuple[Hung,
     neither wall nor opening (`SceneClass.FIXTURE`), and of doors.
     """
     height, width = fixtures.shape
-    either = np.maximum(fixtures, doors)
+    either = fixtures + doors
     found: list[Hung] = []
     for wall, plane in enumerate(planes_of(room)[FIRST_WALL:]):
         columns, rows = (max(1, round(size / CELL_M)) for size in (plane.width_m, plane.height_m))
@@ -178,7 +178,7 @@ def hung_things(room: RoomModel, fixtures: Floats, doors: Floats) -> tuple[Hung,
             end = plane.width_m - left * CELL_M
             sides = max(0.0, end - wide * CELL_M), end
             levels = plane.height_m - (top + high) * CELL_M, plane.height_m - top * CELL_M
-            is_door = (doors[y, x][labels == number] > SURE).mean() > 0.5
+            is_door = (doors > fixtures)[y, x][labels == number].mean() > 0.5
             found.append(Hung(wall, *sides, *levels, "door" if is_door else _kind(room, wall, sides, levels)))
     return tuple(sorted(found, key=lambda h: -h.width_m * (h.head_m - h.sill_m)))
 

@@ -165,9 +165,11 @@ def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callab
     ``own``: JSON of what they depend on beside what was read so far; arrangements are left to it.
     """
     path, form = context.folder / f"{name}.json.gz", TypeAdapter(tuple[kind, ...], config=_AS_JSON)  # type: ignore[valid-type]
-    context.part(
-        name, (path.name,), own, lambda: path.write_bytes(gzip.compress(form.dump_json(make()), 1)), apart="arrange"
-    )
+
+    def write() -> int:
+        return path.write_bytes(gzip.compress(form.dump_json(make()), 1, mtime=0))  # the same bytes at any time
+
+    context.part(name, (path.name,), own, write, apart="arrange")
     return form.validate_json(gzip.decompress(path.read_bytes()))
 
 
@@ -178,8 +180,7 @@ def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[
     for number, state in enumerate(room_states(context), 1):
         wide = next(width for most, width in VIEWER_WIDTHS_PX if max(number, least) <= most)
         shown = [*own, wide, state.name, state.file]
-        make = partial(_cut, state, look, wide)
-        found += kept(context, f"cuts-{number}", shown, Cuts, make)
+        found += kept(context, f"cuts-{number}", shown, Cuts, partial(_cut, state, look, wide))
     return found
 
 

@@ -87,9 +87,8 @@ def _hung(context: StageContext) -> tuple[Hung, ...]:
     evidence, removed = read_evidence(kept), context.optional_artifact("detect", "target")
     fixtures, doors = evidence.share(SceneClass.FIXTURE), evidence.share(SceneClass.DOOR)
     if removed is not None:
-        doors = np.maximum(
-            doors, resized(open_doors(known_room(context), evidence, removed).astype(np.float32), doors.shape)
-        )
+        open_ones = open_doors(known_room(context), evidence, removed).astype(np.float32)
+        doors = np.maximum(doors, resized(open_ones, doors.shape))
     return hung_things(known_room(context), fixtures, doors)
 
 

@@ -18,6 +18,7 @@ from processing.light.picture.change import Change, bands, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene
+from processing.light.scene.tracer import tracer_of
 from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, irradiance_of
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
@@ -168,7 +169,7 @@ def parted_sun(sunlit: Flags | None, bare: Bare, parts: tuple[Part, ...], eye_m:
     outdoors = bare.stage.scene.outdoors
     if sunlit is None or outdoors.sun is None or not parts:
         return None
-    furniture = Stage.of(Scene((), (), outdoors, parts), 0.2).tracer
+    furniture = tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
     high, wide = sunlit.shape
     out = np.zeros(sunlit.size, bool)
     # Pixels patch by patch: patches are many, and the picture large.
