@@ -193,10 +193,10 @@ def find_wrong_time(evidence: TimeEvidence, known: Collection[int] = ()) -> tupl
     """Return the frame whose time contradicts all others most, and by how many stops it is off; None if none does.
 
     Frames in ``known`` are not named again. In a bracket of fewer than four frames a wrong time looks like
-    another curve.
+    another curve; so does one among frames of which fewer than four say anything.
     """
     own = np.diag(evidence.matrix)
-    counts = np.bincount(evidence.bracket_of_frame)[evidence.bracket_of_frame]
+    counts = np.bincount(evidence.bracket_of_frame, own > 0)[evidence.bracket_of_frame]
     able = (own > 0) & (counts >= _LEAST_FRAMES) & ~np.isin(np.arange(len(own)), list(known))
     if not able.any():
         return None

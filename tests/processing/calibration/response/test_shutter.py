@@ -136,3 +136,15 @@ def test_a_wrong_time_is_found_and_small_ones_are_not() -> None:
     assert find_wrong_time(evidence(given_log2, wrong)) is None
     assert find_wrong_time(evidence(given_log2[:3], given_log2[:3] + np.array([0.0, 1.0, 0.0]))) is None
     assert not refine_times(evidence(given_log2, wrong), ()).any()
+
+
+def test_frames_that_say_nothing_do_not_help_to_call_a_time_wrong() -> None:
+    given_log2 = np.log2(NOMINAL)
+    wrong = given_log2 + np.array([0, 0, 1.0, 0, 0, 0, 0])
+    full = evidence(given_log2, wrong)
+    for informative, named in ((4, True), (3, False)):
+        silent = ~np.isin(np.arange(len(NOMINAL)), np.arange(1, 1 + informative))
+        matrix, right = full.matrix.copy(), full.right.copy()
+        matrix[silent], matrix[:, silent], right[silent] = 0, 0, 0
+        found = find_wrong_time(TimeEvidence(matrix, right, full.bracket_of_frame))
+        assert (found is not None) is named
