@@ -166,6 +166,8 @@ def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:
     return np.asarray(mask & ~(strip & long), bool)
 
 
+TORN, TORN_RIM_RAD = 0.4, math.radians(0.6)
+"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it (chosen)."""
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
 THING_SEGMENTS, THING_PX = 60.0, 12
@@ -290,6 +292,16 @@ def islands_in(mask: Flags, never: Flags) -> Flags:
     small = (size < ISLAND_SR) & (barred < size / 2)
     small[0] = False
     return np.asarray(small[labels], bool)
+
+
+def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:
+    """Return pieces of skirting (H, W), with their rim, that have most of their foot on or just above what is
+    ``removed`` (H, W): they would be left torn where others are drawn anew."""
+    down = np.ones((math.ceil(below_rad / math.pi * len(boards)) + 1, 1), np.uint8)
+    below = cv2.dilate(removed.astype(np.uint8), down, anchor=(0, 0)).astype(bool)
+    count, labels = components(boards)
+    near, ends = lower_ends(labels, below, count)
+    return grown(boards & (near > TORN * ends)[labels], TORN_RIM_RAD)
 
 
 def lower_ends(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:

@@ -22,6 +22,7 @@ from processing.removal.furniture import (
     find_furniture,
     islands_in,
     lower_ends,
+    torn_boards,
     with_things,
 )
 from processing.removal.plane_fill import SEEN_SHARE
@@ -138,19 +139,19 @@ def _find(
     seen: tuple[Floats | None, Flags],
 ) -> _Found:
     """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
-    reach_m, boards = seen
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
     tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(tripod, mask=tripod.mask | board)
-    furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks, reach_m=reach_m)
+    furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks, reach_m=seen[0])
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    openings, flat = others | (maps.opening >= 0), _flat(maps, reach_m)
-    furniture = _without(_with_things(furniture, shown, maps, openings, (fixtures, likely), flat), boards)
+    openings, flat = others | (maps.opening >= 0), _flat(maps, seen[0])
+    furniture = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
+    furniture, boards = _beside_boards(furniture, seen[1], openings)
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -179,9 +180,17 @@ def _find(
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, hangs, notes)
 
 
-def _without(found: FurnitureFound, stays: Flags) -> FurnitureFound:
-    """Return furniture without what ``stays`` (H, W)."""
-    return replace(found, mask=found.mask & ~stays, probability=np.where(stays, np.float32(0), found.probability))
+def _beside_boards(found: FurnitureFound, boards: Flags, openings: Flags) -> tuple[FurnitureFound, Flags]:
+    """Return furniture without the ``boards`` of skirting (H, W), but with torn ones; and the boards that stay."""
+    torn = torn_boards(boards, found.mask & ~boards, BELOW_RAD) & ~openings
+    stays = boards & ~torn
+    found = replace(found, mask=found.mask & ~stays, probability=np.where(stays, np.float32(0), found.probability))
+    return _with(found, torn), stays
+
+
+def _with(found: FurnitureFound, goes: Flags) -> FurnitureFound:
+    """Return furniture with what ``goes`` too (H, W)."""
+    return replace(found, mask=found.mask | goes, probability=np.where(goes, np.float32(1), found.probability))
 
 
 def _with_things(
@@ -210,8 +219,7 @@ def _with_things(
     barred = beside | stays[labels] | (maps.plane == CEILING)
     furniture = found.mask | grown(on, FRAME_RAD)
     mask = with_things(furniture, shown, maps.plane == FLOOR, barred, things[1]) | (rugs & ~beside)
-    added = mask & ~found.mask
-    return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
+    return _with(found, mask & ~found.mask)
 
 
 def _flat(maps: SurfaceMaps, reach_m: Floats | None) -> Flags:

@@ -11,6 +11,7 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import resized
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
@@ -237,6 +238,10 @@ SEEN_SHARE, ALIKE = 0.25, 0.6
 """Of a pixel, as the network sees it, from which it shows skirting (chosen on three rooms: up to 0.5 to 0.8); how much
 more alike its own tone must be on all walls than that against them (chosen)."""
 
+LEAST_DOWN_RAD, STANDS_OUT, SUREST = 0.1, 1.5, 0.75
+"""Below the horizon where feet of walls are; how much more what the network sees must stand out than the profile of
+walls where the room has them; of the surest place, how sure others must be (chosen)."""
+
 
 @dataclass(frozen=True)
 class Skirting:
@@ -284,8 +289,9 @@ def find_skirting(
         profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
         if profile is not None:
             found.append(profile)
+    blurred = None if share is None else _boards_seen(rgb, geometry, room, masked, share)
     if not found:
-        return None
+        return blurred
     profiles, paint = np.stack([tone for tone, _, _ in found]), np.stack([level for _, _, level in found])
     # Skirting ends within `EDGE_ROWS`; shade, which walls without a seen skirting have there, does not.
     edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
@@ -298,11 +304,46 @@ def find_skirting(
     tones = relative + paint if _own_alike(relative, paint, seen) else relative
     usual = _weighted_median(tones, columns)
     spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
+    if blurred is not None and np.abs(blurred.tone).mean(axis=1).max() > STANDS_OUT * height:
+        return blurred
     if height < LEAST_TONE or spread > MOST_SPREAD * height:
         return None
     # How high it is shows best where it differs most from its wall.
     own = Skirting(profiles[int(columns.argmax())].astype(np.float32), usual.astype(np.float32))
     return Skirting(middle.astype(np.float32)) if tones is relative else own
+
+
+def _boards_seen(
+    rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags, share: Floats
+) -> Skirting | None:
+    """Return skirting where the network sees it, as even boards: also where walls are taken for too near or too far.
+
+    Nothing is taken from what is ``masked``, but boards where all are.
+    """
+    height, width = masked.shape
+    seen, px_rad = resized(share, (height, width)), math.pi / height
+    row, surest, columns = seen.argmax(axis=0), seen.max(axis=0), np.arange(width)
+    down = (row + 0.5) * px_rad - math.pi / 2
+    likely = (surest > SEEN_SHARE) & (down > LEAST_DOWN_RAD)
+    bare = likely & ~masked[row, columns]
+    # Where all are torn pieces that go with furniture: the surest of these.
+    columns = columns[bare if bare.sum() >= LEAST_COLUMNS else likely & (surest > SUREST * surest.max())]
+    away_m = room.camera_height_m / np.tan(down[columns])
+    falls = np.arctan((room.camera_height_m - np.linspace(*ABOVE_M, 4)[:, None]) / away_m)
+    above = np.clip(falls / px_rad + height / 2, 0, height - 1).astype(np.intp)
+    some = (~masked[above, columns]).any(axis=0)
+    columns, away_m, above = columns[some], away_m[some], above[:, some]
+    if len(columns) < LEAST_COLUMNS:
+        return None
+    wall = np.where(masked[above, columns][..., None], np.nan, np.log(np.maximum(rgb[above, columns], 1e-6)))
+    off = np.log(np.maximum(rgb[row[columns], columns], 1e-6)) - np.nanmedian(wall, axis=0)
+    usual, row_m = np.median(off, axis=0), away_m * px_rad / np.cos(down[columns]) ** 2
+    contrast, spread = np.abs(usual).mean(), float(np.median(np.abs(grey(off) - grey(usual))))
+    if contrast < LEAST_TONE or spread > MOST_SPREAD * contrast:
+        return None
+    high_m = float(np.median(seen[:, columns].sum(axis=0) * row_m))
+    much = np.clip(high_m * SKIRTING_PX_PER_M - np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)), 0, 1)
+    return Skirting((much[:, None] * usual).astype(np.float32))
 
 
 def _own_alike(tones: Floats, paint: Floats, seen: np.ndarray) -> bool:

@@ -85,3 +85,20 @@ def test_what_is_seen_through_a_low_window_is_no_wall_to_compare_with(bare: Pain
     others = bare.maps.plane > 2
     assert find_skirting(rgb, GEOMETRY, box_room(window=False), others) is not None
     assert find_skirting(rgb, GEOMETRY, box_room().model_copy(update={"openings": (low,)}), others) is None
+
+
+def test_boards_that_the_network_sees_are_found_where_walls_are_taken_for_too_far(bare: Painted) -> None:
+    """Their lower half is then taken for floor."""
+    lit, high = with_skirting(bare), bare.points_m[..., 2]
+    seen = ((bare.maps.plane >= 2) & (high < HEIGHT_M)).astype(np.float32)
+    room, nothing = box_room(), np.zeros(seen.shape, bool)
+    wrong = room.model_copy(update={"camera_height_m": room.camera_height_m - 0.08})
+    without = find_skirting(lit.rgb, GEOMETRY, wrong, nothing)
+    found = find_skirting(lit.rgb, GEOMETRY, wrong, nothing, seen)
+    assert found is not None
+    assert found.rows(270, 100.0)[-8].mean() > 0.5
+    assert without is None or without.rows(270, 100.0)[-8].mean() < 0.35
+    assert abs(found.rows(270, 100.0)[:-22]).max() == 0
+    below = bare.maps.plane == 0
+    assert find_skirting(lit.rgb, GEOMETRY, wrong, seen.astype(bool) | below, seen) is not None, "all of it goes"
+    assert find_skirting(bare.image.rgb, GEOMETRY, wrong, nothing, seen) is None, "there are none"

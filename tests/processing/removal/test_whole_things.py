@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.furniture import FurnitureFound, find_furniture, with_things, without_skirting
+from processing.removal.furniture import FurnitureFound, find_furniture, torn_boards, with_things, without_skirting
 from processing.removal.masks import _with_things
 from processing.removal.plane_fill import hanging
 from processing.removal.shadows import find_plain_shade, unglowed
@@ -205,3 +207,13 @@ def test_a_curtain_goes_on_as_it_hangs() -> None:
     done = hanging(np.where(hole[..., None], 0, curtain).astype(np.float32), ~hole, hole, 40.0)
     np.testing.assert_allclose(done, curtain, rtol=0.02)
     np.testing.assert_array_equal(done[~hole], curtain[~hole])
+
+
+def test_a_piece_of_skirting_that_stands_on_furniture_goes_and_one_on_the_floor_stays() -> None:
+    boards, bed = np.zeros((2, 180, 360), bool)
+    boards[110:114, 40:80] = boards[110:114, 140:240] = True
+    bed[116:150, 30:160] = True
+    found = torn_boards(boards, bed, math.radians(2.5))
+    assert found[110:114, 40:80].all()
+    assert not found[:, 120:].any(), "a fifth of its foot is hidden"
+    assert not torn_boards(boards, np.roll(bed, -60, axis=0), math.radians(2.5)).any(), "what hangs above hides none"
