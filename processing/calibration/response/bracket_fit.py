@@ -42,7 +42,7 @@ _MOST_ROUNDS, _SETTLED_STOPS = 8, 1e-3  # chosen: most brackets settle within fo
 _BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
 _OUTLIER = 5.0  # standard deviations beyond which a patch has moved
 _LEAST_SAMPLES = 40  # patches; chosen: more than unknowns
-_LEAST_CODES = 48  # of 256; chosen
+_LEAST_CODES = 24  # of 256; chosen: with 42 and 47 two brackets of a hard film keep their intervals
 _LEAST_NEAR = 5  # patches within two codes; chosen
 _LEAST_SLOPE = 1e-4  # stops a code, so that curves rise strictly
 _PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005  # squared codes: rounding; of means it averages out
@@ -333,7 +333,7 @@ def support(predicted: Doubles, name: str) -> tuple[int, int]:
         raise ResponseError(
             f"the frames show only {seen.size} different codes",
             where=f"response, {name}",
-            likely="a scene that is even all over, or a bracket of few exposures",
+            likely="a scene that is even all over, or in which little is smooth, or a bracket of few exposures",
             advice="use a bracket of a scene with light and shade, or a profile's curve",
         )
     return int(max(seen[0], np.ceil(FIRST_CODE))), int(min(seen[-1], np.floor(LAST_CODE)))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mocks.optics.sensor import TrueShutter
+from processing.calibration.response.bracket_fit import support
 from processing.calibration.response.response import recover_response, residuals_by_code
 from processing.calibration.response.samples import Bracket8, take_samples
 from processing.errors import BracketError, ResponseError
@@ -190,3 +191,12 @@ def test_residuals_show_a_wrong_curve() -> None:
 def test_error_helper_sees_an_error() -> None:
     curve = fitted().curve
     assert np.abs(errors(curve)).max() < 0.05
+
+
+def test_few_codes_are_enough_for_a_curve_and_very_few_are_not() -> None:
+    def every_patch_near(codes: int) -> np.ndarray:
+        return np.repeat(60.0 + np.arange(codes), 5)
+
+    assert support(every_patch_near(30), "blue") == (58, 91)
+    with pytest.raises(ResponseError, match="only 19 different codes"):
+        support(every_patch_near(15), "blue")
