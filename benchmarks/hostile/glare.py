@@ -20,12 +20,12 @@ from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
-from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes
+from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes, unmeasured_modes
 from processing.errors import ProcessingError
 from processing.ground.arrays import Flags, Floats
 from processing.pictures.frames import array_frame
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.pictures.modes import VEIL_INDEX, stray_light, widened
+from processing.pictures.modes import widened
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels
 
 FRAME = (720, 480)
@@ -118,7 +118,7 @@ def _errors(
     middle = good & (truth > low) & (truth < high)
     scale = np.float32(np.median(truth[middle] / shown[middle]))
     picture = LuminanceImage(image.rgb * scale, image.uncertainty, image.validity, image.geometry, 0.01)
-    picture = widened(picture, kernel_modes(picture, kernel) if kernel else [stray_light(picture, VEIL_INDEX)])
+    picture = widened(picture, kernel_modes(picture, kernel) if kernel else unmeasured_modes(picture))
     off, sigma = np.abs(shown * scale / np.maximum(truth, 1e-9) - 1), np.hypot(picture.uncertainty, 0.01)
     figures = {name: 100 * float(np.median(off[place & good])) for name, place in places.items()}
     return figures | {

@@ -31,11 +31,12 @@ from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.luminance import ScaleFactor, scaled
 from processing.calibration.scale.photometry import PLANES, illuminance_lx
+from processing.calibration.scale.veiling_glare import unmeasured_modes
 from processing.errors import ProcessingError
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.pictures.frames import array_frame, raw_frame
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.pictures.modes import camera_modes, widened
+from processing.pictures.modes import seam_mode, widened
 from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.sphere import Equirectangular
 from training.response_prior import published_curves
@@ -203,8 +204,9 @@ def _measured(merged: RelativeImage, spot: Flags, reading: float) -> LuminanceIm
     """Return the picture as the product makes a session's indoor one."""
     displayed = float(merged.luminance()[spot].mean(dtype=np.float64))
     picture = scaled(merged, ScaleFactor(reading / displayed, METER_SIGMA, measured=reading))
-    longitude = (np.flatnonzero(spot.any(axis=0)).mean() + 0.5) / spot.shape[1] * 2 * np.pi - np.pi
-    return widened(picture, camera_modes(picture, two_lenses=True, measured=(reading, float(longitude))))
+    row, column = (np.flatnonzero(spot.any(axis=axis)).mean() + 0.5 for axis in (1, 0))
+    place = (column / spot.shape[1] * 2 * np.pi - np.pi, np.pi / 2 - row / spot.shape[0] * np.pi)
+    return widened(picture, [*unmeasured_modes(picture, (reading, *place)), seam_mode(place[0])])
 
 
 def _spot(truth: Doubles) -> Flags:

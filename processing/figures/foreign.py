@@ -19,7 +19,7 @@ from processing.calibration.response.response import WHITE_CODE, estimate_noise,
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminances_lx, luminance_map
-from processing.calibration.scale.veiling_glare import kernel_modes
+from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
 from processing.figures.glare import with_uncertainty
@@ -28,7 +28,7 @@ from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
-from processing.pictures.modes import camera_modes, falloff_mode, modes_of, widened, with_modes
+from processing.pictures.modes import falloff_mode, modes_of, widened, with_modes
 from processing.pictures.radiance import read_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
@@ -171,7 +171,7 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
     picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes({"scale": said}, modes))
-    return widened(picture, camera_modes(picture) if kernel is None else kernel_modes(picture, kernel))
+    return widened(picture, unmeasured_modes(picture) if kernel is None else kernel_modes(picture, kernel))
 
 
 # Opening, scaling and summing up pictures for ``daylit figures``.

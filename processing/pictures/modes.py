@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
@@ -33,9 +32,6 @@ VEIL_INDEX = 0.0125
 good lenses have (ISO 9358)."""
 STRAY_CELLS = (16, 32)
 """Rows and columns of a panorama's map of stray light; chosen: 11 degrees, for it is smooth."""
-STRAY_NEAR_RAD = 0.1
-"""Within it scattered light falls off no more; beyond by the square of the angle, as lenses' glare does (Talvala and
-others 2007; chosen)."""
 
 
 @dataclass(frozen=True)
@@ -192,39 +188,10 @@ def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
     return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
 
 
-def stray_light(image: LuminanceImage, index: float, measured: float | None = None) -> SharedMode:
-    """Return what a lens may scatter: ``index`` of the light around, in a panorama the near more than the far.
-
-    ``measured``: luminance by which the picture was scaled, cd/m2: what scatters there is in the scale.
-    """
-    luminance = luminance_cd_m2(image.rgb) * (image.validity != Validity.OUTSIDE)
-    if not isinstance(image.geometry, Equirectangular):
-        seen = max(int(np.count_nonzero(image.validity != Validity.OUTSIDE)), 1)
-        around = np.full((1, 1), luminance.sum(dtype=np.float64) / seen)
-    else:
-        rows, columns = STRAY_CELLS
-        light = cv2.resize(luminance, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
-        rays = directions(Equirectangular(columns, rows))[0].reshape(-1, 3).astype(np.float64)
-        angle = np.arccos(np.clip(rays @ rays.T, -1, 1))
-        share = np.hypot(rays[:, 0], rays[:, 1]) / (angle**2 + STRAY_NEAR_RAD**2)
-        around = (share @ light.reshape(-1) / share.sum(axis=1)).reshape(rows, columns)
-    known = 0.0 if measured is None else min(index * float(around.mean()) / measured, 2.0)
-    values = tuple((index * around).reshape(-1).tolist())
-    return SharedMode("stray light", "scatter", (*map(float, around.shape), known), values)
-
-
-def camera_modes(
-    image: LuminanceImage, *, two_lenses: bool = False, measured: tuple[float, float] | None = None
-) -> list[SharedMode]:
-    """Return the modes of a lens that no measurement has covered: stray light, and a seam.
-
-    ``measured``: luminance in cd/m2, and longitude in radians, of the spot by which the picture was scaled.
-    """
-    found = [stray_light(image, VEIL_INDEX, measured[0] if measured else None)]
-    if two_lenses:
-        own = math.copysign(SEAM_SIGMA, math.cos(measured[1])) if measured else 0.0
-        found.append(SharedMode("stitching", "seam", (-0.1, 0.1), (-SEAM_SIGMA - own, SEAM_SIGMA - own)))
-    return found
+def seam_mode(measured_rad: float | None) -> SharedMode:
+    """Return the mode of two lenses' exposures; ``measured_rad``: longitude of the spot that set the scale, if any."""
+    own = 0.0 if measured_rad is None else math.copysign(SEAM_SIGMA, math.cos(measured_rad))
+    return SharedMode("stitching", "seam", (-0.1, 0.1), (-SEAM_SIGMA - own, SEAM_SIGMA - own))
 
 
 def falloff_mode(sigma: float) -> SharedMode:

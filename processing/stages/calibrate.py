@@ -14,12 +14,12 @@ from processing.calibration.profile import RigProfile, load_profile, unlike_prof
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
 from processing.calibration.scale.photometry import PLANES, illuminances
-from processing.calibration.scale.veiling_glare import bound_from_darkest
+from processing.calibration.scale.veiling_glare import bound_from_darkest, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import camera_modes, widened
+from processing.pictures.modes import seam_mode, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
@@ -180,8 +180,11 @@ def calibrate_indoor(
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
     lenses = any(device.kind == "theta_z1" for device in session.devices if device.role == "indoor")
-    spot = (scale.measured, math.radians(target["longitude_deg"])) if scale.measured else None
-    picture = widened(picture, camera_modes(picture, two_lenses=lenses, measured=spot))
+    spot = None
+    if scale.measured:
+        spot = (scale.measured, math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
+    seam = [seam_mode(spot[1] if spot else None)] if lenses else []
+    picture = widened(picture, [*unmeasured_modes(picture, spot), *seam])
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {
         "k1": scale.value,

@@ -16,11 +16,11 @@ from processing.calibration.profile import K2Record, RigProfile, camera_state, r
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
 from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
-from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes
+from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.pictures.modes import VEIL_INDEX, SharedMode, falloff_mode, modes_of, stray_light, widened, with_modes
+from processing.pictures.modes import SharedMode, falloff_mode, modes_of, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import SessionManifest, Side
 
@@ -138,7 +138,7 @@ def _with_shared(picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKe
         others.append(falloff_mode(optics.vignetting.relative_uncertainty))
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
-    left = kernel_modes(picture, kernel) if kernel else [stray_light(picture, VEIL_INDEX)]
+    left = kernel_modes(picture, kernel) if kernel else unmeasured_modes(picture)
     picture = widened(picture, left)
     return replace(picture, attributes=with_modes(picture.attributes, [*modes_of(picture), *others]))
 

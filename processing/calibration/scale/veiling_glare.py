@@ -45,6 +45,7 @@ _TARGETS = 512  # cells worked out at once: 15 MB. Chosen.
 MOST_CLIPPED = 10.0
 """Light that clipping may hide, over all that is shown. Chosen: thrice the most of seven real scenes with their sun."""
 _FACTORS, _LEAST_FACTOR = 48, 0.03  # of the clipped light, between which it is log-uniform; chosen
+_UNMEASURED = 3  # modes; chosen: 98 % of the variance in three real scenes
 _DRAWS, _SWEEPS = 256, 60  # draws, and steps to each; chosen
 
 
@@ -285,10 +286,7 @@ def kernel_modes(image: LuminanceImage, kernel: GlareKernel, *, measured: float 
 
     ``measured``: luminance by which the picture was scaled, cd/m2: what is wrong there is in the scale.
     """
-    cells = _around(image.geometry, STRAY_CELLS[0])
-    luminance = luminance_cd_m2(image.rgb)
-    masks = [image.validity != Validity.OUTSIDE, image.validity == Validity.CLIPPED]
-    light = _in_cells(np.stack([luminance * mask for mask in masks], axis=-1), cells.shape)
+    cells, light = _shown_and_clipped(image)
     parts = np.concatenate(np.moveaxis(cells.scattered(light), -1, 0))[: len(kernel.covariance)]
     variances, axes = np.linalg.eigh(np.array(kernel.covariance))
     left = np.sqrt(np.maximum(variances, 0))[:, None] * (axes.T @ parts)
@@ -298,6 +296,40 @@ def kernel_modes(image: LuminanceImage, kernel: GlareKernel, *, measured: float 
         size = (*map(float, cells.shape), known)
         found.append(SharedMode(f"stray light, measured {number}", "scatter", size, tuple(glare.tolist())))
     return found
+
+
+def unmeasured_modes(image: LuminanceImage, measured: tuple[float, float, float] | None = None) -> list[SharedMode]:
+    """Return what a lens may scatter whose glare was not measured: the parts of a kernel, each by itself.
+
+    Shares are the prior's; clipped light is a factor of what it shows, as likely at every size. ``measured``: luminance
+    in cd/m2, longitude and latitude in radians of the spot that set the picture's scale, which has what scatters there.
+    """
+    cells, light = _shown_and_clipped(image)
+    parts = PRIOR_SHARE * np.moveaxis(cells.scattered(light), -1, 0)
+    total, clipped = cells.area @ light
+    if clipped > 0:  # up to what the scene with the most of it hides
+        most = max(MOST_CLIPPED / 3 * total / clipped, 2 * _LEAST_FACTOR)
+        parts[1] *= math.sqrt((most**2 - _LEAST_FACTOR**2) / (2 * math.log(most / _LEAST_FACTOR)))
+    left = parts[: 2 if clipped > 0 else 1].reshape(-1, len(light))
+    known = np.zeros(len(left))
+    if measured is not None:
+        (x, y, z), (level, longitude, latitude) = cells.places.T, measured
+        near = math.cos(latitude) * (x * math.sin(longitude) + y * math.cos(longitude)) + z * math.sin(latitude)
+        known = left[:, int(np.argmax(near))] / level
+    # A few sums of the parts make nearly all of the relative error, and are as independent.
+    relative = np.clip(left / np.maximum(light[:, 0], 1e-30) - known[:, None], -2, 2) * np.sqrt(cells.area)
+    turn = np.linalg.svd(relative, full_matrices=False)[0].T[:_UNMEASURED]
+    return [
+        SharedMode(f"stray light {number}", "scatter", (*map(float, cells.shape), float(own)), tuple(glare.tolist()))
+        for number, (glare, own) in enumerate(zip(turn @ left, turn @ known, strict=True), start=1)
+    ]
+
+
+def _shown_and_clipped(image: LuminanceImage) -> tuple[_Cells, Doubles]:
+    """Return cells around and their light (N, 2): what is shown, and what of it is clipped."""
+    cells, luminance = _around(image.geometry, STRAY_CELLS[0]), luminance_cd_m2(image.rgb)
+    masks = [image.validity != Validity.OUTSIDE, image.validity == Validity.CLIPPED]
+    return cells, _in_cells(np.stack([luminance * mask for mask in masks], axis=-1), cells.shape)
 
 
 def _plane(lens: Fisheye) -> _Cells:

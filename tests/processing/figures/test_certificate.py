@@ -12,10 +12,11 @@ import daylit
 from benchmarks.sessions import Taken, write_session
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.veiling_glare import unmeasured_modes
 from processing.figures.certificate import DETECTED, NOT_DETERMINED, RECTIFICATION, certificate
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
-from processing.pictures.modes import camera_modes, widened
+from processing.pictures.modes import seam_mode, widened
 from processing.sphere import Equirectangular
 from station.session.session import Side
 
@@ -31,7 +32,7 @@ def picture(*, veil: bool = True) -> LuminanceImage:
     light = np.broadcast_to(level[None, :, None], (SIZE[1], SIZE[0], 3)).copy()
     doubt = np.broadcast_to((0.01 + 0.1 / level)[None], SIZE[::-1]).astype(np.float32)
     image = LuminanceImage(light, doubt, np.zeros(SIZE[::-1], np.uint8), Equirectangular(*SIZE), 0.013)
-    return widened(image, camera_modes(image, two_lenses=True)) if veil else image
+    return widened(image, [*unmeasured_modes(image), seam_mode(None)]) if veil else image
 
 
 def test_the_budget_adds_up_to_the_illuminances_own_uncertainty() -> None:
