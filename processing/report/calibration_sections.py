@@ -15,7 +15,7 @@ from processing.pictures.false_colour import validity_overlay
 from processing.pictures.frames import frame_of
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.pictures.mosaic import FULL, PEDESTAL
-from processing.pictures.preview import jpeg_bytes, png_bytes
+from processing.pictures.preview import jpeg_bytes
 from processing.report.data import Picture, Quantity, Section, Table, number_text
 from processing.report.plots import (
     cct_picture,
@@ -173,7 +173,7 @@ def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Pictur
     if marked:
         ghost = None if image.ghost is None else image.ghost[rows, rows]
         overlay = validity_overlay(small, image.validity[rows, rows], ghost)
-        found.append(Picture(f"{name}: validity", png_bytes(overlay), "clipped, dark, repaired, moved", wide=wide))
+        found.append(Picture(f"{name}: validity", jpeg_bytes(overlay), "clipped, dark, repaired, moved", wide=wide))
     return found
 
 

@@ -17,7 +17,7 @@ from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.ground.colour import colour_temperature_k
 from processing.pictures.display import AS_GIVEN
 from processing.pictures.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
-from processing.pictures.preview import png_bytes
+from processing.pictures.preview import jpeg_bytes, png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,25 +141,25 @@ def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, 
 
 
 def luminance_picture(luminance: Floats, unit: str = "cd/m2") -> bytes:
-    """Return a PNG of luminance (H, W) in false colours with its scale, at most `MAP_PX` wide."""
+    """Return a JPEG (4:4:4) of luminance (H, W) in false colours with its scale, at most `MAP_PX` wide."""
     small = _shrunk(luminance)
     low, high = display_range(small)
-    return png_bytes(with_legend(false_colour(small, low, high), legend(low, high, unit, small.shape[0])))
+    return jpeg_bytes(with_legend(false_colour(small, low, high), legend(low, high, unit, small.shape[0])))
 
 
 def uncertainty_map(uncertainty: Floats) -> bytes:
-    """Return a PNG of relative standard uncertainty (H, W) in per cent with its scale; grey: nothing known."""
+    """Return a JPEG (4:4:4) of relative standard uncertainty (H, W) in per cent with its scale; grey: nothing known."""
     finite = np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)
     picture = uncertainty_picture(_shrunk(finite))
-    return png_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
+    return jpeg_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
 
 
 def cct_picture(rgb: Floats) -> bytes:
-    """Return a PNG of correlated colour temperature (H, W, 3 linear RGB) with its scale; grey: no meaningful CCT."""
+    """Return a JPEG (4:4:4) of correlated colour temperature of linear ``rgb`` (H, W, 3) with its scale; grey: none."""
     kelvin, meaningful = colour_temperature_k(_shrunk(rgb))
     low, high = CCT_RANGE_K
     shown = np.where(meaningful, np.clip(kelvin, low, high), 0)
-    return png_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
+    return jpeg_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
 
 
 MAP_PX = 1200  # width of maps on the page; chosen by eye
