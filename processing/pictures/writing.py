@@ -136,8 +136,8 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 LIGHT_BITS = 13
 """Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
-UNCERTAINTY_BITS = 7  # of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well
-ESTIMATED_BITS, ESTIMATED_UNCERTAINTY_BITS = 10, 5  # 5e-4 of light known to 2 % at best, 3 % upwards (chosen)
+UNCERTAINTY_BITS = 5  # of a half's 10: an uncertainty to 1.6 % of itself (chosen; nobody knows one so well)
+ESTIMATED_BITS = 10  # 5e-4 of light known to 2 % at best; its uncertainty is rounded upwards, by 3 % at most (chosen)
 _ALL = np.ones(1, bool)
 _LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
 """Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
@@ -161,7 +161,7 @@ def estimated(image: P, where: Flags) -> P:
     """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
     rgb, uncertainty = image.rgb.copy(), image.uncertainty.copy()
     _round_bits(rgb.view(np.uint32).reshape(-1, 3), where.ravel(), 23 - ESTIMATED_BITS, False)
-    _round_bits(uncertainty.view(np.uint32).reshape(-1, 1), where.ravel(), 23 - ESTIMATED_UNCERTAINTY_BITS, True)
+    _round_bits(uncertainty.view(np.uint32).reshape(-1, 1), where.ravel(), 23 - UNCERTAINTY_BITS, True)
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 

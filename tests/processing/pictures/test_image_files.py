@@ -70,7 +70,7 @@ def test_what_stages_hand_on_is_what_their_files_hold(tmp_path: Path, image: Rel
     assert path.read_bytes() == first
     np.testing.assert_allclose(handed.rgb, image.rgb, rtol=2.0**-14, atol=1e-39)
     usual = (image.uncertainty > 2**-14) & (image.uncertainty < 2**15)
-    np.testing.assert_allclose(handed.uncertainty[usual], image.uncertainty[usual], rtol=2.0**-8)
+    np.testing.assert_allclose(handed.uncertainty[usual], image.uncertainty[usual], rtol=2.0**-6)
     assert np.array_equal(np.isinf(handed.uncertainty), np.isinf(image.uncertainty))
 
 
@@ -80,7 +80,7 @@ def test_an_uncertainty_stays_above_nothing_and_finite_in_a_half(tmp_path: Path,
     write_stage_exr(tmp_path / "a.exr", image)
     found = read_exr(tmp_path / "a.exr").uncertainty
     assert np.all(found == np.float16(found))
-    assert found == pytest.approx(min(max(uncertainty, 2**-14), 2**15), rel=2**-8)
+    assert found == pytest.approx(min(max(uncertainty, 2**-14), 2**15), rel=2**-6)
 
 
 def test_flipped_bits_of_a_stage_file_are_seen(tmp_path: Path) -> None:
