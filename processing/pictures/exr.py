@@ -195,9 +195,17 @@ def write_stage_exr(
     return image
 
 
-def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halves: dict[str, type]) -> None:
+def _library() -> Any:
+    """Return OpenEXR's module, packing with `threads`: it has one pool for all files, and none unless asked."""
     import OpenEXR
 
+    if OpenEXR.global_thread_count() != threads():
+        OpenEXR.set_global_thread_count(threads())
+    return OpenEXR
+
+
+def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halves: dict[str, type]) -> None:
+    library = _library()
     planes = _planes(image)
     # Our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)
     luminance = isinstance(image, LuminanceImage)
@@ -213,15 +221,15 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
     )
     texts = dict(zip(_TEXTS, values, strict=True))
     header = {
-        "compression": getattr(OpenEXR, coding),
-        "type": OpenEXR.scanlineimage,
+        "compression": getattr(library, coding),
+        "type": library.scanlineimage,
         "chromaticities": CHROMATICITIES,
         **({"whiteLuminance": 1.0} if _in_cd_m2(image) else {}),
         **texts,
         "daylitCrc32": f"{_digest(texts, planes):08x}",
     }
     channels = {name: np.ascontiguousarray(plane, dtype=halves.get(name)) for name, plane in planes.items()}
-    write_whole(path, lambda part: OpenEXR.File(header, channels, num_threads=threads()).write(str(part)))
+    write_whole(path, lambda part: library.File(header, channels).write(str(part)))
 
 
 _FOREIGN = "is not a picture of daylit"
@@ -356,14 +364,12 @@ def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage
 
 def _read(path: Path) -> tuple[dict[str, Any], Channels]:
     """Return the only part's header and channels as the library gives them, compared with the file's own header."""
-    import OpenEXR
-
-    parts = read_header(path)
+    library, parts = _library(), read_header(path)
     if len(parts) != 1 or not parts[0].whole or not parts[0].sampled_everywhere:
         raise refused(path, "has several parts, or is cropped or subsampled; one whole picture is taken")
     try:
         # The library reports damage on standard output, where commands write their JSON.
-        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), num_threads=threads()) as file:
+        with redirect_stdout(sys.stderr), library.File(str(path)) as file:
             if len(file.parts) != 1:
                 raise refused(path, "cannot be decoded", likely=_DAMAGED, advice=_AGAIN)
             header = dict(file.header())

@@ -83,6 +83,17 @@ def test_an_uncertainty_stays_above_nothing_and_finite_in_a_half(tmp_path: Path,
     assert found == pytest.approx(min(max(uncertainty, 2**-14), 2**15), rel=2**-6)
 
 
+def test_a_file_is_packed_by_as_many_threads_as_asked_and_its_bytes_are_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noise = np.random.default_rng(5).random((200, 400, 3)).astype(np.float32)
+    for count in (1, 3):
+        monkeypatch.setenv("DAYLIT_THREADS", str(count))
+        write_stage_exr(tmp_path / f"{count}.exr", luminance_image(noise))
+        assert OpenEXR.global_thread_count() == count
+    assert (tmp_path / "1.exr").read_bytes() == (tmp_path / "3.exr").read_bytes()
+
+
 def test_flipped_bits_of_a_stage_file_are_seen(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_stage_exr(path, noise())
