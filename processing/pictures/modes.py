@@ -27,11 +27,6 @@ LEVEL_SHIFT = 20  # bits of a float32, dropped: what is left steps by an eighth 
 LEVELS = 1 << (32 - LEVEL_SHIFT)
 SEAM_SIGMA = 0.02
 """Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""
-VEIL_INDEX = 0.0125
-"""Stray light over the mean luminance where none was measured; chosen: the root mean square of the 0.003 to 0.02 that
-good lenses have (ISO 9358)."""
-STRAY_CELLS = (16, 32)
-"""Rows and columns of a panorama's map of stray light; chosen: 11 degrees, for it is smooth."""
 
 
 @dataclass(frozen=True)

@@ -289,9 +289,9 @@ def find_skirting(
         profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
         if profile is not None:
             found.append(profile)
-    blurred = None if share is None else _boards_seen(rgb, geometry, room, masked, share)
+    by_network = None if share is None else _boards_seen(rgb, room, masked, share)
     if not found:
-        return blurred
+        return by_network
     profiles, paint = np.stack([tone for tone, _, _ in found]), np.stack([level for _, _, level in found])
     # Skirting ends within `EDGE_ROWS`; shade, which walls without a seen skirting have there, does not.
     edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
@@ -304,8 +304,8 @@ def find_skirting(
     tones = relative + paint if _own_alike(relative, paint, seen) else relative
     usual = _weighted_median(tones, columns)
     spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
-    if blurred is not None and np.abs(blurred.tone).mean(axis=1).max() > STANDS_OUT * height:
-        return blurred
+    if by_network is not None and np.abs(by_network.tone).mean(axis=1).max() > STANDS_OUT * height:
+        return by_network
     if height < LEAST_TONE or spread > MOST_SPREAD * height:
         return None
     # How high it is shows best where it differs most from its wall.
@@ -313,12 +313,11 @@ def find_skirting(
     return Skirting(middle.astype(np.float32)) if tones is relative else own
 
 
-def _boards_seen(
-    rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags, share: Floats
-) -> Skirting | None:
+def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> Skirting | None:
     """Return skirting where the network sees it, as even boards: also where walls are taken for too near or too far.
 
-    Nothing is taken from what is ``masked``, but boards where all are.
+    ``rgb`` (H, W, 3), ``masked`` (H, W) and ``share`` (h, w) are as for `find_skirting`. Tone is taken from ``masked``
+    boards only where there are no others, the wall's never.
     """
     height, width = masked.shape
     seen, px_rad = resized(share, (height, width)), math.pi / height
@@ -328,6 +327,7 @@ def _boards_seen(
     bare = likely & ~masked[row, columns]
     # Where all are torn pieces that go with furniture: the surest of these.
     columns = columns[bare if bare.sum() >= LEAST_COLUMNS else likely & (surest > SUREST * surest.max())]
+    # The board's own tone against the wall's above it, in the same column
     away_m = room.camera_height_m / np.tan(down[columns])
     falls = np.arctan((room.camera_height_m - np.linspace(*ABOVE_M, 4)[:, None]) / away_m)
     above = np.clip(falls / px_rad + height / 2, 0, height - 1).astype(np.intp)
@@ -341,9 +341,10 @@ def _boards_seen(
     contrast, spread = np.abs(usual).mean(), float(np.median(np.abs(grey(off) - grey(usual))))
     if contrast < LEAST_TONE or spread > MOST_SPREAD * contrast:
         return None
+    # As high as the network's shares of a column come to
     high_m = float(np.median(seen[:, columns].sum(axis=0) * row_m))
-    much = np.clip(high_m * SKIRTING_PX_PER_M - np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)), 0, 1)
-    return Skirting((much[:, None] * usual).astype(np.float32))
+    cover = np.clip(high_m * SKIRTING_PX_PER_M - np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)), 0, 1)
+    return Skirting((cover[:, None] * usual).astype(np.float32))
 
 
 def _own_alike(tones: Floats, paint: Floats, seen: np.ndarray) -> bool:

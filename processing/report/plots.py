@@ -155,7 +155,7 @@ def uncertainty_map(uncertainty: Floats) -> bytes:
 
 
 def cct_picture(rgb: Floats) -> bytes:
-    """Return a JPEG (4:4:4) of correlated colour temperature of linear ``rgb`` (H, W, 3) with its scale; grey: none."""
+    """Return a JPEG (4:4:4) of the colour temperature of linear ``rgb`` (H, W, 3) with its scale; grey: it has none."""
     kelvin, meaningful = colour_temperature_k(_shrunk(rgb))
     low, high = CCT_RANGE_K
     shown = np.where(meaningful, np.clip(kelvin, low, high), 0)

@@ -21,13 +21,17 @@ from scipy.special import ndtr, ndtri
 from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import ROWS_AT_ONCE, STRAY_CELLS, VEIL_INDEX, SharedMode, between
+from processing.pictures.modes import ROWS_AT_ONCE, SharedMode, between
 from processing.sphere import Fisheye, Geometry, directions, solid_angles
 
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
 WIDTHS_RAD = (0.1, 0.3, 0.9)
 """Of the three parts of a kernel; chosen: from a cell to half the field, each three times the one before."""
+VEIL_INDEX = 0.0125
+"""Stray light over the mean luminance where none was measured; chosen: the root mean square of the 0.003 to 0.02 that
+good lenses have (ISO 9358)."""
+STRAY_ROWS = 16  # of the map of stray light, and twice as many columns; chosen: 11 degrees, for it is smooth
 PRIOR_SHARE = VEIL_INDEX / math.sqrt(len(WIDTHS_RAD) + 1)
 """Standard deviation about 0 of each part's share before anything is measured: together a lens's usual index."""
 RIM_GAP = 1.06  # in radii: nearer to the image circle the lens's own blur and its bright rim reach out
@@ -250,7 +254,7 @@ def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
     if min(kernel.shares + kernel.hidden) < 0 or not math.isfinite(sum(kernel.shares + kernel.hidden)):
         raise ParameterError(f"a kernel's shares are finite and not negative, not {kernel.shares}")
     geometry, validity = image.geometry, image.validity.copy()
-    cells = _plane(geometry) if isinstance(geometry, Fisheye) else _around(geometry, 2 * STRAY_CELLS[0])
+    cells = _plane(geometry) if isinstance(geometry, Fisheye) else _around(geometry, 2 * STRAY_ROWS)
     light = _in_cells(image.rgb, cells.shape)
     if not np.isfinite(light).all():
         raise ParameterError("the picture holds values that light cannot have (not finite)")
@@ -316,7 +320,8 @@ def unmeasured_modes(image: LuminanceImage, measured: tuple[float, float, float]
         (x, y, z), (level, longitude, latitude) = cells.places.T, measured
         near = math.cos(latitude) * (x * math.sin(longitude) + y * math.cos(longitude)) + z * math.sin(latitude)
         known = left[:, int(np.argmax(near))] / level
-    # A few sums of the parts make nearly all of the relative error, and are as independent.
+    # A few sums of the parts make nearly all of the relative error, and are as independent. Where glare is more than
+    # twice the light (chosen), nothing is known of it either way.
     relative = np.clip(left / np.maximum(light[:, 0], 1e-30) - known[:, None], -2, 2) * np.sqrt(cells.area)
     turn = np.linalg.svd(relative, full_matrices=False)[0].T[:_UNMEASURED]
     return [
@@ -327,7 +332,7 @@ def unmeasured_modes(image: LuminanceImage, measured: tuple[float, float, float]
 
 def _shown_and_clipped(image: LuminanceImage) -> tuple[_Cells, Doubles]:
     """Return cells around and their light (N, 2): what is shown, and what of it is clipped."""
-    cells, luminance = _around(image.geometry, STRAY_CELLS[0]), luminance_cd_m2(image.rgb)
+    cells, luminance = _around(image.geometry, STRAY_ROWS), luminance_cd_m2(image.rgb)
     masks = [image.validity != Validity.OUTSIDE, image.validity == Validity.CLIPPED]
     return cells, _in_cells(np.stack([luminance * mask for mask in masks], axis=-1), cells.shape)
 

@@ -93,7 +93,7 @@ def photographed(session: Path) -> Path:
 
 
 def test_signed_pictures_carry_credentials_that_c2pas_reader_verifies(photographed: Path, tmp_path: Path) -> None:
-    c2pa = pytest.importorskip("c2pa")
+    c2pa = pytest.importorskip("c2pa", reason="the extra c2pa is not installed")
     pack = tmp_path / "proof"
     write_proof(photographed, pack, self_made_signer(datetime.now(UTC)))
     body = json.loads((pack / NAME).read_bytes())
@@ -116,7 +116,7 @@ def test_signed_pictures_carry_credentials_that_c2pas_reader_verifies(photograph
 
 @pytest.mark.sweep
 def test_a_changed_byte_breaks_the_credentials_and_other_frames_the_chain(photographed: Path, tmp_path: Path) -> None:
-    pytest.importorskip("c2pa")
+    pytest.importorskip("c2pa", reason="the extra c2pa is not installed")
     pack = tmp_path / "proof"
     write_proof(photographed, pack, self_made_signer(datetime.now(UTC)))
     rng, path = np.random.default_rng(9), pack / "still-1.jpg"
@@ -141,7 +141,7 @@ def test_a_changed_byte_breaks_the_credentials_and_other_frames_the_chain(photog
 
 
 def test_a_users_certificate_signs_and_what_is_none_is_refused(photographed: Path, tmp_path: Path) -> None:
-    pytest.importorskip("c2pa")
+    pytest.importorskip("c2pa", reason="the extra c2pa is not installed")
     made = self_made_signer(datetime.now(UTC))
     (tmp_path / "own.pem").write_bytes(made.chain + made.key)
     assert (

@@ -79,7 +79,7 @@ def test_grey_is_grey(tmp_path: Path, name: str) -> None:
 
 
 def test_a_phones_heic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    heif = pytest.importorskip("pillow_heif")
+    heif = pytest.importorskip("pillow_heif", reason="the extra heic is not installed")
     heif.register_heif_opener()
     path = save(tmp_path / "IMG_0001.HEIC", quality=95)
     found = read_panorama(path)
@@ -115,7 +115,7 @@ def test_decimal_numbers_in_a_tiff_are_sent_to_openexr(tmp_path: Path) -> None:
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.8])
 def test_damaged_files_are_refused_by_name(tmp_path: Path, name: str, part: float) -> None:
     if name == "p.heic":
-        pytest.importorskip("pillow_heif").register_heif_opener()
+        pytest.importorskip("pillow_heif", reason="the extra heic is not installed").register_heif_opener()
     path = save(tmp_path / name)
     data = path.read_bytes()
     path.write_bytes(data[: int(part * len(data))])

@@ -185,7 +185,8 @@ def test_wrong_sizes_are_told() -> None:
 
 def onnx_file(tmp_path: Path, *, scale: float = 255.0, mask_name: str = "mask") -> Path:
     """Write a stand-in for LaMa: grey in the hole, the picture elsewhere."""
-    onnx = pytest.importorskip("onnx")
+    import onnx
+
     helper, kind = onnx.helper, onnx.TensorProto.FLOAT
     shape = [1, 3, "h", "w"]
     inputs = [

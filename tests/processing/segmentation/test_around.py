@@ -106,7 +106,8 @@ def test_pictures_that_are_no_panorama_are_refused() -> None:
 
 def onnx_file(tmp_path: Path, **changes: object) -> Path:
     """Write a network that takes brightness for the class: a 1 x 1 convolution to two logits, at half the size."""
-    onnx = pytest.importorskip("onnx")
+    import onnx
+
     helper, kind = onnx.helper, onnx.TensorProto.FLOAT
     weight = np.array([[[[1.0]], [[1.0]], [[1.0]]], [[[-1.0]], [[-1.0]], [[-1.0]]]], np.float32)
     graph = helper.make_graph(

@@ -96,7 +96,8 @@ def test_a_mask_of_another_size_is_told(tmp_path: Path) -> None:
 
 def white_network(folder: Path) -> Path:
     """Write a stand-in for LaMa that fills every hole with white."""
-    onnx = pytest.importorskip("onnx")
+    import onnx
+
     helper, kind = onnx.helper, onnx.TensorProto.FLOAT
     sizes = {"image": [1, 3, "h", "w"], "mask": [1, 1, "h", "w"], "output": [1, 3, "h", "w"]}
     values = {name: helper.make_tensor_value_info(name, kind, size) for name, size in sizes.items()}

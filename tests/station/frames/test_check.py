@@ -216,7 +216,8 @@ def test_the_worker_knows_none_of_the_users_variables(monkeypatch, good):
 
 def test_no_worker_outlives_its_station(tmp_path):
     """Killed, not closed: the worker reads the end of its requests and goes."""
-    psutil = pytest.importorskip("psutil")
+    import psutil
+
     script = (
         "import os, sys\nfrom station.frames.check import FrameChecker\nc = FrameChecker()\nc.start()\n"
         "print(c._worker._process.pid, flush=True)\nsys.stdin.read()"

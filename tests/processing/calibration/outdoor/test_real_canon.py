@@ -40,7 +40,7 @@ def test_the_reference_map_gives_its_own_illuminance() -> None:
 
 
 def test_evalglare_finds_our_illuminance(ours: LuminanceImage) -> None:
-    pytest.importorskip("pyradiance")
+    pytest.importorskip("pyradiance", reason="an oracle of the bench extra")
     assert canon.evalglare_lx(ours) == pytest.approx(illuminance_lx(ours).value_lx, rel=0.005)
 
 
