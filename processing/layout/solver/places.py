@@ -25,7 +25,7 @@ from processing.layout.solver.free_sets import (
 )
 from processing.layout.solver.steering import ROLE, Spot, score_spot
 from processing.layout.solver.units import Unit
-from processing.layout.solver.walk_grid import Walk, rect_distance2
+from processing.layout.solver.walk_grid import Walk, copy_rows, rect_distance2
 
 KEPT_INTERVALS = 40
 """Intervals that walls and fixed outlines forbid on a line, at most (chosen: 24 corners make fewer than 20)."""
@@ -220,7 +220,7 @@ def standing(walls, fixed, variants, lines, allowed):  # type: ignore[no-untyped
             if count > KEPT_INTERVALS:
                 count = KEPT_INTERVALS
                 forbidden[count - 1, 1] = 1e300
-            out[v, k, :count] = forbidden[:count]
+            copy_rows(forbidden[:count], out[v, k])
             counts[v, k] = count
     return out, counts
 

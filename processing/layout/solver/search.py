@@ -33,7 +33,7 @@ from processing.layout.solver.places import (
     unit_table,
 )
 from processing.layout.solver.units import Unit, loss_of
-from processing.layout.solver.walk_grid import TOUCH_M, Grid, Walk, connected, packed, stamp
+from processing.layout.solver.walk_grid import TOUCH_M, Grid, Walk, connected, copy_rows, packed, stamp
 
 DROPPED = 1000.0
 """Taken off the score for what is left out, times its loss (`units.loss_of`): more than any place gains."""
@@ -202,17 +202,10 @@ class Search:
 
 
 @inner
-def copy_grid(old, new):  # type: ignore[no-untyped-def]
-    """Copy a grid (rows, words)."""
-    for i in range(old.shape[0]):
-        for j in range(old.shape[1]):
-            new[i, j] = old[i, j]
-
-
-@inner
 def copy_state(old, new):  # type: ignore[no-untyped-def]
     """Copy one state."""
-    new.slots[:], new.places[:], new.gains[:] = old.slots, old.places, old.gains
+    for u in range(old.slots.size):
+        new.slots[u], new.places[u], new.gains[u] = old.slots[u], old.places[u], old.gains[u]
 
 
 @inner
@@ -241,7 +234,7 @@ def walkable(walk, blocked, placed, work):  # type: ignore[no-untyped-def]
     zones = 0
     for r in range(placed.counts[0]):
         if placed.outlines.classes[r] == ZONE:
-            work.zones[zones] = placed.outlines.corners[r]
+            copy_rows(placed.outlines.corners[r], work.zones[zones])
             zones += 1
     return connected(walk, blocked, work.zones[:zones], work.flood)
 
@@ -318,7 +311,7 @@ def one_round(room, table, state, taken, how, placed, work):  # type: ignore[no-
     order, rows = np.empty(state.slots.size, np.int64), np.empty(how.tried, np.int64)
     n_order = order_of(table, state.slots, taken, order)
     # What stays is put back first: outlines, anchors and the grid of paths are made anew each round.
-    copy_grid(room.walk.blocked, placed.blocked)
+    copy_rows(room.walk.blocked, placed.blocked)
     placed.counts[0], placed.counts[1] = 0, room.stood.shape[0]
     for u in range(state.slots.size):
         if state.slots[u] >= 0 and not taken[u]:
@@ -330,10 +323,10 @@ def one_round(room, table, state, taken, how, placed, work):  # type: ignore[no-
         for j in range(best_rows(work.scores[:found], how.noise, rows)):
             slot, s = work.slots[rows[j]], work.places[rows[j]]
             n_outlines, n_anchors = placed.counts[0], placed.counts[1]
-            copy_grid(placed.blocked, work.blocked)
+            copy_rows(placed.blocked, work.blocked)
             put(table, u, slot, s, placed, work.blocked, room.walk)
             if walkable(room.walk, work.blocked, placed, work):
-                copy_grid(work.blocked, placed.blocked)
+                copy_rows(work.blocked, placed.blocked)
                 state.slots[u], state.places[u], state.gains[u] = slot, s, work.scores[rows[j]]
                 break
             placed.counts[0], placed.counts[1] = n_outlines, n_anchors
@@ -370,7 +363,7 @@ def rebuild(room, table, seed, how, found, placed, work):  # type: ignore[no-unt
         loss = new_loss
         if loss < best or loss == 0.0:
             row = whole if loss == 0.0 else 0
-            found.slots[row], found.places[row], found.gains[row] = now.slots, now.places, now.gains
+            copy_state(now, States(found.slots[row], found.places[row], found.gains[row]))
             best = min(best, loss)
             whole += 1 if loss == 0.0 else 0
             if whole == found.slots.shape[0]:

@@ -64,6 +64,14 @@ def packed(cells: Flags) -> UInt64s:
 
 
 @inner
+def copy_rows(old, new):  # type: ignore[no-untyped-def]
+    """Copy an array (N, K) to the first N rows of another (assigned whole it compiles twice as long: words of errors)."""
+    for i in range(old.shape[0]):
+        for j in range(old.shape[1]):
+            new[i, j] = old[i, j]
+
+
+@inner
 def between(first, last, word):  # type: ignore[no-untyped-def]
     """Return the bits of columns first..last (inclusive) that lie in word number `word` of a row."""
     low, high = max(first - WORD * word, 0), min(last - WORD * word, WORD - 1)
