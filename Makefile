@@ -44,7 +44,9 @@ demo: $(VENV)/.core $(VENV)/.web
 	$(BIN)/daylit demo
 
 ## make test      set up, then run all tests
+# Kernels first, once: workers that need the same ones at the same time would each compile them.
 test: $(VENV)/.dev $(VENV)/.web
+	$(RUN) -c "from processing.ground.kernels import load_kernels; load_kernels()"
 	$(RUN) -m pytest -n 2 --dist worksteal
 
 ## make check     format, lint, types, layers

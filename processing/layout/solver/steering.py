@@ -153,11 +153,10 @@ def score_small(role, spot, anchors):  # type: ignore[no-untyped-def]
 @inner
 def hidden(role, spot, hung):  # type: ignore[no-untyped-def]
     """Return the metres of what hangs on walls (K, 8) that a piece of a role hides."""
-    total, one = 0.0, np.empty((1, 8))
+    total = 0.0
     for k in range(hung.shape[0]):
         if hung[k, 3] < (TALL_TOP_M if role == TALL else LOW_TOP_M):
-            one[0] = hung[k]
-            total += covered(spot, one, 0.0)
+            total += covered(spot, hung[k : k + 1], 0.0)
     return total
 
 

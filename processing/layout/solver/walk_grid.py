@@ -65,7 +65,7 @@ def packed(cells: Flags) -> UInt64s:
 
 @inner
 def copy_rows(old, new):  # type: ignore[no-untyped-def]
-    """Copy an array (N, K) to the first N rows of another (assigned whole it compiles twice as long: words of errors)."""
+    """Copy an array (N, K) to the first N rows of another; assigned whole, numba compiles its words of error too."""
     for i in range(old.shape[0]):
         for j in range(old.shape[1]):
             new[i, j] = old[i, j]
