@@ -166,8 +166,9 @@ def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:
     return np.asarray(mask & ~(strip & long), bool)
 
 
-TORN, TORN_RIM_RAD = 0.4, math.radians(0.6)
-"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it (chosen)."""
+TORN, TORN_RIM_RAD, END = 0.4, math.radians(0.6), 0.15
+"""Share of the foot of a piece of skirting that furniture hides, or of both of its ends; how much too small the network
+sees it; how much of its length is an end (chosen)."""
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
 THING_SEGMENTS, THING_PX = 60.0, 12
@@ -187,18 +188,19 @@ LONE_CONTRAST, LONE_RING = 24.0, 0.8
 """As `LYING_CONTRAST`, shade apart; share of what is around that must be floor: skirting is no thing (chosen)."""
 
 
-def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Flags | Floats) -> Flags:
+def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Floats | None = None) -> Flags:
     """Return a mask (H, W) with the small things that touch it, whole: segments of colour unlike what is around them.
 
     A lamp, a vase or a screen on removed furniture would be left in the air. So are those that lie on the floor by
-    themselves where something is ``likely`` (H, W), a probability. ``barred`` (H, W): what stays.
+    themselves where something is ``likely`` (H, W), a probability, if that is given. ``barred`` (H, W): what stays.
     """
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
     labels = np.asarray(cutter.processImage(rgb8), np.int32)
     colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
     found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
     poles = np.zeros_like(mask)
-    found |= _lone(labels, colours, floor & (likely > LONE_SHARE) & ~found & ~barred, floor)
+    if likely is not None:
+        found |= _lone(labels, colours, floor & (likely > LONE_SHARE) & ~found & ~barred, floor)
     for _ in range(LAYERS):
         near = np.unique(labels[(grown(found, TOUCH_RAD) | poles) & ~found & ~barred])
         for label in near[~tried[near]]:
@@ -254,7 +256,8 @@ def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = 
     ring &= ~part[window] & ~found[window]
     if not ring.any():
         return math.inf
-    off = colours[part].mean(axis=0) - np.median(colours[window][ring], axis=0)
+    seen = part & ~found
+    off = colours[seen if seen.any() else part].mean(axis=0) - np.median(colours[window][ring], axis=0)
     if floor is not None:
         off[0] = max(off[0], 0)
         off *= (ring & floor[window]).sum() > LONE_RING * ring.sum()
@@ -283,25 +286,33 @@ def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:
     return stands[labels], int((gone & (size >= LEAST_SR)).sum()), float(size[gone].sum())
 
 
-def islands_in(mask: Flags, never: Flags) -> Flags:
-    """Return the small components that a mask (H, W) encloses, but for those mostly in ``never`` (H, W)."""
+def islands_in(mask: Flags, never: Flags, most_sr: float = ISLAND_SR) -> Flags:
+    """Return the components up to ``most_sr`` that a mask (H, W) encloses, but for those mostly in ``never`` (H, W)."""
     count, labels = components(~mask)
     weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
     size = np.bincount(labels.ravel(), weight.ravel(), count + 1)
     barred = np.bincount(labels.ravel(), (weight * never).ravel(), count + 1)
-    small = (size < ISLAND_SR) & (barred < size / 2)
+    small = (size < most_sr) & (barred < size / 2)
     small[0] = False
     return np.asarray(small[labels], bool)
 
 
 def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:
-    """Return pieces of skirting (H, W), with their rim, that have most of their foot on or just above what is
-    ``removed`` (H, W): they would be left torn where others are drawn anew."""
+    """Return pieces of skirting (H, W), with their rim, that have much of their foot on or just above what is
+    ``removed`` (H, W), or stand between that: they would be left torn where others are drawn anew."""
     down = np.ones((math.ceil(below_rad / math.pi * len(boards)) + 1, 1), np.uint8)
     below = cv2.dilate(removed.astype(np.uint8), down, anchor=(0, 0)).astype(bool)
     count, labels = components(boards)
     near, ends = lower_ends(labels, below, count)
-    return grown(boards & (near > TORN * ends)[labels], TORN_RIM_RAD)
+    torn, beside = near > TORN * ends, grown(removed, below_rad)
+    for label in range(1, count + 1):
+        rows, columns = np.nonzero(labels == label)
+        hidden, place = beside[rows, columns], columns
+        if np.ptp(columns) == boards.shape[1] - 1:  # it lies across the seam
+            place = (columns + boards.shape[1] // 2) % boards.shape[1]
+        along = (place - place.min()) / max(np.ptp(place), 1)
+        torn[label] |= min(hidden[along <= END].mean(), hidden[along >= 1 - END].mean()) > TORN
+    return grown(boards & torn[labels], TORN_RIM_RAD)
 
 
 def lower_ends(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:

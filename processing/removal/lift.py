@@ -32,6 +32,9 @@ LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (meas
 LIGHT_DOUBT = 0.05
 """Of the light in a room, relative, standard (measured with the truth given: docs/measurements/emptying.md)."""
 SHOULDER = 1.5  # stops below clipping from which less is lifted (chosen): clipped places stay, and steps are seen
+DEEP = math.log(4)
+"""Log change from which shade is replaced in place of lifted: what a picture still shows there is noise, in colours of
+its own (chosen on one real room of eight; the others have next to none)."""
 SHOULDER_PX = 3.0  # of the working size, its smoothness (chosen)
 REACHES_PX = (1.0, 4.0, 16.0, 64.0)  # of the working size: over which light goes on where a plane's own is not known
 
@@ -66,7 +69,8 @@ def lifted(
 ) -> tuple[Emptied, Floats]:
     """Return the room emptied and lit as it is without its furniture, and the log change (H, W) of luminance.
 
-    What stand-ins do not explain of the shadows, such as the dark under a seat on legs, is relit as around it.
+    What stand-ins do not explain of the shadows, such as the dark under a seat on legs, is relit as around it, and
+    replaced where it is deep.
 
     Parameters are those of `removal.fill.empty_room`, which fills the holes. Outside the target, pixels change by the
     shade that is lifted off them, and state that in their uncertainty; windows, and what lies outside the picture or is
@@ -86,6 +90,7 @@ def lifted(
     for k, factors in enumerate(gain):  # row by row: little memory
         change[k] += np.log(factors).mean(axis=-1)
     del gain, factors
+    target = target | (change > DEEP)
     done = empty_room(
         replace(image, rgb=reflectance),
         target,

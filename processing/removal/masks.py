@@ -16,6 +16,7 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import (
+    ISLAND_SR,
     TOUCH_RAD,
     FurnitureFound,
     completed,
@@ -42,6 +43,8 @@ FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and 
 BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.12, math.radians(1.2)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
+BEYOND = 1.5  # times the distance of the wall, from which what is seen is beyond an opening (chosen; 1.4 is error)
+CRUMB_SR = 2e-3  # of what hangs on a wall of which all around is removed: larger is a picture (chosen)
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
 
 
@@ -150,22 +153,9 @@ def _find(
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     openings, flat = others | (maps.opening >= 0), _flat(maps, seen[0])
-    furniture = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
+    furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
-    hidden = furniture.mask | tripod.mask
-    bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
-    # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
-    unsure = (maps.opening < 0) & (maps.plane != CEILING) & furniture.mask & ~tripod.mask
-    bare |= coloured_as_behind(rgb, maps.plane, unsure, hidden | (maps.opening >= 0))
-    if known.sun is None:
-        bare &= ~(others | fixtures)
-    if known.sun_possible:
-        d, _ = directions(geometry)
-        points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
-        weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), luminance.shape)
-        sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun, known.sun_seen)
-    else:
-        sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
+    sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)
     hidden = furniture.mask | tripod.mask
     other = tripod.mask | sunlight.mask | openings | fixtures
@@ -173,11 +163,53 @@ def _find(
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     hangs |= boards & ~grown(furniture.mask, 2 * MARGIN_RAD)  # twice: crumbs of furniture stayed on skirting
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
-    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
+    contact = (shadow.contact & ~hangs) | plain
+    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=contact)
+    torn = torn_boards(boards, furniture.mask | plain, BELOW_RAD) & ~openings
+    hangs &= ~torn
+    stays = barred | hangs | tripod.mask | sunlight.mask
+    if seen[0] is not None:
+        stays |= seen[0] > BEYOND * maps.depth_m
+    furniture = _with_rests(furniture, contact, torn, shown, maps, stays)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, hangs, notes)
+
+
+def _sun(
+    rgb: Floats,
+    luminance: Floats,
+    room: RoomModel,
+    maps: SurfaceMaps,
+    known: _Known,
+    gone: tuple[Flags, Flags],
+    others: Flags,
+) -> SunFound:
+    """Return direct sunlight; ``gone``: furniture and tripod; ``others``: doors, windows, fixtures, (H, W) each."""
+    if not known.sun_possible:
+        return SunFound(np.zeros(others.shape, bool), None, False, "the sky has no sun")
+    furniture, tripod = gone
+    hidden, surface = furniture | tripod, (maps.opening < 0) & (maps.plane != CEILING)
+    bare = surface & ~grown(hidden, math.pi / rgb.shape[0])
+    # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
+    unsure = surface & furniture & ~tripod
+    bare |= coloured_as_behind(rgb, maps.plane, unsure, hidden | (maps.opening >= 0))
+    if known.sun is None:
+        bare &= ~others
+    d, _ = directions(Equirectangular(rgb.shape[1], rgb.shape[0]))
+    points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
+    weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), luminance.shape)
+    return find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun, known.sun_seen)
+
+
+def _with_rests(
+    found: FurnitureFound, contact: Flags, torn: Flags, shown: Bytes, maps: SurfaceMaps, stays: Flags
+) -> FurnitureFound:
+    """Return furniture with the ``torn`` boards, and what touches these, it or the shade that goes with it: the tip of
+    a lamp or of a cage, a bracket, would hang in the air."""
+    goes = grown(found.mask, MARGIN_RAD) | contact
+    return _with(found, with_things(goes | torn, shown, maps.plane == FLOOR, stays) & ~goes)
 
 
 def _beside_boards(found: FurnitureFound, boards: Flags, openings: Flags) -> tuple[FurnitureFound, Flags]:
@@ -195,8 +227,9 @@ def _with(found: FurnitureFound, goes: Flags) -> FurnitureFound:
 
 def _with_things(
     found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Floats], flat: Flags
-) -> FurnitureFound:
-    """Return furniture with what stands on it and whole rugs below; curtains belong to windows, pictures to walls.
+) -> tuple[FurnitureFound, Flags]:
+    """Return furniture with what stands on it and whole rugs below, and what stays: curtains are a window's, pictures a
+    wall's.
 
     ``things``: where fixtures surely are, and the probability of things, (H, W) each. ``flat`` (H, W): where the floor,
     or what lies flat on it, is seen by the network's distances.
@@ -219,7 +252,7 @@ def _with_things(
     barred = beside | stays[labels] | (maps.plane == CEILING)
     furniture = found.mask | grown(on, FRAME_RAD)
     mask = with_things(furniture, shown, maps.plane == FLOOR, barred, things[1]) | (rugs & ~beside)
-    return _with(found, mask & ~found.mask)
+    return _with(found, mask & ~found.mask), barred
 
 
 def _flat(maps: SurfaceMaps, reach_m: Floats | None) -> Flags:
@@ -278,6 +311,7 @@ def _united(
     shadow &= ~furniture & ~tripod
     target = target_of((furniture | tripod, contact), sunlight, found.openings, margin_rad)
     target &= furniture | tripod | sunlight | ~_at(found.hangs, shape)
+    target = with_islands(target, found.openings, CRUMB_SR)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
@@ -297,10 +331,10 @@ def target_of(things: tuple[Flags, Flags], sunlight: Flags, openings: Flags, mar
     return with_islands(grown(things[0], margin_rad) | things[1], openings) | grown(sunlight, margin_rad)
 
 
-def with_islands(target: Flags, openings: Flags) -> Flags:
+def with_islands(target: Flags, openings: Flags, most_sr: float = ISLAND_SR) -> Flags:
     """Return a target (H, W) with the small parts that it goes all round, but for windows and doors (h, w)."""
     small = resized(target.astype(np.float32), (openings.shape[0], openings.shape[1])) > 0.5
-    islands = islands_in(small, openings)
+    islands = islands_in(small, openings, most_sr)
     if not islands.any():
         return target
     # One pixel more, as the edge of the smaller mask is that coarse.

@@ -33,6 +33,7 @@ SURE = 0.35  # confidence under which what was filled is called synthesised
 
 MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a curtain and no wall (chosen)
 FRAME_M = 0.08  # around an opening: its frame belongs to it
+BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
 
 
 def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
@@ -118,13 +119,17 @@ def fill_plane(
         confidence = np.where(hole, 0.05, 1).astype(np.float32)
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
-    rest = np.ones_like(hole)
+    rest, upright = np.ones_like(hole), np.ones_like(hole)
     for region in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
         inside = hole & region
         if (sources & region).sum() < 0.05 * region.sum():
             # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
             continue
         rest &= ~region
+        if not region[-1].any():
+            # A window's frame and reveal end at its sill: the wall below is one.
+            reach = np.ones((1, 2 * round(BESIDE_WINDOW_M * texture.px_per_m) + 1), np.uint8)
+            upright &= cv2.dilate(region.astype(np.uint8), reach) == 0
         if inside.any():
             # Leaves, panes and curtains run upright: each column goes on.
             values[inside] = hanging(values, known & region, inside, texture.px_per_m)[inside]
@@ -140,7 +145,7 @@ def fill_plane(
         own = sources & rest
         # Pictures, sockets and the like on walls are left out where these are filled.
         own = plane_sources(values, own, texture.px_per_m) if texture.plane.index == FLOOR else own
-        values, sure, goes_on, how = _by_parts(texture, values, (own, things), inside, skirting)
+        values, sure, goes_on, how = _by_parts(texture, values, (own, own & upright, things), inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on[inside]
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
@@ -150,14 +155,14 @@ def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
 
 
 def _by_parts(
-    texture: Texture, values: Floats, seen: tuple[Flags, Flags], hole: Flags, skirting: Skirting | None
+    texture: Texture, values: Floats, seen: tuple[Flags, Flags, Flags], hole: Flags, skirting: Skirting | None
 ) -> tuple[Floats, Floats, Flags, str]:
     """Return values, confidence, where it is a continuation, and how it was filled: walls between upright edges.
 
-    ``seen``: what may be learnt from, and what is probably no part of the wall, (H, W) each.
+    ``seen``: what may be learnt from; of it, where such edges are; what is probably no part of the wall, (H, W) each.
     """
-    wall, (sources, things) = texture.plane.index >= FIRST_WALL, seen
-    parts = upright_parts(values, (sources, things), hole, texture.px_per_m) if wall else [Part(slice(None), 0)]
+    wall, (sources, upright, things) = texture.plane.index >= FIRST_WALL, seen
+    parts = upright_parts(values, (upright, things), hole, texture.px_per_m) if wall else [Part(slice(None), 0)]
     if len(parts) == 1:
         values, sure, goes_on, how = _surface(texture, values, sources, hole, skirting)
         return values, sure, np.full_like(hole, goes_on), how
@@ -184,7 +189,7 @@ def _surface(
         found = analyse(values, sources)
         little = sources.sum() < LITTLE * (sources | hole).sum()
         weak = little and found.lattice is not None and found.lattice.strength < WALL_NCC
-        if found.repeat is Repeat.NONE or weak:
+        if weak or (little and found.repeat is Repeat.NONE):
             plain = fill_plain(values, sources, hole, level_rows=False)
             return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
         done = complete(values, sources, hole, density=texture.density, found=found)
@@ -230,8 +235,9 @@ MIXED_PX, FARTHER = 1.5, 1.2
 """Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
 EDGE_ROWS, LEAST_EDGE = 3, 0.01
 """In which the upper edge of a skirting lies, and the tone that counts for none (chosen)."""
-LEAST_TONE, MOST_SPREAD = 0.04, 0.35
-"""Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone)."""
+LEAST_TONE, MOST_SPREAD, MOST_SPREAD_SEEN = 0.04, 0.35, 0.4
+"""Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone); the same where the
+network sees it, in another light on each wall (chosen: 0.37 where it is right in a real room, 0.44 where it is not)."""
 
 
 SEEN_SHARE, ALIKE = 0.25, 0.6
@@ -339,7 +345,7 @@ def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> 
     off = np.log(np.maximum(rgb[row[columns], columns], 1e-6)) - np.nanmedian(wall, axis=0)
     usual, row_m = np.median(off, axis=0), away_m * px_rad / np.cos(down[columns]) ** 2
     contrast, spread = np.abs(usual).mean(), float(np.median(np.abs(grey(off) - grey(usual))))
-    if contrast < LEAST_TONE or spread > MOST_SPREAD * contrast:
+    if contrast < LEAST_TONE or spread > MOST_SPREAD_SEEN * contrast:
         return None
     # As high as the network's shares of a column come to
     high_m = float(np.median(seen[:, columns].sum(axis=0) * row_m))
