@@ -166,9 +166,9 @@ def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:
     return np.asarray(mask & ~(strip & long), bool)
 
 
-TORN, TORN_RIM_RAD, END = 0.4, math.radians(0.6), 0.15
-"""Share of the foot of a piece of skirting that furniture hides, or of both of its ends; how much too small the network
-sees it; how much of its length is an end (chosen)."""
+TORN, TORN_RIM_RAD, TORN_END_RAD = 0.4, math.radians(0.6), math.radians(4)
+"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
+what is removed both of its ends are: the network sees it too short (chosen)."""
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
 THING_SEGMENTS, THING_PX = 60.0, 12
@@ -192,7 +192,8 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
     """Return a mask (H, W) with the small things that touch it, whole: segments of colour unlike what is around them.
 
     A lamp, a vase or a screen on removed furniture would be left in the air. So are those that lie on the floor by
-    themselves where something is ``likely`` (H, W), a probability, if that is given. ``barred`` (H, W): what stays.
+    themselves where something is ``likely`` (H, W), a probability; None: of what the mask cuts, the rest alone is judged.
+    ``barred`` (H, W): what stays.
     """
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
     labels = np.asarray(cutter.processImage(rgb8), np.int32)
@@ -210,7 +211,7 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
             high, wide = np.ptp(rows) * px_rad, (np.ptp(columns) + 1) * px_rad
             if high > THING_RAD[0] or wide > THING_RAD[1] or (part & barred).sum() > 0.3 * part.sum():
                 continue
-            off = _contrast(part, found, colours)
+            off = _contrast(part & ~found if likely is None else part, found, colours)
             if off > (LYING_CONTRAST if (part & floor).sum() > 0.5 * part.sum() else THING_CONTRAST):
                 found |= part & ~barred
                 if wide < POLE_RAD < high:
@@ -256,8 +257,7 @@ def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = 
     ring &= ~part[window] & ~found[window]
     if not ring.any():
         return math.inf
-    seen = part & ~found
-    off = colours[seen if seen.any() else part].mean(axis=0) - np.median(colours[window][ring], axis=0)
+    off = colours[part].mean(axis=0) - np.median(colours[window][ring], axis=0)
     if floor is not None:
         off[0] = max(off[0], 0)
         off *= (ring & floor[window]).sum() > LONE_RING * ring.sum()
@@ -298,21 +298,26 @@ def islands_in(mask: Flags, never: Flags, most_sr: float = ISLAND_SR) -> Flags:
 
 
 def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:
-    """Return pieces of skirting (H, W), with their rim, that have much of their foot on or just above what is
-    ``removed`` (H, W), or stand between that: they would be left torn where others are drawn anew."""
+    """Return pieces of skirting (H, W), with their rim, that have most of their foot on or just above what is
+    ``removed`` (H, W): they would be left torn where others are drawn anew."""
     down = np.ones((math.ceil(below_rad / math.pi * len(boards)) + 1, 1), np.uint8)
     below = cv2.dilate(removed.astype(np.uint8), down, anchor=(0, 0)).astype(bool)
     count, labels = components(boards)
     near, ends = lower_ends(labels, below, count)
-    torn, beside = near > TORN * ends, grown(removed, below_rad)
+    return grown(boards & (near > TORN * ends)[labels], TORN_RIM_RAD)
+
+
+def boards_between(boards: Flags, removed: Flags) -> Flags:
+    """Return pieces of skirting (H, W), with their rim, with what is ``removed`` (H, W) at both ends: so are they."""
+    (count, labels), width = components(boards), boards.shape[1]
+    beside, between = grown(removed, TORN_END_RAD), np.zeros(count + 1, bool)
     for label in range(1, count + 1):
         rows, columns = np.nonzero(labels == label)
-        hidden, place = beside[rows, columns], columns
-        if np.ptp(columns) == boards.shape[1] - 1:  # it lies across the seam
-            place = (columns + boards.shape[1] // 2) % boards.shape[1]
-        along = (place - place.min()) / max(np.ptp(place), 1)
-        torn[label] |= min(hidden[along <= END].mean(), hidden[along >= 1 - END].mean()) > TORN
-    return grown(boards & torn[labels], TORN_RIM_RAD)
+        across = np.ptp(columns) == width - 1  # the seam
+        place = (columns + width // 2) % width if across else columns
+        first, last = (beside[rows, columns][place == end].any() for end in (place.min(), place.max()))
+        between[label] = first and last and np.ptp(place) * 2 * math.pi / width > SKIRTING_LONG_RAD
+    return grown(boards & between[labels], TORN_RIM_RAD)
 
 
 def lower_ends(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:

@@ -6,6 +6,7 @@ All is found at a working size and brought to full size, where furniture's edges
 import math
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from processing.errors import ParameterError
@@ -19,6 +20,7 @@ from processing.removal.furniture import (
     ISLAND_SR,
     TOUCH_RAD,
     FurnitureFound,
+    boards_between,
     completed,
     find_furniture,
     islands_in,
@@ -44,7 +46,9 @@ BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.12, mat
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
 BEYOND = 1.5  # times the distance of the wall, from which what is seen is beyond an opening (chosen; 1.4 is error)
-CRUMB_SR = 2e-3  # of what hangs on a wall of which all around is removed: larger is a picture (chosen)
+CRUMB_SR, CRUMB_PX = 2e-3, 16
+"""Of what stays on a wall of which all around is removed: larger is a picture (chosen); for what the working size does
+not see (chosen)."""
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
 
 
@@ -163,14 +167,13 @@ def _find(
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     hangs |= boards & ~grown(furniture.mask, 2 * MARGIN_RAD)  # twice: crumbs of furniture stayed on skirting
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
-    contact = (shadow.contact & ~hangs) | plain
-    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=contact)
-    torn = torn_boards(boards, furniture.mask | plain, BELOW_RAD) & ~openings
+    torn = boards_between(boards, furniture.mask | plain) & ~openings
     hangs &= ~torn
     stays = barred | hangs | tripod.mask | sunlight.mask
     if seen[0] is not None:
         stays |= seen[0] > BEYOND * maps.depth_m
-    furniture = _with_rests(furniture, contact, torn, shown, maps, stays)
+    plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, stays)
+    shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
@@ -203,13 +206,12 @@ def _sun(
     return find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun, known.sun_seen)
 
 
-def _with_rests(
-    found: FurnitureFound, contact: Flags, torn: Flags, shown: Bytes, maps: SurfaceMaps, stays: Flags
-) -> FurnitureFound:
-    """Return furniture with the ``torn`` boards, and what touches these, it or the shade that goes with it: the tip of
+def _rests(furniture: Flags, contact: Flags, torn: Flags, shown: Bytes, maps: SurfaceMaps, stays: Flags) -> Flags:
+    """Return the ``torn`` boards (H, W), and what touches these, furniture, or the shade that goes with it: the tip of
     a lamp or of a cage, a bracket, would hang in the air."""
-    goes = grown(found.mask, MARGIN_RAD) | contact
-    return _with(found, with_things(goes | torn, shown, maps.plane == FLOOR, stays) & ~goes)
+    goes = grown(furniture, MARGIN_RAD) | contact | torn
+    rests = torn | (with_things(goes, shown, maps.plane == FLOOR, stays) & ~goes)
+    return np.asarray(grown(rests, MARGIN_RAD) & ~stays, bool)
 
 
 def _beside_boards(found: FurnitureFound, boards: Flags, openings: Flags) -> tuple[FurnitureFound, Flags]:
@@ -312,6 +314,8 @@ def _united(
     target = target_of((furniture | tripod, contact), sunlight, found.openings, margin_rad)
     target &= furniture | tripod | sunlight | ~_at(found.hangs, shape)
     target = with_islands(target, found.openings, CRUMB_SR)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((~target).astype(np.uint8))
+    target |= (stats[:, cv2.CC_STAT_AREA] <= CRUMB_PX)[labels]
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)

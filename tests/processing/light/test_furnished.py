@@ -122,6 +122,23 @@ def test_shade_that_no_standin_explains_is_relit_where_it_was_found(
     assert change[inner].mean() > 0.3, "and is stated"
 
 
+def test_what_lies_in_deep_shade_is_replaced(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
+    """A picture shows noise there; lifted, it would show that."""
+    picture, furniture = dark
+    floor = surface_maps(box_room(), GEOMETRY).plane == FLOOR
+    deep = floor & grown(furniture, math.radians(12)) & ~furniture
+    inner = deep & ~grown(~deep & ~furniture, math.radians(4))
+    noise = np.random.default_rng(3).uniform(0.02, 0.2, picture.rgb.shape).astype(np.float32)
+    noisy = replace(picture, rgb=np.where(deep[..., None], picture.rgb * noise, picture.rgb))
+    much = np.where(deep[..., None], np.float32(math.log(8)), found.log_change)
+    done, change = lifted(noisy, furniture, box_room(), shade_of(found)._replace(log_change=much), quality="draft")
+    assert (done.provenance[inner] > 0).all()
+    assert not change[inner].any()
+    level = luminance_cd_m2(done.image.rgb)
+    assert level[inner].std() < 0.25 * level[inner].mean()
+    assert (done.provenance[floor & ~grown(deep | furniture, math.radians(4))] == 0).all()
+
+
 def test_a_standin_off_by_20_cm_leaves_no_ghost(
     bare: LuminanceImage, dark: tuple[LuminanceImage, Flags], found: FurnishedLight
 ) -> None:

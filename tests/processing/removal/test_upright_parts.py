@@ -103,3 +103,24 @@ def test_posts_and_curtains_go_on_to_the_floor():
     off = np.abs(np.log(done.values[-30:, inner] / values[-30:, inner]))
     assert np.quantile(off, 0.95) < 0.1
     assert "parts between upright edges" in done.how
+
+
+def test_the_wall_below_a_window_is_one():
+    """The frame's edges come down to the sill, which furniture below hides."""
+    room = box_room()
+    plane = planes_of(room)[FIRST_WALL + room.openings[0].wall]
+    height, width = texture_shape(plane, PX_PER_M)
+    values, frame = np.full((height, width, 3), GREY, np.float32), np.zeros((height, width), bool)
+    opening = room.openings[0]
+    left, right = (round((plane.width_m - u) * PX_PER_M) for u in (opening.end_m + 0.15, opening.start_m - 0.15))
+    sill = height - round(opening.sill_m * PX_PER_M)
+    frame[:sill, left:right] = True
+    values[frame] = RED
+    hole = np.zeros((height, width), bool)
+    hole[sill - 3 :] = True
+    seen = np.where(hole[..., None], 0, values).astype(np.float32)
+    texture = Texture(plane, PX_PER_M, seen, ~hole, np.ones((height, width), np.float32))
+    done = fill_plane(texture, hole, (np.zeros_like(hole), np.zeros_like(hole)), room, np.float32(GREY))
+    assert "parts between" not in done.how
+    steps = np.abs(np.diff(np.log(done.values[-10:].mean(axis=(0, 2)))))
+    assert steps.max() < 0.05, "no seam runs down to the floor"

@@ -7,8 +7,15 @@ import math
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.furniture import FurnitureFound, find_furniture, torn_boards, with_things, without_skirting
-from processing.removal.masks import _with_things
+from processing.removal.furniture import (
+    FurnitureFound,
+    boards_between,
+    find_furniture,
+    torn_boards,
+    with_things,
+    without_skirting,
+)
+from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
 from processing.removal.plane_fill import hanging
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
@@ -217,3 +224,34 @@ def test_a_piece_of_skirting_that_stands_on_furniture_goes_and_one_on_the_floor_
     assert found[110:114, 40:80].all()
     assert not found[:, 120:].any(), "a fifth of its foot is hidden"
     assert not torn_boards(boards, np.roll(bed, -60, axis=0), math.radians(2.5)).any(), "what hangs above hides none"
+
+
+def test_a_piece_of_skirting_between_removed_things_goes() -> None:
+    boards, chests = np.zeros((2, 180, 360), bool)
+    boards[110:114, 100:130] = boards[110:114, 350:] = boards[110:114, :20] = True
+    chests[90:112, 60:99] = chests[90:112, 131:160] = chests[90:112, 320:349] = True
+    found = boards_between(boards, chests)
+    assert found[110:114, 100:130].all()
+    assert not found[:, :90].any(), "one end is free, and it lies across the seam"
+    assert not found[:, 345:].any()
+
+
+def test_what_touches_the_shade_of_removed_things_goes_and_what_is_apart_stays() -> None:
+    table, shade = box(150, 175, 240, 280), box(120, 150, 236, 284)
+    bracket, picture = box(108, 120, 256, 264), box(80, 95, 256, 270)
+    light = grey_room()
+    light[table], light[bracket], light[picture] = 0.1, (0.9, 0.5, 0.05), (0.05, 0.3, 0.6)
+    without = _rests(table, NONE, NONE, shown(light), MAPS, NONE)
+    whole = _rests(table, shade, NONE, shown(light), MAPS, NONE)
+    assert not without[bracket].any()
+    assert whole[bracket].all()
+    assert not whole[picture].any()
+    assert not _rests(table, shade, NONE, shown(light), MAPS, bracket)[bracket].any(), "what stays stays"
+
+
+def test_crumbs_within_what_is_removed_go_and_a_picture_stays() -> None:
+    target = box(60, 200, 100, 400)
+    crumb, picture = box(120, 123, 150, 153), box(100, 125, 250, 285)
+    found = with_islands(target & ~crumb & ~picture, NONE, CRUMB_SR)
+    assert found[crumb].all()
+    assert not found[box(102, 123, 252, 283)].any()
