@@ -192,7 +192,7 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
     """Return a mask (H, W) with the small things that touch it, whole: segments of colour unlike what is around them.
 
     A lamp, a vase or a screen on removed furniture would be left in the air. So are those that lie on the floor by
-    themselves where something is ``likely`` (H, W), a probability; None: of what the mask cuts, the rest alone is judged.
+    themselves where something is ``likely`` (H, W), a probability; None: of what it cuts only the rest is judged.
     ``barred`` (H, W): what stays.
     """
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
