@@ -166,9 +166,10 @@ def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:
     return np.asarray(mask & ~(strip & long), bool)
 
 
-TORN, TORN_RIM_RAD, TORN_END_RAD = 0.4, math.radians(0.6), math.radians(4)
+TORN, TORN_RIM_RAD, TORN_END_RAD, MOST_TORN_RAD = 0.4, math.radians(0.6), math.radians(4), math.radians(25)
 """Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
-what is removed both of its ends are: the network sees it too short (chosen)."""
+what is removed both of its ends are: the network sees it too short; longer pieces show how skirting looks, and stay
+(chosen)."""
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
 THING_SEGMENTS, THING_PX = 60.0, 12
@@ -308,7 +309,7 @@ def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:
 
 
 def boards_between(boards: Flags, removed: Flags) -> Flags:
-    """Return pieces of skirting (H, W), with their rim, with what is ``removed`` (H, W) at both ends: so are they."""
+    """Return short pieces of skirting (H, W), with their rim, with what is ``removed`` (H, W) at both ends."""
     (count, labels), width = components(boards), boards.shape[1]
     beside, between = grown(removed, TORN_END_RAD), np.zeros(count + 1, bool)
     for label in range(1, count + 1):
@@ -316,7 +317,8 @@ def boards_between(boards: Flags, removed: Flags) -> Flags:
         across = np.ptp(columns) == width - 1  # the seam
         place = (columns + width // 2) % width if across else columns
         first, last = (beside[rows, columns][place == end].any() for end in (place.min(), place.max()))
-        between[label] = first and last and np.ptp(place) * 2 * math.pi / width > SKIRTING_LONG_RAD
+        long_rad = np.ptp(place) * 2 * math.pi / width
+        between[label] = first and last and SKIRTING_LONG_RAD < long_rad < MOST_TORN_RAD
     return grown(boards & between[labels], TORN_RIM_RAD)
 
 

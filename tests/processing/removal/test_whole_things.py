@@ -226,12 +226,13 @@ def test_a_piece_of_skirting_that_stands_on_furniture_goes_and_one_on_the_floor_
     assert not torn_boards(boards, np.roll(bed, -60, axis=0), math.radians(2.5)).any(), "what hangs above hides none"
 
 
-def test_a_piece_of_skirting_between_removed_things_goes() -> None:
+def test_a_short_piece_of_skirting_between_removed_things_goes() -> None:
     boards, chests = np.zeros((2, 180, 360), bool)
-    boards[110:114, 100:130] = boards[110:114, 350:] = boards[110:114, :20] = True
-    chests[90:112, 60:99] = chests[90:112, 131:160] = chests[90:112, 320:349] = True
+    boards[110:114, 100:120] = boards[110:114, 151:210] = boards[110:114, 350:] = boards[110:114, :20] = True
+    chests[90:112, 60:99] = chests[90:112, 121:150] = chests[90:112, 211:230] = chests[90:112, 320:349] = True
     found = boards_between(boards, chests)
-    assert found[110:114, 100:130].all()
+    assert found[110:114, 100:120].all()
+    assert not found[:, 140:220].any(), "a wall's length shows how skirting looks"
     assert not found[:, :90].any(), "one end is free, and it lies across the seam"
     assert not found[:, 345:].any()
 
