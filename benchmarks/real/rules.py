@@ -13,7 +13,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import grown, resized
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.plane_fill import find_skirting
+from processing.removal.skirting import find_skirting
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular

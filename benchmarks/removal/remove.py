@@ -43,7 +43,7 @@ from benchmarks.removal.rivals import SLOW, rivals
 from benchmarks.removal.rooms import full_size_s, plot_cases, rooms
 
 REPEATING = ("near_periodic*", "illumination")
-FILLING = ("fill", "plane_fill", "plain", "sources", *REPEATING)
+FILLING = ("fill", "plane_fill", "skirting", "plain", "sources", *REPEATING)
 """Of processing/removal: how masks are found does not matter here, and to patterns in the plane no room does."""
 SCORES = "benchmarks/removal/scores.py"
 CODE = {

@@ -27,10 +27,9 @@ from processing.removal.plane_fill import (
     SURE,
     SYNTHESISED,
     FilledPlane,
-    Skirting,
     fill_plane,
-    find_skirting,
 )
+from processing.removal.skirting import Skirting, find_skirting
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, boundary_rows, plane_map, planes_of
 from processing.surfaces.textures import Texture, unwrap, wrap

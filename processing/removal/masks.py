@@ -28,8 +28,8 @@ from processing.removal.furniture import (
     torn_boards,
     with_things,
 )
-from processing.removal.plane_fill import SEEN_SHARE
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
+from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import SceneClass, SceneEvidence

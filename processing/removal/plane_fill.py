@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -11,16 +10,15 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import resized
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.illumination import ToneScale, grey, known_mean, spread
+from processing.removal.illumination import ToneScale, known_mean, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
+from processing.removal.skirting import Skirting
 from processing.removal.sources import plane_sources
 from processing.removal.upright_parts import Part, upright_parts
-from processing.sphere import Equirectangular
-from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, planes_of
-from processing.surfaces.textures import Texture, unwrap
+from processing.surfaces.maps import FIRST_WALL, FLOOR
+from processing.surfaces.textures import Texture, opening_regions
 
 PATTERN = 0.012  # roughness about light and profile from which a wall or ceiling is no plain paint but a pattern
 MOST_GRAIN = 0.06  # roughness above which no wall's grain is seen but curtains and things, not copied (chosen)
@@ -32,20 +30,7 @@ SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
 MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a curtain and no wall (chosen)
-FRAME_M = 0.08  # around an opening: its frame belongs to it
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
-
-
-def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
-    """Yield (H, W) for each opening of a wall: its rectangle with its frame."""
-    v, u = ((np.arange(n) + 0.5) / px_per_m for n in shape)
-    for opening in room.openings:
-        if opening.wall + FIRST_WALL != plane.index:
-            continue
-        right, left = plane.width_m - opening.start_m + FRAME_M, plane.width_m - opening.end_m - FRAME_M
-        top = plane.height_m - opening.head_m - FRAME_M
-        low = plane.height_m - opening.sill_m + (FRAME_M if opening.sill_m > 0 else 0.0)
-        yield ((v >= top) & (v <= low))[:, None] & ((u >= left) & (u <= right))[None, :]
 
 
 def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
@@ -222,171 +207,3 @@ def _surface(
         done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
     return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
-
-
-# The skirting of a room: what runs along the foot of its walls, learned from all of them for walls that hide theirs.
-
-SKIRTING_PX_PER_M = 80.0  # rows of 12 mm; chosen, never swept
-HIGHEST_M = 0.25  # of a skirting; chosen, never swept
-TOP_M = 0.05  # below that height: what of the wall is just above the skirting, against which it is measured
-ABOVE_M = (0.3, 0.6)  # where the wall itself must be seen too
-LEAST_COLUMNS = 12  # of wall that show their skirting; chosen, never swept
-MIXED_PX, FARTHER = 1.5, 1.2
-"""Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
-EDGE_ROWS, LEAST_EDGE = 3, 0.01
-"""In which the upper edge of a skirting lies, and the tone that counts for none (chosen)."""
-LEAST_TONE, MOST_SPREAD, MOST_SPREAD_SEEN = 0.04, 0.35, 0.4
-"""Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone); the same where the
-network sees it, in another light on each wall (chosen: 0.37 where it is right in a real room, 0.44 where it is not)."""
-
-
-SEEN_SHARE, ALIKE = 0.25, 0.6
-"""Of a pixel, as the network sees it, from which it shows skirting (chosen on three rooms: up to 0.5 to 0.8); how much
-more alike its own tone must be on all walls than that against them (chosen)."""
-
-LEAST_DOWN_RAD, STANDS_OUT, SUREST = 0.1, 1.5, 0.75
-"""Below the horizon where feet of walls are; how much more what the network sees must stand out than the profile of
-walls where the room has them; of the surest place, how sure others must be (chosen)."""
-
-
-@dataclass(frozen=True)
-class Skirting:
-    """Tone against the wall above, by height over the floor."""
-
-    tone: Floats
-    """(N, 3), from the floor up, ``1 / SKIRTING_PX_PER_M`` a row; 0 where there is none."""
-    own: Floats | None = None
-    """(3,): its own logarithm of light, where that is alike on walls of different paint."""
-
-    def rows(self, height: int, px_per_m: float, paint: Floats | None = None) -> Floats:
-        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down; ``paint`` (3,): log light of the
-        wall."""
-        above_m = (height - 0.5 - np.arange(height)) / px_per_m
-        places, tone = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M, self.tone
-        if self.own is not None and paint is not None:
-            much = np.abs(tone).mean(axis=1, keepdims=True)
-            tone = much / much.max() * (self.own - paint)
-        parts = [np.interp(above_m, places, tone[:, k], right=0.0) for k in range(3)]
-        return np.stack(parts, axis=-1).astype(np.float32)
-
-
-def find_skirting(
-    rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags, share: Floats | None = None
-) -> Skirting | None:
-    """Return what runs along the foot of the walls, None where nothing does or walls differ.
-
-    ``rgb`` (H, W, 3) is finite; nothing is taken from ``masked`` pixels (H, W). ``share`` (h, w): how much of what is
-    seen is skirting; None: unknown.
-    """
-    found = []
-    for plane in planes_of(room)[FIRST_WALL:]:
-        texture = unwrap(rgb, geometry, room, plane, SKIRTING_PX_PER_M, mask=masked)
-        known = texture.known.copy()
-        for opening in opening_regions(plane, room, known.shape, SKIRTING_PX_PER_M):
-            # What is seen through a window, and its reveal, is no wall to compare with.
-            known[opening] = False
-        # How many of a wall's lowest rows hold some of the floor in the picture's pixels
-        eye = np.array([0.0, 0.0, room.camera_height_m])
-        away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
-        pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
-        if share is not None:
-            rough = Equirectangular(share.shape[1], share.shape[0])
-            known &= unwrap(share, rough, room, plane, SKIRTING_PX_PER_M).values.max(axis=0) > SEEN_SHARE
-        profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
-        if profile is not None:
-            found.append(profile)
-    by_network = None if share is None else _boards_seen(rgb, room, masked, share)
-    if not found:
-        return by_network
-    profiles, paint = np.stack([tone for tone, _, _ in found]), np.stack([level for _, _, level in found])
-    # Skirting ends within `EDGE_ROWS`; shade, which walls without a seen skirting have there, does not.
-    edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
-    seen = np.array([count for _, count, _ in found], np.float64)
-    columns = seen * edge.clip(LEAST_EDGE)
-    middle = _weighted_median(profiles, columns)
-    strongest = int(np.abs(middle).mean(axis=1).argmax())
-    height = float(np.abs(middle[strongest]).mean())
-    relative = profiles[:, strongest]
-    tones = relative + paint if _own_alike(relative, paint, seen) else relative
-    usual = _weighted_median(tones, columns)
-    spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
-    if by_network is not None and np.abs(by_network.tone).mean(axis=1).max() > STANDS_OUT * height:
-        return by_network
-    if height < LEAST_TONE or spread > MOST_SPREAD * height:
-        return None
-    # How high it is shows best where it differs most from its wall.
-    own = Skirting(profiles[int(columns.argmax())].astype(np.float32), usual.astype(np.float32))
-    return Skirting(middle.astype(np.float32)) if tones is relative else own
-
-
-def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> Skirting | None:
-    """Return skirting where the network sees it, as even boards: also where walls are taken for too near or too far.
-
-    ``rgb`` (H, W, 3), ``masked`` (H, W) and ``share`` (h, w) are as for `find_skirting`. Tone is taken from ``masked``
-    boards only where there are no others, the wall's never.
-    """
-    height, width = masked.shape
-    seen, px_rad = resized(share, (height, width)), math.pi / height
-    row, surest, columns = seen.argmax(axis=0), seen.max(axis=0), np.arange(width)
-    down = (row + 0.5) * px_rad - math.pi / 2
-    likely = (surest > SEEN_SHARE) & (down > LEAST_DOWN_RAD)
-    bare = likely & ~masked[row, columns]
-    # Where all are torn pieces that go with furniture: the surest of these.
-    columns = columns[bare if bare.sum() >= LEAST_COLUMNS else likely & (surest > SUREST * surest.max())]
-    # The board's own tone against the wall's above it, in the same column
-    away_m = room.camera_height_m / np.tan(down[columns])
-    falls = np.arctan((room.camera_height_m - np.linspace(*ABOVE_M, 4)[:, None]) / away_m)
-    above = np.clip(falls / px_rad + height / 2, 0, height - 1).astype(np.intp)
-    some = (~masked[above, columns]).any(axis=0)
-    columns, away_m, above = columns[some], away_m[some], above[:, some]
-    if len(columns) < LEAST_COLUMNS:
-        return None
-    wall = np.where(masked[above, columns][..., None], np.nan, np.log(np.maximum(rgb[above, columns], 1e-6)))
-    off = np.log(np.maximum(rgb[row[columns], columns], 1e-6)) - np.nanmedian(wall, axis=0)
-    usual, row_m = np.median(off, axis=0), away_m * px_rad / np.cos(down[columns]) ** 2
-    contrast, spread = np.abs(usual).mean(), float(np.median(np.abs(grey(off) - grey(usual))))
-    if contrast < LEAST_TONE or spread > MOST_SPREAD_SEEN * contrast:
-        return None
-    # As high as the network's shares of a column come to
-    high_m = float(np.median(seen[:, columns].sum(axis=0) * row_m))
-    cover = np.clip(high_m * SKIRTING_PX_PER_M - np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)), 0, 1)
-    return Skirting((cover[:, None] * usual).astype(np.float32))
-
-
-def _own_alike(tones: Floats, paint: Floats, seen: np.ndarray) -> bool:
-    """Return whether skirting's own tone is more alike on walls than that against them (N, 3); ``paint`` (N, 3).
-
-    White boards before white and red walls are white before both: so much lighter than each they are not.
-    """
-    both = tones, tones + paint
-    apart = [np.average(np.abs(one - _weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
-    return bool(apart[1] < ALIKE * apart[0])
-
-
-def _profile(texture: Texture, mixed: int) -> tuple[Floats, int, Floats] | None:
-    """Return the tone (N, 3) of the lowest rows, from the floor up, against the wall above; of how many columns; the
-    wall's log light (3,)."""
-    rows = round(HIGHEST_M * SKIRTING_PX_PER_M)
-    foot = round(texture.plane.height_m * SKIRTING_PX_PER_M)
-    top, low = foot - round(ABOVE_M[1] * SKIRTING_PX_PER_M), foot - round(ABOVE_M[0] * SKIRTING_PX_PER_M)
-    if top < 0 or foot > len(texture.values):
-        return None
-    whole = texture.known[foot - rows : foot].all(axis=0) & texture.known[top:low].all(axis=0)
-    if whole.sum() < LEAST_COLUMNS:
-        return None
-    tone = ToneScale.of(texture.values, texture.known).tone(texture.values[:, whole])
-    off = tone[foot - rows : foot][::-1] - np.median(tone[top:low], axis=0)
-    found = np.asarray(np.median(off, axis=1), np.float32)
-    # Walls grow darker towards the floor; that is light.
-    found -= np.median(found[-round(TOP_M * SKIRTING_PX_PER_M) :], axis=0)
-    found[:mixed] = found[min(mixed, rows - 1)]
-    paint = np.log(np.maximum(np.median(texture.values[top:low, whole], axis=(0, 1)), 1e-6))
-    return found, int(whole.sum()), paint.astype(np.float32)
-
-
-def _weighted_median(values: Floats, weight: np.ndarray) -> Floats:
-    """Return the weighted median along the first axis."""
-    order = np.argsort(values, axis=0)
-    share = np.cumsum(weight[order], axis=0) / weight.sum()
-    place = (share >= 0.5 - 1e-12).argmax(axis=0)[None]
-    return np.asarray(np.take_along_axis(np.take_along_axis(values, order, axis=0), place, axis=0)[0])

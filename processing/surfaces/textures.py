@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from processing.surfaces.maps import FIRST_WALL, Plane, check_stands, in_sight, 
 MOST_FINE = 8
 """Samples across a texel or pixel: finer detail than that is lost to aliasing, which is then below 1 in 64."""
 LEAST_KNOWN = 0.5  # share of a texel's samples that must be known
+FRAME_M = 0.08  # around an opening: its frame belongs to it
 CLEAR = 1e-3  # weight of masked pixels that spoils a sample
 
 
@@ -353,3 +355,15 @@ def _checked_mask(mask: Flags, geometry: Equirectangular) -> Flags:
             f"a mask of shape {mask.shape} and type {mask.dtype}", advice="give booleans of the picture's size"
         )
     return mask
+
+
+def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
+    """Yield (H, W) for each opening of a wall: its rectangle with its frame."""
+    v, u = ((np.arange(n) + 0.5) / px_per_m for n in shape)
+    for opening in room.openings:
+        if opening.wall + FIRST_WALL != plane.index:
+            continue
+        right, left = plane.width_m - opening.start_m + FRAME_M, plane.width_m - opening.end_m - FRAME_M
+        top = plane.height_m - opening.head_m - FRAME_M
+        low = plane.height_m - opening.sill_m + (FRAME_M if opening.sill_m > 0 else 0.0)
+        yield ((v >= top) & (v <= low))[:, None] & ((u >= left) & (u <= right))[None, :]

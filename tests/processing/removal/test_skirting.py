@@ -10,7 +10,7 @@ import pytest
 from processing.ground.room_model import Opening, OpeningKind
 from processing.pictures.images import RelativeImage
 from processing.removal.fill import empty_room
-from processing.removal.plane_fill import find_skirting
+from processing.removal.skirting import find_skirting
 from processing.sphere import Equirectangular
 from tests.processing.removal.painted_room import Painted, box_room, paint
 
@@ -75,6 +75,10 @@ def test_white_boards_are_white_before_walls_of_any_paint(bare: Painted) -> None
     paint_of_red = np.log(np.median(bare.image.rgb[bare.maps.plane == 5], axis=0) * red)
     drawn = np.exp(found.rows(270, 100.0, paint_of_red)[-10] + paint_of_red)
     np.testing.assert_allclose(drawn, np.median(lit.rgb[board], axis=0), rtol=0.15)
+    paint = np.log(np.median(bare.image.rgb[bare.maps.plane == 2], axis=0))
+    bright, dark = (found.rows(270, 100.0, level)[-10] for level in (paint, paint - 1))
+    assert bright.mean() > 0.5
+    np.testing.assert_allclose(dark, bright, atol=0.05, err_msg="a wall of the same paint in the dark")
 
 
 def test_what_is_seen_through_a_low_window_is_no_wall_to_compare_with(bare: Painted) -> None:
