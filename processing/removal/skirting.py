@@ -33,9 +33,7 @@ SEEN_SHARE, ALIKE = 0.25, 0.6
 """Of a pixel, as the network sees it, from which it shows skirting (chosen on three rooms: up to 0.5 to 0.8); how much
 more alike its own tone must be on all walls than that against them (chosen)."""
 
-SAME_PAINT = (
-    0.3  # tone by which a channel of two walls' light may differ, lightness apart, if their paint is one (chosen)
-)
+SAME_PAINT = 0.3  # tone by which a channel of two walls may differ, lightness apart, if their paint is one (chosen)
 
 LEAST_DOWN_RAD, STANDS_OUT, SUREST = 0.1, 1.5, 0.75
 """Below the horizon where feet of walls are; how much more what the network sees must stand out than the profile of
@@ -79,23 +77,7 @@ def find_skirting(
     ``rgb`` (H, W, 3) is finite; nothing is taken from ``masked`` pixels (H, W). ``share`` (h, w): how much of what is
     seen is skirting; None: unknown.
     """
-    found = []
-    for plane in planes_of(room)[FIRST_WALL:]:
-        texture = unwrap(rgb, geometry, room, plane, SKIRTING_PX_PER_M, mask=masked)
-        known = texture.known.copy()
-        for opening in opening_regions(plane, room, known.shape, SKIRTING_PX_PER_M):
-            # What is seen through a window, and its reveal, is no wall to compare with.
-            known[opening] = False
-        # How many of a wall's lowest rows hold some of the floor in the picture's pixels
-        eye = np.array([0.0, 0.0, room.camera_height_m])
-        away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
-        pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
-        if share is not None:
-            rough = Equirectangular(share.shape[1], share.shape[0])
-            known &= unwrap(share, rough, room, plane, SKIRTING_PX_PER_M).values.max(axis=0) > SEEN_SHARE
-        profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
-        if profile is not None:
-            found.append(profile)
+    found = _profiles(rgb, geometry, room, masked, share)
     by_network = None if share is None else _boards_seen(rgb, room, masked, share)
     if not found:
         return by_network
@@ -119,6 +101,29 @@ def find_skirting(
     boards = profiles[int(columns.argmax())].astype(np.float32)
     own = Skirting(boards, usual.astype(np.float32), (profiles, paint, columns))
     return Skirting(middle.astype(np.float32)) if tones is relative else own
+
+
+def _profiles(
+    rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags, share: Floats | None
+) -> list[tuple[Floats, int, Floats]]:
+    """Return what `_profile` gives of each wall that shows its foot."""
+    found, eye = [], np.array([0.0, 0.0, room.camera_height_m])
+    for plane in planes_of(room)[FIRST_WALL:]:
+        texture = unwrap(rgb, geometry, room, plane, SKIRTING_PX_PER_M, mask=masked)
+        known = texture.known.copy()
+        for opening in opening_regions(plane, room, known.shape, SKIRTING_PX_PER_M):
+            # What is seen through a window, and its reveal, is no wall to compare with.
+            known[opening] = False
+        # How many of a wall's lowest rows hold some of the floor in the picture's pixels
+        away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
+        pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
+        if share is not None:
+            rough = Equirectangular(share.shape[1], share.shape[0])
+            known &= unwrap(share, rough, room, plane, SKIRTING_PX_PER_M).values.max(axis=0) > SEEN_SHARE
+        profile = _profile(replace(texture, known=known), math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M))
+        if profile is not None:
+            found.append(profile)
+    return found
 
 
 def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> Skirting | None:
