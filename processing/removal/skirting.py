@@ -106,7 +106,7 @@ def find_skirting(
 def _profiles(
     rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags, share: Floats | None
 ) -> list[tuple[Floats, int, Floats]]:
-    """Return what `_profile` gives of each wall that shows its foot."""
+    """Return what `_profile` gives of each wall that shows its foot; arrays as for `find_skirting`."""
     found, eye = [], np.array([0.0, 0.0, room.camera_height_m])
     for plane in planes_of(room)[FIRST_WALL:]:
         texture = unwrap(rgb, geometry, room, plane, SKIRTING_PX_PER_M, mask=masked)

@@ -98,6 +98,15 @@ def test_an_emptied_room_has_its_shell_and_fixtures_only() -> None:
     assert room.emptied().key != room.key
 
 
+def test_a_rooms_key_does_not_hang_on_a_numbers_last_digit() -> None:
+    room = rooms()[0]
+    red, *others = room.glass_transmittance
+    last, more = float(np.nextafter(red, 1)), red + 1e-6
+    assert replace(room, glass_transmittance=(last, *others)) != room
+    assert replace(room, glass_transmittance=(last, *others)).key == room.key
+    assert replace(room, glass_transmittance=(more, *others)).key != room.key
+
+
 def test_accent_walls_are_walls_and_without_windows_where_some_are() -> None:
     accented = [room for room in rooms() if room.finish.accent_walls]
     assert accented
