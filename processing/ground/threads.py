@@ -45,11 +45,15 @@ def limit_libraries() -> None:
         os.environ.setdefault(name, str(count))
     cv2.setNumThreads(count)
     with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).mallopt(_ARENAS, 2)
+        malloc = ctypes.CDLL(None)
+        for parameter, value in _POOLS:
+            malloc.mallopt(parameter, value)
 
 
-_ARENAS = -8
-"""``M_ARENA_MAX`` of glibc's malloc.h: each of its pools keeps what its threads once needed; two are enough."""
+_POOLS = ((-8, 2), (-4, 0), (-1, 128 << 20))
+"""``M_ARENA_MAX``, ``M_MMAP_MAX`` and ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its threads
+once needed: two are enough. Arrays are not mapped one by one, and freed memory goes back to the system above 128 MiB:
+else the system gives, and zeroes first, the pages of every array of a panorama's size (a tenth of a session's time)."""
 
 
 def give_back() -> None:
