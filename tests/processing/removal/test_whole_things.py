@@ -193,6 +193,23 @@ def test_a_door_of_a_strange_colour_stays_and_a_wardrobe_with_doors_goes() -> No
     assert found[wardrobe].mean() > 0.9
 
 
+def test_a_windows_frame_of_a_wardrobes_colour_stays_where_little_speaks_for_furniture() -> None:
+    pane, wardrobe = box(100, 140, 300, 340), box(95, 200, 352, 400)
+    frame = box(96, 146, 296, 352) & ~pane
+    light = grey_room()
+    light[wardrobe | frame], light[pane] = (0.3, 0.22, 0.15), 0.95
+    for little, share in ((0.25, 0.0), (0.45, 0.9)):
+        probabilities = np.zeros((len(SceneClass), *NONE.shape), np.float32)
+        probabilities[SceneClass.WALL], probabilities[SceneClass.FLOOR] = MAPS.plane != FLOOR, MAPS.plane == FLOOR
+        kinds = ((pane, SceneClass.WINDOW, 0.95), (wardrobe, SceneClass.FURNITURE, 0.97))
+        for where, kind, likely in (*kinds, (frame, SceneClass.FURNITURE, little)):
+            probabilities[:, where] = 0
+            probabilities[SceneClass.WALL, where], probabilities[kind, where] = 1 - likely, likely
+        found = find_furniture(probabilities, MAPS, shown(light)).mask
+        assert found[wardrobe].all()
+        assert abs(found[frame].mean() - share) < 0.05
+
+
 def test_glow_of_a_lamp_that_goes_is_taken_off_the_wall_and_that_of_one_that_stays_is_kept() -> None:
     glow = np.hypot(*np.meshgrid(np.arange(2 * ROWS) - 260, np.arange(ROWS) - 110))
     lamp, light = glow < 5, np.full((ROWS, 2 * ROWS, 3), 0.5, np.float32)
