@@ -18,6 +18,7 @@ from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import (
     ISLAND_SR,
+    SILL_RAD,
     TOUCH_RAD,
     FurnitureFound,
     boards_between,
@@ -166,6 +167,7 @@ def _find(
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     hangs |= boards & ~grown(furniture.mask, 2 * MARGIN_RAD)  # twice: crumbs of furniture stayed on skirting
+    hangs |= grown(openings, SILL_RAD) & ~grown(furniture.mask, MARGIN_RAD)
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
     torn = boards_between(boards, furniture.mask | plain) & ~openings
     hangs &= ~torn

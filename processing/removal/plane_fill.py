@@ -18,7 +18,7 @@ from processing.removal.skirting import Skirting
 from processing.removal.sources import plane_sources
 from processing.removal.upright_parts import Part, upright_parts
 from processing.surfaces.maps import FIRST_WALL, FLOOR
-from processing.surfaces.textures import Texture, opening_regions
+from processing.surfaces.textures import FRAME_M, Texture, opening_regions
 
 PATTERN = 0.012  # roughness about light and profile from which a wall or ceiling is no plain paint but a pattern
 MOST_GRAIN = 0.06  # roughness above which no wall's grain is seen but curtains and things, not copied (chosen)
@@ -116,8 +116,7 @@ def fill_plane(
             reach = np.ones((1, 2 * round(BESIDE_WINDOW_M * texture.px_per_m) + 1), np.uint8)
             upright &= cv2.dilate(region.astype(np.uint8), reach) == 0
         if inside.any():
-            # Leaves, panes and curtains run upright: each column goes on.
-            values[inside] = hanging(values, known & region, inside, texture.px_per_m)[inside]
+            values[inside] = _opening(values, known & region, inside, region, texture.px_per_m)[inside]
             away = cv2.distanceTransform((~(known & region)).astype(np.uint8), cv2.DIST_L2, 5)
             confidence[inside] = 0.66 * np.exp(-away[inside] / (0.35 * max(region.shape)))
     inside = hole & rest
@@ -133,6 +132,24 @@ def fill_plane(
         values, sure, goes_on, how = _by_parts(texture, values, (own, own & upright, things), inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on[inside]
     return FilledPlane(texture, values, hole, confidence, continued, how)
+
+
+RAIL_SEEN = 0.25  # of a row of a frame's head or sill, from which the row goes on as it is seen (chosen by looking)
+
+
+def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m: float) -> Floats:
+    """Return a texture (H, W, 3) whose ``hole`` (H, W) in the ``region`` (H, W) of an opening and its frame is filled.
+
+    Leaves, panes and curtains run upright: each column goes on. Head and sill run level: so do their rows.
+    """
+    found, rows = hanging(values, known, hole, px_per_m), np.flatnonzero(region.any(axis=1))
+    rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
+    rail[rows[:wide]] = True
+    if not region[-1].any():
+        rail[rows[-wide:]] = True
+    rail &= (known.sum(axis=1) > RAIL_SEEN * region.sum(axis=1))[:, None]
+    level = hanging(values.swapaxes(0, 1), (known & rail).T, (hole & rail).T, px_per_m).swapaxes(0, 1)
+    return np.where(rail[..., None], level, found)
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:

@@ -16,7 +16,7 @@ from processing.removal.furniture import (
     without_skirting,
 )
 from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
-from processing.removal.plane_fill import hanging
+from processing.removal.plane_fill import _opening, hanging
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
@@ -198,16 +198,16 @@ def test_a_windows_frame_of_a_wardrobes_colour_stays_where_little_speaks_for_fur
     frame = box(96, 146, 296, 352) & ~pane
     light = grey_room()
     light[wardrobe | frame], light[pane] = (0.3, 0.22, 0.15), 0.95
-    for little, share in ((0.25, 0.0), (0.45, 0.9)):
+    for likely_frame, goes in ((0.25, False), (0.45, True)):
         probabilities = np.zeros((len(SceneClass), *NONE.shape), np.float32)
         probabilities[SceneClass.WALL], probabilities[SceneClass.FLOOR] = MAPS.plane != FLOOR, MAPS.plane == FLOOR
         kinds = ((pane, SceneClass.WINDOW, 0.95), (wardrobe, SceneClass.FURNITURE, 0.97))
-        for where, kind, likely in (*kinds, (frame, SceneClass.FURNITURE, little)):
+        for where, kind, likely in (*kinds, (frame, SceneClass.FURNITURE, likely_frame)):
             probabilities[:, where] = 0
             probabilities[SceneClass.WALL, where], probabilities[kind, where] = 1 - likely, likely
         found = find_furniture(probabilities, MAPS, shown(light)).mask
         assert found[wardrobe].all()
-        assert abs(found[frame].mean() - share) < 0.05
+        assert abs(found[frame].mean() - goes) < 0.1
 
 
 def test_glow_of_a_lamp_that_goes_is_taken_off_the_wall_and_that_of_one_that_stays_is_kept() -> None:
@@ -221,6 +221,19 @@ def test_glow_of_a_lamp_that_goes_is_taken_off_the_wall_and_that_of_one_that_sta
     assert np.median((light * gone)[around]) < 0.6 < 0.9 < np.median(light[around])
     assert np.all(gone[wall & (glow > 60)] > 0.97)
     assert np.all(unglowed(light, NONE, lamp, ROOM) == 1), "it stays, and so does its light"
+
+
+def test_a_sill_goes_on_level_and_what_is_below_it_is_wall() -> None:
+    region, hole = np.zeros((2, 100, 160), bool)
+    region[20:80, 20:140] = True  # at 100 px/m: a pane of 44 rows, and 8 rows of frame above and below
+    hole[66:, 60:90] = True  # a vase before it
+    seen = np.full((100, 160, 3), 0.4, np.float32)
+    seen[28:72, 28:132], seen[72:75, 20:140] = 2.0, 0.8
+    done = _opening(np.where(hole[..., None], 0, seen).astype(np.float32), region & ~hole, hole & region, region, 100.0)
+    np.testing.assert_allclose(done[region], seen[region], rtol=0.02)
+    hidden = hole | (region & (np.arange(100) >= 70)[:, None])
+    done = _opening(np.where(hidden[..., None], 0, seen).astype(np.float32), region & ~hidden, hole & region, region, 100.0)
+    np.testing.assert_allclose(done[72:80, 60:90], 2.0, rtol=0.02)  # of a rail that nobody sees: what is above goes on
 
 
 def test_a_curtain_goes_on_as_it_hangs() -> None:
