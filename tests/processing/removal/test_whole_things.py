@@ -232,8 +232,10 @@ def test_a_sill_goes_on_level_and_what_is_below_it_is_wall() -> None:
     done = _opening(np.where(hole[..., None], 0, seen).astype(np.float32), region & ~hole, hole & region, region, 100.0)
     np.testing.assert_allclose(done[region], seen[region], rtol=0.02)
     hidden = hole | (region & (np.arange(100) >= 70)[:, None])
-    done = _opening(np.where(hidden[..., None], 0, seen).astype(np.float32), region & ~hidden, hole & region, region, 100.0)
-    np.testing.assert_allclose(done[72:80, 60:90], 2.0, rtol=0.02)  # of a rail that nobody sees: what is above goes on
+    done = _opening(
+        np.where(hidden[..., None], 0, seen).astype(np.float32), region & ~hidden, hole & region, region, 100.0
+    )
+    np.testing.assert_allclose(done[72:80, 60:90], 2.0, rtol=0.02, err_msg="what is above a hidden rail goes on")
 
 
 def test_a_curtain_goes_on_as_it_hangs() -> None:
