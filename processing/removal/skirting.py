@@ -46,10 +46,9 @@ class Skirting:
 
     tone: Floats
     """(N, 3), from the floor up, ``1 / SKIRTING_PX_PER_M`` a row; 0 where there is none."""
-    own: Floats | None = None
-    """(3,): its own logarithm of light, where that is alike on walls of different paint."""
-    walls: tuple[Floats, Floats, Doubles] | None = None
-    """What walls that show it have: tone (M, N, 3), log light of the wall (M, 3), how much each counts (M,)."""
+    own: tuple[Floats, Floats, Floats, Doubles] | None = None
+    """Where its own light is alike on walls of different paint: that (3,), as a logarithm, and what walls that show it
+    have: tone (M, N, 3), log light of the wall (M, 3), how much each counts (M,)."""
 
     def rows(self, height: int, px_per_m: float, paint: Floats | None = None) -> Floats:
         """Return (H, 3): the same by rows of a wall's texture, from its ceiling down; ``paint`` (3,): log light of the
@@ -57,13 +56,11 @@ class Skirting:
         above_m = (height - 0.5 - np.arange(height)) / px_per_m
         places, tone = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M, self.tone
         if self.own is not None and paint is not None:
-            much = np.abs(tone).mean(axis=1, keepdims=True)
-            tone = much / much.max() * (self.own - paint)
-        if self.walls is not None and paint is not None:
             # Light differs from wall to wall; of one paint, boards differ from it alike.
-            profiles, paints, weight = self.walls
-            off = paints - paint
+            light, profiles, paints, weight = self.own
+            off, much = paints - paint, np.abs(tone).mean(axis=1, keepdims=True)
             alike = np.abs(off - off.mean(axis=1, keepdims=True)).max(axis=1) < SAME_PAINT
+            tone = much / much.max() * (light - paint)
             tone = _weighted_median(profiles[alike], weight[alike]) if alike.any() else tone
         parts = [np.interp(above_m, places, tone[:, k], right=0.0) for k in range(3)]
         return np.stack(parts, axis=-1).astype(np.float32)
@@ -99,7 +96,7 @@ def find_skirting(
         return None
     # How high it is shows best where it differs most from its wall.
     boards = profiles[int(columns.argmax())].astype(np.float32)
-    own = Skirting(boards, usual.astype(np.float32), (profiles, paint, columns))
+    own = Skirting(boards, (usual.astype(np.float32), profiles, paint, columns))
     return Skirting(middle.astype(np.float32)) if tones is relative else own
 
 
