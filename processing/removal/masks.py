@@ -166,8 +166,8 @@ def _find(
     other = tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
-    hangs |= boards & ~grown(furniture.mask, 2 * MARGIN_RAD)  # twice: crumbs of furniture stayed on skirting
-    hangs |= grown(openings, SILL_RAD) & ~grown(furniture.mask, MARGIN_RAD)
+    # Twice the margin: crumbs of furniture stayed on skirting and frames.
+    hangs |= (boards | grown(openings, SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
     torn = boards_between(boards, furniture.mask | plain) & ~openings
     hangs &= ~torn

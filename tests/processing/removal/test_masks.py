@@ -50,13 +50,13 @@ def test_a_contact_band_lies_around_the_foot(painted: Painted) -> None:
 def test_a_frame_beside_a_wardrobe_is_none_of_its_contact_shadow() -> None:
     bare = paint(rows=256, things=False, sun=False)
     pane, wardrobe = bare.maps.opening >= 0, np.zeros(bare.maps.plane.shape, bool)
-    wardrobe[95:200, 35:70] = True  # the pane ends at column 31, its frame at 34; at 2 m, 10 cm are four columns
+    wardrobe[95:200, 35:70] = True  # the pane ends at column 31, its frame at 32; at 2 m, 10 cm are four columns
     light = np.where(wardrobe[..., None], np.float32(0.05), bare.image.rgb)
     classes = bare.evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
     evidence = evidence_of(np.where(wardrobe, SceneClass.FURNITURE, classes))
     found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
     assert found.furniture[110:190, 40:68].all()
-    frame = grown(pane, math.radians(1.5)) & ~pane
+    frame = grown(pane, math.radians(1)) & ~pane
     assert not found.target[frame].any()
     assert found.target[165:185, 33:35].all(), "below the window its contact shadow goes with it"
 
