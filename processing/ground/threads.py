@@ -53,7 +53,7 @@ def limit_libraries() -> None:
 _POOLS = ((-8, 2), (-4, 0), (-1, 128 << 20))
 """``M_ARENA_MAX``, ``M_MMAP_MAX`` and ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its
 threads once needed: two are enough. Arrays are not mapped one by one, and freed memory goes back to the system above
-128 MiB: else the system gives, and zeroes first, the pages of each array of a panorama's size (a tenth of all time)."""
+128 MiB: else the system zeroes the pages of each array of a panorama's size anew (a twelfth of all CPU time)."""
 
 
 def give_back() -> None:

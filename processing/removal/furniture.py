@@ -28,8 +28,8 @@ BIAS = -1.1  # on validation rooms 0.80 of what is taken is furniture, and 0.88 
 CUT_SHARE = 0.4
 """Of the graph cut's vote beside the probability's: a cut alone loses whole pieces that have the wall's colour."""
 LEAST_ON_WALL, LEAST_AT_SILL, SILL_RAD = 0.2, 0.35, math.radians(2)
-"""Probability below which a cut makes nothing on walls furniture; the same so near to windows and doors: a sill and a
-frame beside a wardrobe have its colours (chosen by looking; masks of validation rooms score the same)."""
+"""Probability below which the cut adds nothing on walls; the same within this angle of windows and doors, whose frames
+have the colours of a wardrobe beside them (chosen by looking; masks of validation rooms score the same)."""
 AGREED, FLOOR_DOUBTFUL = 0.55, 0.45
 """Mean probability of two networks that stands against a cut (a pale chair has the wall's colour); least one on floor
 within a doubtful segment. Two real rooms: IoU 0.84 -> 0.86 (looked at) and 0.72 -> 0.80 (only scored)."""

@@ -140,7 +140,8 @@ RAIL_SEEN = 0.25  # of a row of a frame's head or sill, from which the row goes 
 def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m: float) -> Floats:
     """Return a texture (H, W, 3) whose ``hole`` (H, W) in the ``region`` (H, W) of an opening and its frame is filled.
 
-    Leaves, panes and curtains run upright: each column goes on. Head and sill run level: so do their rows.
+    Linear light; ``known`` (H, W): what is seen of the region. Leaves, panes and curtains run upright: each column goes
+    on. Head and sill run level: so do their rows.
     """
     found, rows = hanging(values, known, hole, px_per_m), np.flatnonzero(region.any(axis=1))
     rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
