@@ -1,8 +1,8 @@
 """The meter's white board in a panorama: an even, neutral, four-cornered region that is brighter than around it.
 
 `find_board` searches the whole panorama where nobody recorded where the meter looked: rules of thumb, each a measure
-between 0 and 1, are multiplied into a confidence, and the result is a proposal. `board_around` marks the pixels of the
-board at a place that is known.
+between 0 and 1, are multiplied into a confidence, and the result is a proposal. A board at a place that is known is
+marked by `known_board`.
 """
 
 import math
@@ -19,17 +19,10 @@ from processing.ground.seam import row_latitudes, row_solid_angles, wrapped
 STEPS_STOPS = (0.03, 0.06, 0.10)
 """Between neighbouring pixels of one even surface, more is an edge: a dim board before a white wall needs the least.
 Chosen on the simulated rooms."""
-KNOWN_STEPS_STOPS = (0.015, 0.02, *STEPS_STOPS, 0.20)
-"""Where the board's place is known, finer ones and a coarser are tried too: a board before a wall as bright, a noisy
-picture. Chosen on the stills' simulated rooms: eight boards of eight, with `STEPS_STOPS` and the coarser one six."""
-TINT_TIMES = 2.0
-"""Of those steps, in log2 of blue over red: two channels' noise, and colours of a room's light on the board. Chosen."""
 LEAST_SR, MOST_SR = 6e-4, 0.35
 """Solid angle of a board: from a sheet of A4 paper at 5 m to a square of half a metre at 0.9 m."""
 MOST_LATITUDE_RAD = math.radians(60)  # chosen: a board on a stand is metered from about its own height
 MIN_CONFIDENCE = 0.25  # chosen on the simulated rooms: below, a lamp or a picture is as likely
-LEAST_FILLED = 0.85
-"""Of the smallest rectangle around the board, turned as fits best: remains of a wall and patches of floor fill less."""
 WORK_WIDTH_PX = 840
 """Width to which a panorama is reduced for the search: the smallest board is then still 13 pixels large."""
 LEAST_PX = 9  # pixels of a bright region; chosen, never swept
@@ -80,32 +73,6 @@ def find_board(rgb: Floats, luminance: Floats, usable: Flags) -> Board:
     return best
 
 
-def board_around(level: Floats, known: Flags, seed: tuple[int, int], tint: Floats | None = None) -> Flags | None:
-    """Return the largest region (H, W) around a pixel that has no edges in it and can be a board; None if none can.
-
-    ``level`` (H, W): log2 luminance of a whole panorama in which the board lies far from the seam; where not ``known``
-    (H, W) nothing belongs to a board. ``seed``: row and column. ``tint`` (H, W): log2 of blue over red; its edges are
-    the board's too where what is behind it is as bright. The board's edge, half board and half what is behind it, is
-    included.
-    """
-    row_sr = row_solid_angles((level.shape[0], level.shape[1])).ravel()
-    largest = None
-    for step in KNOWN_STEPS_STOPS:
-        even = _even(level, known, step)
-        even = even if tint is None else even & _even(tint, known, TINT_TIMES * step)
-        near = _nearest(even, seed)
-        if near is None:
-            continue
-        _, labels = cv2.connectedComponents(even.astype(np.uint8), connectivity=4)
-        region = labels == labels[near]
-        size_sr = float(region.sum(axis=1) @ row_sr)
-        if LEAST_SR <= size_sr <= MOST_SR and _filled(region) >= LEAST_FILLED:
-            largest = region
-    if largest is None:
-        return None
-    return cv2.dilate(largest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-
-
 def _even(level: Floats, usable: Flags, step_stops: float) -> Flags:
     """Return the pixels that differ from their right and lower neighbours by less than a step."""
     across = np.abs(np.diff(level, axis=1, append=level[:, -1:]))
@@ -113,14 +80,7 @@ def _even(level: Floats, usable: Flags, step_stops: float) -> Flags:
     return (np.maximum(across, down) < step_stops) & usable
 
 
-def _nearest(even: Flags, seed: tuple[int, int]) -> tuple[int, int] | None:
-    """Return the even pixel next to a pixel, at most two rows and columns away."""
-    row, column = seed
-    around = [(row + r, column + c) for r in (0, -1, 1, -2, 2) for c in (0, -1, 1, -2, 2)]
-    return next((place for place in around if 0 <= place[0] < even.shape[0] and even[place]), None)
-
-
-def _on_tangent_plane(longitude: Doubles, latitude: Doubles, centre_rad: float) -> tuple[Doubles, Doubles, Doubles]:
+def on_tangent_plane(longitude: Doubles, latitude: Doubles, centre_rad: float) -> tuple[Doubles, Doubles, Doubles]:
     """Return gnomonic coordinates u, v about (0, centre), in which straight edges are straight, and the cosine from it.
 
     Snyder, Map Projections (1987), eq. 22-4 and 22-5. An area there is the solid angle over the cubed cosine.
@@ -131,19 +91,6 @@ def _on_tangent_plane(longitude: Doubles, latitude: Doubles, centre_rad: float) 
     u = np.cos(latitude) * np.sin(longitude) / ahead
     v = (cosine * np.sin(latitude) - sine * np.cos(latitude) * np.cos(longitude)) / ahead
     return u, v, ahead
-
-
-def _filled(region: Flags) -> float:
-    """Return the share of the smallest rectangle around a region that it fills, on the tangent plane."""
-    rows, columns = np.nonzero(region)
-    pixel = math.pi / len(region)
-    latitude = row_latitudes(len(region))[rows]
-    u, v, ahead = _on_tangent_plane((columns - columns.mean()) * pixel, latitude, float(latitude.mean()))
-    if ahead.min() <= 0.2:
-        return 0.0
-    _, (wide, high), _ = cv2.minAreaRect(np.stack([u, v], axis=1).astype(np.float32))
-    area = float((np.cos(latitude) / ahead**3).sum()) * pixel**2
-    return area / ((wide + pixel) * (high + pixel))
 
 
 def _reduced(rgb: Floats, luminance: Floats, usable: Flags) -> _Scene:
@@ -186,7 +133,7 @@ def _judged(scene: _Scene, labels: Int32s, number: int) -> Board | None:
     middle = (float(np.average(longitude, weights=pixel_sr)), float(np.average(latitude, weights=pixel_sr)))
     if not LEAST_SR < solid_sr < MOST_SR or abs(middle[1]) > MOST_LATITUDE_RAD:
         return None
-    u, v, ahead = _on_tangent_plane(longitude - middle[0], latitude, middle[1])
+    u, v, ahead = on_tangent_plane(longitude - middle[0], latitude, middle[1])
     level = scene.level[rows, columns]
     bright = float(np.median(level))
     measures = (

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Flags, Floats, Indices
-from processing.ground.board import MOST_LATITUDE_RAD, board_around
+from processing.ground.board import MOST_LATITUDE_RAD
+from processing.ground.known_board import board_around
 from processing.ground.seam import components, row_latitudes, wrapped
 from processing.removal.edges import colour_distance, cut_picture, snapped
 from processing.segmentation.evidence import SceneClass
@@ -216,7 +217,7 @@ def meter_board(luminance: Floats, target: tuple[float, float], tint: Floats | N
     if tint is not None:
         tint = np.asarray(cv2.medianBlur(np.roll(tint, shift, axis=1), 3), np.float32)
     smooth = np.asarray(cv2.medianBlur(level, 3), np.float32)
-    board = board_around(smooth, np.roll(known, shift, axis=1), (row, middle), tint)
+    board = board_around(smooth, (row, middle), tint)
     if board is None:
         return nothing, False
     stand = _stand(level, board)

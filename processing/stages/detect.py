@@ -10,6 +10,7 @@ import numpy as np
 
 from processing.ground.arrays import Flags
 from processing.ground.seam import share_of_sphere
+from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import read_mask
 from processing.removal.masks import Masks, find_masks
 from processing.segmentation.embedded import scene_evidence
@@ -49,7 +50,7 @@ def run(context: StageContext) -> StageOutput:
         sun_direction=sun if possible else None,
         sun_possible=possible,
         sun_seen=upright.sky_shows_sun(context) is True,
-        meter_target=_meter_target(context),
+        meter_target=_meter_target(context, image),
         margin_rad=math.radians(asked.margin_deg),
     )
     return _output(_corrected(found, asked, context), evidence, why, asked.margin_deg)
@@ -75,13 +76,19 @@ def _drawn(path: Path, context: StageContext) -> Flags:
     return mask
 
 
-def _meter_target(context: StageContext) -> tuple[float, float] | None:
-    """Return where the meter looked (rad); None where it is not known of the picture as it is now."""
+def _meter_target(context: StageContext, image: LuminanceImage) -> tuple[float, float] | None:
+    """Return where the meter looked in the upright panorama (rad); None where that is not known."""
     facts: dict[str, Any] = context.artifact("calibrate", "calibration")
     target = facts.get("indoor", {}).get("target") or {}
-    if "longitude_deg" not in target or context.optional_artifact("room", "panorama") is not None:
+    if "longitude_deg" not in target:
         return None
-    return math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"])
+    longitude, latitude = (math.radians(target[f"{name}_deg"]) for name in ("longitude", "latitude"))
+    rotation = image.attributes.get("level_rotation")
+    if rotation is None:
+        return longitude, latitude
+    level = math.cos(latitude)
+    x, y, z = np.asarray(rotation) @ (level * math.sin(longitude), level * math.cos(longitude), math.sin(latitude))
+    return math.atan2(x, y), math.atan2(z, math.hypot(x, y))
 
 
 def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked: DetectParameters) -> tuple[bool, str]:

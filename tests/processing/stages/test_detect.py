@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from processing.errors import ParameterError
 from processing.ground.seam import share_of_sphere
@@ -102,6 +103,29 @@ def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, tmp_pa
     write_mask(tmp_path / "more.png", more[:80, :160])
     with pytest.raises(ParameterError, match="160 x 80"):
         run(context(painted, tmp_path, parameters=asked))
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 20.0])
+def test_the_board_is_looked_for_where_levelling_took_it(painted: Painted, tmp_path: Path, tilt_deg: float) -> None:
+    """The session records where the meter looked in the picture as it was taken; a levelled one shows it elsewhere."""
+    image = picture(painted)
+    row, column, half = 96, 60, 9
+    rgb = np.array(image.rgb)
+    rgb[row - half : row + half, column - half : column + half] = 1.6 * float(np.median(rgb))
+    turn = Rotation.from_rotvec([0.0, math.radians(tilt_deg), 0.0]).as_matrix()
+    longitude, latitude = (column / 320 - 0.5) * 2 * math.pi, (0.5 - row / 160) * math.pi
+    level = math.cos(latitude)
+    upright = np.array([level * math.sin(longitude), level * math.cos(longitude), math.sin(latitude)])
+    x, y, z = turn.T @ upright
+    taken = {"longitude_deg": math.degrees(math.atan2(x, y)), "latitude_deg": math.degrees(math.asin(z))}
+    attributes = {"level_rotation": turn.tolist()} if tilt_deg else {}
+    artifacts = {
+        ("calibrate", "calibration"): FOUND_SUN | {"indoor": {"target": taken}},
+        ("room", "panorama"): replace(image, rgb=rgb, attributes=attributes),
+    }
+    made = run(context(painted, tmp_path, artifacts=artifacts))
+    assert made.artifacts["tripod"][row - 5 : row + 5, column - 5 : column + 5].all()  # type: ignore[index]
+    assert any("meter's board" in note for note in made.metrics["notes"])  # type: ignore[union-attr]
 
 
 def test_no_sun_in_the_outdoor_picture_means_no_sunlight(painted: Painted, tmp_path: Path) -> None:
