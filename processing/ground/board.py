@@ -14,7 +14,7 @@ import numpy as np
 
 from processing.errors import ScaleError
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
-from processing.ground.seam import row_latitudes, row_solid_angles, wrapped
+from processing.ground.seam import row_latitudes, wrapped
 
 STEPS_STOPS = (0.03, 0.06, 0.10)
 """Between neighbouring pixels of one even surface, more is an edge: a dim board before a white wall needs the least.
