@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.kept_rows import Rows
-from benchmarks.truth_rooms import QUALITY, kept_list, room_model_of, truth_of
+from benchmarks.truth_rooms import LIGHT_QUALITY, kept_list, room_model_of, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.truth import equirectangular
@@ -43,7 +43,7 @@ WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
     kept = Rows("albedo", seed, CODE, keep=not quick)
-    rooms = kept_list("test", 4 * FULL_ROOMS, seed)[: QUICK_ROOMS if quick else FULL_ROOMS]
+    rooms = kept_list("test", 4 * FULL_ROOMS, seed, quality=LIGHT_QUALITY)[: QUICK_ROOMS if quick else FULL_ROOMS]
     rows = [kept.row(f"albedo {number}", lambda n=number, u=use: albedo_row(n, u)) for number, use in rooms]  # type: ignore[misc]
     unlit = [one for one, row in zip(rooms, rows, strict=True) if not row["lamps"]][: 1 if quick else RELIT_ROOMS]
     relights = [kept.row(f"relight {number}", lambda n=number, u=use: relight_row(n, u)) for number, use in unlit]  # type: ignore[misc]
@@ -71,7 +71,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
 
 def albedo_row(number: int, use: Use) -> dict[str, Any]:
     """Return one room's albedo errors: their quantiles by solid angle, `QUANTILES` at even steps."""
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, quality=LIGHT_QUALITY)
     found, cpu_s = told(room, truth.empty_rgb)
     actual = truth.empty_albedo.reshape(ROWS, 2, 2 * ROWS, 2, 3).mean(axis=(1, 3))
     whole = (truth.empty_albedo.max(axis=2) > 0).reshape(ROWS, 2, 2 * ROWS, 2).all(axis=(1, 3))
@@ -91,7 +91,7 @@ def albedo_row(number: int, use: Use) -> dict[str, Any]:
 
 def relight_row(number: int, use: Use) -> dict[str, Any]:
     """Return one room's error under another sky."""
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, quality=LIGHT_QUALITY)
     return {"room": room.name, "error_pct": relight_error(room, told(room, truth.empty_rgb)[0])}
 
 
@@ -128,7 +128,7 @@ def outdoors_of_room(room: Room) -> Outdoors:
     """Return the light outdoors as a picture of the sky tells it: the upper half, with the sun in one pixel."""
     geometry = Equirectangular(2 * OUTDOOR_ROWS, OUTDOOR_ROWS)
     rays, _ = directions(geometry)
-    world = RoomWorld(room, QUALITY)
+    world = RoomWorld(room, LIGHT_QUALITY)
     rgb = world.radiance(Site.OUTDOOR, rays.astype(np.float32), math.pi / OUTDOOR_ROWS).astype(np.float64)
     disc = room.sky.disc()
     if disc is not None:
@@ -144,7 +144,7 @@ def relight_error(room: Room, found: RoomAlbedo) -> float:
     other = make_room(room.seed, room.plan.use, sky="clear" if room.sky.kind == "overcast" else "overcast")
     other = replace(other, lamps_on=False)
     rays = equirectangular(RELIGHT_ROWS)
-    world = RoomWorld(other.emptied(), QUALITY)
+    world = RoomWorld(other.emptied(), LIGHT_QUALITY)
     actual = world.radiance(Site.INDOOR, rays.reshape(-1, 3), math.pi / RELIGHT_ROWS).reshape(*rays.shape) @ WEIGHTS
     scene = found.scene.under(outdoors_of_room(other))
     geometry = Equirectangular(2 * RELIGHT_ROWS, RELIGHT_ROWS)

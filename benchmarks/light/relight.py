@@ -31,7 +31,7 @@ from benchmarks.light.relight_photo import photographs
 from benchmarks.light.render_scenes import _box, sky_outdoors
 from benchmarks.paired import Cost, cost_of
 from benchmarks.seeds import seeds
-from benchmarks.truth_rooms import QUALITY, room_model_of, truth_list, truth_of
+from benchmarks.truth_rooms import LIGHT_QUALITY, room_model_of, truth_list, truth_of
 from mocks.rooms.room import make_room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
@@ -292,7 +292,7 @@ def sun_error_deg(count: int, seed: int) -> float:
 
 def viewpoint(number: int, use: Any) -> dict[str, float]:
     """Return the median relative error of what the camera saw, shown from lower down, and its share, in per cent."""
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, quality=LIGHT_QUALITY)
     found = albedo_of_room(
         picture(truth.empty_rgb), room_model_of(room), outdoors_of_room(room), reveal_m=0.24, rows=2 * VIEW_ROWS
     )
@@ -303,7 +303,9 @@ def viewpoint(number: int, use: Any) -> dict[str, float]:
     there = replace(room, plan=replace(room.plan, camera_height_m=z - LOWER_M)).emptied()
     rays = equirectangular(VIEW_ROWS)
     actual = (
-        RoomWorld(there, QUALITY).radiance(Site.INDOOR, rays.reshape(-1, 3), math.pi / VIEW_ROWS).reshape(*rays.shape)
+        RoomWorld(there, LIGHT_QUALITY)
+        .radiance(Site.INDOOR, rays.reshape(-1, 3), math.pi / VIEW_ROWS)
+        .reshape(*rays.shape)
         @ WEIGHTS
     )
     usable = ours.seen & (actual > 0)

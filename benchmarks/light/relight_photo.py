@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.light.albedo import REVEAL_M, outdoors_of_room, picture
-from benchmarks.truth_rooms import QUALITY, room_model_of, truth_of
+from benchmarks.truth_rooms import LIGHT_QUALITY, room_model_of, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.sky.daylight import LOWEST_SUN_RAD, Moment, sun_of
@@ -51,7 +51,7 @@ def other_moment(moment: Moment) -> Moment:
 def photographs(number: int, use: Use, *, quick: bool = False) -> dict[str, Any]:
     """Return the errors of one room, in per cent of luminance, by solid angle over what is not glass."""
     rows, effort = (QUICK_ROWS, BASIS_EFFORTS["draft"]) if quick else (ROWS, BASIS_EFFORTS["standard"])
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, quality=LIGHT_QUALITY)
     moment = other_moment(room.moment)
     other = make_room(number, use, sky=room.sky.kind, moment=moment, lamps_on=room.lamps_on)
     actual, direct = _truly(other, rows)
@@ -81,7 +81,7 @@ def photographs(number: int, use: Use, *, quick: bool = False) -> dict[str, Any]
 
 def _truly(room: Room, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the luminance of the emptied room as it truly is, and the share of the sun that it sees; -1 for glass."""
-    world = RoomWorld(room.emptied(), QUALITY)
+    world = RoomWorld(room.emptied(), LIGHT_QUALITY)
     rays = equirectangular(rows)
     flat = rays.reshape(-1, 3)
     rgb = world.radiance(Site.INDOOR, flat, math.pi / rows).reshape(*rays.shape)

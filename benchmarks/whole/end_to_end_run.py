@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.room.detect_truth import score, simulated_masks
 from benchmarks.room.room_scores import score_room
 from benchmarks.sessions import Taken, write_session
-from benchmarks.truth_rooms import QUALITY, room_model_of, truth_of
+from benchmarks.truth_rooms import LIGHT_QUALITY, room_model_of, truth_of
 from benchmarks.whole.end_to_end_room import staged_luminance, staged_room
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room
@@ -53,7 +53,7 @@ def measured(
     ``options``: of `daylit process`, besides the benchmark's own.
     """
     rows = PANORAMA_PX // divisor // 2 * 2 // 2
-    room, truth = truth_of(number, use, rows=rows)
+    room, truth = truth_of(number, use, rows=rows, quality=LIGHT_QUALITY)
     folder = Path(tempfile.mkdtemp(prefix="end-to-end-"))
     try:
         session = write_session(folder / room.name, taken_of(room, divisor))
@@ -76,7 +76,7 @@ def taken_of(room: Room, divisor: int) -> Taken:
     """Return the session of a room at its own place and time."""
     moment = room.moment
     return Taken(
-        RoomWorld(room, QUALITY),
+        RoomWorld(room, LIGHT_QUALITY),
         divisor,
         seed=room.seed,
         # The brackets are taken some 20 s after the session has begun.
@@ -226,7 +226,8 @@ def _staged(stages: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
     told = json.loads((stages / "render" / "staged.json").read_text("utf-8"))["alternatives"][0]
     image = _picture(stages / "render" / "staged-1.exr")
     ours = luminance_cd_m2(image.rgb).astype(np.float64)
-    true = staged_luminance(staged_room(room, first.items, told["style"]), QUALITY, ours.shape[0]).astype(np.float64)
+    there = staged_room(room, first.items, told["style"])
+    true = staged_luminance(there, LIGHT_QUALITY, ours.shape[0]).astype(np.float64)
     bare = luminance_cd_m2(truth.empty_rgb).astype(np.float64)
     changed = np.abs(true / np.maximum(bare, 1e-9) - 1) > CHANGED
     found = _quantiles("staged", ours, true, changed)

@@ -26,7 +26,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.truth_rooms import QUALITY, truth_list
+from benchmarks.truth_rooms import LIGHT_QUALITY, truth_list
 from benchmarks.whole.end_to_end import rig_profile
 from benchmarks.whole.end_to_end_run import taken_of, write_session
 from mocks.optics.picture_cache import content_key, default_folder
@@ -103,7 +103,7 @@ def room_session(number: int, use: Any, seed: int, *, quick: bool) -> Path:
     """Return a room's session, staged; made anew only where something has changed."""
     divisor = QUICK_DIVISOR if quick else FULL_DIVISOR
     room = make_room(number, use)
-    key = content_key("stills", RoomWorld(room, QUALITY).key, divisor)
+    key = content_key("stills", RoomWorld(room, LIGHT_QUALITY).key, divisor)
     session = default_folder().parent / "stills-rooms" / f"{room.name}-{divisor}-{key[:12]}"
     if not (session / "session.json").is_file():
         shutil.rmtree(session, ignore_errors=True)  # what was broken off

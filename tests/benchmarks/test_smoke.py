@@ -159,7 +159,8 @@ def shrink(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for place, value in (SMALL_WORLDS | small).items():
         module_name, _, constant = place.rpartition(".")
         monkeypatch.setattr(importlib.import_module(module_name), constant, value)
-    monkeypatch.setitem(QUALITIES, truth_rooms.QUALITY, TRUTH_QUALITY)
+    for light in (truth_rooms.QUALITY, truth_rooms.LIGHT_QUALITY):
+        monkeypatch.setitem(QUALITIES, light, TRUTH_QUALITY)
 
 
 def test_the_list_is_whole() -> None:
