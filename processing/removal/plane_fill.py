@@ -16,7 +16,8 @@ from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
 from processing.removal.skirting import Skirting
 from processing.removal.sources import plane_sources
-from processing.removal.upright_parts import Part, upright_parts
+from processing.removal.torn_pictures import torn_pictures
+from processing.removal.upright_parts import MOSTLY_THING, Part, upright_parts
 from processing.surfaces.maps import FIRST_WALL, FLOOR
 from processing.surfaces.textures import FRAME_M, Texture, opening_regions
 
@@ -29,7 +30,6 @@ SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
-MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a curtain and no wall (chosen)
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
 
 
@@ -119,7 +119,7 @@ def fill_plane(
             values[inside] = _opening(values, known & region, inside, region, texture.px_per_m)[inside]
             away = cv2.distanceTransform((~(known & region)).astype(np.uint8), cv2.DIST_L2, 5)
             confidence[inside] = 0.66 * np.exp(-away[inside] / (0.35 * max(region.shape)))
-    inside = hole & rest
+    inside, wall = hole & rest, texture.plane.index >= FIRST_WALL
     continued, how = np.ones_like(hole), "openings only"
     if inside.any() and (sources & rest).sum() < LEAST_TEXELS:
         # All that is seen of it is openings, and a wall does not look like what is behind its windows.
@@ -131,6 +131,10 @@ def fill_plane(
         own = plane_sources(values, own, texture.px_per_m) if texture.plane.index == FLOOR else own
         values, sure, goes_on, how = _by_parts(texture, values, (own, own & upright, things), inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on[inside]
+        for region in torn_pictures(values, known & rest, things, inside, texture.px_per_m) if wall else ():
+            torn = inside & region
+            values[torn] = _opening(values, known & region, torn, region, texture.px_per_m)[torn]
+            confidence[torn], continued[torn] = SURE, False
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 

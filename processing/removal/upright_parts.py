@@ -27,6 +27,7 @@ NEAR_M, NEAR_SHARE = 0.15, 0.5
 FOOT_M, MOSTLY = 0.3, 0.8
 """Above the floor, as far as a hole may end and still reach the wall's foot; share of a column that it is from there.
 """
+MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a thing and no wall (chosen)
 GAP_M, GAP_PX = 0.05, 2
 """Above the hole's rim, of mixed pixels; at least."""
 
@@ -67,7 +68,25 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
         best = int(strength.argmax())
         edges.append((best, int(tops[best])))
         strength[max(0, best - 2 * side) : best + 2 * side + 1] = 0
-    return _between(sorted(edges), width)
+    return _between(_standing(sorted(edges), (known, things), rim, px_per_m), width)
+
+
+def _standing(
+    edges: list[tuple[int, int]], seen: tuple[Flags, Flags], rim: Indices, px_per_m: float
+) -> list[tuple[int, int]]:
+    """Return the edges (column, upper end) without those of pictures and mirrors: things that end below the ceiling.
+
+    Of the other edge of one, which is hidden, nobody knows; ``rim`` (W,): where the hole begins.
+    """
+    known, things = seen
+    rows, near, gone = np.arange(len(known))[:, None], max(1, round(NEAR_M * px_per_m)), set()
+    for columns, top in _between(edges, len(rim)):
+        own = known[:, columns] & (rows >= top) & (rows < rim[columns])
+        thing = own & things[:, columns]
+        if top > CEILING_M * px_per_m and thing.sum() > MOSTLY_THING * own.sum():
+            beside = {columns.start: thing[:, :near], columns.stop: thing[:, -near:]}
+            gone |= {column for column, part in beside.items() if part.any()}
+    return [edge for edge in edges if edge[0] not in gone]
 
 
 def _rims(hole: Flags, px_per_m: float) -> Indices:

@@ -63,6 +63,18 @@ def test_mirrors_do_not_divide_where_the_network_sees_them_and_curtains_do(wall)
     assert len(parts_of(values, hole, things)) == 3
 
 
+def test_a_mirror_of_which_one_edge_is_hidden_does_not_divide(wall):
+    """A lamp before its other edge: its colour would go on down to the floor."""
+    values, hole = wall
+    values[30:, 40:80] = RED
+    things = np.zeros_like(hole)
+    things[32:90, 42:78] = True
+    hole[20:, 78:86] = True
+    values[:, 100:] = RED
+    found = parts_of(values, hole, things)
+    assert [part.columns.start for part in found[1:]] == pytest.approx([100], abs=1)
+
+
 def test_only_holes_that_reach_the_foot_count(wall):
     values, hole = wall
     values[:, 60:70] = RED
