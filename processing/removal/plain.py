@@ -78,7 +78,6 @@ UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
 SLOW_ROWS = 0.08  # of the height: slower changes are light
 CALM = 5.0  # times the median energy of grain, from which there is more than grain
 NEAR = 0.25  # of the texture's width: how far from the hole rows are still looked at for their profile
-TINT_M = 0.2  # from the rim into the hole, on which a colour that is not the wall's runs out (chosen)
 DRIFT = 0.1  # tone by which a wall's light may change from the nearest that is surely it into a hole (chosen)
 
 
@@ -137,11 +136,6 @@ def fill_plain(
     low = spread(mean, clean & (share > 0.3))
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
-    if px_per_m is not None:
-        # A tint at the rim (light off what is removed, mixed pixels) does not run on: paint has one colour.
-        inward = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5) / np.float32(TINT_M * px_per_m)
-        level_only = grey(low)[..., None]
-        low = level_only + (low - level_only) * np.exp(-(inward**2))[..., None]
     smooth = np.asarray(slow + profile + low, np.float32)
     if px_per_m is not None:
         smooth += rising_light(low, clean, known if beside is None else beside, hole, px_per_m, MOST_RISE)[..., None]

@@ -13,8 +13,8 @@ from processing.removal.illumination import ToneScale
 AROUND_M = 0.25  # of a thing as the network sees it: where its frame may end, and whose median is the wall's paint
 UNLIKE = 0.12  # tone by which a picture or its frame differs from the paint around it
 LEAST_M, MOST_M = 0.15, 2.5  # sides of a picture
-LOST = (0.003, 0.5)  # share of its rectangle that is removed: less is its rim, of more nobody knows what it was
-FULL = 0.85  # of its rectangle, that it and what is removed fill: others are several things, or none with corners
+LOST = (0.003, 0.35)  # share of its rectangle that is removed: less is its rim, of more nobody knows what it was
+FULL = 0.95  # of its rectangle as far as that is seen, that it fills: others are several things, or have no corners
 ROW_SEEN = 0.25  # of the highest and the lowest row of a picture
 RIM_M = 0.3  # below the ceiling and above the floor, within which what ends is a curtain or stands
 
@@ -67,9 +67,11 @@ def _rectangle(unlike: Flags, thing: Flags, hole: Flags) -> tuple[slice, slice] 
     if not wide.size:
         return None
     box = (slice(box[0].start + int(wide[0]), box[0].start + int(wide[-1]) + 1), box[1])
-    filled = ndimage.binary_fill_holes(own | hole)[box]
-    lost = float(hole[box].mean())
-    return box if LOST[0] < lost < LOST[1] and filled.mean() > FULL else None
+    seen, lost = ~hole[box], float(hole[box].mean())
+    if not LOST[0] < lost < LOST[1]:
+        return None
+    full = ndimage.binary_fill_holes(own | hole)[box] & seen
+    return box if full.sum() > FULL * seen.sum() else None
 
 
 def _is_picture(whole: Flags, px_per_m: float) -> bool:

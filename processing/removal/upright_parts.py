@@ -28,6 +28,8 @@ FOOT_M, MOSTLY = 0.3, 0.8
 """Above the floor, as far as a hole may end and still reach the wall's foot; share of a column that it is from there.
 """
 MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a thing and no wall (chosen)
+LOWER_M, LOWER_SHARE = 0.25, 0.4
+"""Above the hole, from where on down so much of a row may be the lower edge of what hangs, or of its frame."""
 GAP_M, GAP_PX = 0.05, 2
 """Above the hole's rim, of mixed pixels; at least."""
 
@@ -48,7 +50,8 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
     """
     (known, things), (height, width) = seen, hole.shape
     rim, side = _rims(hole, px_per_m), max(SIDE_PX, round(SIDE_M * px_per_m))
-    step = _steps(ToneScale.of(values, known).tone(values), known, side)
+    tone = ToneScale.of(values, known).tone(values)
+    step, level = _steps(tone, known, side), _steps(tone.swapaxes(0, 1), known.T, side).T
     beside = cv2.dilate(things.astype(np.uint8), np.ones((1, 2 * side + 1), np.uint8)).astype(bool)
     strength, tops = np.zeros(width), np.zeros(width, int)
     gap = max(GAP_PX, round(GAP_M * px_per_m))
@@ -68,22 +71,27 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
         best = int(strength.argmax())
         edges.append((best, int(tops[best])))
         strength[max(0, best - 2 * side) : best + 2 * side + 1] = 0
-    return _between(_standing(sorted(edges), (known, things), rim, px_per_m), width)
+    return _between(_standing(sorted(edges), (known, things, np.abs(level) > STEP), rim, px_per_m), width)
 
 
 def _standing(
-    edges: list[tuple[int, int]], seen: tuple[Flags, Flags], rim: Indices, px_per_m: float
+    edges: list[tuple[int, int]], seen: tuple[Flags, Flags, Flags], rim: Indices, px_per_m: float
 ) -> list[tuple[int, int]]:
-    """Return the edges (column, upper end) without those of pictures and mirrors: things that end below the ceiling.
+    """Return the edges (column, upper end) without those of pictures: things that end below the ceiling, and whose
+    lower frame is seen.
 
-    Of the other edge of one, which is hidden, nobody knows; ``rim`` (W,): where the hole begins.
+    Of the other edge of one, which is hidden, nobody knows. ``seen``: as of `upright_parts`, and edges that run level,
+    (H, W) each; ``rim`` (W,): where the hole begins.
     """
-    known, things = seen
+    known, things, level = seen
     rows, near, gone = np.arange(len(known))[:, None], max(1, round(NEAR_M * px_per_m)), set()
     for columns, top in _between(edges, len(rim)):
         own = known[:, columns] & (rows >= top) & (rows < rim[columns])
         thing = own & things[:, columns]
-        if top > CEILING_M * px_per_m and thing.sum() > MOSTLY_THING * own.sum():
+        start = max(0, int(np.median(rim[columns])) - round(LOWER_M * px_per_m))
+        ends = level[start:, columns].mean(axis=1).max(initial=0.0)
+        hung = top > CEILING_M * px_per_m and ends > LOWER_SHARE
+        if hung and thing.sum() > MOSTLY_THING * own.sum():
             beside = {columns.start: thing[:, :near], columns.stop: thing[:, -near:]}
             gone |= {column for column, part in beside.items() if part.any()}
     return [edge for edge in edges if edge[0] not in gone]
