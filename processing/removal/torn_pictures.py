@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from processing.ground.arrays import Flags, Floats
 from processing.removal.illumination import ToneScale
+from processing.removal.upright_parts import ends_level, level_edges, side_px
 
 # Chosen by the demo's room and eight furnished real ones (docs/measurements/real.md).
 AROUND_M = 0.25  # of a thing as the network sees it: where its frame may end, and whose median is the wall's paint
@@ -44,9 +45,11 @@ def torn_pictures(values: Floats, known: Flags, things: Flags, hole: Flags, px_p
         found = _rectangle(unlike.astype(bool), mine, hole[part])
         if found is None:
             continue
-        whole = np.zeros_like(hole)
+        whole, side, low = np.zeros_like(hole), side_px(px_per_m), found[0].stop
         whole[part][found] = True
-        if _is_picture(whole, px_per_m):
+        # Glass doors and curtains show no lower edge: they go on down.
+        level = level_edges(tone[part], known[part], side)[: low + side, found[1]]
+        if _is_picture(whole, px_per_m) and ends_level(level, low, px_per_m):
             yield whole
 
 

@@ -49,9 +49,9 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
     the ``hole`` (H, W).
     """
     (known, things), (height, width) = seen, hole.shape
-    rim, side = _rims(hole, px_per_m), max(SIDE_PX, round(SIDE_M * px_per_m))
+    rim, side = _rims(hole, px_per_m), side_px(px_per_m)
     tone = ToneScale.of(values, known).tone(values)
-    step, level = _steps(tone, known, side), _steps(tone.swapaxes(0, 1), known.T, side).T
+    step, level = steps(tone, known, side), level_edges(tone, known, side)
     beside = cv2.dilate(things.astype(np.uint8), np.ones((1, 2 * side + 1), np.uint8)).astype(bool)
     strength, tops = np.zeros(width), np.zeros(width, int)
     gap = max(GAP_PX, round(GAP_M * px_per_m))
@@ -71,7 +71,7 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
         best = int(strength.argmax())
         edges.append((best, int(tops[best])))
         strength[max(0, best - 2 * side) : best + 2 * side + 1] = 0
-    return _between(_standing(sorted(edges), (known, things, np.abs(level) > STEP), rim, px_per_m), width)
+    return _between(_standing(sorted(edges), (known, things, level), rim, px_per_m), width)
 
 
 def _standing(
@@ -88,9 +88,7 @@ def _standing(
     for columns, top in _between(edges, len(rim)):
         own = known[:, columns] & (rows >= top) & (rows < rim[columns])
         thing = own & things[:, columns]
-        start = max(0, int(np.median(rim[columns])) - round(LOWER_M * px_per_m))
-        ends = level[start:, columns].mean(axis=1).max(initial=0.0)
-        hung = top > CEILING_M * px_per_m and ends > LOWER_SHARE
+        hung = top > CEILING_M * px_per_m and ends_level(level[:, columns], int(np.median(rim[columns])), px_per_m)
         if hung and thing.sum() > MOSTLY_THING * own.sum():
             beside = {columns.start: thing[:, :near], columns.stop: thing[:, -near:]}
             gone |= {column for column, part in beside.items() if part.any()}
@@ -110,7 +108,12 @@ def _rims(hole: Flags, px_per_m: float) -> Indices:
     return np.where(near & within.any(axis=0), within[::-1].argmax(axis=0), height)
 
 
-def _steps(tone: Floats, known: Flags, side: int) -> Floats:
+def side_px(px_per_m: float) -> int:
+    """Return how many texels are compared on either side of an edge."""
+    return max(SIDE_PX, round(SIDE_M * px_per_m))
+
+
+def steps(tone: Floats, known: Flags, side: int) -> Floats:
     """Return (H, W): by how much the tone is higher on the right of each texel than on its left, in the channel where
     it is most; 0 where either side is not known."""
     share = cv2.blur(known.astype(np.float32), (side, 1), borderType=cv2.BORDER_CONSTANT)
@@ -123,6 +126,17 @@ def _steps(tone: Floats, known: Flags, side: int) -> Floats:
     apart = right - left
     most = np.abs(apart).argmax(axis=-1)[..., None]
     return np.where(both, np.take_along_axis(apart, most, axis=-1)[..., 0], 0).astype(np.float32)
+
+
+def level_edges(tone: Floats, known: Flags, side: int) -> Flags:
+    """Return (H, W): where tones above and below differ by more than `STEP`; see `steps`."""
+    return np.asarray(np.abs(steps(tone.swapaxes(0, 1), known.T, side).T) > STEP)
+
+
+def ends_level(level: Flags, low: int, px_per_m: float) -> bool:
+    """Return whether what comes down to the row ``low`` has a lower edge, by its columns' level edges (H, W)."""
+    start = max(0, low - round(LOWER_M * px_per_m))
+    return bool(level[start:].mean(axis=1).max(initial=0.0) > LOWER_SHARE)
 
 
 def _upper_end(step: Floats, px_per_m: float) -> int | None:
