@@ -119,7 +119,7 @@ def fill_plane(
             values[inside] = _opening(values, known & region, inside, region, texture.px_per_m)[inside]
             away = cv2.distanceTransform((~(known & region)).astype(np.uint8), cv2.DIST_L2, 5)
             confidence[inside] = 0.66 * np.exp(-away[inside] / (0.35 * max(region.shape)))
-    inside, wall = hole & rest, texture.plane.index >= FIRST_WALL
+    inside = hole & rest
     continued, how = np.ones_like(hole), "openings only"
     if inside.any() and (sources & rest).sum() < LEAST_TEXELS:
         # All that is seen of it is openings, and a wall does not look like what is behind its windows.
@@ -129,12 +129,8 @@ def fill_plane(
         own = sources & rest
         # Pictures, sockets and the like on walls are left out where these are filled.
         own = plane_sources(values, own, texture.px_per_m) if texture.plane.index == FLOOR else own
-        values, sure, goes_on, how = _by_parts(texture, values, (own, own & upright, things), inside, skirting)
+        values, sure, goes_on, how = _with_pictures(texture, values, (own, own & upright, things), inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on[inside]
-        for region in torn_pictures(values, known & rest, things, inside, texture.px_per_m) if wall else ():
-            torn = inside & region
-            values[torn] = _opening(values, known & region, torn, region, texture.px_per_m)[torn]
-            confidence[torn], continued[torn] = SURE, False
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 
@@ -159,6 +155,20 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
     return elsewhere if known.sum() < LEAST_TEXELS else np.asarray(np.median(values[known], axis=0), np.float32)
+
+
+def _with_pictures(
+    texture: Texture, values: Floats, seen: tuple[Flags, Flags, Flags], hole: Flags, skirting: Skirting | None
+) -> tuple[Floats, Floats, Flags, str]:
+    """Return what `_by_parts` does, and on a wall what the ``hole`` takes from its pictures."""
+    values, sure, continued, how = _by_parts(texture, values, seen, hole, skirting)
+    known, things = seen[0], seen[2]
+    if texture.plane.index >= FIRST_WALL:
+        for region in torn_pictures(values, known, things, hole, texture.px_per_m):
+            torn = hole & region
+            values[torn] = _opening(values, known & region, torn, region, texture.px_per_m)[torn]
+            sure[torn], continued[torn] = SURE, False
+    return values, sure, continued, how
 
 
 def _by_parts(
