@@ -83,7 +83,7 @@ def _even(level: Floats, usable: Flags, step_stops: float) -> Flags:
 def on_tangent_plane(longitude: Doubles, latitude: Doubles, centre_rad: float) -> tuple[Doubles, Doubles, Doubles]:
     """Return gnomonic coordinates u, v about (0, centre), in which straight edges are straight, and the cosine from it.
 
-    ``longitude``, ``latitude`` (rad) have shapes that broadcast, (N,) or (1, W) and (H, 1); results have the common one.
+    ``longitude``, ``latitude`` (rad) broadcast, (N,) or (1, W) and (H, 1); results have their common shape.
     Snyder, Map Projections (1987), eq. 22-4 and 22-5. An area there is the solid angle over the cubed cosine.
     """
     sine, cosine = math.sin(centre_rad), math.cos(centre_rad)

@@ -162,7 +162,7 @@ def _with_pictures(
 ) -> tuple[Floats, Floats, Flags, str]:
     """Return what `_by_parts` does, and on a wall what the ``hole`` takes from its pictures."""
     values, sure, continued, how = _by_parts(texture, values, seen, hole, skirting)
-    known, things = seen[0], seen[2]
+    known, things = texture.known & ~hole, seen[2]
     if texture.plane.index >= FIRST_WALL:
         for region in torn_pictures(values, known, things, hole, texture.px_per_m):
             torn = hole & region

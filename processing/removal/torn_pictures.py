@@ -14,7 +14,7 @@ from processing.removal.upright_parts import ends_level, level_edges, side_px
 AROUND_M = 0.25  # of a thing as the network sees it: where its frame may end, and whose median is the wall's paint
 UNLIKE = 0.12  # tone by which a picture or its frame differs from the paint around it
 LEAST_M, MOST_M = 0.15, 2.5  # sides of a picture
-LOST = (0.01, 0.35)  # share of its rectangle that is removed: less is its rim, of more nobody knows what it was
+LOST = (0.005, 0.35)  # share of its rectangle that is removed: less is its rim, of more nobody knows what it was
 FULL = 0.95  # of its rectangle as far as that is seen, that it fills: others are several things, or have no corners
 ROW_SEEN = 0.25  # of the highest and the lowest row of a picture
 RIM_M = 0.3  # below the ceiling and above the floor, within which what ends is a curtain or stands
