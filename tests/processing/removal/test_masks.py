@@ -61,6 +61,29 @@ def test_a_frame_beside_a_wardrobe_is_none_of_its_contact_shadow() -> None:
     assert found.target[165:185, 33:35].all(), "below the window its contact shadow goes with it"
 
 
+@pytest.mark.parametrize("door", [0.25, 0.05])
+def test_a_dark_doorway_that_is_no_known_opening_stays_beside_furniture(door: float) -> None:
+    """Unlike its wall, and touching what is removed: it stays by a door's small probability alone."""
+    bare = paint(rows=256, things=False, sun=False)
+    doorway, chest = (np.zeros(bare.maps.plane.shape, bool) for _ in range(2))
+    doorway[105:160, 160:176], chest[140:170, 150:190] = True, True
+    doorway &= ~chest
+    light = np.where(doorway[..., None], bare.image.rgb / 5, bare.image.rgb)
+    light = np.where(chest[..., None], np.float32(0.4) * light, light)
+    classes = bare.evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
+    evidence = evidence_of(np.where(chest, SceneClass.FURNITURE, classes))
+    small = doorway[::2, ::2]
+    probabilities = evidence.probabilities.astype(np.float32)
+    for kind, value in zip(
+        (SceneClass.WALL, SceneClass.DOOR, SceneClass.FURNITURE), (0.85 - door, door, 0.15), strict=True
+    ):
+        probabilities[kind, small] = value
+    evidence = replace(evidence, probabilities=probabilities)
+    found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
+    assert found.furniture[145:165, 155:185].all()
+    assert found.target[110:135, 162:174].any() == (door < 0.15)
+
+
 def test_the_margin_is_kept(painted: Painted) -> None:
     none = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.0)
     wide = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.05)
