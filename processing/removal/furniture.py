@@ -47,7 +47,8 @@ CEILING_DOUBT, OPENING_DOUBT = 0.7, 0.65
 """Natural logarithm of odds taken off before the ceiling, and before windows and doors."""
 LEAST_DOOR = 0.15
 """Probability of a door that is likelier than furniture, from which a place of a wall is one: a dark doorway that is no
-known opening is unlike its wall, and went with the plant before it (chosen by the demo's room)."""
+known opening is unlike its wall, and went with the plant before it (chosen by the demo's room). Two networks' only: by
+ours alone masks of two test rooms lost 0.02 of their IoU."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,8 @@ def find_furniture(
     if reach_m is not None:
         nearer = np.maximum(np.log(maps.depth_m / np.maximum(reach_m, 1e-3)) - NEARER_FROM, 0)
         odds += NEARER_WEIGHT * np.where((share > NEARER_SHARE) & (maps.plane >= FIRST_WALL), nearer, 0)
-    odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (
-        (maps.opening >= 0) | doors_in(probabilities, maps)
-    )
+    before = (maps.opening >= 0) | (whole & doors_in(probabilities, maps))
+    odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * before
     prior = np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
     openings = (maps.opening >= 0) | (probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > STAYS)
     least = np.where(grown(openings, SILL_RAD), LEAST_AT_SILL, LEAST_ON_WALL) * (maps.plane >= FIRST_WALL)

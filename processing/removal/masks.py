@@ -158,7 +158,8 @@ def _find(
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    openings, flat = others | (maps.opening >= 0) | doors_in(probabilities, maps), _flat(maps, seen[0])
+    doors = known.two_networks & doors_in(probabilities, maps)
+    openings, flat = others | (maps.opening >= 0) | doors, _flat(maps, seen[0])
     furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)

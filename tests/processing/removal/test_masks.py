@@ -78,7 +78,7 @@ def test_a_dark_doorway_that_is_no_known_opening_stays_beside_furniture(door: fl
         (SceneClass.WALL, SceneClass.DOOR, SceneClass.FURNITURE), (0.85 - door, door, 0.15), strict=True
     ):
         probabilities[kind, small] = value
-    evidence = replace(evidence, probabilities=probabilities)
+    evidence = replace(evidence, probabilities=probabilities, networks=2)
     found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
     assert found.furniture[145:165, 155:185].all()
     assert found.target[110:135, 162:174].any() == (door < 0.15)
