@@ -29,7 +29,8 @@ from processing.ground.room_model import Opening, OpeningKind, RoomModel
 USES = (Use.BEDROOM, Use.LIVING, Use.OFFICE, Use.DINING)
 ROWS, QUALITY = 512, "sketch"
 LIGHT_QUALITY = "draft"
-"""Where light is judged: furnished and emptied rooms of `sketch` are each 4 to 7 % off `standard`, of `draft` 2.5 %."""
+"""Where light is judged: furnished and emptied rooms of `sketch` are each 4 to 7 % off `standard`, of `draft` 2.5 %
+(one room measured: docs/measurements/emptying.md)."""
 TRUTH_VERSION = 1
 
 

@@ -80,6 +80,6 @@ def _rectangle(unlike: Flags, thing: Flags, hole: Flags) -> tuple[slice, slice] 
 def _is_picture(whole: Flags, px_per_m: float) -> bool:
     """Return whether a rectangle (H, W) of a wall is as large as a picture, and hangs."""
     rows, columns = (np.flatnonzero(whole.any(axis=axis)) for axis in (1, 0))
-    sides = [(len(one)) / px_per_m for one in (rows, columns)]
+    sides = [len(one) / px_per_m for one in (rows, columns)]
     hangs = rows[0] > RIM_M * px_per_m and rows[-1] < len(whole) - RIM_M * px_per_m
     return bool(hangs and min(sides) >= LEAST_M and max(sides) <= MOST_M)

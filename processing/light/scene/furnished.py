@@ -35,7 +35,7 @@ from processing.surfaces.maps import SurfaceMaps, surface_maps
 ROUNDS = 6
 """Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
 SUN_TIMES = 2.0  # what its surface gives in the shade, from which a patch near the sun's may be lit by it; chosen
-MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on nine sunny rooms
+MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on ten sunny rooms
 DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
 MOST_RATIO = 3.0
 """By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
