@@ -20,7 +20,8 @@ from typing import IO, Any, Literal, Self
 from pydantic import ValidationError
 
 from station.errors import FrameRejectedError, ResourceError
-from station.frames.facts import ExpectedFrame, FrameFacts, Reason
+from station.frames.facts import ExpectedFrame, FrameFacts
+from station.frames.problems import Reason
 from station.frames.rules import check_order, judge, printable, rejection
 from station.session.session import FrameRecord
 

@@ -11,8 +11,9 @@ import mmap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any
 
-from station.frames.facts import ExifRecord, FrameProblemError, Reason
+from station.frames.problems import FrameProblemError, Reason
 
 # Directories of a TIFF structure (EXIF, CR2, DNG), read strictly and within bounds (TIFF 6.0, section 2).
 #
@@ -136,30 +137,32 @@ _TAKEN, _OFFSET, _TAKEN_OFFSET, _TAKEN_SUBSECOND = 0x9003, 0x9010, 0x9011, 0x929
 _WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 
 
-def read_exif(block: bytes | mmap.mmap) -> ExifRecord:
+def read_exif(block: bytes | mmap.mmap) -> dict[str, Any]:
     """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is) or of a raw file, whole.
 
-    They may be in the main directory (TIFF/EP). Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a
-    directory or a wanted value out of range, overlapping or repeated, or a value that cannot be (1/0 s, month 13).
+    They are the fields of `station.frames.facts.ExifRecord`, fit for JSON, and may be in the main directory (TIFF/EP).
+    Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range,
+    overlapping or repeated, or a value that cannot be (1/0 s, month 13).
     """
     reader = TiffReader(block, Reason.EXIF_DAMAGED)
     main = reader.directory(reader.first_at).entries
     pointer = main.get(_EXIF_DIRECTORY)
     exif = main if pointer is None else reader.directory(reader.integers(pointer)[0]).entries
-    return ExifRecord(
-        exposure_s=_seconds(reader, exif.get(_EXPOSURE_TIME)),
-        f_number=_rational(reader, exif.get(_F_NUMBER)),
-        iso=_iso(reader, exif.get(_ISO)),
-        taken_local=_taken(reader, exif),
-        offset_min=parse_offset(_text(reader, exif, _TAKEN_OFFSET) or _text(reader, exif, _OFFSET)),
-        make=_text(reader, main, _MAKE),
-        model=_text(reader, main, _MODEL),
-        serial=_text(reader, exif, _SERIAL),
-        white_balance=_integer(reader, exif.get(_WHITE_BALANCE)),
-        orientation=_integer(reader, main.get(_ORIENTATION)),
-        width_px=_integer(reader, exif.get(_WIDTH)),
-        height_px=_integer(reader, exif.get(_HEIGHT)),
-    )
+    taken = _taken(reader, exif)
+    return {
+        "exposure_s": _seconds(reader, exif.get(_EXPOSURE_TIME)),
+        "f_number": _rational(reader, exif.get(_F_NUMBER)),
+        "iso": _iso(reader, exif.get(_ISO)),
+        "taken_local": None if taken is None else taken.isoformat(),
+        "offset_min": parse_offset(_text(reader, exif, _TAKEN_OFFSET) or _text(reader, exif, _OFFSET)),
+        "make": _text(reader, main, _MAKE),
+        "model": _text(reader, main, _MODEL),
+        "serial": _text(reader, exif, _SERIAL),
+        "white_balance": _integer(reader, exif.get(_WHITE_BALANCE)),
+        "orientation": _integer(reader, main.get(_ORIENTATION)),
+        "width_px": _integer(reader, exif.get(_WIDTH)),
+        "height_px": _integer(reader, exif.get(_HEIGHT)),
+    }
 
 
 def _text(reader: TiffReader, entries: Mapping[int, Entry], tag: int) -> str:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from station.errors import FrameRejectedError, SessionNotFoundError, UsageError
 from station.frames.check import FrameChecker, RawFormat
-from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts, Reason
+from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts
+from station.frames.problems import Reason
 from station.frames.rules import check_order, judge, printable, rejection, same_stop, seconds_text
 from station.session.session import Side
 

@@ -14,7 +14,7 @@ from drivers.clock import Clock, SystemClock
 from station.capture.intake import drift_frac
 from station.errors import FrameRejectedError, IncompleteBracketError, UsageError, software_versions
 from station.frames.check import FrameChecker, picture_format
-from station.frames.facts import FrameFacts, Reason
+from station.frames.facts import FrameFacts
 from station.frames.import_plan import (
     Candidate,
     Refusal,
@@ -27,6 +27,7 @@ from station.frames.import_plan import (
     sort_entries,
     stop_of,
 )
+from station.frames.problems import Reason
 from station.frames.rules import rejection
 from station.session.session import (
     MAX_ROOM_CHARACTERS,

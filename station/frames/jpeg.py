@@ -11,7 +11,7 @@ import re
 import zlib
 from dataclasses import dataclass, field
 
-from station.frames.facts import FrameProblemError, Reason
+from station.frames.problems import FrameProblemError, Reason
 
 # Chosen: nine times the larger camera's pixels.
 MAX_PIXELS = 200_000_000

@@ -7,7 +7,8 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from station.errors import FrameRejectedError
-from station.frames.facts import ExpectedFrame, FrameFacts, Reason
+from station.frames.facts import ExpectedFrame, FrameFacts
+from station.frames.problems import Reason
 
 SAME_STOP = 0.12
 """Nominal times lie up to 0.107 stop beside 2^(k/3) s (1/15 for 1/16, 30 for 32); the next is 0.33 away."""

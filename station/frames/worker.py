@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from station.frames.exif import check_raw, check_tiff, read_exif
-from station.frames.facts import FrameProblemError, Reason
 from station.frames.jpeg import read_header, read_png
+from station.frames.problems import FrameProblemError, Reason
 
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
@@ -190,7 +190,7 @@ def _exif(block: bytes | mmap.mmap | None) -> tuple[dict[str, Any], str]:
     if block is None:
         return {}, "no EXIF"
     try:
-        return read_exif(block).model_dump(mode="json"), ""
+        return read_exif(block), ""
     except FrameProblemError as problem:
         return {}, problem.message
 

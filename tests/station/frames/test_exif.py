@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from station.frames.exif import parse_offset, read_exif
-from station.frames.facts import ExifRecord, FrameProblemError, Reason
+from station.frames.exif import parse_offset
+from station.frames.exif import read_exif as read_tags
+from station.frames.facts import ExifRecord
+from station.frames.problems import FrameProblemError, Reason
 from tests.station.frames.pictures import TAKEN, exif
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
@@ -76,6 +78,11 @@ def problem(data: bytes) -> str:
         read_exif(data)
     assert caught.value.reason is Reason.EXIF_DAMAGED
     return caught.value.message
+
+
+def read_exif(data: bytes) -> ExifRecord:
+    """Return the facts as the station takes them from the worker."""
+    return ExifRecord.model_validate(read_tags(data))
 
 
 def facts_or_none(data: bytes) -> ExifRecord | None:

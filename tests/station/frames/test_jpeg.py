@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from station.frames.facts import FrameProblemError, Reason
 from station.frames.jpeg import MAX_SCANS, MAX_SEGMENTS, read_header
+from station.frames.problems import FrameProblemError, Reason
 from tests.station.frames.pictures import jpeg
 
 PLAIN = jpeg()

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from station.errors import FrameRejectedError
-from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts, Reason
+from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts
+from station.frames.problems import Reason
 from station.frames.rules import check_not_too_dark, check_order, judge, same_stop, seconds_text
 
 NOMINAL = (
