@@ -64,8 +64,8 @@ NEEDS = {
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
-    *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "instruments", "merge", "photometry"),
-    *("pipeline", "real", "remove", "response", "room", "sphere", "stills", "studio", "truth"),
+    *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "files", "instruments", "merge", "photometry"),
+    *("pipeline", "real", "relight", "remove", "render", "response", "room", "sphere", "stills", "studio", "truth"),
 }
 """Five seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128

@@ -65,7 +65,7 @@ class MergeTables:
 
         Values are float32 of the shape of ``codes``, radiance in exposures a second.
         """
-        entry = self.samples[place, np.arange(3), codes]
+        entry = self.samples[place].reshape(-1, 2).take(codes + np.arange(3) * self.samples.shape[2], axis=0)
         return entry[..., 0], entry[..., 1]
 
 

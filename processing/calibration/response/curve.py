@@ -17,7 +17,7 @@ import numpy as np
 
 from processing.calibration.response.samples import ChannelSamples
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Int64s, Rgb
+from processing.ground.arrays import Doubles, Flags, Int64s, Rgb
 
 T = TypeVar("T", int, float)
 
@@ -197,17 +197,21 @@ def fit_noise(
     """
     longer, shorter = _pairs(data, log2_times)
     step = log2_times[data.frame[shorter]] - log2_times[data.frame[longer]]
-    places = [4, 0, 8, 2, 6, 1, 3, 5, 7][:pixels]
-    columns = [data.pixels[:, place].astype(np.float64) for place in places] if pixels else [data.mean]
-    long_codes = np.concatenate([codes[longer] for codes in columns])
-    short_codes = np.concatenate([codes[shorter] for codes in columns])
-    at_long, slope_long, _ = fine.at(long_codes)
-    predicted = fine.code(at_long + np.tile(step, len(columns)))
-    use = (long_codes < _HIGH) & (long_codes > _LEAST_LONG_CODE) & (predicted > _LOW) & (predicted < _HIGH)
+    if pixels == 0:
+        short_codes = data.mean[shorter]
+        predicted, use, terms = _predicted(data.mean[longer], step, fine)
+    else:
+        # Whole codes and few steps of time: what they predict is computed once for each code of each step
+        places = [4, 0, 8, 2, 6, 1, 3, 5, 7][:pixels]
+        steps, which = np.unique(step, return_inverse=True)
+        codes = np.tile(np.arange(256.0), len(steps))
+        table = _predicted(codes, np.repeat(steps, 256), fine)
+        entry = (which[:, None] * 256 + data.pixels[longer][:, places]).T.ravel()
+        short_codes = data.pixels[shorter][:, places].T.ravel().astype(np.float64)
+        predicted, use, terms = (part[entry] for part in table)
     if use.sum() < _LEAST:
         return None
-    terms = _terms(at_long[use], slope_long[use], predicted[use], fine)
-    return _solve_noise((short_codes - predicted)[use], terms, predicted[use], least_code_variance)
+    return _solve_noise((short_codes - predicted)[use], terms[use], predicted[use], least_code_variance)
 
 
 def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[Int64s, Int64s]:
@@ -215,6 +219,14 @@ def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[Int64s, Int64s]:
     order = np.lexsort((-log2_times[data.frame], data.sample))
     same = data.sample[order[1:]] == data.sample[order[:-1]]
     return order[:-1][same], order[1:][same]
+
+
+def _predicted(long_codes: Doubles, step: Doubles, fine: FineCurve) -> tuple[Doubles, Flags, Doubles]:
+    """Return the codes (n,) that a frame ``step`` stops shorter has, whether both are of use, and `_terms` (n, 3)."""
+    at_long, slope_long, _ = fine.at(long_codes)
+    predicted = fine.code(at_long + step)
+    use = (long_codes < _HIGH) & (long_codes > _LEAST_LONG_CODE) & (predicted > _LOW) & (predicted < _HIGH)
+    return predicted, use, _terms(at_long, slope_long, predicted, fine)
 
 
 def _terms(at_long: Doubles, slope_long: Doubles, predicted: Doubles, fine: FineCurve) -> Doubles:
