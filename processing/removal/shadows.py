@@ -141,7 +141,8 @@ def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Flo
             continue
         # It goes on to what is removed, and under things that are not.
         more = (spread(more.astype(np.float32), texture.known) * fade[..., None]).astype(np.float32)
-        values, where = wrap(more, plane, PX_PER_M, room, geometry, ~removed & ~glass)
+        # Also where it is removed: at a finer size the factors of its rim lie between both.
+        values, where = wrap(more, plane, PX_PER_M, room, geometry, ~glass)
         gain[where] = np.exp2(-values)
     return gain
 

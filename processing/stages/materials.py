@@ -1,12 +1,13 @@
 """The stage materials: what the emptied room's surfaces reflect, and the room as a scene under its light."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from processing.ground.arrays import Doubles
-from processing.ground.seam import resized
+from processing.ground.arrays import Doubles, Flags
+from processing.ground.seam import grown, resized
 from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
 from processing.light.scene.room_light import EmptyRoom, with_sunlight
 from processing.light.scene.scene import REVEAL_M, Outdoors, Surface
@@ -23,6 +24,8 @@ ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
 EFFORT = Effort(pixel_samples=32)
 SAME = 0.5  # of a pixel, from which it is one of a mask's
+GAP_RAD = math.radians(2.0)
+"""Half as wide as the widest gap between parts of a patch of sun that is closed; chosen: 7 cm of a floor at 2 m."""
 MOST_LAMPS = 100  # that are listed one by one; the light of all is in the scene
 
 
@@ -93,9 +96,21 @@ def emptied(context: StageContext) -> EmptyRoom:
             hidden |= mask_in_size(np.asarray(mask, bool), filled.shape[1])
     sunlit = mask_in_size(np.asarray(sunlight, bool), filled.shape[1])
     found, shade = with_sunlight(empty, before, filled, sunlit, hidden), read_shade(context)
-    if shade is None or shade.returned is None or found.sunless is None:
+    if shade is None or shade.returned is None or found.sunless is None or found.sunlit is None:
         return found
-    return replace(found, sunless=found.sunless | (resized(shade.returned.astype(np.float32), filled.shape) > SAME))
+    return replace(found, sunless=_joined(found.sunless, found.sunlit, shade.returned))
+
+
+def _joined(sunless: Flags, sunlit: Flags, returned: Flags) -> Flags:
+    """Return where the sun may fall anew (H, W): without gaps between its parts.
+
+    ``sunless``, ``sunlit`` (H, W): what removal left without sun, and where it stands as photographed; ``returned``
+    (h, w), smaller: seen places that old furniture shaded. Stand-ins are not exact: a strip between its parts that
+    shows no sun was in that shade, too.
+    """
+    light = (resized((sunless | sunlit).astype(np.float32), returned.shape) > SAME) | returned
+    closed = ~grown(~grown(light, GAP_RAD), GAP_RAD)
+    return sunless | ((resized(closed.astype(np.float32), sunless.shape) > SAME) & ~sunlit)
 
 
 def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:

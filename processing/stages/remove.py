@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import RoomModel
 from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import ESTIMATED_BITS, estimated, to_bits
@@ -18,10 +19,12 @@ from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
 from processing.removal.shadows import relit
 from processing.segmentation.evidence import SceneClass, read_evidence
+from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_unfit, working_panorama
+from processing.surfaces.maps import FLOOR, plane_map
 
 FOREIGN = 0.4  # probability of furniture or fixtures from which a floor is not filled from a place
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
@@ -73,7 +76,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), known_room(context)
-    foreign, boards = _foreign(context, target.shape)
+    foreign, boards = _foreign(context, room, target.shape)
     how: dict[str, Any] = {"sunlight": sunlight, "quality": quick or context.quality.value, "filler": filler}
     shadow = _optional_mask(context, "shadow", width_px)
     context.let_go()  # of the outdoor picture and masks that later stages read again
@@ -92,14 +95,16 @@ def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | N
     return None if mask is None else mask_in_size(np.asarray(mask, bool), width_px)
 
 
-def _foreign(context: StageContext, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
-    """Return what the network takes for furniture or fixtures (rugs), in the target or not, and the share (h, w) of
-    skirting; None: it said nothing."""
+def _foreign(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
+    """Return what the network takes for furniture or fixtures (rugs), in the target or not, or on the floor for what
+    stands upright (an open door's leaf), and the share (h, w) of skirting; None: it said nothing."""
     kept = context.optional_artifact("room", "evidence")
     if kept is None:
         return None, None
     evidence = read_evidence(kept)
     things = evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE)
+    floor = plane_map(room, Equirectangular(things.shape[1], things.shape[0])) == FLOOR
+    things = things + floor * evidence.share(SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR)
     return np.asarray(resized(things, (shape[0], shape[1])) > FOREIGN), evidence.skirting
 
 
