@@ -49,8 +49,8 @@ BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.12, mat
 them by so much too small (chosen by looking at furnished real rooms)."""
 BEYOND = 1.5  # times the distance of the wall, from which what is seen is beyond an opening (chosen; 1.4 is error)
 CRUMB_SR, CRUMB_PX = 2e-3, 16
-"""Of what stays on a wall of which all around is removed: larger is a picture (chosen); for what the working size does
-not see (chosen)."""
+"""Of what stays on a wall of which all around is removed: larger is a picture (chosen); pixels of the working size, for
+what it does not see (chosen)."""
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
 
 
@@ -319,7 +319,7 @@ def _united(
     target &= furniture | tripod | sunlight | ~_at(found.hangs, shape)
     target = with_islands(target, found.openings, CRUMB_SR)
     _, labels, stats, _ = cv2.connectedComponentsWithStats((~target).astype(np.uint8))
-    target |= (stats[:, cv2.CC_STAT_AREA] <= CRUMB_PX)[labels]
+    target |= (stats[:, cv2.CC_STAT_AREA] <= CRUMB_PX * max(1.0, shape[0] / len(found.openings)) ** 2)[labels]
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)

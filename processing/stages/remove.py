@@ -26,7 +26,9 @@ from processing.stages.parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_unfit, working_panorama
 from processing.surfaces.maps import FLOOR, plane_map
 
-FOREIGN = 0.4  # probability of furniture or fixtures from which a floor is not filled from a place
+FOREIGN, ANYTHING = 0.4, 0.7
+"""Probability of furniture or fixtures, and of these with walls and what is in them, from which a floor is not filled
+from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky)."""
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
 CONFIDENCE_STEPS = 128  # as kept, of 0 to 1 (chosen)
 LIFT_STEP = 2.0**-10  # of log luminance as kept: a thousandth, where shade is known to a tenth (chosen)
@@ -96,16 +98,17 @@ def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | N
 
 
 def _foreign(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
-    """Return what the network takes for furniture or fixtures (rugs), in the target or not, or on the floor for what
-    stands upright (an open door's leaf), and the share (h, w) of skirting; None: it said nothing."""
+    """Return what the network takes for furniture or fixtures (rugs), in the target or not, or on the floor for
+    anything but floor (an open door's leaf), and the share (h, w) of skirting; None: it said nothing."""
     kept = context.optional_artifact("room", "evidence")
     if kept is None:
         return None, None
     evidence = read_evidence(kept)
     things = evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE)
     floor = plane_map(room, Equirectangular(things.shape[1], things.shape[0])) == FLOOR
-    things = things + floor * evidence.share(SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR)
-    return np.asarray(resized(things, (shape[0], shape[1])) > FOREIGN), evidence.skirting
+    anything = floor * (things + evidence.share(SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR))
+    foreign = [resized(share, (shape[0], shape[1])) > p for share, p in ((things, FOREIGN), (anything, ANYTHING))]
+    return np.asarray(foreign[0] | foreign[1]), evidence.skirting
 
 
 def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> tuple[Flags, Flags]:
