@@ -35,6 +35,7 @@ SHOULDER = 1.5  # stops below clipping from which less is lifted (chosen): clipp
 DEEP = math.log(4)
 """Log change from which shade is replaced in place of lifted: what a picture still shows there is noise, in colours of
 its own (chosen on one real room of eight; the others have next to none)."""
+BURNT = math.log(1.25)  # log change of a lamp's glow that is taken off, from which what is clipped is replaced (chosen)
 SHOULDER_PX = 3.0  # of the working size, its smoothness (chosen)
 REACHES_PX = (1.0, 4.0, 16.0, 64.0)  # of the working size: over which light goes on where a plane's own is not known
 
@@ -87,10 +88,14 @@ def lifted(
     _in_bands(partial(_unlit, image.rgb, reflectance, change), planes, plane, glass)
     gain = relit(reflectance, shade.shadow, (target, foreign), room)
     reflectance *= gain
+    replaced = target.copy()
     for k, factors in enumerate(gain):  # row by row: little memory
-        change[k] += np.log(factors).mean(axis=-1)
+        less = np.log(factors).mean(axis=-1)
+        change[k] += less
+        # What a lamp's glow has clipped shows no more than that it was lit.
+        replaced[k] |= (change[k] > DEEP) | ((less < -BURNT) & (image.validity[k] == Validity.CLIPPED))
     del gain, factors
-    target = target | (change > DEEP)
+    target = replaced
     done = empty_room(
         replace(image, rgb=reflectance),
         target,

@@ -99,7 +99,7 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
 
 LAMP, CLIPPED = 3.0, 0.2
 """Stops above the median of what stays, or below the brightest of all: what goes there was a lit lamp (chosen)."""
-MOST_LAMP_SR = 0.1  # chosen: larger things are no lamps
+MOST_LAMP_SR, MOSTLY = 0.1, 0.5  # chosen: larger things are no lamps, nor what is bright and mostly wall
 GLOW_M, GLOW_CORE_M, LEAST_GLOW = 1.3, 0.6, 0.3
 """Reach of a lamp's glow; how near, and by how many stops, a quarter of that must be brighter (chosen)."""
 MOST_GLOW = 4.0  # stops that are taken off at most (chosen: a clipped wall)
@@ -119,14 +119,12 @@ def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Flo
     glass = maps.opening >= 0
     level = log2.max(axis=-1)
     bright = (level > min(np.median(np.append(level[~removed & ~glass], 0)) + LAMP, level.max() - CLIPPED)) & ~glass
-    _, labels = components(bright & removed)
-    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
-    lamps = (labels > 0) & (size < MOST_LAMP_SR)[labels]
+    lamps = _small(bright & removed, removed)
     if not lamps.any():
         return gain
     # Where lamps are seen on walls: those that go, and those that stay.
     away = directions(geometry)[0] * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
-    stay = bright & things & ~grown(removed, OWN_RAD)
+    stay = _small(bright & ~grown(removed, OWN_RAD), things)
     trees = [cKDTree(away[mask][::3] if mask.any() else FAR_AWAY) for mask in (lamps, stay)]
     for plane in planes_of(room)[CEILING:]:
         texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=removed | things | glass)
@@ -134,7 +132,8 @@ def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Flo
         far, core = texture.known & (near > GLOW_M), texture.known & (near < GLOW_CORE_M)
         if far.sum() < LEAST_FAR or not core.any():
             continue
-        fade = np.clip(2 * (1 - near / GLOW_M), 0, 1) * (near < other)
+        # Of two lamps each lights a place by the inverse square of its distance.
+        fade = np.clip(2 * (1 - near / GLOW_M), 0, 1) * other**2 / (near**2 + other**2)
         glow = [_smooth_fit(texture.values[..., k], far)[0] for k in range(3)]
         more = np.clip(texture.values - np.stack(glow, axis=-1), 0, MOST_GLOW)
         if float(np.quantile(more[core].mean(axis=-1), 0.75)) < LEAST_GLOW:
@@ -145,6 +144,15 @@ def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Flo
         values, where = wrap(more, plane, PX_PER_M, room, geometry, ~glass)
         gain[where] = np.exp2(-values)
     return gain
+
+
+def _small(bright: Flags, things: Flags) -> Flags:
+    """Return the parts of what is ``bright`` that are no larger than lamps are and mostly ``things``, (H, W) each: the
+    rest is a wall that they light."""
+    _, labels = components(bright)
+    sr = np.broadcast_to(row_solid_angles(labels.shape), labels.shape)
+    size, of_things = (np.bincount(labels.ravel(), (sr * part).ravel()) for part in (bright, bright & things))
+    return np.asarray((labels > 0) & ((size < MOST_LAMP_SR) & (of_things > MOSTLY * size))[labels])
 
 
 def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:

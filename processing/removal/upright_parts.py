@@ -30,6 +30,8 @@ FOOT_M, MOSTLY = 0.3, 0.8
 MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a thing and no wall (chosen)
 LOWER_M, LOWER_SHARE = 0.25, 0.4
 """Above the hole, from where on down so much of a row may be the lower edge of what hangs, or of its frame."""
+NARROW_M = 0.25
+"""Width up to which what hides a wall hides no edge of it: poles, cables, lamps' stands."""
 GAP_M, GAP_PX = 0.05, 2
 """Above the hole's rim, of mixed pixels; at least."""
 
@@ -49,6 +51,8 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
     the ``hole`` (H, W).
     """
     (known, things), (height, width) = seen, hole.shape
+    values, known, narrow = _bridged(values, known, px_per_m)
+    hole = hole & ~narrow
     rim, side = _rims(hole, px_per_m), side_px(px_per_m)
     tone = ToneScale.of(values, known).tone(values)
     step, level = steps(tone, known, side), level_edges(tone, known, side)
@@ -72,6 +76,19 @@ def upright_parts(values: Floats, seen: tuple[Flags, Flags], hole: Flags, px_per
         edges.append((best, int(tops[best])))
         strength[max(0, best - 2 * side) : best + 2 * side + 1] = 0
     return _between(_standing(sorted(edges), (known, things, level), rim, px_per_m), width)
+
+
+def _bridged(values: Floats, known: Flags, px_per_m: float) -> tuple[Floats, Flags, Flags]:
+    """Return values (H, W, 3), what is ``known`` of them, and the gaps (H, W) up to `NARROW_M` wide that were bridged:
+    each half is as what is seen beside it, so that an edge that runs behind a pole stands in its middle."""
+    wide = np.ones((1, round(NARROW_M * px_per_m) + 1), np.uint8)
+    unknown = (~known).astype(np.uint8)
+    narrow = ~known & (cv2.morphologyEx(unknown, cv2.MORPH_OPEN, wide, borderType=cv2.BORDER_REPLICATE) == 0)
+    columns = np.arange(known.shape[1])
+    left = np.maximum.accumulate(np.where(known, columns, -known.shape[1]), axis=1)
+    right = np.minimum.accumulate(np.where(known, columns, 2 * known.shape[1])[:, ::-1], axis=1)[:, ::-1]
+    nearest = np.where(narrow, np.where(columns - left <= right - columns, left, right), columns)
+    return np.take_along_axis(values, nearest[..., None], axis=1), known | narrow, narrow
 
 
 def _standing(

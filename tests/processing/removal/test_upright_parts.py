@@ -75,7 +75,17 @@ def test_a_picture_of_which_one_edge_is_hidden_does_not_divide(wall, frame):
     hole[20:, 78:86] = True
     values[:, 100:] = RED
     found = parts_of(values, hole, things)
-    assert [part.columns.start for part in found[1:]] == pytest.approx([100] if frame else [40, 100], abs=2)
+    assert [part.columns.start for part in found[1:]] == pytest.approx([100] if frame else [40, 82, 100], abs=2)
+
+
+@pytest.mark.parametrize(("wide", "divides"), [(10, True), (40, False)])
+def test_an_edge_that_runs_behind_a_pole_divides_in_its_middle(wall, wide, divides):
+    """Above a wide thing too little of it is seen."""
+    values, hole = wall
+    values[:, 120:] = RED
+    hole[20:, 120 - wide // 2 : 120 + wide // 2] = True
+    values[hole] = 0
+    assert [part.columns.start for part in parts_of(values, hole)[1:]] == pytest.approx([120] * divides, abs=2)
 
 
 def test_only_holes_that_reach_the_foot_count(wall):
