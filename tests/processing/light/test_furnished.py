@@ -191,6 +191,20 @@ def test_windows_and_clipped_pixels_stay_as_they_are(dark: tuple[LuminanceImage,
         assert np.array_equal(done.image.rgb[where], picture.rgb[where])
 
 
+def test_what_a_removed_lamps_glow_has_clipped_is_filled(
+    dark: tuple[LuminanceImage, Flags], found: FurnishedLight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would stay white within a wall that is as dark again as without the lamp."""
+    picture, furniture = dark
+    gain, validity = np.ones_like(picture.rgb), picture.validity.copy()
+    gain[10:14, 5:12], validity[10:14, 5:20] = 0.5, 1
+    monkeypatch.setattr("processing.removal.lift.relit", lambda *_: gain.copy())
+    clipped = replace(picture, validity=validity)
+    done, _ = lifted(clipped, furniture, box_room(), shade_of(found), quality="draft")
+    assert (done.provenance[10:14, 5:12] > 0).all()
+    assert np.array_equal(done.image.rgb[10:14, 12:20], picture.rgb[10:14, 12:20]), "what is clipped else stays"
+
+
 def test_the_same_input_gives_the_same_bytes(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
     other = light_of(*dark, (cabinet(0.35),))
     assert np.array_equal(found.log_change, other.log_change)

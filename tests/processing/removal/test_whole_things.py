@@ -221,6 +221,13 @@ def test_glow_of_a_lamp_that_goes_is_taken_off_the_wall_and_that_of_one_that_sta
     assert np.median((light * gone)[around]) < 0.6 < 0.9 < np.median(light[around])
     assert np.all(gone[wall & (glow > 60)] > 0.97)
     assert np.all(unglowed(light, NONE, lamp, ROOM) == 1), "it stays, and so does its light"
+    assert np.allclose(gone[lamp], np.median(gone[wall & (glow > 5) & (glow < 7)], axis=0), atol=0.1), "no seam"
+    half = np.indices(lamp.shape)[1] > 274
+    lit = np.where(half & wall & (glow < 18), np.float32(8), 0)[..., None] + light
+    off = unglowed(lit, lamp, half & (glow < 16) & (np.indices(lamp.shape)[0] < 104), ROOM)
+    assert np.median(off[half & (glow < 18)]) < 0.5, (
+        "a wall that it lights, a part of it a thing, is no lamp that stays"
+    )
 
 
 def test_a_sill_goes_on_level_and_what_is_below_it_is_wall() -> None:

@@ -126,8 +126,11 @@ def test_the_option_filler_is_that_of_this_stage() -> None:
     assert told["--filler-channels"] == ("parameter", "filler_channels")
 
 
-def test_rests_of_things_that_the_network_sees_are_no_part_of_the_floor(tmp_path: Path) -> None:
-    """A red thing beside the target, which detection left out: with evidence of it, none of it is copied."""
+@pytest.mark.parametrize("doubtful", [False, True])
+def test_rests_of_things_that_the_network_sees_are_no_part_of_the_floor(tmp_path: Path, doubtful: bool) -> None:
+    """A red thing beside the target, which detection left out: with evidence of it, none of it is copied; nor where
+    it may be a door's leaf as well, as long as it is hardly floor.
+    """
     image = picture()
     floor = plane_map(ROOM, image.geometry) == FLOOR  # type: ignore[arg-type]
     thing, hole = patch(slice(20, 27), slice(20, 40)), patch(slice(20, 27), slice(4, 20)) & floor
@@ -135,6 +138,16 @@ def test_rests_of_things_that_the_network_sees_are_no_part_of_the_floor(tmp_path
     probabilities = np.zeros((len(SceneClass), ROWS, 2 * ROWS), np.float32)
     probabilities[SceneClass.FLOOR] = 1 - thing
     probabilities[SceneClass.FURNITURE] = thing
+    if doubtful:
+        shares = (
+            (SceneClass.FURNITURE, 0.35),
+            (SceneClass.DOOR, 0.3),
+            (SceneClass.WALL, 0.2),
+            (SceneClass.FLOOR, 0.15),
+        )
+        probabilities[:, thing] = 0
+        for kind, share in shares:
+            probabilities[kind, thing] = share
     write_evidence(tmp_path / "evidence.npz", SceneEvidence(probabilities, "test"))
     evidence = tmp_path / "evidence.npz"
     found = run(context(tmp_path, target=hole, indoor=image, evidence=evidence)).artifacts["empty"]

@@ -167,6 +167,20 @@ def test_sunlight_stands_again_but_where_furniture_hid_it(photograph: LuminanceI
     assert np.array_equal(found.sunless, hidden)
 
 
+def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not() -> None:
+    sunless, sunlit = np.zeros((2, 512, 1024), bool)
+    sunless[300:340, 100:200], sunlit[300:340, 210:260] = True, True
+    returned = np.zeros((256, 512), bool)
+    returned[150:170, 135:140] = True
+    found = materials._joined(sunless, sunlit, returned)
+    assert found[312:328, 202:208].all(), "3.5 degrees between a removed thing and its sun"
+    assert found[312:328, 262:278].all(), "and beyond it, as far as old furniture shaded it"
+    assert not found[sunlit].any()
+    assert not found[:, :90].any()
+    assert not found[:, 290:].any()
+    assert np.array_equal(found & sunless, sunless)
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [("1f-bed", "bedroom"), ("Living_Room 2", "living"), ("study", "office"), ("coda-320", None), ("abed", None)],
