@@ -274,6 +274,7 @@ def _summary(
     if cost is not None:
         click.echo(f"all of it: {cost.seconds / 60:.1f} min, peak memory {peak / 1e9:.2f} GB")
     from processing.commands.results import still_paths
+    from processing.segmentation.installed import installed
 
     for still in still_paths(path):
         click.echo(f"still:   {still}")
@@ -282,7 +283,8 @@ def _summary(
     click.echo(f"  daylit stills {path} --into pictures")
     click.echo(f"  daylit relight {path} --staged 1 --sweep day")
     click.echo(f"  daylit export {path}")
-    click.echo("real furnished rooms: `daylit models get ade20k-deeplab` (2.3 MB) makes their masks much better")
+    if installed() is None:
+        click.echo("real furnished rooms: `daylit models get ade20k-deeplab` (2.3 MB) makes their masks much better")
     return 0
 
 

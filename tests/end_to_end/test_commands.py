@@ -199,4 +199,5 @@ def test_demo_ends_with_a_report(tmp_path: Path) -> None:
     text = (tmp_path / page).with_name("lab.html").read_text("utf-8")
     assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
     assert "Alternative 3" in text
+    assert "daylit models get" in out, "none is installed here"
     assert len(list(page.parents[1].glob("render/staged-?.exr"))) == 3
