@@ -19,12 +19,11 @@ from mocks.rooms.truth import (
     MASKS,
     NUMBERS,
     TRUTH_NAME,
-    Picture,
     PointLight,
     TruthFileError,
     TruthPictures,
 )
-from processing.ground.arrays import Floats
+from processing.ground.arrays import AnyArray, Floats
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ def _read_exr(path: Path) -> Floats:
         return np.array(channel.pixels, dtype=np.float32)
 
 
-def _read_png(path: Path) -> Picture:
+def _read_png(path: Path) -> AnyArray:
     data = np.fromfile(path, np.uint8)
     # OpenCV's own error for no bytes at all is nobody's to expect.
     picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from shapely.geometry import Polygon
 
-from processing.ground.arrays import Bytes, Doubles
+from processing.ground.arrays import Bytes, Doubles, Reals
 from processing.segmentation.evidence import SceneClass
 from training.labels import column_longitudes
 
-Floats = npt.NDArray[np.floating]
 COUNT = len(SceneClass)
 
 
@@ -21,13 +19,13 @@ class Tally:
     """Sums over pictures; angles in degrees."""
 
     confusion: Doubles = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
-    ceiling_deg: list[Floats] = field(default_factory=list)
-    floor_deg: list[Floats] = field(default_factory=list)
-    ceiling_sigmas: list[Floats] = field(default_factory=list)
-    floor_sigmas: list[Floats] = field(default_factory=list)
+    ceiling_deg: list[Reals] = field(default_factory=list)
+    floor_deg: list[Reals] = field(default_factory=list)
+    ceiling_sigmas: list[Reals] = field(default_factory=list)
+    floor_sigmas: list[Reals] = field(default_factory=list)
     floor_iou: list[float] = field(default_factory=list)
 
-    def add_classes(self, probabilities: Floats, label: Bytes) -> None:
+    def add_classes(self, probabilities: Reals, label: Bytes) -> None:
         """Count pixels (8, H, W) against (H, W), by solid angle."""
         rows = label.shape[0]
         weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * np.pi)[:, None] * np.ones(label.shape)
@@ -35,7 +33,7 @@ class Tally:
         cell = label.astype(np.int64) * COUNT + found
         self.confusion += np.bincount(cell.ravel(), weight.ravel(), COUNT**2).reshape(COUNT, COUNT)
 
-    def add_columns(self, found: Floats, ceiling_rad: Floats, floor_rad: Floats) -> None:
+    def add_columns(self, found: Reals, ceiling_rad: Reals, floor_rad: Reals) -> None:
         """Compare columns, shape (5, N), with the truth (N,), radians."""
         up, down = np.degrees(found[0] - ceiling_rad), np.degrees(found[1] - floor_rad)
         self.ceiling_deg.append(up)
@@ -92,7 +90,7 @@ class Tally:
         return out
 
 
-def floor_iou(found_rad: Floats, truth_rad: Floats) -> float:
+def floor_iou(found_rad: Reals, truth_rad: Reals) -> float:
     """Return the IoU of the floors that two boundaries (N,), radians, enclose."""
     longitude = column_longitudes(len(found_rad))
     rings = []

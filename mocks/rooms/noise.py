@@ -5,8 +5,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from mocks.worlds.light import Reals
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Reals
 
 CELLS = 64  # lattice cells after which an octave repeats
 

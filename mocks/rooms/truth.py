@@ -23,7 +23,7 @@ from mocks.rooms.room import Room
 from mocks.rooms.view import RoomView, Surface
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site, Vector
-from processing.ground.arrays import Flags, Floats, Int16s
+from processing.ground.arrays import AnyArray, Flags, Floats, Int16s
 
 NOTHING = -1
 """Of class, instance and wall pictures: the ray leaves through a window (class), or nothing of that kind is there."""
@@ -233,8 +233,6 @@ MASKS = {"furniture": "furniture.png", "tripod": "tripod.png"}
 """8-bit PNG, 0 or 255."""
 COUNTED_FROM_0 = ("instance",)
 
-Picture = npt.NDArray[Any]
-
 
 class TruthFileError(DaylitError, code="SIM-004", exit_code=6):
     """The truth of a simulated room cannot be written, or what is there is not whole."""
@@ -287,7 +285,7 @@ def _write_exr(path: Path, picture: Floats) -> None:
     OpenEXR.File(header, {channel: np.ascontiguousarray(picture, dtype=np.float32)}).write(os.fspath(path))
 
 
-def _write_png(path: Path, picture: Picture) -> None:
+def _write_png(path: Path, picture: AnyArray) -> None:
     import cv2
 
     whole, data = cv2.imencode(".png", picture)

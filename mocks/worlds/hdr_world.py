@@ -12,8 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mocks.worlds.light import LightDrift, OneLight, Reals, Site, WorldFileError
-from processing.ground.arrays import Floats
+from mocks.worlds.light import LightDrift, OneLight, Site, WorldFileError
+from processing.ground.arrays import Floats, Reals
 
 MAX_PIXELS = 16384 * 8192
 _UNDERSHOOT = 0.05  # chosen: resampled panoramas ring a little below zero

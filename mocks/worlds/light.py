@@ -16,7 +16,6 @@ from drivers.errors import DaylitError
 from processing.ground import colour
 from processing.ground.arrays import Flags, Floats
 
-Reals: TypeAlias = npt.NDArray[np.floating]
 Vector: TypeAlias = tuple[float, float, float]
 
 LUMINANCE_WEIGHTS = np.array(colour.LUMINANCE_WEIGHTS, dtype=np.float32)

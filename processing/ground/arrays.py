@@ -4,7 +4,7 @@ The name states the dtype; the docstring of a function states the shape, unit an
 `Floats` (float32); accumulation, solves and geometry are `Doubles` (float64).
 """
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,10 @@ Int64s: TypeAlias = npt.NDArray[np.int64]
 Indices: TypeAlias = npt.NDArray[np.intp]
 UInt16s: TypeAlias = npt.NDArray[np.uint16]
 UInt64s: TypeAlias = npt.NDArray[np.uint64]
+Reals: TypeAlias = npt.NDArray[np.floating]
+"""Of either precision."""
+AnyArray: TypeAlias = npt.NDArray[Any]
+"""Of any dtype, such as a picture's codes of 8 or 16 bits."""
 Vector: TypeAlias = tuple[float, float, float]
 """x, y, z of a place or a size, in metres, or of a direction."""
 Rgb: TypeAlias = tuple[float, float, float]

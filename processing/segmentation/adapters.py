@@ -8,14 +8,13 @@ what does not fit its contract is refused by name.
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from processing.errors import SegmenterError
-from processing.ground.arrays import Bytes, Floats, Rgb
+from processing.ground.arrays import AnyArray, Bytes, Floats, Rgb
 from processing.ground.tables import table_of
 from processing.segmentation.evidence import SceneClass
 from station.session import strict_json
@@ -81,8 +80,6 @@ def class_matrix(names: Sequence[str], table: Table) -> Floats:
 
 # Contracts.
 
-
-Array = npt.NDArray[Any]
 
 MAX_CONTRACT_BYTES = 1 << 20
 IGNORED_LABEL = 255  # of class maps: by custom, a pixel that no class is given to, unless there are so many classes
@@ -175,13 +172,13 @@ def read_contract(path: Path) -> NetworkContract:
     return contract
 
 
-def network_input(contract: NetworkContract, view_rgb8: Bytes) -> Array:
+def network_input(contract: NetworkContract, view_rgb8: Bytes) -> AnyArray:
     """Return what the network is fed for one sRGB view (H, W, 3): with a batch axis, in the declared layout."""
     picture = view_rgb8 if contract.order == "RGB" else view_rgb8[..., ::-1]
     if contract.input_type == "float32":
         scale = 1 / 255 if contract.input_range == 1 else 1.0
         mean, std = np.array(contract.mean, np.float32), np.array(contract.std, np.float32)
-        fed: Array = ((picture.astype(np.float32) * np.float32(scale)) - mean) / std
+        fed: AnyArray = ((picture.astype(np.float32) * np.float32(scale)) - mean) / std
     else:
         fed = picture
     if contract.layout == "NCHW":
@@ -189,7 +186,7 @@ def network_input(contract: NetworkContract, view_rgb8: Bytes) -> Array:
     return np.ascontiguousarray(fed[None])
 
 
-def scene_probabilities(contract: NetworkContract, outputs: Sequence[Array], size_px: tuple[int, int]) -> Floats:
+def scene_probabilities(contract: NetworkContract, outputs: Sequence[AnyArray], size_px: tuple[int, int]) -> Floats:
     """Return (H', W', len(SceneClass)) of one view of height and width ``size_px``; each pixel sums to 1.
 
     Raises `SegmenterError`: an output of another shape, number of classes or stride than declared, or values that
@@ -213,7 +210,7 @@ def scene_probabilities(contract: NetworkContract, outputs: Sequence[Array], siz
     return found
 
 
-def _without_batch(contract: NetworkContract, output: Array, axes: int) -> Array:
+def _without_batch(contract: NetworkContract, output: AnyArray, axes: int) -> AnyArray:
     """Return the output without its batch axis (and, of class maps, without a channel axis of one)."""
     found = output[0] if output.ndim == axes + 1 and output.shape[0] == 1 else output
     if contract.output == "argmax" and output.ndim == 4 and 1 in (output.shape[1], output.shape[3]):
@@ -229,7 +226,7 @@ def _without_batch(contract: NetworkContract, output: Array, axes: int) -> Array
     return found
 
 
-def _of_scores(contract: NetworkContract, scores: Array) -> Floats:
+def _of_scores(contract: NetworkContract, scores: AnyArray) -> Floats:
     channels = len(contract.names) + contract.first_label
     last = contract.layout == "NHWC"
     if scores.shape[2 if last else 0] != channels:
@@ -246,7 +243,7 @@ def _of_scores(contract: NetworkContract, scores: Array) -> Floats:
     return _normalised(found)
 
 
-def _of_labels(contract: NetworkContract, labels: Array) -> Floats:
+def _of_labels(contract: NetworkContract, labels: AnyArray) -> Floats:
     numbers = labels.astype(np.int64)
     if not np.array_equal(numbers, labels):
         raise SegmenterError("class numbers that are not whole", where=contract.name, likely="these are scores")
@@ -266,7 +263,7 @@ def _of_labels(contract: NetworkContract, labels: Array) -> Floats:
     return np.asarray(rows[numbers], dtype=np.float32)
 
 
-def _of_queries(contract: NetworkContract, classes: Array, masks: Array) -> Floats:
+def _of_queries(contract: NetworkContract, classes: AnyArray, masks: AnyArray) -> Floats:
     names = len(contract.names) + contract.first_label
     if classes.shape[1] != names + 1:
         raise _wrong_classes(contract, int(classes.shape[1]), besides=1)

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from processing.errors import SegmenterError
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import AnyArray, Bytes, Floats
 from processing.ground.threads import threads as most_threads
-from processing.segmentation.adapters import Array, NetworkContract, network_input, read_contract, scene_probabilities
+from processing.segmentation.adapters import NetworkContract, network_input, read_contract, scene_probabilities
 
 THREADS = 2  # chosen, never swept
 
@@ -115,7 +115,7 @@ class _ByContract(ABC):
         return scene_probabilities(self.contract, found, view_rgb8.shape[:2])
 
     @abstractmethod
-    def _outputs_of(self, fed: Array) -> list[Array]:
+    def _outputs_of(self, fed: AnyArray) -> list[AnyArray]:
         """Return the outputs that the contract names, in its order."""
 
 
@@ -129,7 +129,7 @@ class OnnxSegmenter(_ByContract):
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         self._check(path, [one.name for one in inputs], [one.name for one in outputs])
 
-    def _outputs_of(self, fed: Array) -> list[Array]:
+    def _outputs_of(self, fed: AnyArray) -> list[AnyArray]:
         return list(self._session.run(list(self.contract.outputs), {self.contract.input: fed}))
 
 
@@ -157,14 +157,14 @@ class TfliteSegmenter(_ByContract):
         """Return True: no other size."""
         return True
 
-    def _outputs_of(self, fed: Array) -> list[Array]:
+    def _outputs_of(self, fed: AnyArray) -> list[AnyArray]:
         self._network.set_tensor(self._inputs[self.contract.input], fed)
         self._network.invoke()
         return [self._output(self._outputs[name]) for name in self.contract.outputs]
 
-    def _output(self, tensor: Any) -> Array:
+    def _output(self, tensor: Any) -> AnyArray:
         """Return an output's values; quantised ones as the real numbers that they stand for."""
-        values: Array = self._network.get_tensor(tensor["index"])
+        values: AnyArray = self._network.get_tensor(tensor["index"])
         scale, zero = tensor["quantization"]
         return (values.astype(np.float32) - zero) * np.float32(scale) if scale else values
 

@@ -11,19 +11,18 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import AnyArray, Floats
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import LARGEST_PX, cubic_samples, linear_samples, resample
 from processing.sphere.view_maps import CutMap, StitchMap, cut_map, stitch_map
 
-Picture = npt.NDArray[Any]
 """Of one of `DEPTHS`."""
 ViewMethod = Literal["linear", "cubic", "area"]
 
@@ -38,7 +37,7 @@ class Panorama:
     Wrap a picture of which many views are cut, so that it is halved once.
     """
 
-    def __init__(self, picture: Picture, *, yaw_rad: float = 0.0) -> None:
+    def __init__(self, picture: AnyArray, *, yaw_rad: float = 0.0) -> None:
         if picture.ndim not in (2, 3) or picture.dtype not in DEPTHS or not picture.size:
             raise ParameterError(
                 f"a panorama of shape {picture.shape} and type {picture.dtype}",
@@ -53,7 +52,7 @@ class Panorama:
     def half(self) -> Panorama:
         """Return this picture at half the size, by area."""
         size = max(1, self.geometry.width_px // 2), max(1, self.geometry.height_px // 2)
-        smaller: Picture = cv2.resize(self.picture, size, interpolation=cv2.INTER_AREA)
+        smaller: AnyArray = cv2.resize(self.picture, size, interpolation=cv2.INTER_AREA)
         return Panorama(smaller, yaw_rad=self.geometry.yaw_rad)
 
     def for_view(self, view: Perspective) -> Panorama:
@@ -67,7 +66,7 @@ def view_at(*, fov_rad: float, theta_rad: float, phi_rad: float, height_px: int,
     return Perspective(width_px, height_px, fov_rad, yaw_rad=theta_rad, pitch_rad=phi_rad)
 
 
-def cut_view(panorama: Panorama | Picture, view: Perspective, *, method: ViewMethod = "linear") -> Picture:
+def cut_view(panorama: Panorama | AnyArray, view: Perspective, *, method: ViewMethod = "linear") -> AnyArray:
     """Return what a view sees of a panorama, (h, w) or (h, w, C), of the panorama's type.
 
     ``linear``: fast; positions are exact for float32 and good to 1/64 pixel for the others. ``cubic``: smoother, float
@@ -86,13 +85,13 @@ def cut_view(panorama: Panorama | Picture, view: Perspective, *, method: ViewMet
     if whole.picture.dtype == np.float32:
         return found
     most = np.iinfo(whole.picture.dtype).max
-    rounded: Picture = np.clip(np.rint(found), 0, most).astype(whole.picture.dtype)
+    rounded: AnyArray = np.clip(np.rint(found), 0, most).astype(whole.picture.dtype)
     return rounded
 
 
-def _remapped(picture: Picture, maps: CutMap) -> Picture:
+def _remapped(picture: AnyArray, maps: CutMap) -> AnyArray:
     if picture.dtype == np.float32:
-        view: Picture = linear_samples(picture, maps.first, maps.second, cv2.BORDER_WRAP)
+        view: AnyArray = linear_samples(picture, maps.first, maps.second, cv2.BORDER_WRAP)
     else:
         view = cv2.remap(picture, maps.first, maps.second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         view = view.reshape(*view.shape[:2], *picture.shape[2:])

@@ -15,8 +15,8 @@ import numpy as np
 
 from mocks.rooms.noise import fractal, rough, smoothstep
 from mocks.rooms.sky.street import House, Tree, draw_street
-from mocks.worlds.light import Reals, Vector
-from processing.ground.arrays import Doubles, Floats
+from mocks.worlds.light import Vector
+from processing.ground.arrays import Doubles, Floats, Reals
 
 # Trees and bushes for the skyline: crowns of leafy balls on trunks.
 

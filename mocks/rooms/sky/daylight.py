@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from mocks.worlds.light import LUMINANCE_WEIGHTS, Reals, Vector, luminance_cd_m2
-from processing.ground.arrays import Floats
+from mocks.worlds.light import LUMINANCE_WEIGHTS, Vector, luminance_cd_m2
+from processing.ground.arrays import Floats, Reals
 from processing.ground.tables import table_of
 
 LOWEST_SUN_RAD = math.radians(8)

@@ -12,8 +12,8 @@ import numpy as np
 from mocks.rooms.noise import fractal, rough
 from mocks.rooms.sky import backdrop, street
 from mocks.rooms.sky.street import House, Tree, draw_street
-from mocks.worlds.light import Reals, Vector
-from processing.ground.arrays import Bytes, Doubles, Floats, Halves
+from mocks.worlds.light import Vector
+from processing.ground.arrays import Bytes, Doubles, Floats, Halves, Reals
 
 # The shadows that houses and trees of the street cast on the ground, as a map from above.
 

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
-from mocks.worlds.light import Reals
-from processing.ground.arrays import Floats, Int32s
+from processing.ground.arrays import Floats, Int32s, Reals
 
 WARMTH = 0.3  # how much redder the dark grain is than the light
 _RINGS, _PER_RING = 256, 16

@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
-from processing.ground.arrays import Doubles, Floats, Indices
+from processing.ground.arrays import AnyArray, Doubles, Floats, Indices
 from processing.sphere import Fisheye, LensMapping
 from processing.sphere.geometry import polar_of_radius, radius_of_polar
 
@@ -71,7 +71,6 @@ class LensModel:
         return radius_of_polar(self.fisheye(), np.sin(theta), np.cos(theta))[0]
 
 
-Picture = npt.NDArray[Any]
 """(H, W) or (H, W, 3)."""
 
 _COARSE_PX = 640  # pixels of the longer side in which the circle is first looked for
@@ -112,7 +111,7 @@ class ImageCircle:
         )
 
 
-def find_image_circle(frames: Picture | Sequence[Picture]) -> ImageCircle:
+def find_image_circle(frames: AnyArray | Sequence[AnyArray]) -> ImageCircle:
     """Return the image circle of one picture (H, W, 3) or (H, W), or of several of one camera (better: a bracket).
 
     8- and 16-bit codes or linear values; the picture's middle lies inside the circle. Raises `LensError` where no
@@ -133,7 +132,7 @@ def find_image_circle(frames: Picture | Sequence[Picture]) -> ImageCircle:
     return ImageCircle((float(x), float(y)), float(radius), (width, height), float(sigma), float(share))
 
 
-def _grey(frame: Picture) -> Floats:
+def _grey(frame: AnyArray) -> Floats:
     """Return a picture (H, W) of 0..1 whose dark parts still differ."""
     picture = np.asarray(frame)
     if picture.ndim not in (2, 3) or min(picture.shape[:2]) < 16:
