@@ -99,7 +99,8 @@ def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
     scored = score_room(model, room_model_of(room))
     found |= {"iou3d": round(scored.iou3d, 4), "corner_err_pct": round(scored.corner_err_pct, 3)}
     found |= _masks(stages / "detect", room, truth)
-    empty = stages / "remove" / "empty.exr"
+    sunny = stages / "materials" / "empty.exr"
+    empty = sunny if sunny.is_file() else stages / "remove" / "empty.exr"
     if empty.is_file():
         filled = read_mask(stages / "remove" / "filled.png")
         found |= errors_of("empty", _picture(empty).rgb, truth.empty_rgb, filled)

@@ -39,7 +39,7 @@ def pictures_of(session: Path) -> dict[str, Path]:
     found = {
         ROOM: upright if upright.is_file() else stages / "calibrate" / "indoor.exr",
         SKY: stages / "calibrate" / "outdoor.exr",
-        EMPTY: stages / "remove" / "empty.exr",
+        EMPTY: sunny if (sunny := stages / "materials" / "empty.exr").is_file() else stages / "remove" / "empty.exr",
     }
     found |= {f"staged-{n}": stages / "render" / f"staged-{n}.exr" for n in range(1, MOST_STAGED + 1)}
     return {name: path for name, path in found.items() if path.is_file()}

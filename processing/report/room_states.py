@@ -38,8 +38,9 @@ def room_states(context: StageContext) -> Iterator[State]:
     file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
     yield State("Photograph", photograph, False, file, "the room as it was photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
+    sunny = "materials" if context.has("materials", "empty") else "remove"
     for stage, name, title, alt in (
-        ("remove", "empty", "Emptied", "the room without its furniture"),
+        (sunny, "empty", "Emptied", "the room without its furniture"),
         *(("render", f"staged-{k}", f"Staged {k}", alt) for k, alt in staged),
     ):
         if context.has(stage, name):

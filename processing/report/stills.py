@@ -273,7 +273,7 @@ def run(context: StageContext) -> StageOutput:
         make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
         made += _kept(context, name, frames, len(made), make)
     if not made:
-        empty = context.optional_artifact("remove", "empty")
+        empty = context.optional_artifact("materials", "empty") or context.optional_artifact("remove", "empty")
         name, image = ("photograph", upright_panorama(context)) if empty is None else ("emptied", empty)
         frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
         made += _stills(context, shown, frames, (name, image, originals), asked, 0)

@@ -10,7 +10,7 @@ from station.session.store import load_manifest
 
 STATES = {
     "Photograph": ("stages/room/panorama.exr", "stages/calibrate/indoor.exr", "stages/merge/indoor.exr"),
-    "Emptied": ("stages/remove/empty.exr",),
+    "Emptied": ("stages/materials/empty.exr", "stages/remove/empty.exr"),
     **{f"Staged {k}": (f"stages/render/staged-{k}.exr",) for k in range(1, 8)},
 }
 """Pictures of the room, and where each may lie."""

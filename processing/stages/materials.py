@@ -6,15 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags
+from processing.ground.arrays import Doubles, Flags, Vector
 from processing.ground.seam import grown, resized
+from processing.light.picture.composite import Bare, differential, widen_doubt
 from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
 from processing.light.scene.room_light import EmptyRoom, with_sunlight
-from processing.light.scene.scene import REVEAL_M, Outdoors, Surface
+from processing.light.scene.scene import REVEAL_M, Outdoors, Scene, Surface
 from processing.light.scene.scene_file import read_scene, write_scene
-from processing.light.solver.irradiance import Effort
+from processing.light.solver.irradiance import EFFORTS, Effort
+from processing.light.solver.sight import sight_of
+from processing.light.solver.sun import sun_of
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
+from processing.pictures.writing import estimated
 from processing.removal.lift import light_without
+from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import light_outdoors, read_shade
 from processing.stages.parameters import MaterialsParameters
@@ -62,10 +67,15 @@ def run(context: StageContext) -> StageOutput:
         rows=rows,
         effort=EFFORT,
     )
+    context.progress(0.7, "the sun where furniture no longer stops it")
+    eye: Vector = (0.0, 0.0, room.camera_height_m)
+    sunlit = in_its_sun(empty, found.scene, eye, EFFORTS["draft" if context.quality.value == "draft" else "standard"])
     context.progress(0.95, "writing")
     write_scene(context.folder / "scene.npz", found.scene)
     return StageOutput(
-        artifacts={"materials": _facts(found, source, absolute=image.absolute), "scene": True},
+        artifacts={"materials": _facts(found, source, absolute=image.absolute), "scene": True}
+        | ({} if isinstance(sunlit, str) else {"empty": sunlit}),
+        left_out={"empty": sunlit} if isinstance(sunlit, str) else {},
         metrics={
             "told_share": round(float(found.measured.mean()), 4),
             "floor_gloss": round(found.gloss, 3),
@@ -77,6 +87,26 @@ def run(context: StageContext) -> StageOutput:
         warnings=tuple(StageWarning(code="materials", message=text[:500]) for text in warnings),
         honoured={"quality": f"albedo of {2 * rows} x {rows} directions"},
     )
+
+
+def in_its_sun(empty: EmptyRoom, scene: Scene, eye_m: Vector, effort: Effort) -> LuminanceImage | str:
+    """Return the emptied panorama with direct sun where nothing stops it any more, or why it is as it was."""
+    if scene.outdoors.sun is None:
+        return "no sun is known outdoors"
+    if empty.sunless is None or not empty.sunless.any():
+        return "nothing was removed of what the sun may fall on"
+    bare, rows = Bare.of(scene, effort), min(effort.rows, empty.sunless.shape[0])
+    sight = sight_of(bare.stage, Equirectangular(2 * rows, rows), eye_m)
+    lit = sun_of(bare.stage, sight, effort.sun_samples, 0).any(axis=1).reshape(rows, 2 * rows)
+    near = grown(lit, 2 * math.pi / rows).astype(np.float32)
+    sunless = empty.sunless & (resized(near, empty.sunless.shape[:2]) > 0)
+    if not sunless.any():
+        return "no direct sun falls on what was removed or shaded"
+    image = empty.image
+    found = differential(image.rgb, bare, (), eye_m, effort=effort, sunless=sunless)
+    doubt = image.uncertainty.copy()
+    widen_doubt(found.rgb, image.rgb, found.kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
+    return estimated(replace(image, rgb=found.rgb, uncertainty=doubt), ~found.kept)
 
 
 def emptied(context: StageContext) -> EmptyRoom:

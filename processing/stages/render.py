@@ -13,14 +13,13 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
-from processing.ground.kernels import compiled
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import Bare, Staged, differential, ibl, parted_sun
+from processing.light.picture.composite import Bare, Staged, differential, ibl, parted_sun, widen_doubt
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -47,12 +46,6 @@ _SHOWN: Any = {"rank": True, "items": {"__all__": _PLACED}, "not_placed": True}
 """Of an arrangement, what its picture and facts depend on."""
 MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5
 """Of the models' walls, floor and ceiling; most that detail is over its surroundings: beyond it light ends (chosen)."""
-MODELLED = 0.18
-"""Relative standard uncertainty of what is not measured: furniture's colour, and the change of light around it. Of two
-validation rooms, photographed at 1/16, it covers 95 % of the changed pixels; their errors have mostly one sign."""
-CHANGE, MOST_CHANGE = 0.5, 2.0
-"""The same for each e-fold by which furniture or shadow changes a pixel, up to so many; chosen: of a validation bedroom
-those that change by more than 0.4 err by 0.44 to 0.73 (rms), and were covered at 77 %."""
 
 
 def nothing_to_render(context: StageContext) -> str | None:
@@ -212,7 +205,7 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
     image, method, uncertainty = work.empty.image, work.asked.method, work.empty.image.uncertainty.copy()
-    _doubt(staged.rgb, image.rgb, _kept(work, staged), np.array(LUMINANCE_WEIGHTS, np.float32), uncertainty)
+    widen_doubt(staged.rgb, image.rgb, _kept(work, staged), np.array(LUMINANCE_WEIGHTS, np.float32), uncertainty)
     return replace(
         image,
         rgb=staged.rgb,
@@ -221,22 +214,6 @@ def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
         ghost=None,
         attributes={**image.attributes, "staged": True, "method": method, "arrangement": one.rank},
     )
-
-
-@compiled
-def _doubt(shown, before, kept, weights, uncertainty):  # type: ignore[no-untyped-def]
-    """Widen ``uncertainty`` (H, W) where a picture (H, W, 3) is not ``kept`` (H, W) as it was ``before``."""
-    for i in range(kept.shape[0]):
-        for j in range(kept.shape[1]):
-            if kept[i, j]:
-                continue
-            new = old = np.float32(0)
-            for c in range(3):
-                new += weights[c] * shown[i, j, c]
-                old += weights[c] * before[i, j, c]
-            change = abs(math.log(max(new, np.float32(1e-6)) / max(old, np.float32(1e-6))))
-            modelled = math.hypot(MODELLED, CHANGE * min(change, MOST_CHANGE))
-            uncertainty[i, j] = math.hypot(min(uncertainty[i, j], 1.0), modelled)
 
 
 def _kept(work: _Work, staged: Staged) -> Flags:

@@ -92,11 +92,13 @@ def in_bands(
     high, wide = photograph.shape[:2]
     step = block_px(math.pi / high)
     job = _Job(change, photograph, sunless, furniture_blocks(change.full, (high, wide), step, change.eye_m), step)
-    rgb, ratio = np.empty_like(photograph), np.empty((high, wide), np.float32)
-    furniture, kept = np.empty((high, wide), bool), np.empty((high, wide), bool)
+    rgb, ratio = photograph.copy(), np.ones((high, wide), np.float32)
+    furniture, kept = np.zeros((high, wide), bool), np.ones((high, wide), bool)
 
     def work(start: int) -> None:
         rows = slice(start, min(start + band_rows, high))
+        if change.full is change.bare and not (sunless is not None and sunless[rows].any()):
+            return  # nothing was put in, and no sun comes back
         rgb[rows], furniture[rows], kept[rows], ratio[rows] = _band(job, rows)
 
     band_rows = max(1, ROWS_AT_ONCE_PX // wide // step) * step

@@ -14,9 +14,15 @@ import pytest
 from processing.errors import ItemError, ProcessingError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.assumed import fitting_choice, named_choice, with_door
+from processing.light.picture.composite import MODELLED
 from processing.light.picture.render import render
+from processing.light.scene.room_light import EmptyRoom
+from processing.light.scene.scene import Sun
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import Effort
+from processing.light.solver.sight import sight_of
+from processing.light.solver.stage import Stage
+from processing.light.solver.sun import sun_of
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import handed_on
@@ -167,6 +173,35 @@ def test_sunlight_stands_again_but_where_furniture_hid_it(photograph: LuminanceI
     assert np.array_equal(found.sunless, hidden)
 
 
+def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
+    """Of a sunny room's picture its direct sun is taken away behind what stood there, and comes back as it was."""
+    room = scene_of(ROOM, uniform_sky(4000.0), 0.5, reveal_m=0.2)
+    out = max((1, -1), key=lambda sign: float(sign * room.panes[0].normal @ room.panes[0].corner_m))
+    towards = out * room.panes[0].normal * np.cos(0.7) + np.array([0.0, 0.0, np.sin(0.7)])
+    sun = Sun(tuple(towards), (60_000.0, 60_000.0, 60_000.0))
+    room = replace(room, outdoors=replace(room.outdoors, sun=sun))
+    geometry = Equirectangular(2 * ROWS, ROWS)
+    whole = render(room, geometry, EYE, effort=LOOK).rgb
+    direct = sun_of(Stage.of(room, 0.3), sight_of(Stage.of(room, 0.3), geometry, EYE), 32, 0).reshape(whole.shape)
+    lit = direct.min(axis=2) > 0.9 * direct.max()
+    assert 10 < lit.sum() < 0.25 * lit.size
+    hidden = np.indices(lit.shape)[1] < np.median(np.nonzero(lit)[1])
+    image = luminance_image(np.where(hidden[..., None], np.maximum(whole - 0.5 / np.pi * direct, 0), whole))
+    found = materials.in_its_sun(EmptyRoom(image, hidden, hidden), room, EYE, LOOK)
+    assert isinstance(found, LuminanceImage)
+    back = found.rgb / whole
+    assert np.median(back[lit & hidden]) == pytest.approx(1.0, abs=0.1)
+    np.testing.assert_array_equal(
+        found.rgb[~hidden & (direct.max(axis=2) == 0)], image.rgb[~hidden & (direct.max(axis=2) == 0)]
+    )
+    assert (found.uncertainty[lit & hidden] > 2 * image.uncertainty[lit & hidden]).all()
+    dark = replace(room, outdoors=replace(room.outdoors, sun=None))
+    assert "no sun" in str(materials.in_its_sun(EmptyRoom(image, hidden, hidden), dark, EYE, LOOK))
+    away = hidden & (direct.max(axis=2) == 0) & (np.indices(lit.shape)[0] < ROWS // 3)
+    assert "no direct sun" in str(materials.in_its_sun(EmptyRoom(image, away, away), room, EYE, LOOK))
+    assert "nothing was removed" in str(materials.in_its_sun(EmptyRoom(image), room, EYE, LOOK))
+
+
 def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not() -> None:
     sunless, sunlit = np.zeros((2, 512, 1024), bool)
     sunless[300:340, 100:200], sunlit[300:340, 210:260] = True, True
@@ -260,7 +295,7 @@ def test_what_changes_more_is_stated_less_sure_and_the_kept_photograph_as_before
     found = rendering._picture(work, staged, SimpleNamespace(rank=1))  # type: ignore[arg-type]
     own = image.uncertainty[0, 0]
     little, much, black = found.uncertainty[:3, 0]
-    assert little == pytest.approx(np.hypot(own, rendering.MODELLED), rel=0.05)
-    assert much == pytest.approx(np.hypot(np.hypot(own, rendering.MODELLED), 0.5 * np.log(2)), rel=1e-3)
+    assert little == pytest.approx(np.hypot(own, MODELLED), rel=0.05)
+    assert much == pytest.approx(np.hypot(np.hypot(own, MODELLED), 0.5 * np.log(2)), rel=1e-3)
     assert black == pytest.approx(1.0, rel=0.05)
     np.testing.assert_array_equal(found.uncertainty[3], image.uncertainty[3])
