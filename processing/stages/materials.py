@@ -28,6 +28,7 @@ from processing.stages.upright import known_room, mask_in_size, why_unfit, worki
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
 EFFORT = Effort(pixel_samples=32)
+SUN_EFFORT = replace(EFFORTS["draft"], sun_samples=64)  # chosen: the sun is many times the light that it is added to
 SAME = 0.5  # of a pixel, from which it is one of a mask's
 GAP_RAD = math.radians(2.0)
 """Half as wide as the widest gap between parts of a patch of sun that is closed; chosen: 7 cm of a floor at 2 m."""
@@ -58,19 +59,10 @@ def run(context: StageContext) -> StageOutput:
     else:
         outdoors, source, warnings = light_outdoors(context, image, room)
     context.progress(0.1, "albedo")
-    found = albedo_of_room(
-        image,
-        room,
-        outdoors,
-        reveal_m=REVEAL_M if asked.reveal_m is None else asked.reveal_m,
-        filled=empty.filled,
-        rows=rows,
-        effort=EFFORT,
-    )
+    reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
+    found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "the sun where furniture no longer stops it")
-    eye: Vector = (0.0, 0.0, room.camera_height_m)
-    sunlit = in_its_sun(empty, found.scene, eye, EFFORTS["draft" if context.quality.value == "draft" else "standard"])
-    context.progress(0.95, "writing")
+    sunlit = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m), SUN_EFFORT)
     write_scene(context.folder / "scene.npz", found.scene)
     return StageOutput(
         artifacts={"materials": _facts(found, source, absolute=image.absolute), "scene": True}
