@@ -31,8 +31,8 @@ from processing.layout.arrangement import Arrangements
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.sight import GLASS, albedo_of, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
-from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.patch import read_shown
 from processing.pictures.preview import read_mask
 from processing.running.requests import RunRequest
 from processing.running.runner import process
@@ -99,8 +99,7 @@ def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
     scored = score_room(model, room_model_of(room))
     found |= {"iou3d": round(scored.iou3d, 4), "corner_err_pct": round(scored.corner_err_pct, 3)}
     found |= _masks(stages / "detect", room, truth)
-    sunny = stages / "materials" / "empty.exr"
-    empty = sunny if sunny.is_file() else stages / "remove" / "empty.exr"
+    empty = stages / "remove" / "empty.exr"
     if empty.is_file():
         filled = read_mask(stages / "remove" / "filled.png")
         found |= errors_of("empty", _picture(empty).rgb, truth.empty_rgb, filled)
@@ -114,7 +113,7 @@ def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
 
 
 def _picture(path: Path) -> LuminanceImage:
-    image = read_exr(path)
+    image = read_shown(path)
     assert isinstance(image, LuminanceImage)
     return image
 

@@ -13,8 +13,9 @@ from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
 from processing.exchange.showing import Shown, session_shown
 from processing.ground.room_model import RoomModel
 from processing.light.scene.scene_file import read_scene
-from processing.pictures.exr import read_exr, write_exr
+from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
+from processing.pictures.patch import read_shown
 from processing.pictures.radiance import write_radiance_hdr
 from processing.pictures.writing import write_bytes
 from processing.sphere import Equirectangular
@@ -39,7 +40,7 @@ def pictures_of(session: Path) -> dict[str, Path]:
     found = {
         ROOM: upright if upright.is_file() else stages / "calibrate" / "indoor.exr",
         SKY: stages / "calibrate" / "outdoor.exr",
-        EMPTY: sunny if (sunny := stages / "materials" / "empty.exr").is_file() else stages / "remove" / "empty.exr",
+        EMPTY: stages / "remove" / "empty.exr",
     }
     found |= {f"staged-{n}": stages / "render" / f"staged-{n}.exr" for n in range(1, MOST_STAGED + 1)}
     return {name: path for name, path in found.items() if path.is_file()}
@@ -81,7 +82,7 @@ def _pictures(
 ) -> None:
     showing = session_shown(session) if "jpeg" in what else None
     for name, path in pictures.items():
-        image = read_exr(path)
+        image = read_shown(path)
         assert isinstance(image, LuminanceImage)
         stem = into / f"{session.name}_{name}"
         for kind in what:

@@ -15,6 +15,7 @@ from processing.ground.arrays import Doubles, Floats, Vector
 from processing.layout.arrangement import Arrangements
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import RELATIVE_UNITS, LuminanceImage, luminance_cd_m2
+from processing.pictures.patch import patched
 from processing.report.data import Model, Models, Section
 from processing.report.states import FIELD_DEG, Cuts, Look, State, comparison
 from processing.stages.contract import StageContext
@@ -38,14 +39,19 @@ def room_states(context: StageContext) -> Iterator[State]:
     file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
     yield State("Photograph", photograph, False, file, "the room as it was photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
-    sunny = "materials" if context.has("materials", "empty") else "remove"
-    for stage, name, title, alt in (
-        (sunny, "empty", "Emptied", "the room without its furniture"),
-        *(("render", f"staged-{k}", f"Staged {k}", alt) for k, alt in staged),
-    ):
-        if context.has(stage, name):
-            read = partial(context.artifact, stage, name)
-            yield State(title, read, stage == "render", f"stages/{stage}/{name}.exr", alt)
+    if context.has("remove", "empty"):
+        read = partial(emptied_as_shown, context)
+        yield State("Emptied", read, False, "stages/remove/empty.exr", "the room without its furniture")
+    for name, title, alt in ((f"staged-{k}", f"Staged {k}", alt) for k, alt in staged):
+        if context.has("render", name):
+            read = partial(context.artifact, "render", name)
+            yield State(title, read, True, f"stages/render/{name}.exr", alt)
+
+
+def emptied_as_shown(context: StageContext) -> LuminanceImage:
+    """Return the emptied room in its own sun, where that is known."""
+    found: LuminanceImage = patched(context.artifact("remove", "empty"), context.optional_artifact("materials", "sun"))
+    return found
 
 
 def views_of(context: StageContext) -> Vector:

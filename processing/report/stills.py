@@ -25,6 +25,7 @@ from processing.pictures.display import screen
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import estimated
+from processing.report.room_states import emptied_as_shown
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import resample_labels
 from processing.sphere.views import Panorama, cut_view
@@ -273,7 +274,7 @@ def run(context: StageContext) -> StageOutput:
         make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
         made += _kept(context, name, frames, len(made), make)
     if not made:
-        empty = context.optional_artifact("materials", "empty") or context.optional_artifact("remove", "empty")
+        empty = emptied_as_shown(context) if context.has("remove", "empty") else None
         name, image = ("photograph", upright_panorama(context)) if empty is None else ("emptied", empty)
         frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
         made += _stills(context, shown, frames, (name, image, originals), asked, 0)

@@ -10,7 +10,7 @@ from station.session.store import load_manifest
 
 STATES = {
     "Photograph": ("stages/room/panorama.exr", "stages/calibrate/indoor.exr", "stages/merge/indoor.exr"),
-    "Emptied": ("stages/materials/empty.exr", "stages/remove/empty.exr"),
+    "Emptied": ("stages/remove/empty.exr",),
     **{f"Staged {k}": (f"stages/render/staged-{k}.exr",) for k in range(1, 8)},
 }
 """Pictures of the room, and where each may lie."""
@@ -54,9 +54,9 @@ def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
 
 @lru_cache(maxsize=24)
 def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int) -> bytes:
-    from processing.pictures.exr import read_exr
+    from processing.pictures.patch import read_shown
 
-    return shown_jpeg(read_exr(path).rgb, look_of(look_path.parents[2]), LARGEST_PX)
+    return shown_jpeg(read_shown(path).rgb, look_of(look_path.parents[2]), LARGEST_PX)
 
 
 def shown_jpeg(rgb: Any, look: Any, width_px: int) -> bytes:
@@ -75,13 +75,13 @@ def shown_jpeg(rgb: Any, look: Any, width_px: int) -> bytes:
 
 def viewer_json(session: Path, state: str) -> str:
     """Return what the viewer with exposure and probe shows of a state, as the report's page holds it."""
-    from processing.pictures.exr import read_exr
+    from processing.pictures.patch import read_shown
     from processing.report.states import State, viewer
 
     path = picture_of(session, state)
     if path is None:
         raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
-    image: Any = read_exr(path)
+    image: Any = read_shown(path)
     name = path.relative_to(session).as_posix()
     return viewer(State(state, lambda: image, state.startswith("Staged"), name), look_of(session)).json
 

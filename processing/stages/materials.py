@@ -17,6 +17,7 @@ from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import sight_of
 from processing.light.solver.sun import sun_of
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
+from processing.pictures.patch import write_patch
 from processing.pictures.writing import estimated
 from processing.removal.lift import light_without
 from processing.sphere import Equirectangular
@@ -62,12 +63,14 @@ def run(context: StageContext) -> StageOutput:
     reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "the sun where furniture no longer stops it")
-    sunlit = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m), SUN_EFFORT)
+    sunlit = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
+    if not isinstance(sunlit, str):
+        write_patch(context.folder / "sun.npz", sunlit, context.artifact("remove", "empty"))
     write_scene(context.folder / "scene.npz", found.scene)
+    known = {"materials": _facts(found, source, absolute=image.absolute), "scene": True}
     return StageOutput(
-        artifacts={"materials": _facts(found, source, absolute=image.absolute), "scene": True}
-        | ({} if isinstance(sunlit, str) else {"empty": sunlit}),
-        left_out={"empty": sunlit} if isinstance(sunlit, str) else {},
+        artifacts=known if isinstance(sunlit, str) else {**known, "sun": True},
+        left_out={"sun": sunlit} if isinstance(sunlit, str) else {},
         metrics={
             "told_share": round(float(found.measured.mean()), 4),
             "floor_gloss": round(found.gloss, 3),
@@ -81,19 +84,20 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def in_its_sun(empty: EmptyRoom, scene: Scene, eye_m: Vector, effort: Effort) -> LuminanceImage | str:
-    """Return the emptied panorama with direct sun where nothing stops it any more, or why it is as it was."""
+def in_its_sun(empty: EmptyRoom, scene: Scene, eye_m: Vector, effort: Effort = SUN_EFFORT) -> LuminanceImage | str:
+    """Return the emptied panorama with direct sun where nothing stops it any more, or why removal's has none to get."""
+    photographed = empty.sunlit is not None and empty.sunlit.any()
     if scene.outdoors.sun is None:
-        return "no sun is known outdoors"
+        return empty.image if photographed else "no sun is known outdoors"
     if empty.sunless is None or not empty.sunless.any():
-        return "nothing was removed of what the sun may fall on"
+        return empty.image if photographed else "nothing was removed of what the sun may fall on"
     bare, rows = Bare.of(scene, effort), min(effort.rows, empty.sunless.shape[0])
     sight = sight_of(bare.stage, Equirectangular(2 * rows, rows), eye_m)
     lit = sun_of(bare.stage, sight, effort.sun_samples, 0).any(axis=1).reshape(rows, 2 * rows)
     near = grown(lit, 2 * math.pi / rows).astype(np.float32)
     sunless = empty.sunless & (resized(near, empty.sunless.shape[:2]) > 0)
     if not sunless.any():
-        return "no direct sun falls on what was removed or shaded"
+        return empty.image if photographed else "no direct sun falls on what was removed or shaded"
     image = empty.image
     found = differential(image.rgb, bare, (), eye_m, effort=effort, sunless=sunless)
     doubt = image.uncertainty.copy()

@@ -200,6 +200,8 @@ def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
     away = hidden & (direct.max(axis=2) == 0) & (np.indices(lit.shape)[0] < ROWS // 3)
     assert "no direct sun" in str(materials.in_its_sun(EmptyRoom(image, away, away), room, EYE, LOOK))
     assert "nothing was removed" in str(materials.in_its_sun(EmptyRoom(image), room, EYE, LOOK))
+    seen = EmptyRoom(image, away, away, lit & ~hidden)
+    assert materials.in_its_sun(seen, room, EYE, LOOK) is image, "the sun that was photographed stays"
 
 
 def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not() -> None:
