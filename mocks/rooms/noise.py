@@ -7,7 +7,7 @@ import numpy as np
 
 from processing.ground.arrays import Floats, Reals
 
-CELLS = 64  # lattice cells after which an octave repeats
+CELLS = 64  # lattice cells after which an octave repeats; a power of two
 
 
 def fractal(seed: int, x: Floats, y: Floats, footprint: Floats | float = 0.0, octaves: int = 6) -> Floats:
@@ -32,10 +32,11 @@ def _smooth(lattice: Floats, x: Floats, y: Floats) -> Floats:
     x0, y0 = np.floor(x), np.floor(y)
     u, v = x - x0, y - y0
     u, v = (t * t * (3 - 2 * t) for t in (u, v))
-    i, j = x0.astype(np.int64) % CELLS, y0.astype(np.int64) % CELLS
-    i1, j1 = (i + 1) % CELLS, (j + 1) % CELLS
-    low = lattice[j, i] * (1 - u) + lattice[j, i1] * u
-    high = lattice[j1, i] * (1 - u) + lattice[j1, i1] * u
+    i, j = x0.astype(np.int32) & (CELLS - 1), y0.astype(np.int32) & (CELLS - 1)
+    i1, row, next_row = (i + 1) & (CELLS - 1), j * CELLS, ((j + 1) & (CELLS - 1)) * CELLS
+    flat, rest = lattice.ravel(), 1 - u
+    low = flat.take(row + i) * rest + flat.take(row + i1) * u
+    high = flat.take(next_row + i) * rest + flat.take(next_row + i1) * u
     return np.asarray(low * (1 - v) + high * v, dtype=np.float32)
 
 

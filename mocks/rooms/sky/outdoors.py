@@ -284,7 +284,8 @@ def _sample(band: Halves, directions: Floats) -> Floats:
     u0, v0 = np.floor(u), np.floor(v)
     fu, fv = (u - u0).astype(np.float32)[:, None], (v - v0).astype(np.float32)[:, None]
     i, j = u0.astype(np.int64) % columns, v0.astype(np.int64)
-    i1, j1 = (i + 1) % columns, np.minimum(j + 1, rows - 1)
-    high = band[j, i] * (1 - fu) + band[j, i1] * fu
-    low = band[j1, i] * (1 - fu) + band[j1, i1] * fu
+    i1, row, next_row = (i + 1) % columns, j * columns, np.minimum(j + 1, rows - 1) * columns
+    flat = band.reshape(rows * columns, -1)
+    high = flat.take(row + i, axis=0) * (1 - fu) + flat.take(row + i1, axis=0) * fu
+    low = flat.take(next_row + i, axis=0) * (1 - fu) + flat.take(next_row + i1, axis=0) * fu
     return np.asarray(high * (1 - fv) + low * fv, dtype=np.float32)
