@@ -84,10 +84,10 @@ def alternatives_section(
 def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) -> Section:
     """Return what surfaces reflect and windows let through."""
     quantities = []
-    if "told_share" in metrics:
+    if "measured_share" in metrics:
         note = "the rest is taken from its neighbours"
         quantities.append(
-            Quantity("Surfaces measured from light", round(100 * metrics["told_share"], 1), "%", note=note)
+            Quantity("Surfaces measured from light", round(100 * metrics["measured_share"], 1), "%", note=note)
         )
     if "floor_gloss" in materials:
         quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 full varnish"))

@@ -72,7 +72,7 @@ def run(context: StageContext) -> StageOutput:
         artifacts=known if isinstance(sunlit, str) else {**known, "sun": True},
         left_out={"sun": sunlit} if isinstance(sunlit, str) else {},
         metrics={
-            "told_share": round(float(found.measured.mean()), 4),
+            "measured_share": round(float(found.measured.mean()), 4),
             "floor_gloss": round(found.gloss, 3),
             "outdoors": source,
             "lamps": len(found.lamps),

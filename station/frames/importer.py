@@ -292,8 +292,8 @@ def _chunks(path: Path, name: str) -> Iterator[bytes]:
 
 def _taken_utc(candidate: Candidate, zone_min: int | None) -> datetime | None:
     """Return the moment of the frame by the camera's clock, where its zone is known."""
-    taken, told_min = candidate.exif.taken_local, candidate.exif.offset_min
-    zone_min = told_min if zone_min is None else zone_min
+    taken, own_min = candidate.exif.taken_local, candidate.exif.offset_min
+    zone_min = own_min if zone_min is None else zone_min
     if taken is None or zone_min is None:
         return None
     return taken.replace(tzinfo=UTC) - timedelta(minutes=zone_min)
