@@ -1,10 +1,12 @@
 """What makes a picture of another: the pixels in which they differ, a fiftieth of the bytes of one more picture."""
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from processing.errors import PictureFileError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.writing import P
@@ -15,23 +17,30 @@ def write_patch(path: Path, image: LuminanceImage, before: LuminanceImage) -> No
     changed = (image.rgb != before.rgb).any(axis=2)
     parts = {name: getattr(image, name)[changed] for name in ("rgb", "uncertainty", "validity")}
     with path.open("wb") as file:
-        np.savez_compressed(file, where=np.packbits(changed), **parts)
+        np.savez_compressed(file, where=np.packbits(changed), before=before.rgb[changed], **parts)
 
 
 def patched(before: P, path: Path | None) -> P:
-    """Return the picture that `write_patch` was given, of the one ``before``; that itself where there is no patch."""
+    """Return the picture that `write_patch` was given, of that ``before``; itself without a patch, or by another's."""
     if path is None:
         return before
-    with np.load(path) as kept:
-        where = np.unpackbits(kept["where"], count=before.validity.size).view(bool).reshape(before.validity.shape)
-        parts = {name: getattr(before, name).copy() for name in ("rgb", "uncertainty", "validity")}
-        for name, values in parts.items():
-            values[where] = kept[name]
+    try:
+        with path.open("rb") as opened, np.load(opened) as file:
+            kept = dict(file)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise PictureFileError(
+            f"no patch: {error}", where=path.name, advice="make it anew: --force materials"
+        ) from error
+    where = np.unpackbits(kept["where"]).view(bool)[: before.validity.size]
+    if where.size < before.validity.size or not np.array_equal(before.rgb.reshape(-1, 3)[where], kept["before"]):
+        return before
+    parts = {name: getattr(before, name).copy() for name in ("rgb", "uncertainty", "validity")}
+    for name, values in parts.items():
+        values[where.reshape(before.validity.shape)] = kept[name]
     return replace(before, **parts)
 
 
 def read_shown(path: Path) -> LuminanceImage | RelativeImage:
     """Return a picture of a session as it is shown: the emptied room in its own sun, where that is known."""
     sun = path.parents[1] / "materials" / "sun.npz"
-    own = (path.parent.name, path.name) == ("remove", "empty.exr") and sun.is_file()
-    return patched(read_exr(path), sun if own else None)
+    return patched(read_exr(path), sun if path.parts[-2:] == ("remove", "empty.exr") and sun.is_file() else None)

@@ -63,14 +63,14 @@ def run(context: StageContext) -> StageOutput:
     reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "the sun where furniture no longer stops it")
-    sunlit = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
-    if not isinstance(sunlit, str):
+    sunlit, why = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
+    if sunlit is not None:
         write_patch(context.folder / "sun.npz", sunlit, context.artifact("remove", "empty"))
     write_scene(context.folder / "scene.npz", found.scene)
-    known = {"materials": _facts(found, source, absolute=image.absolute), "scene": True}
+    facts = _facts(found, source, absolute=image.absolute)
     return StageOutput(
-        artifacts=known if isinstance(sunlit, str) else {**known, "sun": True},
-        left_out={"sun": sunlit} if isinstance(sunlit, str) else {},
+        artifacts={"materials": facts, "scene": True, "sun": None if sunlit is None else True},
+        left_out={"sun": why} if sunlit is None else {},
         metrics={
             "measured_share": round(float(found.measured.mean()), 4),
             "floor_gloss": round(found.gloss, 3),
@@ -84,25 +84,25 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def in_its_sun(empty: EmptyRoom, scene: Scene, eye_m: Vector, effort: Effort = SUN_EFFORT) -> LuminanceImage | str:
-    """Return the emptied panorama with direct sun where nothing stops it any more, or why removal's has none to get."""
-    photographed = empty.sunlit is not None and empty.sunlit.any()
+def in_its_sun(
+    empty: EmptyRoom, scene: Scene, eye_m: Vector, effort: Effort = SUN_EFFORT
+) -> tuple[LuminanceImage | None, str]:
+    """Return the emptied panorama with direct sun where nothing stops it any more; None, and why it gets none."""
+    image, sunless = empty.image, empty.sunless
+    as_seen = image if empty.sunlit is not None and empty.sunlit.any() else None
     if scene.outdoors.sun is None:
-        return empty.image if photographed else "no sun is known outdoors"
-    if empty.sunless is None or not empty.sunless.any():
-        return empty.image if photographed else "nothing was removed of what the sun may fall on"
-    bare, rows = Bare.of(scene, effort), min(effort.rows, empty.sunless.shape[0])
+        return None, "no sun is known outdoors"
+    if sunless is None or not sunless.any():
+        return as_seen, "nothing was removed of what the sun may fall on"
+    bare, rows = Bare.of(scene, effort), min(effort.rows, sunless.shape[0])
     sight = sight_of(bare.stage, Equirectangular(2 * rows, rows), eye_m)
     lit = sun_of(bare.stage, sight, effort.sun_samples, 0).any(axis=1).reshape(rows, 2 * rows)
-    near = grown(lit, 2 * math.pi / rows).astype(np.float32)
-    sunless = empty.sunless & (resized(near, empty.sunless.shape[:2]) > 0)
+    sunless = sunless & (resized(grown(lit, 2 * math.pi / rows).astype(np.float32), sunless.shape) > 0)
     if not sunless.any():
-        return empty.image if photographed else "no direct sun falls on what was removed or shaded"
-    image = empty.image
-    found = differential(image.rgb, bare, (), eye_m, effort=effort, sunless=sunless)
-    doubt = image.uncertainty.copy()
+        return as_seen, "no direct sun falls on what was removed or shaded"
+    found, doubt = differential(image.rgb, bare, (), eye_m, effort=effort, sunless=sunless), image.uncertainty.copy()
     widen_doubt(found.rgb, image.rgb, found.kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
-    return estimated(replace(image, rgb=found.rgb, uncertainty=doubt), ~found.kept)
+    return estimated(replace(image, rgb=found.rgb, uncertainty=doubt), ~found.kept), ""
 
 
 def emptied(context: StageContext) -> EmptyRoom:
@@ -128,11 +128,10 @@ def emptied(context: StageContext) -> EmptyRoom:
 
 
 def _joined(sunless: Flags, sunlit: Flags, returned: Flags) -> Flags:
-    """Return where the sun may fall anew (H, W): without gaps between its parts.
+    """Return where the sun may fall anew (H, W): without gaps, for stand-ins, whose shade ends there, are not exact.
 
     ``sunless``, ``sunlit`` (H, W): what removal left without sun, and where it stands as photographed; ``returned``
-    (h, w), smaller: seen places that old furniture shaded. Stand-ins are not exact: a strip between its parts that
-    shows no sun was in that shade, too.
+    (h, w), smaller: seen places that old furniture shaded.
     """
     light = (resized((sunless | sunlit).astype(np.float32), returned.shape) > SAME) | returned
     closed = ~grown(~grown(light, GAP_RAD), GAP_RAD)

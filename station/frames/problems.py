@@ -1,7 +1,4 @@
-"""Why a file cannot be the frame that was asked for: the named reasons, and the problem that carries one.
-
-A module of its own because the worker process imports it, and should start without the models of the session.
-"""
+"""Why a file cannot be the frame that was asked for; apart from the session's models, which the worker does without."""
 
 from enum import StrEnum
 

@@ -83,8 +83,7 @@ def differential(
 
     ``room``: the empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`); made ready
       once (`Bare.of`) it serves several pictures.
-    ``sunless`` (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now, without
-      furniture too.
+    ``sunless`` (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
     """
     geometry = _panorama(photograph)
     if not parts and (sunless is None or not sunless.any()):

@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from processing.errors import PictureFileError
 from processing.pictures.exr import write_stage_exr
 from processing.pictures.patch import patched, read_shown, write_patch
 from tests.processing.pictures.picture_strategies import luminance_image
@@ -23,6 +25,15 @@ def test_a_patch_gives_the_picture_again_and_no_patch_the_one_before(tmp_path: P
         np.testing.assert_array_equal(getattr(found, name), getattr(image, name))
     assert (before.rgb == 40).all(), "the one before is not touched"
     assert patched(before, None) is before
+    other = replace(before, rgb=before.rgb + 1)
+    assert patched(other, tmp_path / "sun.npz") is other, "removal has run since"
+    (tmp_path / "torn.npz").write_bytes((tmp_path / "sun.npz").read_bytes()[:100])
+    with pytest.raises(PictureFileError, match="no patch"):
+        patched(before, tmp_path / "torn.npz")
+    small = luminance_image(np.full((4, 8, 3), 40.0, np.float32))
+    assert patched(small, tmp_path / "sun.npz") is small
+    large = luminance_image(np.full((80, 160, 3), 40.0, np.float32))
+    assert patched(large, tmp_path / "sun.npz") is large
 
 
 def test_an_emptied_room_is_read_with_its_sun_and_others_as_they_are(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
     assert 10 < lit.sum() < 0.25 * lit.size
     hidden = np.indices(lit.shape)[1] < np.median(np.nonzero(lit)[1])
     image = luminance_image(np.where(hidden[..., None], np.maximum(whole - 0.5 / np.pi * direct, 0), whole))
-    found = materials.in_its_sun(EmptyRoom(image, hidden, hidden), room, EYE, LOOK)
+    found, _ = materials.in_its_sun(EmptyRoom(image, hidden, hidden), room, EYE, LOOK)
     assert isinstance(found, LuminanceImage)
     back = found.rgb / whole
     assert np.median(back[lit & hidden]) == pytest.approx(1.0, abs=0.1)
@@ -201,7 +201,7 @@ def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
     assert "no direct sun" in str(materials.in_its_sun(EmptyRoom(image, away, away), room, EYE, LOOK))
     assert "nothing was removed" in str(materials.in_its_sun(EmptyRoom(image), room, EYE, LOOK))
     seen = EmptyRoom(image, away, away, lit & ~hidden)
-    assert materials.in_its_sun(seen, room, EYE, LOOK) is image, "the sun that was photographed stays"
+    assert materials.in_its_sun(seen, room, EYE, LOOK)[0] is image, "the sun that was photographed stays"
 
 
 def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not() -> None:
