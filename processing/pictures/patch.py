@@ -1,4 +1,4 @@
-"""What makes a picture of another: the pixels in which they differ, a fiftieth of the bytes of one more picture."""
+"""What makes a picture of another: the pixels in which they differ; a few percent of another picture's bytes."""
 
 import zipfile
 from dataclasses import replace
@@ -21,7 +21,7 @@ def write_patch(path: Path, image: LuminanceImage, before: LuminanceImage) -> No
 
 
 def patched(before: P, path: Path | None) -> P:
-    """Return the picture that `write_patch` was given, of that ``before``; itself without a patch, or by another's."""
+    """Return the picture that `write_patch` was given; ``before`` itself without a patch, or if it is of another."""
     if path is None:
         return before
     try:

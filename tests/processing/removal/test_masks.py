@@ -12,6 +12,7 @@ from processing.errors import ParameterError, RoomError
 from processing.ground.seam import grown, share_of_sphere
 from processing.pictures.images import RelativeImage
 from processing.pictures.preview import preview_rgb8
+from processing.removal import masks
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, completed, islands_in
 from processing.removal.masks import find_masks, target_of, with_islands
@@ -153,11 +154,18 @@ def test_the_sun_itself_in_the_picture_does_no_harm(painted: Painted) -> None:
     assert iou(found.furniture, painted.furniture) > 0.8
 
 
-def test_a_large_picture_keeps_its_own_edges() -> None:
+def test_a_large_picture_keeps_its_own_edges_and_has_no_crumbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A crumb is what the working size does not see: in a picture 1.25 times as high, up to 25 pixels."""
     large = paint(rows=640)
+    planted = np.zeros((640, 1280), bool)
+    planted[300:400, 300:400] = True
+    planted[320:325, 320:325] = planted[350:356, 350:356] = False
+    monkeypatch.setattr(masks, "with_islands", lambda *_: planted.copy())
     found = find_masks(large.image, large.evidence, large.room, sun_possible=False)
     assert found.furniture.shape == (640, 1280)
     assert iou(found.furniture, large.furniture) > 0.95
+    assert found.target[320:325, 320:325].all()
+    assert not found.target[350:356, 350:356].any()
 
 
 def test_evidence_of_any_size_and_odd_pictures() -> None:
