@@ -100,7 +100,7 @@ def run_one(name: str, *, quick: bool, seed: int) -> Result:
 
 
 def units_of(metrics: dict[str, float]) -> dict[str, str]:
-    """Return the units that keys tell by their ends."""
+    """Return the units that the ends of keys state."""
     found = {key: next((unit for end, unit in UNITS.items() if key.endswith(end)), "") for key in metrics}
     return {key: unit for key, unit in found.items() if unit}
 

@@ -82,6 +82,6 @@ def _tree_mb(process: Any) -> tuple[float, float]:
 
 
 def _pss_mb(process: Any) -> float:
-    """Return the proportional set size, or where the system does not tell it, the resident one."""
+    """Return the proportional set size, or where the system does not state it, the resident one."""
     facts = process.memory_full_info()
     return float(getattr(facts, "pss", facts.rss)) / 1e6

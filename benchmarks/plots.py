@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 MARKERS = "osD^vP*X"
@@ -51,6 +55,14 @@ def time_against_error(
     axes.margins(0.12)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9)
+    return save_figure(figure, path)
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write and close a figure (PNG or SVG by the name); a relative ``path`` is within docs/images."""
+    import matplotlib as mpl
+    from matplotlib import pyplot as plt
+
     target = path if path.is_absolute() else IMAGES / path
     target.parent.mkdir(parents=True, exist_ok=True)
     # Without dates and random ids, so that equal figures give equal files.

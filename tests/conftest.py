@@ -1,6 +1,6 @@
 """For all tests: Hypothesis draws the same examples in every run, new ones where DAYLIT_TORTURE=1; one cache of worlds.
 
-A run that fails by chance tells a user nothing about what he changed; the long runs look for new ones, and for more.
+A run that fails by chance says nothing to a user about what he changed; the long runs look for new ones, and for more.
 """
 
 from __future__ import annotations

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.layout.plot import time_plot
 from benchmarks.layout.reasons import add_answers
 from benchmarks.layout.rooms import KINDS, generated, plan_of, shared_rooms, use_of
 from benchmarks.layout.rows import MIN_AREA_M2, rows_of
+from benchmarks.plots import save_figure
 from processing.layout.arrange import arrange
 from processing.layout.items import set_items
 from processing.layout.plan import FloorPlan
@@ -157,3 +157,37 @@ def _p95(values: list[float]) -> float:
 
 def _median(values: list[float]) -> float:
     return round(float(np.median(values)), 1)
+
+
+STYLES = ("-", "--", "-.", ":")
+
+
+def time_plot(large: Sequence[dict[str, Any]], path: Path) -> Path:
+    """Draw the share of rooms of 12 m2 and more over the CPU time in which each method furnishes them."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    done = [row for row in large if "refused" not in row]
+    tried = [row for row in done if "trial" in row]
+    lines = {
+        "one arrangement": ([row["one_ms"][0] for row in done if row["complete"]], len(done)),
+        "seven different ones": ([row["seven_ms"][0] for row in done if row["found_complete"]], len(done)),
+        "trial with shapely alone": ([row["trial"][0] for row in tried if row["trial"][1]], len(tried)),
+        "CP-SAT, where it has a solution; paths not looked at": _both([row["cp_sat_ms"] for row in tried]),
+    }
+    for style, (name, (times, count)) in zip(STYLES, lines.items(), strict=True):
+        share = 100 * (np.arange(len(times)) + 1) / max(1, count)
+        axes.step(np.sort(times), share, style, where="post", lw=1.8, label=f"{name} ({count} rooms)")
+    axes.axhline(95, color="0.8", lw=1, zorder=0)
+    axes.set(xscale="log", xlabel="CPU time, ms", ylabel="% of rooms fully furnished", ylim=(0, 101))
+    axes.grid(visible=True, axis="x", color="0.92")
+    figure.legend(fontsize=8, loc="outside lower center", ncols=2, frameon=False)
+    return save_figure(figure, path)
+
+
+def _both(times: Sequence[float | None]) -> tuple[list[float], int]:
+    known = [t for t in times if t is not None]
+    return known, len(known)

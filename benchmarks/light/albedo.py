@@ -2,7 +2,7 @@
 
 ``median_err`` and ``p95_err`` are of the absolute error (mean of R, G, B) over all that the room shows, by
 solid angle: fixtures, curtains, doors and blinds too, of which the room model knows nothing. ``day_*`` are of rooms
-without lit lamps, ``lamps_*`` of those with. ``told_pct`` is the share of pixels that tell their own albedo.
+without lit lamps, ``lamps_*`` of those with. ``measured_pct`` is the share of pixels whose own albedo is measured.
 ``relight_median_err_pct``: the recovered room under another sky against the simulated room under it, luminance of all
 visible surfaces. The light outdoors comes from a picture of the upper half with the sun in it; what lies below the
 horizon is not given. Rows are kept (`_render_rows`).
@@ -50,7 +50,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     metrics: dict[str, float] = {
         "rooms": len(rows),
         "relit_rooms": len(relights),
-        "told_pct": round(100 * float(np.mean([row["told"] for row in rows])), 2),
+        "measured_pct": round(100 * float(np.mean([row["measured"] for row in rows])), 2),
         "room_median_err": round(float(np.median([row["median"] for row in rows])), 4),
         "cpu_s": round(float(np.median([row["cpu_s"] for row in rows])), 2),
     }
@@ -72,7 +72,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
 def albedo_row(number: int, use: Use) -> dict[str, Any]:
     """Return one room's albedo errors: their quantiles by solid angle, `QUANTILES` at even steps."""
     room, truth = truth_of(number, use, quality=LIGHT_QUALITY)
-    found, cpu_s = told(room, truth.empty_rgb)
+    found, cpu_s = estimated(room, truth.empty_rgb)
     actual = truth.empty_albedo.reshape(ROWS, 2, 2 * ROWS, 2, 3).mean(axis=(1, 3))
     whole = (truth.empty_albedo.max(axis=2) > 0).reshape(ROWS, 2, 2 * ROWS, 2).all(axis=(1, 3))
     where = whole & (found.picture.max(axis=2) > 0)
@@ -83,7 +83,7 @@ def albedo_row(number: int, use: Use) -> dict[str, Any]:
         "median": float(np.median(sample)),
         "p95": float(np.quantile(sample, 0.95)),
         "quantiles": [round(float(v), 5) for v in sample],
-        "told": float(found.measured[where].mean()),
+        "measured": float(found.measured[where].mean()),
         "cpu_s": cpu_s,
         "notes": "; ".join(found.notes),
     }
@@ -92,11 +92,11 @@ def albedo_row(number: int, use: Use) -> dict[str, Any]:
 def relight_row(number: int, use: Use) -> dict[str, Any]:
     """Return one room's error under another sky."""
     room, truth = truth_of(number, use, quality=LIGHT_QUALITY)
-    return {"room": room.name, "error_pct": relight_error(room, told(room, truth.empty_rgb)[0])}
+    return {"room": room.name, "error_pct": relight_error(room, estimated(room, truth.empty_rgb)[0])}
 
 
-def told(room: Room, empty_rgb: np.ndarray) -> tuple[RoomAlbedo, float]:
-    """Return a room's albedo as its true emptied panorama tells it, and the CPU seconds that took."""
+def estimated(room: Room, empty_rgb: np.ndarray) -> tuple[RoomAlbedo, float]:
+    """Return a room's albedo as its true emptied panorama gives it, and the CPU seconds that took."""
     outdoors = outdoors_of_room(room)
     start_s = time.process_time()
     found = albedo_of_room(picture(empty_rgb), room_model_of(room), outdoors, reveal_m=REVEAL_M, rows=ROWS)
@@ -125,7 +125,7 @@ def picture(rgb: np.ndarray, validity: np.ndarray | None = None) -> LuminanceIma
 
 
 def outdoors_of_room(room: Room) -> Outdoors:
-    """Return the light outdoors as a picture of the sky tells it: the upper half, with the sun in one pixel."""
+    """Return the light outdoors as a picture of the sky gives it: the upper half, with the sun in one pixel."""
     geometry = Equirectangular(2 * OUTDOOR_ROWS, OUTDOOR_ROWS)
     rays, _ = directions(geometry)
     world = RoomWorld(room, LIGHT_QUALITY)

@@ -2,7 +2,7 @@
 
 Rooms of test seeds (floor, height, windows as drawn; plain colours, three boxes), 128 rows, under a clear and an
 overcast sky of other times. ``median_err_pct`` and ``p95_err_pct``: luminance of relit pictures against direct renders
-of 96 rays a pixel in two halves, which nothing cleans; their noise, told by the halves, is taken out in quadrature
+of 96 rays a pixel in two halves, which nothing cleans; their noise, known from the halves, is taken out in quadrature
 (``p95`` has it in it). ``speedup``: CPU time of a fresh render (4 rays a pixel, cleaned) over that of another light
 from a ready basis, lowered by the square of their rms errors' ratio where ours is larger. ``day_ratio``: basis, view
 and twelve lights over one fresh render (wanted: at most 3). ``sun_err_deg``: direction of the sun in room axes against
@@ -84,7 +84,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "speedup": round(_middle(found, "speedup"), 1),
         **{f"{key}_err_pct": round(_middle(found, key), 3) for key in ("median", "p95", "rms")},
         "bias_pct": round(_middle(found, "bias"), 3),
-        "told_err_pct": round(_middle(found, "told"), 3),
+        "stated_err_pct": round(_middle(found, "stated"), 3),
         "cpu_s": round(_middle(found, "relit_s"), 3),
         "ready_cpu_s": round(_middle(found, "ready_s"), 3),
         "basis_mb": round(_middle(found, "basis_mb"), 1),
@@ -95,7 +95,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     }
     for key in ("unchanged_err_pct", "picture_err_pct", "picture_p95_pct", "picture_bias_pct"):
         metrics[f"photo_{key}"] = round(_middle(photos, key), 2)
-    for key in ("model_err_pct", "model_p95_pct", "model_bias_pct", "told_pct"):
+    for key in ("model_err_pct", "model_p95_pct", "model_bias_pct", "stated_err_pct"):
         metrics[f"photo_{key}"] = round(_middle(photos, key), 2)
     patches = [row for row in photos if row["sun_iou"] is not None]
     if patches:
@@ -204,7 +204,7 @@ def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
     render(scene.under(lights[0]), geometry, eye, effort=fresh_effort)
     errors: list[np.ndarray] = []
     fresh_errors: list[np.ndarray] = []
-    noise, told, bias = [], [], []
+    noise, stated, bias = [], [], []
     costs: dict[str, list[Cost]] = {"relit": [], "fresh": []}
     for light in lights:
         lit = scene.under(light)
@@ -220,7 +220,7 @@ def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
         for sample, one in ((errors, ours), (fresh_errors, theirs)):
             sample.append(np.array([one[usable] / against - 1 for against in compared]))
         noise.append(compared[1] / compared[2] - 1)
-        told.append(pictures[0].error)
+        stated.append(pictures[0].error)
         bias.append(ours.sum() / truth.sum() - 1)
     every, fresh = np.concatenate(errors, axis=1), np.concatenate(fresh_errors, axis=1)
     rms, fresh_rms = _rms(every), _rms(fresh)
@@ -236,7 +236,7 @@ def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
         "p95": 100 * float(np.quantile(np.abs(every[0]), 0.95)),
         "rms": 100 * rms,
         "fresh_rms": 100 * fresh_rms,
-        "told": 100 * float(np.mean(told)),
+        "stated": 100 * float(np.mean(stated)),
         "bias": 100 * float(np.mean(bias)),
         "relit_s": relit_s,
         "fresh_s": fresh_s,

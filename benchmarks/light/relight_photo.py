@@ -73,7 +73,7 @@ def photographs(number: int, use: Use, *, quick: bool = False) -> dict[str, Any]
         shown, after = photograph_under(photograph, view, before, outdoors)
         values = _figures(shown.rgb @ WEIGHTS, actual, surfaces)
         row |= {f"{name}_{key}_pct": value for key, value in zip(("err", "p95", "bias"), values, strict=True)}
-    row["told_pct"] = 100 * after.error
+    row["stated_err_pct"] = 100 * after.error
     row["sun_iou"] = _sun_iou(after, direct, surfaces)
     row["modelled_lx"], row["true_lx"] = (float(sum(level_illuminance(o)) @ WEIGHTS) for o in (modelled, then))
     return row

@@ -75,7 +75,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     raced_metrics, rivals = race_figures(race)
     staged, boxes_ibl = staging(QUICK_STAGED_ROWS if quick else 128, seed)
     rivals["ibl_boxes"] = boxes_ibl
-    notes = [f"analytic: worst is {worst}", *(_told(row) for row in race)]
+    notes = [f"analytic: worst is {worst}", *(_methods(row) for row in race)]
     found = growth(rows, quick=quick, seed=seed)
     widths = list(found["width"])
     staged["growth_width"] = found["width"][widths[-1]]["cpu_s"] / found["width"][widths[0 if quick else 1]]["cpu_s"]
@@ -84,8 +84,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     )
     if not quick:
         draw(found, race)
-        told, more = staged_by_methods(rows, seed)
-        rivals |= told
+        methods, more = staged_by_methods(rows, seed)
+        rivals |= methods
         notes += more
     return {"metrics": metrics | raced_metrics | staged, "rivals": rivals, "notes": notes}
 
@@ -140,7 +140,7 @@ def race_figures(race: list[dict[str, Any]]) -> tuple[dict[str, float], dict[str
     return metrics, rivals
 
 
-def _told(row: dict[str, Any]) -> str:
+def _methods(row: dict[str, Any]) -> str:
     """Return one room's figures in words."""
     figures = [
         f"{name} {row[name]['cpu_s']:.1f} s {100 * row[name]['rel']:.1f} % ({100 * row[name]['bias']:+.2f} %)"
@@ -161,13 +161,13 @@ def staged_by_methods(rows: Rows, seed: int) -> tuple[dict[str, dict[str, float]
     if not found:
         return {}, ["no simulated room is kept: run python -m benchmarks.truth_rooms test 8 first"]
     contact_sheet(sheets[:SHEET_ROOMS], [row["room"] for row in found[:SHEET_ROOMS]])
-    told = {
+    methods = {
         name: {
             f"{key}_pct": round(100 * float(np.median([row[name][key] for row in found])), 2) for key in found[0][name]
         }
         for name in METHODS
     }
-    return told, [f"{row['room']}: {', '.join(_method(row, name) for name in METHODS)}" for row in found]
+    return methods, [f"{row['room']}: {', '.join(_method(row, name) for name in METHODS)}" for row in found]
 
 
 def _method(row: dict[str, Any], name: str) -> str:

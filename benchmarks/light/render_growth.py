@@ -7,6 +7,7 @@ light for all sizes (256 rows, 16 rays): what grows with pixels are sight, sun, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -16,7 +17,7 @@ from benchmarks.kept_rows import Rows
 from benchmarks.light.render_scenes import EYE, boxes, clear_sky, plain_room, room_model
 from benchmarks.memory import MemoryWatch
 from benchmarks.paired import cost_of
-from benchmarks.plots import IMAGES
+from benchmarks.plots import save_figure
 from processing.ground.arrays import Floats
 from processing.layout.arrange import arrange
 from processing.layout.items import set_items
@@ -99,9 +100,7 @@ def draw(found: dict[str, Any], race: Sequence[dict[str, Any]], name: str = "ren
     for axes in (pixels, triangles, error):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
-    IMAGES.mkdir(parents=True, exist_ok=True)
-    figure.savefig(IMAGES / name, dpi=110)
-    plt.close(figure)
+    save_figure(figure, Path(name))
 
 
 def _ticks(axes: Any, across: Sequence[float], up: Sequence[float]) -> None:

@@ -1,6 +1,6 @@
 """The four methods of putting furniture in, beside the simulated room in which the same furniture truly stands.
 
-The photograph is the emptied room's true panorama; windows, albedo and lamps are told from it and from the outdoor
+The photograph is the emptied room's true panorama; windows, albedo and lamps are estimated from it and from the outdoor
 picture as in `daylit process`. LDR-to-HDR starts from what an ordinary camera gives of it: 8 bits, exposed so that
 `LDR_WHITE` of its pixels are white, brought back by an inverse power law. Its furniture is lit by that panorama, and
 its pixels are those that count, as it is all that is known without a calibrated bracket.

@@ -129,8 +129,8 @@ def plain_path(room: RaceRoom, truth: Truth, seed: int) -> dict[str, float]:
     ]
     share = len(truth.pixels) / (2 * ROWS * ROWS)
     apart = (found[0] - found[1]) / math.sqrt(2) / truth.luminance
-    told = errors((found[0] + found[1]) / 2, truth)
-    return {"cpu_s": sum(costs) / 2 / share, "rel": float(np.sqrt(np.mean(apart**2))), "bias": told["bias"]}
+    scores = errors((found[0] + found[1]) / 2, truth)
+    return {"cpu_s": sum(costs) / 2 / share, "rel": float(np.sqrt(np.mean(apart**2))), "bias": scores["bias"]}
 
 
 def denoised_path(room: RaceRoom, truth: Truth, seed: int) -> dict[str, float]:

@@ -13,7 +13,7 @@ from benchmarks.paired import cost_of
 from benchmarks.photometry import merge_rivals as rivals
 from benchmarks.photometry.merge_truth import summary, true_curve, true_noise, well_exposed
 from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
-from benchmarks.plots import IMAGES, Point, time_against_error
+from benchmarks.plots import Point, save_figure, time_against_error
 from benchmarks.seeds import seeds
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
 from processing.calibration.response.response import recover_response
@@ -143,7 +143,4 @@ def _lines(x: Sequence[float], lines: dict[str, list[float]], name: str, title: 
     axes.grid(visible=True, which="major", color="0.92")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9)
-    target = IMAGES / name
-    figure.savefig(target, dpi=110)
-    plt.close(figure)
-    return target
+    return save_figure(figure, Path(name))

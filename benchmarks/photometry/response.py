@@ -8,18 +8,19 @@ those codes, for us and for the rivals alike. Brackets are the reference's: nine
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.hostile.dorf import dorf_figures
 from benchmarks.paired import cost_of
-from benchmarks.photometry.response_plot import error_over_codes
 from benchmarks.photometry.response_rivals import colour_hdri, mitsunaga_nayar, opencv_debevec, opencv_robertson
 from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
+from benchmarks.plots import save_figure
 from benchmarks.seeds import seeds
 from mocks.optics.sensor import TrueShutter
 from processing.calibration.response.response import ResponseFit, recover_response
@@ -143,3 +144,33 @@ def unknown_times(size: tuple[int, int], seed: int, truth: Doubles) -> dict[str,
         "unknown_times_rms_stops": round(float(np.sqrt(np.mean(np.square(error)))), 5),
         "times_worst_stops": round(float(off), 5),
     }
+
+
+def error_over_codes(errors: Mapping[str, npt.NDArray[np.float64]], first_code: int, path: Path) -> Path:
+    """Draw the error (stops, mean of the channels) over codes: ours thick; above all methods, below the best ones."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (wide, near) = plt.subplots(2, 1, figsize=(6.4, 5.6), sharex=True, layout="constrained")
+    styles = ["-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1))]
+    for axes in (wide, near):
+        for number, (name, error) in enumerate(errors.items()):
+            codes = first_code + np.arange(len(error))
+            width, colour = (2.2, "black") if name == "ours" else (1.0, f"C{number}")
+            axes.plot(
+                codes,
+                error,
+                linestyle=styles[number % len(styles)],
+                color=colour,
+                lw=width,
+                label=name.replace("_", " "),
+            )
+        axes.grid(visible=True, color="0.9")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.axhspan(-0.006, 0.006, color="0.85", zorder=0)
+    wide.set(ylim=(-0.15, 0.15), ylabel="stops", title="Error of the recovered response (grey: 0.006 stop)")
+    near.set(ylim=(-0.02, 0.02), ylabel="stops", xlabel="code")
+    wide.legend(frameon=False, fontsize=7, ncol=2, loc="lower right")
+    return save_figure(figure, path)

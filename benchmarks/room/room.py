@@ -18,13 +18,12 @@ import numpy as np
 
 from benchmarks.kept_rows import Rows
 from benchmarks.memory import MemoryWatch
-from benchmarks.plots import Point, time_against_error
+from benchmarks.plots import Point, save_figure, time_against_error
 from benchmarks.room.detect_truth import picture_of, sun_of
 from benchmarks.room.room_doubt import HOUSES, doubt_rows
 from benchmarks.room.room_level import level_metrics
 from benchmarks.room.room_openings import opening_metrics
 from benchmarks.room.room_openings import score_room as score_openings
-from benchmarks.room.room_plots import reliability_plot
 from benchmarks.room.room_real import RealRoom, labelled_rooms, real_rooms
 from benchmarks.room.room_run import Estimated, estimated, rivals_of
 from benchmarks.room.room_scores import RoomScore, score_room
@@ -283,3 +282,21 @@ def _timed(number: int, use: Any, quality: str, width: int) -> list[float]:
     rgb = cv2.resize(truth.luminance_rgb, (width, width // 2), interpolation=cv2.INTER_AREA)
     found = estimated(picture_of(rgb), quality=quality, with_openings=False)
     return [sum(found.cpu_s.values()), 1 - (_score(found, room_model_of(room)) or 0.0)]
+
+
+def reliability_plot(confidence: np.ndarray, right: np.ndarray, path: Path, title: str, groups: int = 4) -> Path:
+    """Draw the share of right rooms over stated confidence, in groups of equal number, with binomial errors."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(4.6, 4.2), layout="constrained")
+    axes.plot([0, 1], [0, 1], color="0.7", lw=1)
+    for group in np.array_split(np.argsort(confidence), min(groups, len(confidence))):
+        share = float(right[group].mean())
+        error = float(np.sqrt(max(share * (1 - share), 0.05) / len(group)))
+        axes.errorbar(float(confidence[group].mean()), share, yerr=error, marker="o", color="#1864ab", capsize=3)
+    axes.set(xlabel="stated confidence", ylabel="share with 3D IoU of 0.85 or more", xlim=(0, 1), ylim=(0, 1.05))
+    axes.set_title(title, fontsize=10)
+    return save_figure(figure, path)

@@ -106,7 +106,7 @@ def _counts(report: BatchReport, folder: Path, killer: _Killer) -> dict[str, flo
 
 
 def _whole(session: Path) -> bool:
-    """Tell whether a second run would find every stage's result up to date and every file, read again, intact."""
+    """Return whether a second run would find every stage's result up to date and every file, read again, intact."""
     asked = RunRequest(until=UNTIL, quality=Quality.DRAFT, dry_run=True, recheck=True)
     return all(stage.action is Action.SKIPPED for stage in process(session, asked).stages)
 

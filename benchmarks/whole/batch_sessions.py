@@ -1,7 +1,7 @@
 """The paper's 137 sessions as small simulated ones: its names, times, headings and filters, in rooms that cost little.
 
 Rooms are the built-in ones (analytic light), another for each of the paper's 19 scenes, not the generated ones: baking
-those would take hours and a batch cannot tell. Pictures are a 24th of full size each way; noise differs in all.
+those would take hours and a batch gains nothing. Pictures are a 24th of full size each way; noise differs in all.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A rig is calibrated from its own sessions; each room is photographed by both cameras (nine stops, noise, response, 8
 bits, lens), measured by the meter, and handed to the pipeline as a session with place, time and heading. Nothing else
-is told: no room, no masks. ``luminance_*``: the calibrated panorama, valid pixels. ``iou3d``: the room's shape.
+is given: no room, no masks. ``luminance_*``: the calibrated panorama, valid pixels. ``iou3d``: the room's shape.
 ``furniture_iou``, ``target_recall``, ``sunlight_iou``: masks. ``empty_*``: the emptied panorama where it was filled,
 against the truly emptied room under the same light (what furniture takes from the whole room's light counts as error).
 ``albedo_*``: of surfaces as the camera sees them. ``staged_*``: the first arrangement, against the same furniture truly
@@ -127,8 +127,8 @@ def rows_of(
 
 def _digest(*folders: str) -> str:
     """Return a digest of the code that rows depend on."""
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     files = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
     for path in [*files, *sorted((ROOT / "benchmarks" / "whole").glob("end_to_end_r*.py"))]:
-        told.update(path.name.encode() + path.read_bytes())
-    return os.environ.get("DAYLIT_BENCH_ROWS", told.hexdigest()[:12])
+        digest.update(path.name.encode() + path.read_bytes())
+    return os.environ.get("DAYLIT_BENCH_ROWS", digest.hexdigest()[:12])

@@ -31,9 +31,9 @@ def table_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
         if "refused" in row:
             lines.append(f"{row['room']}: {row['refused']}")
             continue
-        told = ", ".join(f"{name} {row[key]:.3g}" for key, name in COLUMNS.items() if key in row)
+        text = ", ".join(f"{name} {row[key]:.3g}" for key, name in COLUMNS.items() if key in row)
         missing = "".join(f"; {stage}: {why}" for stage, why in row.get("left_out", {}).items())
-        lines.append(f"{row['room']}: {told}{missing}")
+        lines.append(f"{row['room']}: {text}{missing}")
     return lines
 
 
@@ -52,8 +52,8 @@ def spread_lines(rows: Sequence[dict[str, Any]], keys: Sequence[str]) -> list[st
         values = [row[key] for row in rows if key in row]
         low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
         worst = worst_of(rows, key)
-        told = f"median {middle:.4g}, quartiles {low:.4g} and {high:.4g}, worst {worst[key]:.4g} ({worst['room']})"
-        lines.append(f"{key}: {told}, {len(values)} rooms")
+        text = f"median {middle:.4g}, quartiles {low:.4g} and {high:.4g}, worst {worst[key]:.4g} ({worst['room']})"
+        lines.append(f"{key}: {text}, {len(values)} rooms")
     return lines
 
 

@@ -46,11 +46,11 @@ class StagedRoom(Room):
 def staged_room(room: Room, items: Sequence[PlacedItem], style: str) -> StagedRoom:
     """Return the room emptied, with the arranged furniture where it was put."""
     empty = room.emptied()
-    told = json.dumps([style, [item.model_dump(mode="json") for item in items]], sort_keys=True)
+    content = json.dumps([style, [item.model_dump(mode="json") for item in items]], sort_keys=True)
     found = furniture_parts(items, Catalogue.builtin(style))
     return StagedRoom(
         **{f.name: getattr(empty, f.name) for f in fields(Room)},
-        digest=hashlib.sha256(told.encode()).hexdigest(),
+        digest=hashlib.sha256(content.encode()).hexdigest(),
         extra=tuple(_true_part(part, number) for number, part in enumerate(found, 1)),
     )
 

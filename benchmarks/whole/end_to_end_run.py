@@ -223,10 +223,10 @@ def _staged(stages: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
     """Return errors of the first staged picture where furniture, or its light and shadow, truly change the picture."""
     arranged = json.loads((stages / "arrange" / "arrangement.json").read_text("utf-8"))
     first = Arrangements.model_validate_json(json.dumps(arranged)).arrangements[0]
-    told = json.loads((stages / "render" / "staged.json").read_text("utf-8"))["alternatives"][0]
+    staged = json.loads((stages / "render" / "staged.json").read_text("utf-8"))["alternatives"][0]
     image = _picture(stages / "render" / "staged-1.exr")
     ours = luminance_cd_m2(image.rgb).astype(np.float64)
-    there = staged_room(room, first.items, told["style"])
+    there = staged_room(room, first.items, staged["style"])
     true = staged_luminance(there, LIGHT_QUALITY, ours.shape[0]).astype(np.float64)
     bare = luminance_cd_m2(truth.empty_rgb).astype(np.float64)
     changed = np.abs(true / np.maximum(bare, 1e-9) - 1) > CHANGED

@@ -244,7 +244,7 @@ class CheckReport:
 
     @property
     def ok(self) -> bool:
-        """Tell whether nothing is wrong."""
+        """Whether nothing is wrong."""
         return not (self.missing or self.changed or self.new or self.problems)
 
 

@@ -42,7 +42,7 @@ class OpenPicture:
 
     @property
     def is_light(self) -> bool:
-        """Tell whether values are linear light."""
+        """Whether values are linear light."""
         return self.unit != CODE_UNIT
 
 

@@ -150,7 +150,7 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
         }
         if spots is not None:
             glare = glare_of(spots, light.value_lx, azimuth)
-            look["glare"] = {"dgp": glare.dgp, "told": glare.rating, "sources": glare.sources} | {
+            look["glare"] = {"dgp": glare.dgp, "rating": glare.rating, "sources": glare.sources} | {
                 "brightest_cd_m2": glare.brightest_cd_m2,
                 "faint": glare.faint,
             }

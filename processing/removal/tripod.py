@@ -201,7 +201,7 @@ def meter_board(luminance: Floats, target: tuple[float, float], tint: Floats | N
 
     ``luminance`` (H, W) float32, any scale; W = 2 H. What is not finite or not above zero is no part of a board.
     ``target``: where the meter looked: longitude and latitude in rad.
-    ``tint`` (H, W) float32, log2 of blue over red: tells the board from what is as bright behind it.
+    ``tint`` (H, W) float32, log2 of blue over red: separates the board from what is as bright behind it.
 
     Nothing is marked where no board is seen at the target (a wall was measured, the target lies beyond 60 degrees).
     """

@@ -235,7 +235,7 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     worst = _worst_glare(camera["directions"])
     if worst is not None:
         look, name = worst
-        text = f"{look['glare']['told']}, looking {name}"
+        text = f"{look['glare']['rating']}, looking {name}"
         quantities.append(Quantity("Highest glare probability (DGP)", round(look["glare"]["dgp"], 3), "", note=text))
     rose = illuminance_rose([look["vertical"]["value"] for look in camera["directions"]], unit)
     pictures = (Picture("Illuminance on upright planes", rose, "rose of illuminance by direction of view"),)
@@ -273,7 +273,7 @@ def _directions_table(directions: Sequence[Mapping[str, Any]], unit: str) -> Tab
         row = [_name(look, k), number_text(light["value"], light["uncertainty"]) + (" or more" * light["lower_bound"])]
         if glare:
             found = look["glare"]
-            row += [f"{found['dgp']:.3f}", found["told"] + (", little light" * found["faint"]), str(found["sources"])]
+            row += [f"{found['dgp']:.3f}", found["rating"] + (", little light" * found["faint"]), str(found["sources"])]
         rows.append(tuple(row))
     return Table("By direction of view", head, tuple(rows))
 

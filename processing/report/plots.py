@@ -1,6 +1,6 @@
 """Plots of the report: PNG or SVG as bytes, of plain arrays. The same numbers give the same bytes.
 
-Colours of the channels are told apart by line style, too. No plot touches matplotlib's global state.
+Colours of the channels differ in line style, too. No plot touches matplotlib's global state.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def frame_usage_plot(labels: Sequence[str], shares: Sequence[float], left_out: S
     places = np.arange(len(labels))[::-1]
     axes.barh(places, [100 * share for share in shares], height=0.6, color="#1864ab")
     for place, share, out in zip(places, shares, left_out, strict=True):
-        told = "left out" if out else f"{100 * share:.1f} %"
-        axes.text(100 * share + 1, place, told, va="center", fontsize=9, color="#868e96" if out else "#212529")
+        label = "left out" if out else f"{100 * share:.1f} %"
+        axes.text(100 * share + 1, place, label, va="center", fontsize=9, color="#868e96" if out else "#212529")
     axes.set_yticks(places, labels)
     axes.set_xlim(0, 112)
     axes.set_xticks(range(0, 101, 20))

@@ -57,8 +57,8 @@ def test_internal_error_leaves_a_report_without_personal_paths(
 
     monkeypatch.setattr(daylit.cli, "main", broken)
     assert daylit.main(["demo"]) == 70
-    told = capsys.readouterr().err
-    path = told.split("paths is in ")[1].split(": please")[0]
+    result = capsys.readouterr().err
+    path = result.split("paths is in ")[1].split(": please")[0]
     with open(path, encoding="utf-8") as file:
         report = file.read()
     assert "a fault of our own" in report

@@ -32,7 +32,6 @@ MAX_PARAMETERS = 8
 SMALLEST_OF_ONE_IMPORTER = 60
 MOST_UNEXPLAINED_CONSTANTS = 0
 """Named numbers without a word on where they come from."""
-MOST_TOLD = 12
 FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py"}
 LINES = {
     "drivers": 7_100,
@@ -180,8 +179,10 @@ def unexplained_constants(path: Path) -> list[str]:
 
 def test_plain_words() -> None:
     told = re.compile(r"\b(told|tells?)\b", re.IGNORECASE)
-    counts = Counter({where(path): len(told.findall(path.read_text("utf-8"))) for path in FILES})
-    assert counts.total() <= MOST_TOLD, f"estimated, detected, measured, reported: {counts.most_common(12)}"
+    rules = {"tests/architecture/test_house.py", "tests/architecture/measure.py", "tests/documents/test_documents.py"}
+    read = [path for path in (*FILES, *OTHERS) if where(path) not in rules]
+    wrong = [where(path) for path in read if told.search(path.read_text("utf-8"))]
+    assert not wrong, f"estimated, detected, measured, reported: {wrong}"
 
 
 def test_nothing_names_the_workplace() -> None:

@@ -53,7 +53,7 @@ def moved(one: Arrangement, name: str, x_m: float, y_m: float) -> Arrangement:
 
 
 @pytest.mark.parametrize(
-    ("name", "x_m", "y_m", "told"),
+    ("name", "x_m", "y_m", "result"),
     [
         ("chest", 0.0, 0.012, "outside"),
         ("chest", 0.112, 0.0, "wardrobe in chest"),
@@ -61,13 +61,13 @@ def moved(one: Arrangement, name: str, x_m: float, y_m: float) -> Arrangement:
         ("chest", 0.9, -0.7, "use of wardrobe blocked by chest"),
     ],
 )
-def test_the_raster_sees_what_is_moved_by_a_centimetre(name: str, x_m: float, y_m: float, told: str) -> None:
+def test_the_raster_sees_what_is_moved_by_a_centimetre(name: str, x_m: float, y_m: float, result: str) -> None:
     plan = room(4.0, 2.5)
     pins = {"chest": (2.25, 2.275, 3.141592654), "wardrobe": (3.4, 2.2, 3.141592654)}
     one = arrange(plan, parse_items("chest, wardrobe"), "tight", n=1, pins=pins).arrangements[0]
     raster = Raster(plan, TIGHT)
     assert raster.faults(one) == []
-    assert any(told in fault for fault in raster.faults(moved(one, name, x_m, y_m)))
+    assert any(result in fault for fault in raster.faults(moved(one, name, x_m, y_m)))
 
 
 def test_a_path_that_fits_exactly_is_no_fault_and_a_narrower_one_is() -> None:

@@ -47,8 +47,8 @@ def test_medians_are_over_what_rooms_have() -> None:
     assert (found["q25_iou3d"], found["q75_iou3d"], found["worst_iou3d"]) == (0.6, 0.8, 0.5)
     assert found["worst_luminance_median_err_pct"] == 2.0
     assert table_lines(rows)[2] == "c: CAL-002: nothing"
-    told = "iou3d: median 0.7, quartiles 0.6 and 0.8, worst 0.5 (b), 2 rooms"
-    assert spread_lines(rows, ["iou3d"]) == [told]
+    result = "iou3d: median 0.7, quartiles 0.6 and 0.8, worst 0.5 (b), 2 rooms"
+    assert spread_lines(rows, ["iou3d"]) == [result]
 
 
 def test_of_a_bias_the_farthest_from_nothing_is_the_worst() -> None:

@@ -39,7 +39,7 @@ def test_ratio_is_of_neighbours_and_ignores_an_outlier(monkeypatch: pytest.Monke
     assert found.metrics("robertson")["cpu_ratio_robertson"] == 0.5
 
 
-def test_synthetic_pair_is_told_apart() -> None:
+def test_synthetic_pair_is_distinguished() -> None:
     def work(rounds: int) -> int:
         return sum(i * i for i in range(rounds))
 

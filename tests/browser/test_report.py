@@ -62,12 +62,12 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
 
 
 def listen(found: Opened) -> None:
-    page, told = found.page, found.complaints
-    page.on("console", lambda line: told.append(line.text) if line.type == "error" else None)
-    page.on("pageerror", lambda error: told.append(str(error)))
-    page.on("requestfailed", lambda asked: told.append(f"failed: {asked.url[:80]}"))
+    page, result = found.page, found.complaints
+    page.on("console", lambda line: result.append(line.text) if line.type == "error" else None)
+    page.on("pageerror", lambda error: result.append(str(error)))
+    page.on("requestfailed", lambda asked: result.append(f"failed: {asked.url[:80]}"))
     local = ("file:", "data:", "blob:")
-    page.on("request", lambda asked: None if asked.url.startswith(local) else told.append(f"asked: {asked.url[:80]}"))
+    page.on("request", lambda asked: None if asked.url.startswith(local) else result.append(f"asked: {asked.url[:80]}"))
 
 
 def pixels(opened: Opened, selector: str) -> np.ndarray:
@@ -91,7 +91,7 @@ def reading(opened: Opened) -> dict[str, str]:
     return found
 
 
-def test_probe_tells_the_pixels_of_the_picture_on_disk(opened: Opened) -> None:
+def test_probe_shows_the_pixels_of_the_picture_on_disk(opened: Opened) -> None:
     """Twenty places under the pointer: the right pixel by our own projection, and its value by the EXR."""
     image = read_exr(opened.folder / "stages" / "calibrate" / "indoor.exr")
     luminance = luminance_cd_m2(image.rgb)
@@ -151,8 +151,8 @@ def test_a_region_is_measured_by_dragging_and_a_ruler_by_the_rooms_surfaces(open
     assert len(opened.page.locator("[data-part=drawn]").get_attribute("points").split()) > 10
     opened.page.locator(".viewer .segments", has_text="Look").get_by_text("Look").click()
     room = {"floor": [[-2, -1], [2, -1], [2, 3], [-2, 3]], "camera_m": 1.5, "ceiling_m": 2.5}
-    told = opened.page.evaluate("(room) => daylit.rulerText(room, [0, 0], [90, 0])", room)
-    assert told["value"] == f"{math.hypot(2, 3):.2f} m"
+    result = opened.page.evaluate("(room) => daylit.rulerText(room, [0, 0], [90, 0])", room)
+    assert result["value"] == f"{math.hypot(2, 3):.2f} m"
     below = opened.page.evaluate("(room) => daylit.placeIn(room, [10, -80])", room)
     assert below[2] == pytest.approx(-1.5)
     assert math.hypot(*below[:2]) == pytest.approx(1.5 * math.tan(math.radians(10)))
@@ -184,7 +184,7 @@ def test_probe_says_what_a_value_is_worth(opened: Opened) -> None:
     opened.page.mouse.move(1, 1)
     for (x, y), value, words in (((20, 10), "1.600 × 10^9", "clipped"), ((21, 11), "no value", "too dark")):
         longitude, latitude = ((x + 0.5) / width - 0.5) * 360, (0.5 - (y + 0.5) / height) * 180
-        told = opened.page.evaluate(
+        result = opened.page.evaluate(
             """async ([longitude, latitude]) => {
               const data = JSON.parse(document.querySelector(".viewer-data").textContent);
               const probe = await daylit.openProbe(data.states[0]);
@@ -192,9 +192,9 @@ def test_probe_says_what_a_value_is_worth(opened: Opened) -> None:
             }""",
             [longitude, latitude],
         )
-        assert value in told["value"]
-        assert words in told["detail"]
-        assert f"pixel {x}, {y}" in told["detail"]
+        assert value in result["value"]
+        assert words in result["detail"]
+        assert f"pixel {x}, {y}" in result["detail"]
     assert len(map_pixels(width, 1024)) == width
 
 
@@ -247,12 +247,12 @@ def test_false_colours_are_those_of_the_scale(opened: Opened) -> None:
 
 def test_another_state_is_another_picture_with_other_numbers(opened: Opened) -> None:
     look(opened, 30.0, 0.0)
-    before, told = pixels(opened, ".viewer .stage")[150:300, 300:600].reshape(-1, 3).mean(axis=0), reading(opened)
+    before, result = pixels(opened, ".viewer .stage")[150:300, 300:600].reshape(-1, 3).mean(axis=0), reading(opened)
     opened.page.locator("[data-part=state]").select_option(label="Staged 1")
     shown(opened, "2 0")
     after = pixels(opened, ".viewer .stage")[150:300, 300:600].reshape(-1, 3).mean(axis=0)
     assert after[0] - after[2] > before[0] - before[2] + 30, "the staged picture is the reddish one"
-    assert float(reading(opened)["luminance"]) != float(told["luminance"])
+    assert float(reading(opened)["luminance"]) != float(result["luminance"])
     opened.page.locator("[data-part=state]").select_option(label="Photograph")
     shown(opened, "0 0")
 

@@ -86,7 +86,7 @@ def value_bytes(value: int | bytes) -> bytes:
     return value if isinstance(value, bytes) else struct.pack("<I", value)
 
 
-def told(prop: int, value: int | bytes) -> bytes:
+def reported(prop: int, value: int | bytes) -> bytes:
     return record(0xC189, struct.pack("<I", prop) + value_bytes(value))
 
 
@@ -96,7 +96,7 @@ def wants_transfer(handle: int, size: int, name: str, ofc: int = 0x3801) -> byte
 
 def first_stream(before: dict[int, int], destinations: Sequence[int] = (2, 4)) -> bytes:
     """As a 60D begins: all values, then all lists."""
-    values = b"".join(value_record(p, v) for p, v in before.items()) + told(FORMAT, RAW_JPEG_L)
+    values = b"".join(value_record(p, v) for p, v in before.items()) + reported(FORMAT, RAW_JPEG_L)
     formats = struct.pack("<III", FORMAT, 3, 2) + JPEG_L + RAW_JPEG_L
     lists = list_record(SHUTTER, [0x0C, *sorted(SHUTTER_CODES)]) + list_record(ISO, [0x48, 0x50, 0x58])
     lists += list_record(APERTURE, [0x30, 0x38, 0x40, 0x48]) + list_record(DESTINATION, destinations)
@@ -132,14 +132,14 @@ class CanonDialogue(Dialogue):
         return self.poll()
 
     def ensure(self, prop: int, value: int | bytes) -> Self:
-        """A property that has the value is asked for, another one is written; either way the camera tells it."""
+        """A property that has the value is asked for, another one is written; either way the camera reports it."""
         if self.state.get(prop) == value:
             self.ask(0x9127, prop)
         else:
             raw = value_bytes(value)
             self.ask(0x9110, sends=struct.pack("<II", 8 + len(raw), prop) + raw)
         self.state[prop] = value
-        return self.poll(told(prop, value))
+        return self.poll(reported(prop, value))
 
     def prepare(self, **changed: int | bytes) -> Self:
         self.poll()
@@ -203,7 +203,7 @@ def test_published_vectors_are_what_the_scripts_are_made_of() -> None:
     sent = data(0x9110, 0x14, struct.pack("<III", 12, SHUTTER, 0x68))
     assert sent == bytes.fromhex("18000000 0200 1091 14000000 0c000000 02d10000 68000000")
     assert command(0x9128, 0x15, 2, 0) == bytes.fromhex("14000000 0100 2891 15000000 02000000 00000000")
-    assert told(SHUTTER, 0x68) == bytes.fromhex("10000000 89c10000 02d10000 68000000")
+    assert reported(SHUTTER, 0x68) == bytes.fromhex("10000000 89c10000 02d10000 68000000")
     assert wants_transfer(0x91900001, 25_000_000, "IMG_0001.CR2", 0xB103) == bytes.fromhex(
         "2c000000 86c10000 01009091 03b10000 00000000 40787d01 00000000 494d475f 30303031 2e435232 00000000"
     )
@@ -321,7 +321,7 @@ def test_all_wrong_controls_are_named_at_once() -> None:
 
 
 def test_dial_turned_during_the_bracket_is_found() -> None:
-    dialogue = CanonDialogue().connect().prepare().poll(told(ISO, 0x58)).poll()
+    dialogue = CanonDialogue().connect().prepare().poll(reported(ISO, 0x58)).poll()
     camera, transport = dialogue.start()
     camera.connect()
     camera.prepare(PAPER)
@@ -355,7 +355,7 @@ def test_what_the_camera_has_not_is_refused_by_name(changes: dict[str, float], w
 
 def test_setting_that_reads_back_as_another_is_refused() -> None:
     dialogue = CanonDialogue().connect().poll()
-    dialogue.ask(0x9110, sends=struct.pack("<III", 12, DRIVE, 0)).poll(told(DRIVE, 4))
+    dialogue.ask(0x9110, sends=struct.pack("<III", 12, DRIVE, 0)).poll(reported(DRIVE, 4))
     for _ in range(100):
         dialogue.poll()
     camera, _ = dialogue.start()
@@ -367,8 +367,8 @@ def test_setting_that_reads_back_as_another_is_refused() -> None:
 def test_busy_write_is_repeated_after_draining() -> None:
     dialogue = CanonDialogue().connect().poll()
     dialogue.ask(0x9110, sends=struct.pack("<III", 12, SHUTTER, 0x68), answer=BUSY)
-    dialogue.poll(told(SHOTS, 899))
-    dialogue.ask(0x9110, sends=struct.pack("<III", 12, SHUTTER, 0x68)).poll(told(SHUTTER, 0x68)).poll()
+    dialogue.poll(reported(SHOTS, 899))
+    dialogue.ask(0x9110, sends=struct.pack("<III", 12, SHUTTER, 0x68)).poll(reported(SHUTTER, 0x68)).poll()
     camera, transport = dialogue.start()
     camera.connect()
     assert camera.set_shutter(1 / 60).raw == "0x68"
@@ -403,7 +403,7 @@ def test_camera_that_stays_busy_is_not_armed() -> None:
     assert transport.clock.now_s - before_s <= 16.5
 
 
-def test_idle_that_was_never_told_is_found_by_asking() -> None:
+def test_idle_that_was_never_reported_is_found_by_asking() -> None:
     dialogue = CanonDialogue().connect().prepare().poll(record(0xC18B, struct.pack("<I", 1)))
     for _ in range(22):
         dialogue.poll()
@@ -589,12 +589,12 @@ def test_keep_alive_speaks_every_ten_seconds_and_when_warned() -> None:
     transport.assert_finished()
 
 
-def test_status_tells_battery_space_and_clock() -> None:
+def test_status_reports_battery_space_and_clock() -> None:
     dialogue = CanonDialogue(xD111=4).connect().poll()
     dialogue.ask(0x1004, gives=u32_array([0x00010001]))
     space = struct.pack("<HHHQQI", 4, 3, 0, 2 * 10**10, 10**10, 0xFFFFFFFF)
     dialogue.ask(0x1005, 0x00010001, gives=space + b"\x03C\0F\0\0\0\0")
-    dialogue.ask(0x9127, 0xD113).poll(told(0xD113, CLOCK_S + 60))
+    dialogue.ask(0x9127, 0xD113).poll(reported(0xD113, CLOCK_S + 60))
     camera, transport = dialogue.start()
     camera.connect()
     status = camera.status()
@@ -615,10 +615,10 @@ def test_silent_controls_are_warned_of() -> None:
     transport.assert_finished()
 
 
-def test_camera_that_never_stops_telling_is_given_up() -> None:
+def test_camera_that_never_stops_sending_is_given_up() -> None:
     dialogue = CanonDialogue().connect()
     for n in range(250):
-        dialogue.poll(told(SHOTS, n))
+        dialogue.poll(reported(SHOTS, n))
     camera, _ = dialogue.start()
     camera.connect()
     with pytest.raises(DeviceError, match="still sending"):
@@ -626,7 +626,7 @@ def test_camera_that_never_stops_telling_is_given_up() -> None:
 
 
 def test_garbled_event_stream_is_a_violation() -> None:
-    dialogue = CanonDialogue().connect().ask(0x9116, gives=told(SHOTS, 5))
+    dialogue = CanonDialogue().connect().ask(0x9116, gives=reported(SHOTS, 5))
     camera, _ = dialogue.start()
     camera.connect()
     with pytest.raises(ProtocolViolationError):
@@ -763,7 +763,7 @@ def test_unknown_property_is_asked_for_before_it_is_written() -> None:
     dialogue.connect().poll()
     for prop in (DRIVE, FORMAT, WB, KELVIN, ISO, APERTURE):
         dialogue.ensure(prop, WANTED[prop])
-    dialogue.ask(0x9127, DESTINATION).poll(told(DESTINATION, 2)).ensure(DESTINATION, 2)
+    dialogue.ask(0x9127, DESTINATION).poll(reported(DESTINATION, 2)).ensure(DESTINATION, 2)
     dialogue.ask(0x1007, 0xFFFFFFFF, 0, 0, gives=u32_array([0x91000001]))
     camera, transport = dialogue.start()
     camera.connect()

@@ -347,11 +347,11 @@ def test_chunk_of_an_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("payload", "told", "said"),
+    ("payload", "result", "said"),
     [(b"abcd", 5, "4 bytes of an object and says 5"), (b"", 0, "0 bytes"), (bytes(11), 11, "at most 10")],
 )
-def test_chunk_of_another_size_than_told_or_asked(payload: bytes, told: int, said: str) -> None:
-    session, _ = session_on(Step(command(0x101B, 1, 0x64, 0, 10), [data(0x101B, 1, payload), response(OK, 1, told)]))
+def test_chunk_of_another_size_than_announced_or_asked(payload: bytes, result: int, said: str) -> None:
+    session, _ = session_on(Step(command(0x101B, 1, 0x64, 0, 10), [data(0x101B, 1, payload), response(OK, 1, result)]))
     with pytest.raises(ProtocolViolationError, match=said):
         session.get_partial_object(0x64, 0, 10)
 

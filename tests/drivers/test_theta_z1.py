@@ -281,7 +281,7 @@ def test_camera_that_does_not_wake_is_named_within_its_limit(start: Start) -> No
     transport.assert_finished()
 
 
-def test_no_static_stitching_is_told_not_hidden(start: Start) -> None:
+def test_no_static_stitching_is_reported_not_hidden(start: Start) -> None:
     old_firmware = tuple(p for p in PROPERTIES if p not in (0xD834, 0xD83E))
     camera, transport = start(ThetaDialogue(old_firmware).connect().prepare())
     camera.connect()
@@ -521,7 +521,7 @@ def test_missing_operation_is_named(start: Start) -> None:
     assert transport.closed
 
 
-def test_status_tells_battery_space_clock_and_errors(start: Start) -> None:
+def test_status_reports_battery_space_clock_and_errors(start: Start) -> None:
     dialogue = ThetaDialogue().connect()
     dialogue.get(0xD006, 0x00200000 | 0x8).get(0x5002, 0x8001).get(0xD80E, 0).get(0x5001, 67)
     dialogue.ask(0x1004, gives=u32_array([0x00020001]))

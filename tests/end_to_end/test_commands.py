@@ -56,7 +56,7 @@ def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
     assert kinds[-1] == "finished"
     assert kinds.count("saved") == 6
     assert kinds.count("reading") == 2
-    assert any("ASSUMED" in w for w in summary["warnings"]), "the assumed meter dialect is told in the session"
+    assert any("ASSUMED" in w for w in summary["warnings"]), "the assumed meter dialect is stated in the session"
     (report,) = daylit("verify", "--look", "--json", summary["session"], cwd=tmp_path)
     assert report["ok"], report
     manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())

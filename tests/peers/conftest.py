@@ -70,9 +70,9 @@ def session(link: UsbLink) -> Iterator[PtpSession]:
 
 
 @pytest.fixture(scope="module")
-def told(card: Path) -> dict[str, Any]:
+def result(card: Path) -> dict[str, Any]:
     """What libgphoto2's own initiator says of the same card in the same camera."""
-    script = Path(__file__).with_name("gphoto2_tells.py")
+    script = Path(__file__).with_name("gphoto2_report.py")
     done = subprocess.run(
         [sys.executable, "-I", str(script)],
         env={**os.environ, "VCAMERADIR": str(card), "LC_ALL": "C"},

@@ -119,9 +119,9 @@ def test_canon_summary(canon_cli: Gphoto2) -> None:
 
 
 def test_canon_takes_settings(canon_cli: Gphoto2, canon: SimulatedCanon5D2) -> None:
-    told = canon_cli("--set-config", "shutterspeed=1/60", "--get-config", "shutterspeed")
-    assert "Current: 1/60" in told
-    assert "1/8000" in told
+    result = canon_cli("--set-config", "shutterspeed=1/60", "--get-config", "shutterspeed")
+    assert "Current: 1/60" in result
+    assert "1/8000" in result
     canon_cli(
         "--set-config", "iso=200", "--set-config", "aperture=16", "--set-config", "whitebalance=Color Temperature"
     )

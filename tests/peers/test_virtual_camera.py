@@ -38,9 +38,9 @@ LAST_EVENT_S = 1.5
 # ---- what the camera says of itself
 
 
-def test_device_info_is_what_libgphoto2_reads(session: PtpSession, told: dict[str, Any]) -> None:
+def test_device_info_is_what_libgphoto2_reads(session: PtpSession, result: dict[str, Any]) -> None:
     info = session.device_info()
-    assert told["config"] == {
+    assert result["config"] == {
         "manufacturer": info.manufacturer,
         "cameramodel": info.model,
         "deviceversion": info.device_version,
@@ -48,7 +48,7 @@ def test_device_info_is_what_libgphoto2_reads(session: PtpSession, told: dict[st
         "vendorextension": info.vendor_extension_desc,
     }
     extension = f"Vendor Extension ID: {info.vendor_extension_id:#x} ({info.vendor_extension_version / 100:.1f})"
-    assert extension in told["summary"]
+    assert extension in result["summary"]
     assert info.operations[:3] == (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION, Operation.CLOSE_SESSION)
     assert Operation.INITIATE_CAPTURE in info.operations
     assert Operation.GET_PARTIAL_OBJECT not in info.operations
@@ -59,7 +59,7 @@ def test_device_info_is_what_libgphoto2_reads(session: PtpSession, told: dict[st
         Event.STORE_FULL,
         Event.CAPTURE_COMPLETE,
     )
-    assert "Capture Formats: JPEG\n" in told["summary"]
+    assert "Capture Formats: JPEG\n" in result["summary"]
     assert info.capture_formats == info.image_formats == (ObjectFormat.EXIF_JPEG,)
 
 
@@ -70,17 +70,17 @@ def test_device_info_works_without_a_session(link: UsbLink, backend: VirtualCame
     assert transfer.endswith(bytes([0x0C, 0, 0, 0, 3, 0, 0x01, 0x20, 0, 0, 0, 0])), "data and response came in one read"
 
 
-def test_store(session: PtpSession, told: dict[str, Any]) -> None:
+def test_store(session: PtpSession, result: dict[str, Any]) -> None:
     assert session.get_storage_ids() == (STORAGE,)
     info = session.get_storage_info(STORAGE)
-    assert told["store"] == {
+    assert result["store"] == {
         "capacity_kib": info.max_bytes // 1024,
         "free_kib": info.free_bytes // 1024,
         "free_images": info.free_images,
         "description": info.description,
         "label": info.label,
     }
-    assert f"Maximum Capability: {info.max_bytes} " in told["summary"]
+    assert f"Maximum Capability: {info.max_bytes} " in result["summary"]
 
 
 # ---- objects
@@ -98,11 +98,11 @@ def test_handles_name_every_object_once(session: PtpSession) -> None:
     assert {session.get_object_info(h).filename for h in inside} == {"100DAYLT", "NOTE.TXT", "EMPTY.TXT"}
 
 
-def test_object_info_is_what_libgphoto2_reads(session: PtpSession, card: Path, told: dict[str, Any]) -> None:
+def test_object_info_is_what_libgphoto2_reads(session: PtpSession, card: Path, result: dict[str, Any]) -> None:
     infos = [session.get_object_info(h) for h in session.get_object_handles()]
     files = {i.filename: i for i in infos if i.format_code != ObjectFormat.ASSOCIATION}
-    assert {f["name"] for f in told["files"]} == set(files)
-    for file in told["files"]:
+    assert {f["name"] for f in result["files"]} == set(files)
+    for file in result["files"]:
         info = files[file["name"]]
         path = next(card.rglob(file["name"]))
         assert info.size_bytes == file["size_bytes"] == path.stat().st_size
@@ -118,10 +118,10 @@ def test_object_info_is_what_libgphoto2_reads(session: PtpSession, card: Path, t
 
 
 @pytest.mark.parametrize("name", ["IMG_0001.JPG", "IMG_0002.DNG", "NOTE.TXT"])
-def test_objects_arrive_byte_by_byte(session: PtpSession, card: Path, told: dict[str, Any], name: str) -> None:
+def test_objects_arrive_byte_by_byte(session: PtpSession, card: Path, result: dict[str, Any], name: str) -> None:
     data = get_object(session, handle_of(session, name))
     assert data == next(card.rglob(name)).read_bytes()
-    assert {f["sha256"] for f in told["files"] if f["name"] == name} == {hashlib.sha256(data).hexdigest()}
+    assert {f["sha256"] for f in result["files"] if f["name"] == name} == {hashlib.sha256(data).hexdigest()}
     assert session.late_answers == 0
 
 
@@ -132,9 +132,9 @@ def test_a_jpeg_whose_data_ends_with_a_packet(card: Path) -> None:
 # ---- properties
 
 
-def summary_of(told: dict[str, Any], prop: int) -> re.Match[str]:
+def summary_of(result: dict[str, Any], prop: int) -> re.Match[str]:
     """Return access, type, form and value of a property as libgphoto2's summary writes them."""
-    line = re.search(rf"\({prop:04x} (r[ow]) (\w+) *\): (\w+) \[([^]]*)\] value: (.*)", told["summary"])
+    line = re.search(rf"\({prop:04x} (r[ow]) (\w+) *\): (\w+) \[([^]]*)\] value: (.*)", result["summary"])
     assert line is not None
     return line
 
@@ -150,10 +150,10 @@ def summary_of(told: dict[str, Any], prop: int) -> re.Match[str]:
     ],
 )
 def test_descriptions_are_what_libgphoto2_reads(
-    session: PtpSession, told: dict[str, Any], prop: int, data_type: DataType, name: str
+    session: PtpSession, result: dict[str, Any], prop: int, data_type: DataType, name: str
 ) -> None:
     desc = session.get_prop_desc(prop)
-    access, kind, form, values, current = summary_of(told, prop).groups()
+    access, kind, form, values, current = summary_of(result, prop).groups()
     assert (desc.data_type, kind) == (data_type, name)
     assert desc.writable == (access == "rw")
     assert str(desc.current) in current

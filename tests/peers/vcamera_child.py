@@ -18,7 +18,7 @@ WRITE_BYTES = 4096
 
 
 class UsbSettings(ctypes.Structure):
-    """Endpoints of the camera, as the library tells them."""
+    """Endpoints of the camera, as the library reports them."""
 
     _fields_ = [
         (name, ctypes.c_int) for name in ("inep", "outep", "intep", "config", "interface", "alternate", "packet")

@@ -142,7 +142,7 @@ def whole_or_not_done(files: Any, root: str) -> str:
 def campaign(files: Any, least: int, seed: int) -> tuple[int, int, list[str]]:
     """Inject at least so many faults; returns how many there were, how many runs said so, and what was wrong."""
     rng = random.Random(seed)
-    injected = told = number = 0
+    injected = result = number = 0
     wrong: list[str] = []
     while injected < least:
         root = put_session(files, f"s{number}")
@@ -158,7 +158,7 @@ def campaign(files: Any, least: int, seed: int) -> tuple[int, int, list[str]]:
             try:
                 outcome = process_in(Store(task.session, faulty, root, lambda _s: None), task, digested)
             except (Killed, StoreError):
-                told += 1
+                result += 1
             injected += faulty.injected
             problem = whole_or_not_done(files, root)
             if outcome is not None and outcome.state == "done" and not files.exists(f"{root}/{DONE}"):
@@ -166,4 +166,4 @@ def campaign(files: Any, least: int, seed: int) -> tuple[int, int, list[str]]:
             if round_ == 2 and (outcome is None or outcome.state != "done"):
                 problem = f"not done without any fault: {outcome}"
             wrong += [f"session {number}, round {round_}, faults {faulty.injected}: {problem}"] if problem else []
-    return injected, told, wrong
+    return injected, result, wrong

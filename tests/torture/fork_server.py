@@ -1,4 +1,4 @@
-"""A warm, single-threaded process that forks one child a case: the child runs the capture and dies as told.
+"""A warm, single-threaded process that forks one child a case: the child runs the capture and dies as asked.
 
 Speaks JSON lines: a case in, what became of it out. Forking a test process that has threads is not safe, and
 starting Python anew for each of thousands of cases is too slow.

@@ -90,7 +90,7 @@ def test_drawn_faults(part: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("first", range(2))
 def test_abandoned_at_every_event(first: int, tmp_path: Path) -> None:
-    """A capture without faults tells some 45 events."""
+    """A capture without faults reports some 45 events."""
     campaign = Campaign(f"abandoned at event {first + 1}, {first + 3}, ...")
     for number in range(first + 1 if LONG else 17 + first, 45, 2 if LONG else 32):
         trouble = Trouble({}, (), number)

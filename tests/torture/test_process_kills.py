@@ -88,10 +88,10 @@ def test_toy_stages_killed_at_random_instants(ask: Ask, tmp_path: Path) -> None:
     while killed < count:
         tries += 1
         assert tries <= 10 * count, "the runs end before they are killed"
-        told = ask(session=str(session), scale=scale, delay_s=rng.uniform(0, typical_s))
-        if not told["killed"]:
+        result = ask(session=str(session), scale=scale, delay_s=rng.uniform(0, typical_s))
+        if not result["killed"]:
             typical_s = max(0.9 * typical_s, 0.02)
-        killed += told["killed"]
+        killed += result["killed"]
         problems += [f"kill {killed}: {problem}" for problem in not_whole(session, TOY_NAMES)]
         assert ask(session=str(session), scale=scale)["code"] == 0
         if differing := differences(contents(session), want[scale]):
@@ -116,8 +116,8 @@ def daylit(session: Path, state: Path, *arguments: str) -> subprocess.Popen[byte
 
 
 def finished(process: subprocess.Popen[bytes]) -> None:
-    _, told = process.communicate(timeout=600)
-    assert process.returncode == 0, told.decode()
+    _, result = process.communicate(timeout=600)
+    assert process.returncode == 0, result.decode()
 
 
 @pytest.mark.torture

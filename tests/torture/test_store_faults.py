@@ -19,16 +19,16 @@ SEED = 18
 def test_no_half_session_is_called_done() -> None:
     begun_s = time.monotonic()
     with faulty_store.object_store() if LONG else faulty_store.in_memory() as files:
-        injected, told, wrong = faulty_store.campaign(files, 2000 if LONG else 50, SEED)
+        injected, result, wrong = faulty_store.campaign(files, 2000 if LONG else 50, SEED)
     ledger.record(
         "object store: lost, late and half operations, workers killed",
         injected=injected,
-        observed=told,
+        observed=result,
         lost=len(wrong),
         seconds=time.monotonic() - begun_s,
         seed=SEED,
         notes="batch by URL; observed: runs that ended without being done",
     )
     assert injected >= (2000 if LONG else 50)
-    assert told > 0, "some faults must be seen"
+    assert result > 0, "some faults must be seen"
     assert wrong == []

@@ -22,10 +22,10 @@ from processing.sphere import Equirectangular, directions, solid_angles
 
 # What stands at a window and shades the sun wherever it is: bars, blinds, curtains; not the tree behind the glass.
 #
-# `windows` tells cells of a pane that show less than the sky or the ground does. A tree, a house, a shadow on the lawn
+# `windows` gives cells of a pane that show less than the sky or the ground does. A tree, a house, a shadow on the lawn
 # do that too, yet they stand far away: another sun crosses the glass elsewhere. What stands at the glass runs along it:
 # columns from top to bottom (frames, curtains), rows from side to side (bars, blinds from above, the sill from below).
-# Below the horizon hardly anything tells bars from bushes, so that columns are told above it where there is sky.
+# Below the horizon bars and bushes look alike, so that columns are found above it where there is sky.
 
 
 FULL, NONE = 0.35, 0.9

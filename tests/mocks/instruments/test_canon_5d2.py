@@ -111,7 +111,7 @@ def test_interface_and_device_info() -> None:
     assert bench.host.call(0x100E).code == Response.OPERATION_NOT_SUPPORTED
 
 
-def test_first_stream_tells_all_values_then_all_lists() -> None:
+def test_first_stream_lists_all_values_then_all_lists() -> None:
     bench = Bench(remote=False)
     assert bench.stream() == EMPTY, "no event mode, no events"
     bench.host.call(CanonOperation.SET_REMOTE_MODE, 1)

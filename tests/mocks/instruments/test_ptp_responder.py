@@ -51,7 +51,7 @@ def test_the_transaction_id_wraps_past_the_two_forbidden_values(camera: Echo) ->
     assert ask(camera, GIVE, 1).code == Response.OK
 
 
-def test_a_second_open_session_tells_the_first(camera: Echo) -> None:
+def test_a_second_open_session_names_the_first(camera: Echo) -> None:
     ask(camera, Operation.OPEN_SESSION, 0, 5)
     answer = ask(camera, Operation.OPEN_SESSION, 0, 6)
     assert (answer.code, answer.params) == (Response.SESSION_ALREADY_OPEN, (5,))

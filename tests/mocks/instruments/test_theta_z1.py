@@ -275,7 +275,7 @@ def test_listing_and_deleting() -> None:
     assert bench.host.call(Operation.GET_OBJECT, 0x62).code == Response.INVALID_OBJECT_HANDLE, "a folder"
 
 
-def test_image_size_tells_of_storage_but_own_changes_are_not_echoed() -> None:
+def test_image_size_reports_storage_but_own_changes_are_not_echoed() -> None:
     bench = Bench()
     bench.host.set(Prop.IMAGE_SIZE, bytes([9]) + "1920x960\0".encode("utf-16-le"))
     assert bench.host.event()[:2] == (Event.STORAGE_INFO_CHANGED, 0)

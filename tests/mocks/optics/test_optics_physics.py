@@ -446,7 +446,7 @@ def test_jpeg_quality_is_read_back_from_the_tables(tmp_path, optics, quality):
 
 
 @pytest.mark.parametrize("optics", CAMERAS, ids=NAMES)
-def test_nine_files_tell_nominal_times_and_settings(tmp_path, optics):
+def test_nine_files_state_nominal_times_and_settings(tmp_path, optics):
     """EXIF holds what is marked on the dial, not what the shutter did; and camera, speed, aperture and date."""
     shots = RenderedShots(UniformWorld(), optics, cache=PictureCache(tmp_path))
     base = ExifTags.Base

@@ -30,7 +30,7 @@ def dark(plan: Plan) -> Plan:
         ("coda_334", Use.OFFICE),
     ],
 )
-def test_the_name_tells_what_a_room_is_for(scene: str, use: Use) -> None:
+def test_the_name_says_what_a_room_is_for(scene: str, use: Use) -> None:
     assert use_of(scene) is use
 
 

@@ -98,7 +98,7 @@ def test_classes_are_stored_as_ade20k_has_them(saved: Path) -> None:
 
 
 @pytest.mark.parametrize("file", [TRUTH_NAME, LIGHT["depth_m"], NUMBERS["ade"], MASKS["tripod"]])
-def test_damage_and_loss_are_told(saved: Path, file: str) -> None:
+def test_damage_and_loss_are_reported(saved: Path, file: str) -> None:
     data = (saved / file).read_bytes()
     for kept in (len(data) // 3, 0):
         (saved / file).write_bytes(data[:kept])
@@ -109,7 +109,7 @@ def test_damage_and_loss_are_told(saved: Path, file: str) -> None:
         load_truth(saved)
 
 
-def test_facts_that_are_no_object_are_told(saved: Path) -> None:
+def test_facts_that_are_no_object_are_reported(saved: Path) -> None:
     (saved / TRUTH_NAME).write_text("3")
     with pytest.raises(TruthFileError, match="cannot be read"):
         load_truth(saved)

@@ -83,7 +83,7 @@ def test_croissants_own_validator_takes_it(folder: Path) -> None:
     assert records[3]["sessions/index"] == 4
 
 
-def test_every_kind_of_damage_is_told(folder: Path) -> None:
+def test_every_kind_of_damage_is_reported(folder: Path) -> None:
     build(folder, ABOUT)
     frames = sorted((folder / "0-kitchen" / "indoor").iterdir())
     frames[0].write_bytes(b"other")
@@ -100,10 +100,10 @@ def test_every_kind_of_damage_is_told(folder: Path) -> None:
     assert set(report.changed) == {f"0-kitchen/indoor/{frames[0].name}", "index.csv"}
     assert set(report.missing) == {f"0-kitchen/indoor/{frames[1].name}", "3-attic/session.json"}
     assert report.new == ("2-hall/note.txt",)
-    told = " ".join(report.problems)
-    assert "room kitchen is in" in told
-    assert "3-attic: in the index" in told
-    assert "another index.csv" in told
+    result = " ".join(report.problems)
+    assert "room kitchen is in" in result
+    assert "3-attic: in the index" in result
+    assert "another index.csv" in result
 
 
 @pytest.mark.parametrize("line", ["x", f"{'0' * 64}  /etc/passwd", f"{'0' * 64}  ../up", f"{'0' * 64} one-space"])

@@ -26,7 +26,7 @@ def task(path: Path, *arguments: str, timeout_s: float = 300.0) -> Task:
     return Task(str(path), path.name, ("--until", "verify", *arguments), timeout_s)
 
 
-def test_a_session_is_done_and_told(session: Path) -> None:
+def test_a_session_is_done_and_reported(session: Path) -> None:
     outcome = work(task(session))
     assert (outcome.state, outcome.code, outcome.tries) == ("done", "", 1)
     assert outcome.stages == {"verify": "ran"}
@@ -35,7 +35,7 @@ def test_a_session_is_done_and_told(session: Path) -> None:
     assert json.loads(json.dumps(outcome.to_dict())) == outcome.to_dict()
 
 
-def test_what_is_wrong_is_told_by_code(session: Path, tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_by_code(session: Path, tmp_path: Path) -> None:
     assert work(task(tmp_path / "nothing")).code == "SES-001"
     opened = Folder.open(session)
     lock = SessionLock(opened)
@@ -95,12 +95,12 @@ def test_how_a_process_ends(exit_code: int, out: str, err: str, state: str, code
 def test_a_process_that_is_killed_is_tried_once_more(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import processing.batch.work as module
 
-    told = [Outcome("a", "failed", "BAT-002", "killed"), Outcome("a", "done")]
-    monkeypatch.setattr(module, "_once", lambda _task: told.pop(0))
+    result = [Outcome("a", "failed", "BAT-002", "killed"), Outcome("a", "done")]
+    monkeypatch.setattr(module, "_once", lambda _task: result.pop(0))
     outcome = work(task(session))
     assert (outcome.state, outcome.tries) == ("done", 2)
-    told += [Outcome("a", "failed", "BAT-002", "killed"), Outcome("a", "failed", "BAT-002", "again")]
-    assert (work(task(session)).message, told) == ("again", [])
+    result += [Outcome("a", "failed", "BAT-002", "killed"), Outcome("a", "failed", "BAT-002", "again")]
+    assert (work(task(session)).message, result) == ("again", [])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")

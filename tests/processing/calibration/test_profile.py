@@ -152,7 +152,7 @@ def test_damage_is_a_profile_error(tmp_path: Path, content: bytes) -> None:
         load_profile(path)
 
 
-def test_a_missing_profile_or_folder_is_told(tmp_path: Path) -> None:
+def test_a_missing_profile_or_folder_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="no such profile"):
         load_profile(tmp_path / "none.json")
     with pytest.raises(ProfileError, match="nowhere"):

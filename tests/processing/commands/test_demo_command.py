@@ -57,7 +57,7 @@ def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(
     (session,) = into.iterdir()
     assert load_manifest(session).panorama is not None
     assert asked == [{"set": "bedroom"}]
-    told = capsys.readouterr().out
-    assert "peak memory" in told
-    assert f"look at: {session / 'stages' / 'report' / 'index.html'}" in told.splitlines()
-    assert "daylit models get" in told.splitlines()[-1]
+    result = capsys.readouterr().out
+    assert "peak memory" in result
+    assert f"look at: {session / 'stages' / 'report' / 'index.html'}" in result.splitlines()
+    assert "daylit models get" in result.splitlines()[-1]

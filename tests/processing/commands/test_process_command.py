@@ -52,9 +52,9 @@ def test_options_of_stages_reach_them_and_are_explained(session: Path, capsys: p
     assert daylit.main(["process", str(session), "--json"]) == 0
     capsys.readouterr()
     assert daylit.main(["process", str(session), "--scale", "2", "--rounds", "4", "--explain", "--dry-run"]) == 0
-    told = capsys.readouterr().out
-    assert "would run" in told
-    assert "parameters rounds: 3 -> 4" in told
+    result = capsys.readouterr().out
+    assert "would run" in result
+    assert "parameters rounds: 3 -> 4" in result
     assert daylit.main(["process", str(session), "--scale", "2", "--max-error", "0.02", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["ok"] is True
@@ -115,14 +115,14 @@ def test_views(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_help_lists_options_stage_by_stage(capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["process", "--help"]) == 0
-    told = capsys.readouterr().out
-    sections = [line for line in told.splitlines() if line and not line.startswith(" ")]
+    result = capsys.readouterr().out
+    sections = [line for line in result.splitlines() if line and not line.startswith(" ")]
     own = [stage for stage in TOYS if stage.options]
     assert sections[-len(own) :] == [f"{stage.name}: {stage.title}:" for stage in own]
     for stage in own:
         for flag in stage.options:
-            assert told.count(f"  {flag} ") == 1
-    assert "[SESSION]" not in told.partition("Options:")[2]
+            assert result.count(f"  {flag} ") == 1
+    assert "[SESSION]" not in result.partition("Options:")[2]
 
 
 def test_the_session_remembers_options(session: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -95,6 +95,6 @@ def test_what_cannot_be_is_refused(
     assert not out.exists()
 
 
-def test_no_session_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_session_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["rig", "calibrate", str(tmp_path), "--into", str(tmp_path / "x.json")]) == 4
     assert "session.json" in capsys.readouterr().err

@@ -41,10 +41,10 @@ def test_it_opens_the_page_and_prints_where_it_is(
 def test_it_opens_nothing_when_not_asked(session: Path, asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", "--no-open", str(session)]) == 0
     assert main(["view", "--json", str(session)]) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told["ok"]
-    assert told["report"].endswith("index.html")
-    assert told["bytes"] == 15
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["ok"]
+    assert result["report"].endswith("index.html")
+    assert result["bytes"] == 15
     assert not asked
 
 

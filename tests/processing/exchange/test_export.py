@@ -154,14 +154,14 @@ def test_the_tools_that_falsecolor_is_made_of_take_our_hdr(tmp_path: Path) -> No
     path = tmp_path / "a.hdr"
     write_radiance_hdr(path, picture(800.0, rows=64))
 
-    def told(*words: str) -> bytes:
+    def result(*words: str) -> bytes:
         return subprocess.run([str(tools / words[0]), *words[1:]], capture_output=True, check=True, timeout=60).stdout
 
-    lowest, highest = ([float(v) for v in line.split()[2:]] for line in told("pextrem", "-o", str(path)).splitlines())
+    lowest, highest = ([float(v) for v in line.split()[2:]] for line in result("pextrem", "-o", str(path)).splitlines())
     assert lowest[1] * 179 == pytest.approx(400, rel=0.02)
     assert highest[1] * 179 == pytest.approx(1200, rel=0.02)
-    (tmp_path / "half.hdr").write_bytes(told("pcomb", "-s", "0.5", str(path)))
-    _, high = (line.split()[2:] for line in told("pextrem", "-o", str(tmp_path / "half.hdr")).splitlines())
+    (tmp_path / "half.hdr").write_bytes(result("pcomb", "-s", "0.5", str(path)))
+    _, high = (line.split()[2:] for line in result("pextrem", "-o", str(tmp_path / "half.hdr")).splitlines())
     assert float(high[1]) * 179 == pytest.approx(600, rel=0.02)
     if (tools / "falsecolor").exists():
         assert pyradiance.falsecolor(str(path), scale="1200").startswith(b"#?RADIANCE")

@@ -134,9 +134,9 @@ def test_as_a_user_meets_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     path = str(tmp_path / "a.exr")
     write_exr(Path(path), calibrated())
     assert daylit.main(["inspect", path, "--at", "90,0", "--at", "-90,0"]) == 0
-    told = capsys.readouterr().out
-    assert "at 90, 0 (column 48, row 16): 300 ± 5.0% cd/m2" in told
-    assert "uncertainty of the scale: 4.0%" in told
+    result = capsys.readouterr().out
+    assert "at 90, 0 (column 48, row 16): 300 ± 5.0% cd/m2" in result
+    assert "uncertainty of the scale: 4.0%" in result
     assert daylit.main(["inspect", path, "--at", "180,-89", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["places"][0]["unit"] == "cd/m2"

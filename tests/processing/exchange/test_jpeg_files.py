@@ -27,20 +27,20 @@ def xmp_of(path: Path) -> dict[str, object]:
 def test_exiv2_reads_the_panorama(tmp_path: Path) -> None:
     path = tmp_path / "p.jpg"
     write_jpeg(path, picture(), panorama=PanoramaTags.whole(64, 32, heading_rad=math.radians(-30)))
-    told = xmp_of(path)
-    assert told["Xmp.GPano.ProjectionType"] == "equirectangular"
-    assert told["Xmp.GPano.FullPanoWidthPixels"] == told["Xmp.GPano.CroppedAreaImageWidthPixels"] == "64"
-    assert told["Xmp.GPano.FullPanoHeightPixels"] == "32"
-    assert float(str(told["Xmp.GPano.PoseHeadingDegrees"])) == pytest.approx(330)
-    assert "Xmp.iptcExt.DigitalSourceType" not in told
+    result = xmp_of(path)
+    assert result["Xmp.GPano.ProjectionType"] == "equirectangular"
+    assert result["Xmp.GPano.FullPanoWidthPixels"] == result["Xmp.GPano.CroppedAreaImageWidthPixels"] == "64"
+    assert result["Xmp.GPano.FullPanoHeightPixels"] == "32"
+    assert float(str(result["Xmp.GPano.PoseHeadingDegrees"])) == pytest.approx(330)
+    assert "Xmp.iptcExt.DigitalSourceType" not in result
 
 
 def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
     path = tmp_path / "p.jpg"
     write_jpeg(path, picture(), staged=True, relative=True, title='Room "3" <one> & more')
-    told = xmp_of(path)
-    assert told["Xmp.iptcExt.DigitalSourceType"] == STAGED_SOURCE
-    assert told["Xmp.dc.title"] == {'lang="x-default"': 'Room "3" <one> & more'}
+    result = xmp_of(path)
+    assert result["Xmp.iptcExt.DigitalSourceType"] == STAGED_SOURCE
+    assert result["Xmp.dc.title"] == {'lang="x-default"': 'Room "3" <one> & more'}
     assert b'daylit:Units="relative"' in path.read_bytes()
     assert b"GPano:" not in path.read_bytes().replace(b"xmlns:GPano", b"")
 
@@ -48,8 +48,12 @@ def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
 def test_crop_of_a_panorama(tmp_path: Path) -> None:
     path = tmp_path / "p.jpg"
     write_jpeg(path, picture(), panorama=PanoramaTags(128, 64, left_px=32, top_px=16))
-    told = xmp_of(path)
-    assert [told[f"Xmp.GPano.CroppedArea{name}Pixels"] for name in ("Left", "Top", "ImageWidth")] == ["32", "16", "64"]
+    result = xmp_of(path)
+    assert [result[f"Xmp.GPano.CroppedArea{name}Pixels"] for name in ("Left", "Top", "ImageWidth")] == [
+        "32",
+        "16",
+        "64",
+    ]
     with pytest.raises(ParameterError, match="beyond"):
         jpeg_bytes(picture(), panorama=PanoramaTags(128, 64, left_px=65))
 

@@ -26,7 +26,7 @@ def panorama(level: np.ndarray) -> LuminanceImage:
 
 
 def patch(rays: np.ndarray, lon: float, lat: float, wide: float, high: float) -> np.ndarray:
-    """Tell which directions lie in a window, degrees from its middle."""
+    """Return which directions lie in a window, degrees from its middle."""
     longitude, latitude = np.degrees(np.arctan2(rays[..., 0], rays[..., 1])), np.degrees(np.arcsin(rays[..., 2]))
     return (np.abs((longitude - lon + 180) % 360 - 180) < wide) & (np.abs(latitude - lat) < high)
 
@@ -125,9 +125,9 @@ def test_evalglare_finds_the_same(tmp_path: Path, name: str) -> None:
     image, azimuth = CASES[name]
     path = tmp_path / "view.hdr"
     write_radiance_hdr(path, eye_view(image, azimuth, 240))
-    told = subprocess.run([str(tool), str(path)], capture_output=True, text=True, check=False).stdout
+    result = subprocess.run([str(tool), str(path)], capture_output=True, text=True, check=False).stdout
     ours = glare(image, azimuth)
-    assert float(told.partition(":")[2].split()[0]) == pytest.approx(ours.dgp, abs=0.015), told
+    assert float(result.partition(":")[2].split()[0]) == pytest.approx(ours.dgp, abs=0.015), result
     light = subprocess.run([str(tool), "-V", str(path)], capture_output=True, text=True, check=False).stdout
     assert float(light.split()[0]) == pytest.approx(ours.vertical_lx, rel=0.01)
     lines = subprocess.run([str(tool), "-d", str(path)], capture_output=True, text=True, check=False).stdout

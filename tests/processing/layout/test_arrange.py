@@ -204,7 +204,7 @@ def test_mirroring_the_room_mirrors_the_arrangement() -> None:
     assert np.allclose(here * (-1, 1), there, atol=1e-5)
 
 
-def test_what_has_no_place_is_told_with_rule_and_width() -> None:
+def test_what_has_no_place_is_reported_with_rule_and_width() -> None:
     plan = make_plan([[0, 0], [3.0, 0], [3.0, 2.7], [0, 2.7]], doors=[Door(0, 0.1, 0.9)])
     result = arrange(plan, set_items("bedroom"), "standard", n=1)
     one = result.arrangements[0]
@@ -229,9 +229,9 @@ def test_bound_pieces_stand_by_their_hosts_or_are_refused_with_the_reason() -> N
                 assert away_m <= reach_m + math.hypot(0.7, 1.0) + math.hypot(0.225, 0.2)
             assert ("desk-chair" in by_id) <= ("desk" in by_id)
             assert judged(plan, one, rules) == []
-            told = {n.id: n for n in one.not_placed}
-            if "bed" in told:
-                assert told["nightstand-1"].rule == "kept together"
+            reported = {n.id: n for n in one.not_placed}
+            if "bed" in reported:
+                assert reported["nightstand-1"].rule == "kept together"
 
 
 def test_a_nightstand_far_from_its_bed_is_a_fault() -> None:
@@ -240,7 +240,7 @@ def test_a_nightstand_far_from_its_bed_is_a_fault() -> None:
     assert "kept together" in {v.rule for v in found}
 
 
-def test_tall_pieces_under_low_ceilings_are_told() -> None:
+def test_tall_pieces_under_low_ceilings_are_reported() -> None:
     plan = make_plan([[0, 0], [4, 0], [4, 4], [0, 4]], doors=[Door(0, 0.1, 0.9)], ceiling_height_m=1.9)
     one = arrange(plan, parse_items("wardrobe, desk"), "tight", n=1).arrangements[0]
     assert (one.not_placed[0].id, one.not_placed[0].rule) == ("wardrobe", "under the ceiling")
@@ -348,8 +348,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     (tmp_path / "plan.json").write_text(json.dumps(plan))
     base = ["arrange", str(tmp_path / "plan.json"), "--rules", "tight", "-n", "1", "--no-pictures"]
     assert daylit.main([*base, "--items", "desk, desk chair", "--place", "desk=1,0.5,0,in", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["ok"] is True
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["ok"] is True
     assert (tmp_path / "plan-layout" / "arrangement.json").exists()
     assert daylit.main([*base, "--items", "dekk"]) == 2
     assert "desk" in capsys.readouterr().err

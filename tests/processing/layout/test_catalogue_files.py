@@ -58,7 +58,7 @@ def assert_chair(model, size=(0.45, 0.5, 0.9)) -> None:  # type: ignore[no-untyp
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0), ("in", 1 / 0.0254)])
-def test_units_are_told_from_the_size(tmp_path: Path, unit: str, factor: float) -> None:
+def test_units_are_estimated_from_the_size(tmp_path: Path, unit: str, factor: float) -> None:
     vertices, faces = chair()
     write_obj(tmp_path / "chair.obj", to_y_up(vertices) * factor, faces)
     model = loaded(tmp_path)
@@ -79,7 +79,7 @@ def test_unit_given_goes_before_the_guess_and_nonsense_is_scaled_and_said(tmp_pa
         Catalogue.folder(tmp_path, unit="furlong")
 
 
-def test_z_up_is_told_where_proportions_are_clear(tmp_path: Path) -> None:
+def test_z_up_is_detected_where_proportions_are_clear(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.8, 0.3, 1.8))
     write_obj(tmp_path / "bookcase.obj", np.asarray(box.vertices), np.asarray(box.faces))
     model = loaded(tmp_path, "bookcase")
@@ -254,7 +254,7 @@ def test_3d_future_folder(tmp_path: Path) -> None:
         ("", "other"),
     ],
 )
-def test_categories_are_told_from_names(name: str, category: str) -> None:
+def test_categories_are_read_from_names(name: str, category: str) -> None:
     assert category_of(name) == category
 
 
@@ -329,7 +329,7 @@ def test_a_folder_without_models_is_refused(tmp_path: Path) -> None:
         ("Meuble", "", "other", True),
     ],
 )
-def test_told_categories_are_understood_by_their_words_or_said(
+def test_stated_categories_are_understood_by_their_words_or_said(
     tmp_path: Path, said: str, name: str, category: str, noted: bool
 ) -> None:
     write_obj(tmp_path / "thing.obj", to_y_up(chair()[0]), chair()[1])

@@ -32,7 +32,7 @@ def test_repeated_and_closing_points_are_left_out_and_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("polygon", "told"),
+    ("polygon", "result"),
     [
         ([[0, 0], [4, 3], [4, 0], [0, 3]], r"edge 0 crosses or touches edge 2 at \(2.000, 1.500\)"),
         ([[0, 0], [4, 0]], "no polygon"),
@@ -44,8 +44,8 @@ def test_repeated_and_closing_points_are_left_out_and_said() -> None:
         ([[0, 0], [40000, 0], [4, 3]], "10 km"),
     ],
 )
-def test_polygons_that_cannot_be_repaired_are_refused(polygon: list[list[float]], told: str) -> None:
-    with pytest.raises(PlanError, match=told):
+def test_polygons_that_cannot_be_repaired_are_refused(polygon: list[list[float]], result: str) -> None:
+    with pytest.raises(PlanError, match=result):
         make_plan(polygon)
 
 

@@ -1,4 +1,4 @@
-"""The use zones told are those that can be walked to."""
+"""The use zones reported are those that can be walked to."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TIGHT = built_in_rules().named("tight")
 FROM_THE_LEFT = make_plan(((0, 0), (4, 0), (4, 3), (0, 3)), doors=(Door(3, 1.0, 1.8),))
 
 
-def test_a_side_behind_the_bed_is_not_told() -> None:
+def test_a_side_behind_the_bed_is_not_reported() -> None:
     bed = Item("bed", KINDS["bed"])
     _, left, right = zone_choices(bed, TIGHT)
     # Its head at the right wall: the left side is cut off by a wardrobe, the right one is open.
@@ -26,14 +26,14 @@ def test_a_side_behind_the_bed_is_not_told() -> None:
         Stand(Item("wardrobe", KINDS["wardrobe"]), 1.35, 0.3, 0.0, "wardrobe", 0),
     ]
     judge = Judge(FROM_THE_LEFT, TIGHT)
-    told = with_reached_sides(stands, judge, TIGHT)
-    assert told[0].zones == right
-    assert told[1] == stands[1]
+    reported = with_reached_sides(stands, judge, TIGHT)
+    assert reported[0].zones == right
+    assert reported[1] == stands[1]
     alone = with_reached_sides([stands[0]], judge, TIGHT)
     assert alone[0].zones == left
 
 
-def test_arrangements_tell_sides_that_the_raster_reaches() -> None:
+def test_arrangements_list_sides_that_the_raster_reaches() -> None:
     doors = (Door(3, 0.018, 0.72), Door(0, 0.8136, 2.7636), Door(3, 1.2504, 2.202))
     plan: FloorPlan = make_plan(((0, 3.3744), (0, 0), (3.2808, 0), (3.2808, 3.3744)), doors=doors)
     items = parse_items("bed, wardrobe, chest, 2 nightstand, plant")

@@ -57,17 +57,17 @@ def seen() -> LuminanceImage:
 
 @pytest.mark.parametrize("off_deg", [0.0, 75.0, -150.0])
 def test_it_is_turned_back(seen: LuminanceImage, off_deg: float) -> None:
-    found, told = outdoors_facing(turned(clouds(), math.radians(off_deg)), seen, ROOM)
-    assert told is not None
-    assert math.degrees(math.remainder(told[0] + math.radians(off_deg), 2 * math.pi)) == pytest.approx(0, abs=4)
+    found, result = outdoors_facing(turned(clouds(), math.radians(off_deg)), seen, ROOM)
+    assert result is not None
+    assert math.degrees(math.remainder(result[0] + math.radians(off_deg), 2 * math.pi)) == pytest.approx(0, abs=4)
     assert found.sun is not None
     assert np.allclose(found.sun.direction, clouds().sun.direction, atol=0.08)  # type: ignore[union-attr]
 
 
-def test_a_sky_that_tells_nothing_stays() -> None:
+def test_a_sky_without_information_stays() -> None:
     plain = uniform_sky(3000.0)
-    found, told = outdoors_facing(plain, photograph(plain), ROOM)
-    assert told is None
+    found, result = outdoors_facing(plain, photograph(plain), ROOM)
+    assert result is None
     assert found is plain
 
 

@@ -31,7 +31,7 @@ def pane_with(*covered: tuple[slice, slice]) -> Pane:
 
 ALL = slice(None)
 BARS = {
-    "frame, told above the horizon only": ((slice(0, 12), slice(0, 2)), (ALL, slice(0, 2))),
+    "frame, known above the horizon only": ((slice(0, 12), slice(0, 2)), (ALL, slice(0, 2))),
     "bar across": ((slice(5, 7), ALL), (slice(5, 7), ALL)),
     "post": ((ALL, slice(20, 22)), (ALL, slice(20, 22))),
     "blind, half drawn": ((slice(0, 14), ALL), (slice(0, 14), ALL)),
@@ -39,9 +39,9 @@ BARS = {
 }
 
 
-@pytest.mark.parametrize(("told", "wanted"), BARS.values(), ids=list(BARS))
-def test_what_runs_along_the_glass_shades_the_sun(told, wanted) -> None:
-    found = clear_of_sun(pane_with(told), EYE_M)
+@pytest.mark.parametrize(("result", "wanted"), BARS.values(), ids=list(BARS))
+def test_what_runs_along_the_glass_shades_the_sun(result, wanted) -> None:
+    found = clear_of_sun(pane_with(result), EYE_M)
     assert (found == pane_with(wanted).clear).all()
 
 
@@ -58,7 +58,7 @@ def test_drawn_and_unknown_coverings_stay() -> None:
     assert not clear_of_sun(shut, EYE_M).any()
     one = Pane(shut.corner_m, shut.across_m, shut.up_m, clear=np.full((1, 1), 0.3, np.float32))
     assert clear_of_sun(one, EYE_M) is one.clear
-    # Seen from above, no cell lies before the sky: columns are told by all rows.
+    # Seen from above, no cell lies before the sky: columns are found by all rows.
     assert (clear_of_sun(pane_with(BARS["curtain"][0]), 5.0) == pane_with(BARS["curtain"][1]).clear).all()
 
 
@@ -76,7 +76,7 @@ def landscape(rows: int = 64, level: float = 2000.0) -> tuple[Outdoors, np.ndarr
     return Outdoors(sky), land
 
 
-def test_land_is_told_from_the_sky() -> None:
+def test_land_is_distinguished_from_the_sky() -> None:
     outdoors, land = landscape()
     assert (land_of(outdoors) == land).all()
     bare = bare_sky(outdoors.rgb, land)

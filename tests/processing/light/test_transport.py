@@ -90,7 +90,7 @@ def test_sun_patch_has_the_energy_that_enters_the_window() -> None:
     light = sunlight(stage, points, stage.patches.normal, 16, (6,))
     entering = 2.0 * 1.5 * -direction[1] * 0.8 * np.array([80_000, 70_000, 60_000])
     assert (light * stage.patches.area_m2[:, None]).sum(axis=0) == pytest.approx(entering, rel=0.01)
-    # One place each, with rays to the rim, tells the same of places well within and well outside.
+    # One place each, with rays to the rim, gives the same for places well within and well outside.
     single = sunlight(stage, points[:, :1], stage.patches.normal, 8, (6,))
     assert np.median(np.abs(single - light)) == 0
 

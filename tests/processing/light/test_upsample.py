@@ -1,4 +1,4 @@
-"""Irradiance from a small picture to a large one, sizes of textures, windows told from pictures."""
+"""Irradiance from a small picture to a large one, sizes of textures, windows found in pictures."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_ground_below_the_horizon_reflects_sky_and_sun() -> None:
     assert found.rgb[32:] == pytest.approx(0.3 / np.pi * (np.pi * 1000 + 3e4), rel=1e-3)
 
 
-def test_gloss_is_told_where_it_is_and_not_where_it_is_not() -> None:
+def test_gloss_is_detected_where_it_is_and_not_where_it_is_not() -> None:
     rng = np.random.default_rng(5)
     mirror = np.repeat(rng.uniform(0.03, 0.4, (3000, 1)), 3, axis=1)
     pattern = np.repeat(rng.choice([0.2, 0.3], (3000, 1)), 3, axis=1)

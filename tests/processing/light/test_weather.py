@@ -118,7 +118,7 @@ def test_the_captured_weather_gives_the_captured_light_at_the_captured_time() ->
     assert red / blue > noon_red / noon_blue
 
 
-def test_strange_captures_are_held_and_told() -> None:
+def test_strange_captures_are_held_and_reported() -> None:
     time_utc = datetime(2022, 9, 1, 9, tzinfo=UTC)
     place = Place(45.0, 8.0)
     bright = Outdoors(np.full((16, 32, 3), 1e9, np.float32))

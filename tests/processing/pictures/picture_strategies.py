@@ -45,7 +45,7 @@ def images(draw: st.DrawFn, kind: str | None = None) -> RelativeImage | Luminanc
 
 
 def luminance_image(rgb: np.ndarray, geometry: object = None, **fields: object) -> LuminanceImage:
-    """Return a valid picture of an array, 1 % uncertain and of no scale uncertainty unless told otherwise."""
+    """Return a valid picture of an array, 1 % uncertain and of no scale uncertainty unless stated otherwise."""
     height, width = rgb.shape[:2]
     values = {
         "uncertainty": np.full((height, width), 0.01, np.float32),

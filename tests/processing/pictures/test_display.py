@@ -56,11 +56,11 @@ def test_white_is_mostly_the_ceilings_where_it_can_be_white_and_the_boards_under
     yellow, wood = rgb.copy(), rgb.copy()
     yellow[:16] *= np.float32([1.0, 1.0, 0.75])
     wood[:16] *= np.float32([1.3, 1.0, 0.4])
-    told = display_of(yellow, board_rgb=WARM, panes=panes)
-    lab = lab_of_linear(linear_of_srgb(told.shown(yellow, panes))[:14].reshape(-1, 3).astype(float), np.ones(3))
-    assert told.source == "board and ceiling"
+    result = display_of(yellow, board_rgb=WARM, panes=panes)
+    lab = lab_of_linear(linear_of_srgb(result.shown(yellow, panes))[:14].reshape(-1, 3).astype(float), np.ones(3))
+    assert result.source == "board and ceiling"
     assert np.abs(lab[:, 1:]).max() < 4
-    assert "ceiling" in told.said
+    assert "ceiling" in result.said
     under = display_of(wood, board_rgb=WARM, panes=panes)
     assert under.source == "board"
     assert under.white == pytest.approx(WARM / (WARM @ [0.2127, 0.7151, 0.0722]), rel=1e-4)

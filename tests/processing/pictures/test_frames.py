@@ -66,13 +66,13 @@ def test_a_jpeg_cut_short_anywhere_is_refused_by_name(cut: int) -> None:
 def test_a_changed_byte_gives_a_picture_of_the_right_size_or_a_named_refusal(place: int, value: int) -> None:
     data = bytearray(jpeg())
     data[place % len(data)] = value
-    told, fits = "", False
+    result, fits = "", False
     try:
         frame = jpeg_frame(bytes(data), "a.jpg")
         fits = frame.decode().shape == (frame.size_px[1], frame.size_px[0], 3)
     except PictureFileError as error:
-        told = str(error)
-    assert fits or "a.jpg" in told
+        result = str(error)
+    assert fits or "a.jpg" in result
 
 
 @pytest.mark.shared

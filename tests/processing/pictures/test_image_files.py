@@ -247,7 +247,7 @@ def test_no_file_another_file_and_a_folder(tmp_path: Path) -> None:
             read_exr(tmp_path / name)
 
 
-def test_damage_is_not_told_on_standard_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damage_is_not_reported_on_standard_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands write their JSON there."""
     path = tmp_path / "picture.exr"
     write_exr(path, noise(24, 48))

@@ -56,7 +56,7 @@ def test_sixteen_bits_are_read_as_such(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.image.rgb, exact, rtol=1e-5)
 
 
-def test_a_clipped_window_is_a_lower_bound_and_told(tmp_path: Path) -> None:
+def test_a_clipped_window_is_a_lower_bound_and_reported(tmp_path: Path) -> None:
     rgb = grey(100)
     rgb[24:40, 50:70] = 255
     rgb[:4] = 0
@@ -146,7 +146,7 @@ def packet(**tags: object) -> bytes:
     return f"{head}<rdf:Description {space} {inner}/></rdf:RDF></x:xmpmeta>".encode()
 
 
-def test_tags_tell_of_projections_and_parts(tmp_path: Path) -> None:
+def test_tags_declare_projections_and_parts(tmp_path: Path) -> None:
     path = tmp_path / "p.jpg"
     with pytest.raises(PanoramaError, match="cylindrical"):
         read_panorama(saved(path, grey(), xmp=packet(ProjectionType="cylindrical")))
@@ -163,7 +163,7 @@ def test_tags_tell_of_projections_and_parts(tmp_path: Path) -> None:
     assert read_panorama(saved(path, grey(), xmp=whole)).image.rgb.shape == (HEIGHT, WIDTH, 3)
 
 
-def test_another_colour_profile_is_converted_or_told_of(tmp_path: Path) -> None:
+def test_another_colour_profile_is_converted_or_reported(tmp_path: Path) -> None:
     lab = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
     found = read_panorama(saved(tmp_path / "lab.jpg", grey(), icc_profile=lab))
     assert "taken as sRGB" in found.notes[0]

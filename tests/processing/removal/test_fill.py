@@ -175,7 +175,7 @@ def test_nothing_is_copied_from_sunlight() -> None:
     assert float(np.median(beside[chair] / plain[chair])) == pytest.approx(1, abs=0.2)
 
 
-def test_wrong_sizes_are_told() -> None:
+def test_wrong_sizes_are_reported() -> None:
     image, _, _ = painted()
     with pytest.raises(ParameterError):
         empty_room(image, np.zeros((3, 4), bool), box_room())
@@ -241,7 +241,7 @@ def test_what_a_network_invents_is_never_called_continued(tmp_path: Path) -> Non
     assert (drawn.provenance[target] == 2).mean() > 0.5
 
 
-def test_networks_that_do_not_fit_are_told(tmp_path: Path) -> None:
+def test_networks_that_do_not_fit_are_reported(tmp_path: Path) -> None:
     with pytest.raises(FillerError, match="cannot be read"):
         LamaFiller(tmp_path / "none.onnx")
     with pytest.raises(FillerError, match="inputs"):

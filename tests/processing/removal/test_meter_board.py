@@ -52,7 +52,7 @@ def test_board_and_stand_are_found_also_across_the_seam(longitude_deg: float, ed
     assert mask.sum() < 1.9 * (board | pole).sum()
 
 
-def test_a_board_before_something_as_bright_is_told_by_its_colour() -> None:
+def test_a_board_before_something_as_bright_is_detected_by_its_colour() -> None:
     level, board, pole, target = picture(0.0, -12.0)
     rows, columns = np.nonzero(board)
     orange = np.zeros_like(board)

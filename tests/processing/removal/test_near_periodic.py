@@ -115,7 +115,7 @@ def test_a_membrane_keeps_what_is_given_and_has_no_peaks() -> None:
     assert not spread(values, np.zeros_like(given_)).any()
 
 
-def test_light_is_told_from_a_pattern_by_pairs() -> None:
+def test_light_is_distinguished_from_a_pattern_by_pairs() -> None:
     tone = np.log(tiled() + 0.01)
     slope = np.linspace(-0.4, 0.4, tone.shape[0])[:, None, None].astype(np.float32)
     known = np.ones(tone.shape[:2], bool)

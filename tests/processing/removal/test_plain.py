@@ -9,7 +9,7 @@ from processing.removal.plain import fill_plain
 
 
 @pytest.mark.parametrize("shape", [(4, 4), (120, 2), (2, 160), (60, 80)])
-def test_little_that_is_seen_tells_the_level(shape: tuple[int, int]) -> None:
+def test_little_that_is_seen_gives_the_level(shape: tuple[int, int]) -> None:
     values = np.zeros((120, 160, 3), np.float32)
     known = np.zeros((120, 160), bool)
     known[: shape[0], : shape[1]] = True

@@ -1,4 +1,4 @@
-"""Skirting: told from the walls that show theirs, put where furniture hides it, and not invented."""
+"""Skirting: estimated from the walls that show theirs, put where furniture hides it, and not invented."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def with_skirting(bare: Painted) -> RelativeImage:
     return replace(bare.image, rgb=rgb)
 
 
-def test_it_is_told_from_the_walls_that_show_it(bare: Painted) -> None:
+def test_it_is_estimated_from_the_walls_that_show_it(bare: Painted) -> None:
     lit, hidden = with_skirting(bare), bare.maps.plane == 3
     found = find_skirting(lit.rgb, GEOMETRY, box_room(), hidden)
     assert found is not None

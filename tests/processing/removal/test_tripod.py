@@ -33,8 +33,8 @@ def panorama(picture: np.ndarray) -> np.ndarray:
 def found(picture: np.ndarray) -> tuple[np.ndarray, bool]:
     floor = np.zeros((HEIGHT, 2 * HEIGHT), bool)
     floor[HEIGHT // 2 :] = True
-    told = find_tripod(np.zeros((8, HEIGHT, 2 * HEIGHT), np.float32), panorama(picture), floor)
-    return told.mask, told.at_nadir
+    result = find_tripod(np.zeros((8, HEIGHT, 2 * HEIGHT), np.float32), panorama(picture), floor)
+    return result.mask, result.at_nadir
 
 
 def test_black_legs_are_found_though_the_floor_around_is_as_dark() -> None:

@@ -53,7 +53,7 @@ def results(*, alternatives: int = 2, absolute: bool = True) -> Results:
         Arrangement(rank=k, items=(bed,), score=0.91, scores={}, rule_set="standard", differs_by="the bed turned")
         for k in _up_to(alternatives)
     )
-    told = {"items": ["bed"], "style": "scandinavian", "changed_share": 0.2, "error": 0.02, "furniture_share": 0.1}
+    result = {"items": ["bed"], "style": "scandinavian", "changed_share": 0.2, "error": 0.02, "furniture_share": 0.1}
     return {
         "merge": {"response": {}},
         "calibrate": {"indoor": photograph, "calibration": {"indoor": _scale(absolute=absolute)}},
@@ -75,7 +75,7 @@ def results(*, alternatives: int = 2, absolute: bool = True) -> Results:
         },
         "render": {
             **staged,
-            "staged": {"method": "differential", "alternatives": [told for _ in _up_to(alternatives)]},
+            "staged": {"method": "differential", "alternatives": [result for _ in _up_to(alternatives)]},
             "staged-1.glb": scene_glb(scene),
         },
     }

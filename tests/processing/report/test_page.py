@@ -1,4 +1,4 @@
-"""The page: everything told is there, text stays text, nothing is fetched."""
+"""The page: everything stated is there, text stays text, nothing is fetched."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ def test_numbers_for_people(value: float, uncertainty: float | None, text: str) 
 
 @settings(max_examples=150, deadline=None)
 @given(st.floats(allow_nan=True, allow_infinity=True), st.none() | st.floats(0, 1e300))
-def test_any_number_can_be_told(value: float, uncertainty: float | None) -> None:
+def test_any_number_can_be_reported(value: float, uncertainty: float | None) -> None:
     assert number_text(value, uncertainty)
 
 

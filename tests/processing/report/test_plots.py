@@ -67,7 +67,7 @@ def test_spot_is_in_the_middle_of_its_circle(centre: tuple[float, float]) -> Non
     red = np.argwhere((shown[..., 0] > 150) & (shown[..., 1] < 90))
     assert yellow.size
     assert red.size
-    # A whole ring's middle; one cut by the picture's edge is not told this way.
+    # A whole ring's middle; one cut by the picture's edge is not found this way.
     if 5 < centre[1] < 59:
         assert np.abs((yellow.min(axis=0) + yellow.max(axis=0)) / 2 - red.mean(axis=0)).max() < 480 / 32
 

@@ -1,4 +1,4 @@
-"""What is told of a room that may be wrong: doubts lower the confidence, and bad pictures never give a sure room."""
+"""What is said of a room that may be wrong: doubts lower the confidence, and bad pictures never give a sure room."""
 
 from __future__ import annotations
 
@@ -76,13 +76,13 @@ def test_a_room_that_goes_on_behind_a_wall_is_not_presented_as_certain(case: str
     room = room_of(BOX)
     stretch = slice(0, COLUMNS // 2) if case == "doorway" else slice(40, 120)
     boundary = seen_through(room, stretch, 3.0 if case == "doorway" else 2.0, sigma_deg=12.0)
-    told = estimate_room(
+    result = estimate_room(
         painted(room, 256), SceneEvidence(unsure(classes_of(room), 0.4), "", boundary), manhattan_rad=0.0
     )
     plain = estimate_room(painted(room, 256), evidence_of(room, noise_deg=0.5), manhattan_rad=0.0)
     assert plain.room.confidence > 0.7
-    assert told.room.confidence < 0.5
-    assert any("doubtful" in line for line in told.warnings)
+    assert result.room.confidence < 0.5
+    assert any("doubtful" in line for line in result.warnings)
 
 
 def test_a_tilted_picture_that_is_not_levelled_is_doubted() -> None:
@@ -94,6 +94,6 @@ def test_a_tilted_picture_that_is_not_levelled_is_doubted() -> None:
     boundary = replace(
         true, floor_rad=np.minimum(true.floor_rad + roll, -0.05), ceiling_rad=np.maximum(true.ceiling_rad + roll, 0.05)
     )
-    told = estimate_room(painted(room, 256), SceneEvidence(classes_of(room), "", boundary), manhattan_rad=0.0)
-    assert told.room.confidence < 0.5
-    assert any("level" in line for line in told.warnings)
+    result = estimate_room(painted(room, 256), SceneEvidence(classes_of(room), "", boundary), manhattan_rad=0.0)
+    assert result.room.confidence < 0.5
+    assert any("level" in line for line in result.warnings)

@@ -108,7 +108,7 @@ def test_scale_is_the_cameras_height() -> None:
 
 
 @pytest.mark.parametrize("angle", [-0.7, -0.2, 0.0, 0.5])
-def test_the_walls_azimuth_is_told_from_boundaries_alone(angle: float) -> None:
+def test_the_walls_azimuth_is_estimated_from_boundaries_alone(angle: float) -> None:
     found = walls_azimuth(columns_of(boundary_of(room_of(turned(BOX, angle)), noise_deg=0.3)))
     off = (found + angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
     assert abs(off) < math.radians(1.5)

@@ -22,7 +22,7 @@ PICTURE = picture_of(np.random.default_rng(1).uniform(0.1, 1.0, (64, 128)))
     ("name", "kind", "count"),
     [("horizonnet", "HorizonNet", 1024), ("led2net", "LED2-Net", 1024), ("lgtnet", "LGT-Net", 256)],
 )
-def test_each_kind_is_told_by_its_shapes_and_gives_the_same_box(name: str, kind: str, count: int) -> None:
+def test_each_kind_is_recognised_by_its_shapes_and_gives_the_same_box(name: str, kind: str, count: int) -> None:
     network = load_layout_network(NETWORKS / f"{name}.onnx")
     assert network.kind == kind
     found = layout_boundary(PICTURE, network)

@@ -120,7 +120,7 @@ def test_what_lies_outside_the_picture_darkens_nothing_beside_it() -> None:
     assert np.isfinite(upright.rgb).all()
 
 
-def test_a_picture_that_is_not_to_be_turned_still_tells_its_walls_azimuth() -> None:
+def test_a_picture_that_is_not_to_be_turned_still_gives_its_walls_azimuth() -> None:
     image, turn = tilted(0.15, 0.0, 0.4)
     found = find_upright(image, turn=False)
     assert not found.turned
@@ -140,7 +140,7 @@ def test_the_sun_beside_darkness_rings_nowhere() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 1.6e9])
-def test_black_and_constant_pictures_tell_nothing(value: float) -> None:
+def test_black_and_constant_pictures_give_nothing(value: float) -> None:
     image = as_image(np.full((32, 64), value, np.float32), noise=0)
     found = find_upright(image)
     assert found.support == 0
@@ -150,7 +150,7 @@ def test_black_and_constant_pictures_tell_nothing(value: float) -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 2), (2, 4), (8, 16)])
-def test_tiny_pictures_tell_nothing(shape: tuple[int, int]) -> None:
+def test_tiny_pictures_give_nothing(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     found = find_upright(as_image(rng.random(shape).astype(np.float32)))
     assert found.support == 0

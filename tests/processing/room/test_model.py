@@ -70,7 +70,7 @@ def test_a_room_that_can_stand() -> None:
         ({"openings": [opening(), opening(start_m=1.9, end_m=2.5)]}, "openings.1: overlaps openings.0 on wall 0"),
     ],
 )
-def test_what_cannot_stand_is_told_with_its_key(fields: dict[str, Any], words: str) -> None:
+def test_what_cannot_stand_is_reported_with_its_key(fields: dict[str, Any], words: str) -> None:
     room = l_room(**fields)
     with pytest.raises(RoomError, match=words):
         check_room(room.model_dump(mode="json"))
@@ -154,9 +154,9 @@ def test_the_command_makes_checks_and_never_overwrites(tmp_path: Path, capsys: p
     session = complete_session(tmp_path)
     path = session / "room.json"
     assert daylit.main(["room", str(session), "--edit", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert told["file"] == str(path)
-    assert "nobody has corrected it" in told["problems"][0]
+    result = json.loads(capsys.readouterr().out)
+    assert result["file"] == str(path)
+    assert "nobody has corrected it" in result["problems"][0]
     mine = l_room()
     path.write_text(room_text(mine))
     assert daylit.main(["room", str(session), "--edit"]) == 0

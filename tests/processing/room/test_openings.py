@@ -42,7 +42,7 @@ def evidence_of(drawn: Drawn, classes: tuple[SceneClass, ...]) -> SceneEvidence:
     return SceneEvidence((soft / soft.sum(axis=0)).astype(np.float32), source="drawn")
 
 
-def told(patches: tuple[Patch, ...], classes: tuple[SceneClass, ...]) -> tuple[RelativeImage, SceneEvidence]:
+def result(patches: tuple[Patch, ...], classes: tuple[SceneClass, ...]) -> tuple[RelativeImage, SceneEvidence]:
     drawn = draw(ROWS, low=LOW, high=HIGH, patches=patches)
     return as_image(drawn.luminance), evidence_of(drawn, classes)
 
@@ -60,7 +60,7 @@ def iou(found: Opening, wall: int, start: float, end: float, sill: float, head: 
 def test_windows_in_a_reveal_and_a_door_are_found_whole(reveal: float, least: float) -> None:
     """Reveals lit through the window, as by day; and ones of the wall's tone, whose outer edge hardly shows."""
     lit = tuple(replace(one, reveal=reveal) for one in (WINDOW, SECOND))
-    image, evidence = told((*lit, DOOR), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.DOOR))
+    image, evidence = result((*lit, DOOR), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.DOOR))
     found = find_openings(image, evidence, ROOM)
     assert sorted(o.kind for o in found) == [OpeningKind.DOOR, OpeningKind.WINDOW, OpeningKind.WINDOW]
     assert not geometry_problems(ROOM.model_copy(update={"openings": found}))
@@ -76,32 +76,32 @@ def test_windows_in_a_reveal_and_a_door_are_found_whole(reveal: float, least: fl
 
 def test_plain_wall_between_and_beside_windows_is_no_window_whatever_the_network_says() -> None:
     wall = [Patch("front", x0, x1, 0.9, 2.1, 0.5) for x0, x1 in ((0.4, 0.8), (-1.6, -0.9))]
-    image, evidence = told((WINDOW, SECOND, *wall), (SceneClass.WINDOW,) * 4)
+    image, evidence = result((WINDOW, SECOND, *wall), (SceneClass.WINDOW,) * 4)
     found = find_openings(image, evidence, ROOM)
     assert len(found) == 2
     assert max(iou(o, 2, 1.2, 2.5, 0.9, 2.1) for o in found) > 0.85
     assert max(iou(o, 2, 0.2, 0.8, 0.9, 2.1) for o in found) > 0.7
     curtain = Patch("front", -1.6, -0.9, 0.9, 2.1, 0.45, 0.0)
     beside = Patch("front", -2.0, -1.6, 0.0, 2.6, 0.3)
-    image, evidence = told((WINDOW, curtain, beside), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.WALL))
+    image, evidence = result((WINDOW, curtain, beside), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.WALL))
     (whole,) = find_openings(image, evidence, ROOM)
     assert whole.end_m > 2.9, "an edge ends the window: a curtain may have the brightness of the wall"
 
 
 def test_a_glass_door_is_a_window_down_to_the_floor() -> None:
-    image, evidence = told((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,))
+    image, evidence = result((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,))
     (found,) = find_openings(image, evidence, ROOM)
     assert found.kind is OpeningKind.WINDOW
     assert found.sill_m == 0
 
 
 def test_a_wide_opening_to_another_room_is_a_passage() -> None:
-    image, evidence = told((Patch("left", -1.4, 0.6, 0.0, 2.1, 0.2),), (SceneClass.DOOR,))
+    image, evidence = result((Patch("left", -1.4, 0.6, 0.0, 2.1, 0.2),), (SceneClass.DOOR,))
     assert [o.kind for o in find_openings(image, evidence, ROOM)] == [OpeningKind.PASSAGE]
 
 
 def test_nothing_is_found_where_nothing_is_and_where_nothing_is_known() -> None:
-    image, evidence = told((), ())
+    image, evidence = result((), ())
     assert find_openings(image, evidence, ROOM) == ()
     unknown = SceneEvidence(np.full((8, 64, 128), 1 / 8, np.float32), source="none")
     assert find_openings(image, unknown, ROOM) == ()
@@ -109,7 +109,7 @@ def test_nothing_is_found_where_nothing_is_and_where_nothing_is_known() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 1.6e9])
 def test_black_and_blinding_pictures_do_not_break_it(value: float) -> None:
-    image, evidence = told((WINDOW,), (SceneClass.WINDOW,))
+    image, evidence = result((WINDOW,), (SceneClass.WINDOW,))
     flat = replace(image, rgb=np.full_like(image.rgb, value))
     found = find_openings(flat, evidence, ROOM)
     assert not geometry_problems(ROOM.model_copy(update={"openings": found}))
@@ -117,7 +117,7 @@ def test_black_and_blinding_pictures_do_not_break_it(value: float) -> None:
 
 def test_a_blind_belongs_to_its_window() -> None:
     blind = Patch("front", -0.9, 0.4, 1.5, 2.1, 1.5, 0.2)
-    image, evidence = told((WINDOW, blind), (SceneClass.WINDOW, SceneClass.FIXTURE))
+    image, evidence = result((WINDOW, blind), (SceneClass.WINDOW, SceneClass.FIXTURE))
     (found,) = find_openings(image, evidence, ROOM)
     assert found.head_m > 1.95
 
@@ -146,7 +146,7 @@ def test_a_blind_that_ends_below_the_ceiling_does_not_lift_its_window_to_it(blin
 
 
 def test_a_window_darker_than_the_sky_allows_is_doubted() -> None:
-    image, evidence = told((WINDOW,), (SceneClass.WINDOW,))
+    image, evidence = result((WINDOW,), (SceneClass.WINDOW,))
 
     def cd_m2(one: RelativeImage, scale: float) -> LuminanceImage:
         return LuminanceImage(one.rgb * np.float32(scale), one.uncertainty, one.validity, one.geometry, 0.02)
@@ -159,10 +159,10 @@ def test_a_window_darker_than_the_sky_allows_is_doubted() -> None:
 
 
 def test_a_window_is_brighter_than_its_wall_by_day_and_darker_by_night() -> None:
-    """At night the light inside tells nothing of the edges, and the window is found all the same."""
+    """At night the light inside shows nothing of the edges, and the window is found all the same."""
     for luminance, brighter in ((20.0, True), (0.02, False)):
         patch = replace(WINDOW, luminance=luminance)
-        image, evidence = told((patch,), (SceneClass.WINDOW,))
+        image, evidence = result((patch,), (SceneClass.WINDOW,))
         (found,) = find_openings(image, evidence, ROOM)
         assert iou(found, 2, 1.2, 2.5, 0.9, 2.1) > 0.8
         view = next(each for each in wall_views(image, evidence, ROOM) if each.wall == 2)
@@ -171,14 +171,16 @@ def test_a_window_is_brighter_than_its_wall_by_day_and_darker_by_night() -> None
 
 def test_a_board_under_the_window_is_not_the_window() -> None:
     """The lower edge that is seen is taken for a sill board's; a glass door has none."""
-    (found,) = find_openings(*told((WINDOW,), (SceneClass.WINDOW,)), ROOM)
-    (glass_door,) = find_openings(*told((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,)), ROOM)
+    (found,) = find_openings(*result((WINDOW,), (SceneClass.WINDOW,)), ROOM)
+    (glass_door,) = find_openings(
+        *result((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,)), ROOM
+    )
     assert found.sill_m > 0.9
     assert glass_door.sill_m == 0
 
 
 def test_walls_of_a_large_panorama_are_taken_from_a_smaller_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    image, evidence = told((replace(WINDOW, reveal=2.0),), (SceneClass.WINDOW,))
+    image, evidence = result((replace(WINDOW, reveal=2.0),), (SceneClass.WINDOW,))
     (fine,) = find_openings(image, evidence, ROOM)
     monkeypatch.setattr("processing.room.wall_views.WIDEST_PX", ROWS)
     (coarse,) = find_openings(image, evidence, ROOM)

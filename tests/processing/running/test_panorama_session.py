@@ -45,7 +45,7 @@ def test_a_session_is_made_once_and_is_whole(photo: Path, tmp_path: Path) -> Non
     assert panorama_session(photo, into) != path
 
 
-def test_a_changed_or_missing_panorama_is_told(photo: Path, tmp_path: Path) -> None:
+def test_a_changed_or_missing_panorama_is_reported(photo: Path, tmp_path: Path) -> None:
     path = panorama_session(photo, tmp_path / "sessions")
     file = path / "given" / "panorama.png"
     data = bytearray(file.read_bytes())
@@ -69,10 +69,10 @@ def test_merge_has_nothing_to_do_and_calibrate_is_relative(photo: Path, tmp_path
     done = {stage.stage: stage for stage in process(path, RunRequest(until="calibrate")).stages}
     assert done["merge"].action is Action.NOTHING_TO_DO
     assert done["merge"].reason == "one picture was given, no bracket"
-    told = done["calibrate"].summary
-    assert set(told["left_out"]) == {"outdoor", "scale"}
-    assert any("relative units" in one["message"] for one in told["warnings"])
-    assert any("clipped" in one["message"] for one in told["warnings"])
+    result = done["calibrate"].summary
+    assert set(result["left_out"]) == {"outdoor", "scale"}
+    assert any("relative units" in one["message"] for one in result["warnings"])
+    assert any("clipped" in one["message"] for one in result["warnings"])
     picture = read_exr(path / "stages" / "calibrate" / "indoor.exr")
     assert isinstance(picture, LuminanceImage)
     assert not picture.absolute
@@ -121,7 +121,7 @@ def test_a_dry_run_makes_no_session_and_finds_the_one_there_is(
     assert not into.exists()
     panorama_session(photo, into)
     assert daylit.main(arguments) == 0
-    told = capsys.readouterr().out
-    assert "would run" in told
-    assert " others will give" in told
-    assert told.splitlines()[-1] == "nothing was run: --dry-run"
+    result = capsys.readouterr().out
+    assert "would run" in result
+    assert " others will give" in result
+    assert result.splitlines()[-1] == "nothing was run: --dry-run"

@@ -117,7 +117,7 @@ def test_quality_counts_only_where_it_is_traded(session: Path) -> None:
     assert actions(report) == [SKIPPED, SKIPPED, RAN]
 
 
-def test_a_changed_frame_or_fact_is_told(session: Path) -> None:
+def test_a_changed_frame_or_fact_is_reported(session: Path) -> None:
     run(session)
     path = session / "session.json"
     data = json.loads(path.read_text())
@@ -260,7 +260,7 @@ def test_results_do_not_depend_on_where_when_or_how_often(session: Path, tmp_pat
     assert contents(copy) == contents(session)
 
 
-def test_progress_tells_the_time_left_from_the_second_run_on(session: Path) -> None:
+def test_progress_states_the_time_left_from_the_second_run_on(session: Path) -> None:
     events: list[RunEvent] = []
     process(session, RunRequest(), stages=TOYS, on_event=events.append)
     assert events[0].left_s is None, "nothing is known yet"
@@ -357,7 +357,7 @@ def test_the_table_is_sound() -> None:
     assert [s.name for s in selected("merge")] == ["verify", "merge"]
 
 
-def test_stages_that_ask_for_the_sun_see_what_it_is_told_from() -> None:
+def test_stages_that_ask_for_the_sun_see_what_it_is_estimated_from() -> None:
     for name in ("room", "detect"):
         assert {"site", "heading_rad", "frames"} <= set(stage_named(name).reads), name
 
@@ -392,7 +392,7 @@ def test_what_was_relit_counts_where_a_row_reads_it(session: Path) -> None:
 
 
 def test_a_result_with_other_empty_fields_is_made_anew() -> None:
-    """An ingredient of None that is not there today changes the fingerprint, and nothing that can be told."""
+    """An ingredient of None that is not there today changes the fingerprint, and nothing that can be reported."""
     then = {"stage": "frames", "trades": {"max_error": None}}
     now = {"stage": "frames", "trades": {"max_error": None, "time_budget": None}}
     result = StageResult.model_construct(fingerprint=digest(then), ingredients=then)

@@ -93,7 +93,7 @@ def test_a_damaged_result_is_refused_and_made_anew(session: Path, file: str, har
 
 
 def test_silent_damage_is_found_by_recheck(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that corrupts a file changes no time: the memory is told that nothing has changed."""
+    """A disk that corrupts a file changes no time: the memory believes that nothing has changed."""
     memory_file = session / "stages" / ".digests.json"
     path = session / "stages" / "total" / "total.json"
     flip(path)
@@ -318,8 +318,8 @@ def test_pictures_and_values_are_the_same_from_memory_and_from_disk(tmp_path: Pa
 
 def test_the_report_sums_up(session: Path) -> None:
     report = run(session, force=("total",))
-    told = report.to_dict()
-    assert told["stages"][1]["action"] == Action.RAN.value
-    assert told["stages"][1]["cost"]["peak_bytes"] > 1e6
-    assert told["peak_bytes"] >= told["stages"][1]["cost"]["peak_bytes"]
-    json.dumps(told)
+    reported = report.to_dict()
+    assert reported["stages"][1]["action"] == Action.RAN.value
+    assert reported["stages"][1]["cost"]["peak_bytes"] > 1e6
+    assert reported["peak_bytes"] >= reported["stages"][1]["cost"]["peak_bytes"]
+    json.dumps(reported)

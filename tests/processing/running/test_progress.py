@@ -28,12 +28,12 @@ def test_other_sizes_grow_as_runs_have_shown() -> None:
 
 
 def test_a_quarter_size_session_does_not_frighten() -> None:
-    """A room told in 8 s at 1/16 of the pixels takes 12 s at full size: not 16 times as long."""
+    """A room estimated in 8 s at 1/16 of the pixels takes 12 s at full size: not 16 times as long."""
     said = expected_from([(8.0, 12.7)], 203.2)
     assert 12 / 4 < said < 12 * 4
 
 
-def test_a_stage_that_never_ran_tells_nothing_at_its_beginning() -> None:
+def test_a_stage_that_never_ran_states_nothing_at_its_beginning() -> None:
     assert left_s([], None, 30.0, 0.01) is None
     assert left_s([], None, 30.0, 0.5) == pytest.approx(30)
     assert left_s([10.0], 100.0, 30.0, 0.0) == pytest.approx(80)

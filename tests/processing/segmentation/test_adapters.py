@@ -37,7 +37,7 @@ def scores(classes: int = 4, shift: int = 0) -> npt.NDArray[np.float32]:
     return (20.0 * np.eye(classes, dtype=np.float32)[TRUE + shift]).transpose(2, 0, 1)[None]
 
 
-def told(found: npt.NDArray[np.float32]) -> list[list[int]]:
+def result(found: npt.NDArray[np.float32]) -> list[list[int]]:
     np.testing.assert_allclose(found.sum(axis=-1), 1.0, rtol=1e-5)
     return [[int(v) for v in row] for row in found.argmax(axis=-1)]
 
@@ -46,21 +46,21 @@ EXPECTED = [[int(OURS[i]) for i in row] for row in TRUE]
 
 
 def test_logits_channels_first_and_last() -> None:
-    assert told(scene_probabilities(contract(), [scores()], (2, 4))) == EXPECTED
+    assert result(scene_probabilities(contract(), [scores()], (2, 4))) == EXPECTED
     last = contract(layout="NHWC")
-    assert told(scene_probabilities(last, [scores().transpose(0, 2, 3, 1)], (2, 4))) == EXPECTED
+    assert result(scene_probabilities(last, [scores().transpose(0, 2, 3, 1)], (2, 4))) == EXPECTED
 
 
 def test_probabilities() -> None:
     share = np.eye(4, dtype=np.float32)[TRUE].transpose(2, 0, 1)[None]
-    assert told(scene_probabilities(contract(output="probabilities"), [share], (2, 4))) == EXPECTED
+    assert result(scene_probabilities(contract(output="probabilities"), [share], (2, 4))) == EXPECTED
     with pytest.raises(SegmenterError, match="below 0"):
         scene_probabilities(contract(output="probabilities"), [share - 1], (2, 4))
 
 
 @pytest.mark.parametrize("labels", [TRUE[None], TRUE[None, None], TRUE[None, ..., None], TRUE.astype(np.int64)])
 def test_argmax(labels: npt.NDArray[np.int64]) -> None:
-    assert told(scene_probabilities(contract(output="argmax"), [labels], (2, 4))) == EXPECTED
+    assert result(scene_probabilities(contract(output="argmax"), [labels], (2, 4))) == EXPECTED
 
 
 def test_pixels_without_a_class_stay_open() -> None:
@@ -81,21 +81,21 @@ def test_queries() -> None:
     classes = np.vstack([20 * np.eye(5, dtype=np.float32)[:4], 20 * np.eye(5, dtype=np.float32)[4:]])
     masks = np.stack([np.where(i == TRUE, 9.0, -9.0) for i in range(4)] + [np.full(TRUE.shape, 9.0)]).astype(np.float32)
     queries = contract(output="queries", outputs=["c", "m"])
-    assert told(scene_probabilities(queries, [classes[None], masks[None]], (2, 4))) == EXPECTED
+    assert result(scene_probabilities(queries, [classes[None], masks[None]], (2, 4))) == EXPECTED
     with pytest.raises(SegmenterError, match="queries with"):
         scene_probabilities(queries, [classes[None, :3], masks[None]], (2, 4))
 
 
-def test_labels_that_were_not_reduced_are_told_not_shifted() -> None:
+def test_labels_that_were_not_reduced_are_reported_not_shifted() -> None:
     """One class more (0 is "other") would move every name by one."""
     with pytest.raises(SegmenterError, match="gives 5 classes") as caught:
         scene_probabilities(contract(), [scores(5, 1)], (2, 4))
     assert "off by one" in caught.value.likely
-    assert told(scene_probabilities(contract(first_label=1), [scores(5, 1)], (2, 4))) == EXPECTED
+    assert result(scene_probabilities(contract(first_label=1), [scores(5, 1)], (2, 4))) == EXPECTED
     with pytest.raises(SegmenterError, match="class number 4"):
         scene_probabilities(contract(output="argmax"), [TRUE[None] + 1], (2, 4))
     found = scene_probabilities(contract(output="argmax", first_label=1), [TRUE[None] + 1], (2, 4))
-    assert told(found) == EXPECTED
+    assert result(found) == EXPECTED
 
 
 def test_other_is_unknown_where_labels_are_not_reduced() -> None:
@@ -107,7 +107,7 @@ def test_other_is_unknown_where_labels_are_not_reduced() -> None:
 def test_a_wrong_stride_is_refused(size: tuple[int, int]) -> None:
     with pytest.raises(SegmenterError, match="output is 2 x 4"):
         scene_probabilities(contract(), [scores()], size)
-    assert told(scene_probabilities(contract(output_stride=4), [scores()], (8, 16))) == EXPECTED
+    assert result(scene_probabilities(contract(output_stride=4), [scores()], (8, 16))) == EXPECTED
 
 
 def test_wrong_shapes_and_values_are_refused() -> None:
@@ -134,7 +134,7 @@ def test_input_is_fed_as_declared() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told_of"),
+    ("changes", "reported"),
     [
         ({"size_px": 100, "size_multiple": 32}, "multiple"),
         ({"output": "queries"}, "two outputs"),
@@ -146,12 +146,12 @@ def test_input_is_fed_as_declared() -> None:
         ({"first_label": 2}, "first_label"),
     ],
 )
-def test_a_wrong_contract_is_refused_on_reading(tmp_path: Path, changes: dict[str, Any], told_of: str) -> None:
+def test_a_wrong_contract_is_refused_on_reading(tmp_path: Path, changes: dict[str, Any], reported: str) -> None:
     path = tmp_path / "network.json"
     path.write_text(json.dumps(GOOD | changes))
     with pytest.raises(SegmenterError) as caught:
         read_contract(path)
-    assert told_of in str(caught.value)
+    assert reported in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"name": 1, "name": 2}'])

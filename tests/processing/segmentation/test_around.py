@@ -25,7 +25,7 @@ COLOURS = np.array(
 
 
 class ByColour:
-    """Tells classes by their colours, and counts the views it was shown."""
+    """Knows classes by their colours, and counts the views it was shown."""
 
     name = "by colour"
     size_px = 96
@@ -142,7 +142,7 @@ def test_an_onnx_network_through_views(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told_of"),
+    ("changes", "reported"),
     [
         ({"input": "pixels"}, "no pixels"),
         ({"outputs": ["scores"]}, "no scores"),
@@ -152,11 +152,11 @@ def test_an_onnx_network_through_views(tmp_path: Path) -> None:
     ],
 )
 def test_a_contract_that_is_not_kept_is_found_on_loading(
-    tmp_path: Path, changes: dict[str, object], told_of: str
+    tmp_path: Path, changes: dict[str, object], reported: str
 ) -> None:
     with pytest.raises(SegmenterError) as caught:
         open_segmenter(onnx_file(tmp_path, **changes), threads=1)
-    assert told_of in str(caught.value)
+    assert reported in str(caught.value)
 
 
 def test_files_that_are_no_network_are_refused(tmp_path: Path) -> None:

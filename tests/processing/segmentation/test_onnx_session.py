@@ -1,4 +1,4 @@
-"""Opening ONNX networks: what cannot be opened is told by the caller's own error."""
+"""Opening ONNX networks: what cannot be opened is reported by the caller's own error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_a_network_is_opened_from_a_file_and_from_its_bytes() -> None:
         assert len(open_session(data, refused, repeatable=True).get_inputs()) == 1
 
 
-def test_what_cannot_be_opened_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_opened_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(FillerError, match="cannot be read: No such file"):
         open_session(tmp_path / "none.onnx", refused)
     with pytest.raises(FillerError, match="cannot be read: Is a directory"):

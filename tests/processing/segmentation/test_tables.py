@@ -63,7 +63,7 @@ def test_meanings() -> None:
     assert len(VOC_TABLE["background"]) == len(SceneClass) - 1
 
 
-def test_unknown_names_are_told() -> None:
+def test_unknown_names_are_reported() -> None:
     with pytest.raises(SegmenterError, match="unicorn") as caught:
         class_matrix(("wall", "unicorn"), ADE20K_TABLE)
     assert caught.value.details["classes"] == ["unicorn"]

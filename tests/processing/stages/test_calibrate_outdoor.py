@@ -72,13 +72,13 @@ def test_the_sun_stands_where_it_is_in_the_world_of_the_panorama(picture, view):
     assert not any("heading" in text for text in out.warnings)
 
 
-def test_north_without_the_panoramas_heading_is_told(picture):
+def test_north_without_the_panoramas_heading_is_reported(picture):
     assert any("heading is not recorded" in text for text in calibrated(picture, k2=1.0, outdoor_top_deg=70.0).warnings)
 
 
-def test_a_heading_instead_of_a_sun_is_told_only_where_there_is_a_sun(picture):
-    session, told = manifest(heading_rad=0.5), "north is the panorama's heading"
-    assert any(text.startswith(told) for text in calibrated(picture, session, k2=1.0).warnings)
+def test_a_heading_instead_of_a_sun_is_reported_only_where_there_is_a_sun(picture):
+    session, result = manifest(heading_rad=0.5), "north is the panorama's heading"
+    assert any(text.startswith(result) for text in calibrated(picture, session, k2=1.0).warnings)
     overcast = calibrated(sky_picture(SimpleSky(sun_luminance_cd_m2=0.0), WIDTH), session, k2=1.0)
     assert overcast.facts["north"]["top_azimuth_deg"] == pytest.approx(np.degrees(0.5))
     assert not any(text.startswith("north") for text in overcast.warnings)
@@ -97,7 +97,7 @@ def test_corrections_must_be_those_of_k2():
     assert "with correcting the outdoor lens's fall-off" in left_away[0]
 
 
-def test_another_curve_than_that_of_k2_is_told(picture):
+def test_another_curve_than_that_of_k2_is_reported(picture):
     row = tuple(np.linspace(-8, 0, 256))
     curve = ResponseRecord(log2_exposure=(row,) * 3, sigma_log2=((0.0,) * 256,) * 3, low=(1,) * 3, high=(254,) * 3)
     same, other = (profile(record=k2(responses={Side.OUTDOOR: digest})) for digest in (curve.digest(), "0" * 64))
@@ -113,7 +113,7 @@ def test_a_lux_reading_scales_a_whole_sky_but_not_one_with_a_clipped_sun(picture
         calibrated(cut, outdoor_lux=50_000.0)
 
 
-def test_clipped_light_makes_a_lower_bound_and_is_told(picture):
+def test_clipped_light_makes_a_lower_bound_and_is_reported(picture):
     cut = sky_picture(SimpleSky(), WIDTH, clip=3e3)
     out = calibrated(cut, k2=1.0)
     assert out.facts["illuminance_lx"]["up"]["clipped_share"] > 0.01
@@ -123,8 +123,8 @@ def test_clipped_light_makes_a_lower_bound_and_is_told(picture):
 
 def test_factors_that_were_given_have_no_known_uncertainty(picture):
     assert any(text.startswith("k2 is as given") for text in calibrated(picture, k2=1.0).warnings)
-    told = calibrate_indoor(even_panorama(), manifest(), CalibrateParameters(k1=2.0), None).warnings
-    assert any(text.startswith("k1 is as given") for text in told)
+    result = calibrate_indoor(even_panorama(), manifest(), CalibrateParameters(k1=2.0), None).warnings
+    assert any(text.startswith("k1 is as given") for text in result)
 
 
 def even_panorama() -> RelativeImage:
@@ -134,7 +134,7 @@ def even_panorama() -> RelativeImage:
     )
 
 
-def test_a_profiles_fall_off_of_another_aperture_is_told_and_doubted(picture):
+def test_a_profiles_fall_off_of_another_aperture_is_reported_and_doubted(picture):
     frame = FrameRecord(
         side=Side.OUTDOOR,
         stop=0,
@@ -147,12 +147,12 @@ def test_a_profiles_fall_off_of_another_aperture_is_told_and_doubted(picture):
     )
     session = manifest(frames=(frame,))
     asked = CalibrateParameters()
-    optics, _, told = find_optics(picture, session, asked, profile(8.0), None)
+    optics, _, result = find_optics(picture, session, asked, profile(8.0), None)
     assert optics.vignetting.relative_uncertainty >= 0.03
-    assert any("f/8 was used" in text for text in told)
-    optics, _, told = find_optics(picture, session, asked, profile(16.0), None)
+    assert any("f/8 was used" in text for text in result)
+    optics, _, result = find_optics(picture, session, asked, profile(16.0), None)
     assert optics.vignetting.relative_uncertainty == 0
-    assert not any("was used" in text for text in told)
+    assert not any("was used" in text for text in result)
 
 
 def test_the_veil_taken_off_leaves_the_light_of_the_field(picture):
@@ -204,7 +204,7 @@ def test_a_circle_that_a_rig_file_states_wrongly_is_none(stated):
 
 
 @pytest.mark.parametrize(("as_fisheye", "why"), [(True, "circle"), (False, "stops brighter")])
-def test_a_sky_whose_lens_cannot_be_told_is_left_out_and_the_room_stands(tmp_path, as_fisheye, why):
+def test_a_sky_whose_lens_cannot_be_determined_is_left_out_and_the_room_stands(tmp_path, as_fisheye, why):
     sky = even_panorama()
     sky = replace(sky, geometry=Fisheye(64, 32, LensMapping.EQUIDISTANT, 16.0)) if as_fisheye else sky
     made = {"indoor": even_panorama(), "outdoor": sky, "response": {}}

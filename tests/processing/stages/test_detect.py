@@ -66,7 +66,7 @@ def context(painted: Painted, folder: Path, **changes: Any) -> StageContext:
     return replace(whole, **changes)
 
 
-def test_masks_are_made_and_told(painted: Painted, tmp_path: Path) -> None:
+def test_masks_are_made_and_reported(painted: Painted, tmp_path: Path) -> None:
     made = run(context(painted, tmp_path))
     assert iou(made.artifacts["furniture"], painted.furniture) > 0.9  # type: ignore[arg-type]
     assert iou(made.artifacts["sunlight"], painted.sunlit) > 0.8  # type: ignore[arg-type]

@@ -80,11 +80,11 @@ def test_both_sides_are_merged_and_then_skipped(session: Path, truth: SyntheticB
         assert isinstance(image.geometry, geometry)
         assert image.attributes["side"] == side
         assert np.median(np.abs(stops_off(image, truth))) < 0.04
-    told = json.loads((session / "stages" / "merge" / "response.json").read_text())
-    assert told["indoor"]["source"] == "recovered"
-    assert told["indoor"]["times_source"] == "estimated"
-    assert [t["nominal_s"] for t in told["indoor"]["times"]] == list(truth.nominal_s)
-    assert len(told["indoor"]["curve"]["log2_exposure"][0]) == 256
+    result = json.loads((session / "stages" / "merge" / "response.json").read_text())
+    assert result["indoor"]["source"] == "recovered"
+    assert result["indoor"]["times_source"] == "estimated"
+    assert [t["nominal_s"] for t in result["indoor"]["times"]] == list(truth.nominal_s)
+    assert len(result["indoor"]["curve"]["log2_exposure"][0]) == 256
     metrics = report.stages[-1].summary["metrics"]["indoor"]
     assert len(metrics["frames"]) == 9
     assert "quality" in report.stages[-1].summary["honoured"]
@@ -102,7 +102,7 @@ def test_the_same_session_gives_the_same_bytes(session: Path) -> None:
     assert {name: (folder / name).read_bytes() for name in names} == before
 
 
-def test_one_side_on_request_and_max_error_are_told(session: Path) -> None:
+def test_one_side_on_request_and_max_error_are_reported(session: Path) -> None:
     report = run(session, options={"--side": "indoor"}, max_error=0.05)
     summary = report.stages[-1].summary
     assert summary["left_out"]["outdoor"] == "only indoor was asked for"
@@ -136,7 +136,7 @@ def test_a_profile_gives_curve_and_times_and_is_checked(session: Path, truth: Sy
     assert np.median(np.abs(stops_off(picture(session, "indoor"), truth))) < 0.03
 
 
-def test_another_cameras_curve_is_told_as_drift_or_refused(
+def test_another_cameras_curve_is_reported_as_drift_or_refused(
     session: Path, truth: SyntheticBracket, tmp_path: Path
 ) -> None:
     tone = (ToneCurve(contrast=0.36), ToneCurve(contrast=0.41), ToneCurve(contrast=0.46))
@@ -150,7 +150,7 @@ def test_another_cameras_curve_is_told_as_drift_or_refused(
         assert "drifted" in warnings(report)
 
 
-def test_other_settings_than_the_profiles_are_told(session: Path, truth: SyntheticBracket, tmp_path: Path) -> None:
+def test_other_settings_than_the_profiles_are_reported(session: Path, truth: SyntheticBracket, tmp_path: Path) -> None:
     def at_iso_400(rig: RigProfile) -> RigProfile:
         camera = rig.cameras[Side.INDOOR]
         state = camera.state.model_copy(update={"iso": 400})
@@ -165,12 +165,14 @@ def test_a_known_camera_rule_gives_the_times(truth: SyntheticBracket, tmp_path: 
     session = bracket_session(tmp_path, {Side.INDOOR: truth.frames}, truth.nominal_s, model="Canon EOS 5D Mark II")
     report = run(session)
     assert report.stages[-1].summary["left_out"]["outdoor"] == "the session has no outdoor frames"
-    told = json.loads((session / "stages" / "merge" / "response.json").read_text())
-    assert told["indoor"]["times_source"] == "rule of the camera: thirds"
-    assert "outdoor" not in told
+    result = json.loads((session / "stages" / "merge" / "response.json").read_text())
+    assert result["indoor"]["times_source"] == "rule of the camera: thirds"
+    assert "outdoor" not in result
 
 
-def test_an_outdoor_bracket_that_tells_nothing_is_left_out_and_told(truth: SyntheticBracket, tmp_path: Path) -> None:
+def test_an_outdoor_bracket_without_information_is_left_out_and_reported(
+    truth: SyntheticBracket, tmp_path: Path
+) -> None:
     dark = [frame // 200 for frame in truth.frames]
     sides: dict[Side, Any] = {Side.INDOOR: truth.frames, Side.OUTDOOR: dark}
     session = bracket_session(tmp_path, sides, truth.nominal_s)

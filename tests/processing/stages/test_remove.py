@@ -89,7 +89,7 @@ def test_what_it_makes(tmp_path: Path) -> None:
     assert [one.title for one in section.pictures] == ["What was filled"]
 
 
-def test_a_mask_of_another_size_is_told(tmp_path: Path) -> None:
+def test_a_mask_of_another_size_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="target is 8 x 4, the panorama 64 x 32"):
         run(context(tmp_path, target=np.ones((4, 8), bool)))
 
@@ -121,9 +121,9 @@ def test_a_network_of_the_user_fills_what_ours_cannot(tmp_path: Path) -> None:
 
 def test_the_option_filler_is_that_of_this_stage() -> None:
     stage = next(one for one in STAGES if one.name == "remove")
-    told = {flag: (option.kind, option.name) for flag, option in stage.options.items()}
-    assert told["--filler"] == ("file", "filler")
-    assert told["--filler-channels"] == ("parameter", "filler_channels")
+    result = {flag: (option.kind, option.name) for flag, option in stage.options.items()}
+    assert result["--filler"] == ("file", "filler")
+    assert result["--filler-channels"] == ("parameter", "filler_channels")
 
 
 @pytest.mark.parametrize("doubtful", [False, True])

@@ -70,10 +70,10 @@ def test_the_camera_height_given_sets_the_scale(tmp_path: Path) -> None:
 def test_a_room_that_is_not_levelled_still_knows_its_walls_azimuth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = []
+    result = []
 
     def estimate(*given, **named):
-        told.append(named["manhattan_rad"])
+        result.append(named["manhattan_rad"])
         return estimate_room(*given, **named)
 
     monkeypatch.setattr("processing.stages.room.estimate_room", estimate)
@@ -83,7 +83,7 @@ def test_a_room_that_is_not_levelled_still_knows_its_walls_azimuth(
     )
     output = run(context(image, tmp_path, level="off"))
     assert "panorama" not in output.artifacts
-    assert told[0] == pytest.approx(-0.2, abs=0.02)
+    assert result[0] == pytest.approx(-0.2, abs=0.02)
     assert output.metrics["walls_azimuth_deg"] == pytest.approx(np.degrees(-0.2), abs=1)
 
 

@@ -100,26 +100,26 @@ def known(tmp_path_factory: pytest.TempPathFactory, photograph: LuminanceImage) 
 
 
 def test_without_a_picture_of_the_sky_the_windows_light_the_room(known: dict[tuple[str, str], Any]) -> None:
-    told = known["materials", "materials"]
-    assert told["outdoors"] == "windows as seen from inside"
+    result = known["materials", "materials"]
+    assert result["outdoors"] == "windows as seen from inside"
     scene = read_scene(known["materials", "scene"])
     assert scene.outdoors.sun is None
     assert all(pane.veil_cd_m2.mean() > 100 for pane in scene.panes)
-    walls = [s["albedo"] for s in told["surfaces"] if s["name"].startswith("wall")]
+    walls = [s["albedo"] for s in result["surfaces"] if s["name"].startswith("wall")]
     assert np.median(walls) == pytest.approx(0.5, abs=0.12)
-    assert told["units"] == "cd/m2"
+    assert result["units"] == "cd/m2"
 
 
 def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     made = rendering.run(context(tmp_path, RenderParameters(style="mid-century"), known, max_error=0.5))
     staged = read_exr(tmp_path / "staged-1.exr")
     before = handed_on(known["calibrate", "indoor"])
-    told = made.artifacts["staged"]["alternatives"][0]  # type: ignore[index]
+    result = made.artifacts["staged"]["alternatives"][0]  # type: ignore[index]
     assert staged.attributes["staged"] is True
-    assert set(told["items"]) == {"bed", "nightstand", "tv-stand"}
-    assert 0.01 < told["furniture_share"] < 0.5
+    assert set(result["items"]) == {"bed", "nightstand", "tv-stand"}
+    assert 0.01 < result["furniture_share"] < 0.5
     same = (staged.rgb == before.rgb).all(axis=2)
-    assert same.mean() == pytest.approx(1 - told["changed_share"], abs=1e-4)
+    assert same.mean() == pytest.approx(1 - result["changed_share"], abs=1e-4)
     assert (staged.uncertainty[~same] > before.uncertainty[~same]).all()
     assert "reached" in made.honoured["max_error"]
     assert made.left_out["staged-2"]
@@ -219,15 +219,15 @@ def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not()
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "result"),
     [("1f-bed", "bedroom"), ("Living_Room 2", "living"), ("study", "office"), ("coda-320", None), ("abed", None)],
 )
-def test_the_sessions_name_tells_the_furniture(name: str, told: str | None) -> None:
+def test_the_sessions_name_decides_the_furniture(name: str, result: str | None) -> None:
     found = named_choice(name)
-    assert (found.name if found else None) == told
+    assert (found.name if found else None) == result
 
 
-def test_else_what_fits_tells(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+def test_else_what_fits_decides(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     from processing.layout.plan import from_room_model
 
     found = fitting_choice(from_room_model(ROOM), "standard", 0)
@@ -272,8 +272,8 @@ def test_a_bedroom_gets_a_bed_before_it_is_left_without(tmp_path: Path, sides_m,
     said = f"the bed has no place: {bed} instead" + (f", by the rules '{rules}'" if rules else "")
     assert said in [one.message for one in made.warnings]
     asked = ArrangeParameters(items="bed, wardrobe", alternatives=1)
-    told = arrange.run(context(tmp_path, asked, {("room", "room"): room}))
-    assert not any("instead" in one.message for one in told.warnings), "a list of yours is taken as it is"
+    result = arrange.run(context(tmp_path, asked, {("room", "room"): room}))
+    assert not any("instead" in one.message for one in result.warnings), "a list of yours is taken as it is"
 
 
 def test_what_is_no_arrangement_is_refused(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:

@@ -17,11 +17,11 @@ def test_what_is_coloured_as_the_plane_behind_it() -> None:
     rgb[3] = (0.2, 0.3, 0.5)
     plane[3] = 2
     everywhere = np.ones_like(hidden)
-    told = coloured_as_behind(rgb, plane, everywhere, hidden)
-    assert told[:, :3].all()
-    assert told[0, 3:].all(), "the sun is warmer than the sky"
-    assert not told[1, 3:].any(), "a blue chair"
-    assert told[3].all(), "each plane has its own colour"
+    result = coloured_as_behind(rgb, plane, everywhere, hidden)
+    assert result[:, :3].all()
+    assert result[0, 3:].all(), "the sun is warmer than the sky"
+    assert not result[1, 3:].any(), "a blue chair"
+    assert result[3].all(), "each plane has its own colour"
     assert not coloured_as_behind(rgb, plane, ~everywhere, hidden).any()
     assert not coloured_as_behind(rgb, plane, everywhere, everywhere).any(), "nothing is known of what nobody sees"
     assert not coloured_as_behind(np.zeros_like(rgb), plane, everywhere, hidden).any()

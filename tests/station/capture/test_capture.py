@@ -43,7 +43,7 @@ TABLE = CameraTable(kind="theta_z1", iso=100, f_number=5.6, size_px=SIZE)
 
 
 class FakeMeter:
-    """Reads what it is told to, one value a reading."""
+    """Reads what it is set to, one value a reading."""
 
     kind = "fake"
 

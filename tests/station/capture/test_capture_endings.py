@@ -40,12 +40,12 @@ def test_a_full_disk_found_by_both_cameras_leaves_no_thread_with_a_camera(
 def test_the_second_ctrl_c_ends_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: EventKind) -> None:
     camera = FakeCamera(SystemClock(), chunk_s=0.05, chunk_bytes=200)
     job = Capture.new(make_rig(camera), CaptureRequest(room="x", into=tmp_path, stops_s=STOPS_S))
-    told: list[EventKind] = []
+    result: list[EventKind] = []
     pump = station.capture.conductor.Conductor._pump
 
     def interrupted(self: station.capture.conductor.Conductor) -> object:
-        if kind in told and EventKind.FAILED not in told:
-            told.append(EventKind.FAILED)  # once
+        if kind in result and EventKind.FAILED not in result:
+            result.append(EventKind.FAILED)  # once
             raise KeyboardInterrupt
         return pump(self)
 
@@ -53,8 +53,8 @@ def test_the_second_ctrl_c_ends_at_once(tmp_path: Path, monkeypatch: pytest.Monk
 
     def watch() -> None:
         for event in job.events():
-            assert EventKind.FAILED not in told, "something is told after the interruption"
-            told.append(event.kind)
+            assert EventKind.FAILED not in result, "something is reported after the interruption"
+            result.append(event.kind)
 
     with pytest.raises(KeyboardInterrupt):
         watch()

@@ -43,9 +43,9 @@ def test_read_as_json(plug: Plug, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_read_says_that_the_dialect_is_assumed(plug: Plug, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["meter", "read", "--port", plug(language="ls160"), "--samples", "1"]) == 0
-    told = capsys.readouterr().out
-    assert "cd/m2" in told
-    assert "ASSUMED" in told
+    result = capsys.readouterr().out
+    assert "cd/m2" in result
+    assert "ASSUMED" in result
 
 
 def test_a_status_is_no_number_and_not_a_success(plug: Plug, capsys: pytest.CaptureFixture[str]) -> None:

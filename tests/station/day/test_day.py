@@ -171,7 +171,7 @@ def test_what_does_not_come_back_is_missed_and_the_day_goes_on(tmp_path: Path, m
     assert [t.manifest.name for t in day.taken] == ["kitchen"]
 
 
-def test_a_battery_that_will_not_last_is_told_in_time() -> None:
+def test_a_battery_that_will_not_last_is_reported_in_time() -> None:
     camera = Powered(SystemClock())
     rig = make_rig(camera)
     watch = Watch(rig, rig.clock)
@@ -233,7 +233,7 @@ def test_a_url_is_notified_and_no_redirect_followed(hook: tuple[str, type[Hook]]
 
 
 def test_a_command_is_notified_on_its_standard_input(tmp_path: Path) -> None:
-    script = tmp_path / "told.py"
+    script = tmp_path / "reported.py"
     script.write_text(f"import sys; open({str(tmp_path / 'out')!r}, 'a').write(sys.stdin.read())")
     notifier = Notifier(f"{sys.executable} {script}")
     notifier.send(WARNED, {})

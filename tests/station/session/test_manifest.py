@@ -112,7 +112,7 @@ def test_paths_that_lead_elsewhere_are_refused(file: str) -> None:
         parse_manifest(text(frames=[frame(file=file)]), "session.json")
 
 
-def test_a_newer_schema_is_told_as_such() -> None:
+def test_a_newer_schema_is_reported_as_such() -> None:
     with pytest.raises(SchemaTooNewError, match="schema 2"):
         parse_manifest(text(schema_version=2, something_new=True), "session.json")
 

@@ -145,7 +145,7 @@ def test_every_damage_is_named(path: Path, name: str) -> None:
         report.raise_for_problems()
 
 
-def test_without_a_manifest_the_journal_still_tells_the_frames(path: Path) -> None:
+def test_without_a_manifest_the_journal_still_lists_the_frames(path: Path) -> None:
     (path / "session.json").unlink()
     flip(path / FRAME, 1)
     assert [(p.code, p.file) for p in verify_session(path).problems] == [

@@ -52,7 +52,7 @@ def test_columns_may_be_in_any_order_with_others_between(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("column", "cell", "told"),
+    ("column", "cell", "result"),
     [
         ("index", "one", "no number"),
         ("date", "2023-05-19", "no date such as"),
@@ -77,18 +77,18 @@ def test_columns_may_be_in_any_order_with_others_between(tmp_path: Path) -> None
         ("natural_light", "", "none of"),
     ],
 )
-def test_a_bad_cell_is_named(tmp_path: Path, column: str, cell: str, told: str) -> None:
+def test_a_bad_cell_is_named(tmp_path: Path, column: str, cell: str, result: str) -> None:
     cells = dict(zip(COLUMNS, GOOD.split(","), strict=True)) | {column: cell}
     path = written(tmp_path, "1,20230519,room,12:00,,,,0°N,,YES", ",".join(cells.values()))
     with pytest.raises(ConditionsError) as caught:
         load_conditions(path)
     assert str(path) in str(caught.value)
     assert f"line 3, column {column}: " in str(caught.value)
-    assert told in str(caught.value)
+    assert result in str(caught.value)
     assert caught.value.code == "USE-003"
 
 
-def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
+def test_all_faults_are_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConditionsError) as caught:
         load_conditions(written(tmp_path, GOOD.replace("15:54", "x"), GOOD.replace("261°W", "y"), GOOD, GOOD))
     faults = caught.value.details["faults"]
@@ -100,7 +100,7 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "result"),
     [
         ("", "needs each of these columns once"),
         (HEADER.replace("orientation", "heading"), "once: orientation"),
@@ -110,10 +110,10 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
         (f'{HEADER}\n"{GOOD}', "line 2: "),
     ],
 )
-def test_a_file_that_is_no_list_is_refused(tmp_path: Path, text: str, told: str) -> None:
+def test_a_file_that_is_no_list_is_refused(tmp_path: Path, text: str, result: str) -> None:
     path = tmp_path / "c.csv"
     path.write_text(text, "utf-8")
-    with pytest.raises(ConditionsError, match=told):
+    with pytest.raises(ConditionsError, match=result):
         load_conditions(path)
 
 

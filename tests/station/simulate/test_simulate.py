@@ -173,10 +173,10 @@ def test_one_that_fails_is_reported_and_the_next_run_makes_it(
     arguments += ["--quality", "draft"]
     monkeypatch.setattr(run, "room_world", broken)
     assert daylit.main([*arguments, "--json"]) == 4
-    told = json.loads(capsys.readouterr().out)
-    assert (told["ok"], told["kept"]) == (False, [NAMES[0], NAMES[2]])
-    assert [f["session"] for f in told["failed"]] == [NAMES[1]]
-    assert "no such light" in told["failed"][0]["message"]
+    result = json.loads(capsys.readouterr().out)
+    assert (result["ok"], result["kept"]) == (False, [NAMES[0], NAMES[2]])
+    assert [f["session"] for f in result["failed"]] == [NAMES[1]]
+    assert "no such light" in result["failed"][0]["message"]
     monkeypatch.setattr(run, "room_world", no_baking)
     assert daylit.main(arguments) == 0
     assert "3 sessions" in capsys.readouterr().out
@@ -186,7 +186,7 @@ def test_one_that_fails_is_reported_and_the_next_run_makes_it(
 def test_what_a_busy_computer_spoils_is_taken_anew(copied: Path, monkeypatch: pytest.MonkeyPatch, n_slow: int) -> None:
     rates: list[float] = []
 
-    def spoiled(_plan: object, _request: object, rate: float, _tell: object) -> tuple[SessionManifest, Path]:
+    def spoiled(_plan: object, _request: object, rate: float, _progress: object) -> tuple[SessionManifest, Path]:
         rates.append(rate)
         if len(rates) <= n_slow:
             raise DeviceTimeoutError("no answer")

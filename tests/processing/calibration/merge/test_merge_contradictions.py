@@ -1,4 +1,4 @@
-"""Frames that do not tell one story: wrong times, wrong curves, things that moved, a tripod that was knocked."""
+"""Frames that contradict each other: wrong times, wrong curves, things that moved, a tripod that was knocked."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ def test_another_cameras_curve_is_never_silent(tone: ToneCurve) -> None:
     try:
         result = merged(shot.frames, shot.true_s, true_curve((tone,) * 3))
     except BracketError as error:
-        told = [str(error)]
+        reported = [str(error)]
     else:
-        told = list(result.report.warnings)
-    assert any("curve does not fit" in one or "another camera's response curve" in one for one in told)
+        reported = list(result.report.warnings)
+    assert any("curve does not fit" in one or "another camera's response curve" in one for one in reported)
 
 
 def test_frames_of_two_cameras_mixed_up_are_never_silent() -> None:
@@ -144,6 +144,6 @@ def test_a_knocked_tripod_is_named() -> None:
         expose(np.roll(scene, (0, 3) if i >= 2 else 0, axis=(0, 1)), t, REFERENCE_SENSOR, i)
         for i, t in enumerate(times)
     ]
-    told = [w for w in merged(knocked, times, allow_contradiction=True).report.warnings if "shifted" in w]
-    assert len(told) == 1
-    assert told[0].startswith("frame 2 is shifted against frame 1 by +3.0 px across")
+    reported = [w for w in merged(knocked, times, allow_contradiction=True).report.warnings if "shifted" in w]
+    assert len(reported) == 1
+    assert reported[0].startswith("frame 2 is shifted against frame 1 by +3.0 px across")

@@ -75,7 +75,7 @@ def one_camera(**sky: object):
 
 
 @pytest.mark.parametrize("azimuth_rad", [0.0, math.pi])  # in the middle, and across the seam
-def test_the_window_is_told_from_room_and_lamp(azimuth_rad: float) -> None:
+def test_the_window_is_distinguished_from_room_and_lamp(azimuth_rad: float) -> None:
     picture, window = panorama(azimuth_rad)
     found, share = only_the_view(picture)
     kept = found.validity != Validity.OUTSIDE

@@ -56,7 +56,7 @@ def test_found_to_a_part_of_a_pixel(azimuth: float, elevation_deg: float) -> Non
     assert found.normal_illuminance == pytest.approx(6.72e4, rel=0.02)
 
 
-def test_clipped_is_told_and_its_middle_found() -> None:
+def test_clipped_is_reported_and_its_middle_found() -> None:
     sky = SimpleSky(1.2, math.radians(37))
     found = find_sun(corrected(sky, clip=3e5))
     assert found.clipped

@@ -46,7 +46,7 @@ def test_another_tone_curve_has_drifted_by_a_stated_size() -> None:
     assert "drifted by" in check.warnings[0]
 
 
-def test_frames_that_tell_nothing_are_refused() -> None:
+def test_frames_without_information_are_refused() -> None:
     black = np.zeros((60, 60, 3), dtype=np.uint8)
     with pytest.raises(ResponseError):
         check_response(profile().curve, profile().noise, Bracket8([black, black], (1.0, 0.25)))

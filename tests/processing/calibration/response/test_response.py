@@ -153,7 +153,7 @@ EVEN = [np.full((60, 80, 3), code, dtype=np.uint8) for code in (220, 120, 60, 30
     ],
     ids=["white", "black", "one frame", "even", "one picture", "one time", "one pixel", "reversed", "far apart"],
 )
-def test_what_cannot_tell_a_curve_is_refused(frames: list[np.ndarray], times: tuple[float, ...]) -> None:
+def test_what_cannot_determine_a_curve_is_refused(frames: list[np.ndarray], times: tuple[float, ...]) -> None:
     with pytest.raises(ResponseError) as caught:
         recover_response([Bracket8(frames, times)])
     assert caught.value.advice

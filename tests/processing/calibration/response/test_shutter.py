@@ -90,7 +90,7 @@ def test_without_evidence_the_rule_asked_for_stays() -> None:
 
 
 def test_a_shutter_clearly_off_its_rule_is_followed_for_the_most_part() -> None:
-    """Frames tell times apart but for a common slope, which a shutter's tolerance shares out among all frames."""
+    """Frames determine times but for a common slope, which a shutter's tolerance shares out among all frames."""
     given_log2 = np.log2(NOMINAL)
     off = np.zeros(len(NOMINAL))
     off[[1, 5]] = 0.2, -0.2
@@ -105,11 +105,11 @@ def test_a_frame_that_shows_nothing_does_not_make_up_for_all_the_others_stretch(
     """A curve's prior pulls at the slope that frames do not show; the times given hold it."""
     given_log2 = np.log2(NOMINAL)
     stretched = 0.02 * (given_log2 - given_log2[3])
-    told = evidence(given_log2 + stretched, given_log2)
-    for part in (told.matrix, told.right):
+    result = evidence(given_log2 + stretched, given_log2)
+    for part in (result.matrix, result.right):
         part[0] = 0.0
-    told.matrix[:, 0] = 0.0
-    found = estimate_times(told, NOMINAL)
+    result.matrix[:, 0] = 0.0
+    found = estimate_times(result, NOMINAL)
     assert np.abs(np.log2(np.array(found.times_s) / NOMINAL)).max() < 0.02
 
 

@@ -55,7 +55,7 @@ def test_corners_by_hand_in_any_turn() -> None:
         assert found.luminance[WHITE] == pytest.approx(TRUE[WHITE], rel=0.01)
 
 
-def test_no_chart_is_told() -> None:
+def test_no_chart_is_reported() -> None:
     view = chart_view(yaw_rad=math.pi)
     with pytest.raises(ChartError, match="chart"):
         find_chart(view)
@@ -76,7 +76,7 @@ def test_no_chart_is_told() -> None:
         [(np.nan, 0)] * 4,
     ],
 )
-def test_impossible_corners_are_told(corners: list[tuple[float, float]]) -> None:
+def test_impossible_corners_are_reported(corners: list[tuple[float, float]]) -> None:
     with pytest.raises(ChartError):
         find_chart(chart_view(), corners)
 
@@ -106,7 +106,7 @@ def test_stray_light_moves_the_white_patch_and_not_k2() -> None:
     assert "stray light" in found.scale.warnings[0]
 
 
-def test_clipped_white_is_replaced_and_told_and_too_few_neutrals_refused() -> None:
+def test_clipped_white_is_replaced_and_reported_and_too_few_neutrals_refused() -> None:
     indoor, view = find_chart(chart_view()), chart_view(site=Site.OUTDOOR)
     view.validity[luminance_cd_m2(view.rgb) > 0.93 * TRUE[WHITE]] = Validity.CLIPPED
     found = scale_from_charts(indoor, find_chart(view))

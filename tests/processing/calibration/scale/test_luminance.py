@@ -1,4 +1,4 @@
-"""k1: right on fields that are known by formula, and refused where the spot tells nothing."""
+"""k1: right on fields that are known by formula, and refused where the spot determines nothing."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_errors_of_a_picture_without_a_scale_do_not_cancel() -> None:
     assert found.pixels_lx == pytest.approx(0.2 * found.value_lx)
 
 
-def test_doubtful_pixels_are_told_and_add_up() -> None:
+def test_doubtful_pixels_are_reported_and_add_up() -> None:
     image = of_directions(Equirectangular(64, 32), lambda d: np.full(d.shape[:-1], 100.0))
     validity, uncertainty = image.validity.copy(), image.uncertainty.copy()
     validity[:4], uncertainty[:4] = Validity.CLIPPED, np.inf
@@ -125,7 +125,7 @@ def test_doubtful_pixels_are_told_and_add_up() -> None:
     assert math.isfinite(found.uncertainty_lx)
 
 
-def test_what_a_picture_does_not_show_is_told() -> None:
+def test_what_a_picture_does_not_show_is_reported() -> None:
     view = Perspective(64, 64, math.radians(60))
     image = of_directions(view, lambda d: np.full(d.shape[:-1], 100.0))
     found = illuminance_lx(image, (0, 1, 0))

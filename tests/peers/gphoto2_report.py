@@ -1,4 +1,4 @@
-"""What libgphoto2's own initiator says of its virtual camera, as JSON: ``python gphoto2_tells.py`` with VCAMERADIR set.
+"""What libgphoto2's own initiator says of its virtual camera, as JSON (``gphoto2_report.py``, VCAMERADIR set).
 
 A process of its own, for the same reasons as `tests.peers.vcamera_child`. It imports nothing of ours.
 """
@@ -37,13 +37,13 @@ def files(camera: Any, folder: str) -> Iterator[dict[str, Any]]:
         yield from files(camera, f"{folder.rstrip('/')}/{name}")
 
 
-def tell() -> dict[str, Any]:
+def report() -> dict[str, Any]:
     """Return summary, configuration, store and files of the camera."""
     camera = gphoto2.Camera()
     camera.init()
     keys = ("manufacturer", "cameramodel", "deviceversion", "serialnumber", "vendorextension")
     (store,) = camera.get_storageinfo()
-    told = {
+    result = {
         "config": {key: camera.get_single_config(key).get_value() for key in keys},
         "summary": str(camera.get_summary()),
         "store": {
@@ -56,8 +56,8 @@ def tell() -> dict[str, Any]:
         "files": list(files(camera, "/")),
     }
     camera.exit()
-    return told
+    return result
 
 
 if __name__ == "__main__":
-    json.dump(tell(), sys.stdout)
+    json.dump(report(), sys.stdout)
