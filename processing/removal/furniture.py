@@ -35,6 +35,7 @@ AGREED, FLOOR_DOUBTFUL = 0.55, 0.45
 within a doubtful segment. Two real rooms: IoU 0.84 -> 0.86 (looked at) and 0.72 -> 0.80 (only scored)."""
 TAKEN = 0.45  # from which of both together a place is furniture
 SHARPNESS = 4.0  # of the soft mask about that
+TOUCH_RAD = math.radians(0.8)  # how near a thing must be to what is removed (chosen)
 ISLAND_SR = 0.08
 """What furniture goes all round is taken with it up to this size (16 degrees square): it would be left hanging."""
 SEGMENTS = (150.0, 300.0)
@@ -186,99 +187,6 @@ TORN, TORN_RIM_RAD, TORN_END_RAD, MOST_TORN_RAD = 0.4, math.radians(0.6), math.r
 """Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
 what is removed both of its ends are: the network sees it too short; longer pieces show how skirting looks, and stay
 (chosen)."""
-THING_RAD = (math.radians(22), math.radians(14))
-"""Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
-THING_SEGMENTS, THING_PX = 60.0, 12
-"""Threshold and least size of its segments of colour: a lamp's pole is one (chosen)."""
-THING_CONTRAST, LYING_CONTRAST = 18.0, 36.0
-"""Distance in CIE L*a*b* (8-bit) of its colour from what is around; on the floor, whose boards differ too (chosen)."""
-TOUCH_RAD, LAYERS = math.radians(0.8), 3
-"""How near a segment must be to what is removed, or to such a segment; how many are stacked (chosen)."""
-POLE_RAD, POLE_REACH_RAD = math.radians(1.5), math.radians(6)
-"""Width of a pole, and how far above what is seen of it a lamp's shade is looked for: its light hides it (chosen)."""
-
-
-LONE_SHARE, LONE_MOST, LONE_SR = 0.12, 8, 2e-4
-"""Probability of furniture or fixtures from which something small may lie on the floor by itself (a pile of books is
-seen at a fifth; bare floor at a twentieth), how many there may be (more are a pattern), and its least size (chosen)."""
-LONE_CONTRAST, LONE_RING = 24.0, 0.8
-"""As `LYING_CONTRAST`, shade apart; share of what is around that must be floor: skirting is no thing (chosen)."""
-
-
-def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Floats | None = None) -> Flags:
-    """Return a mask (H, W) with the small things that touch it, whole: segments of colour unlike what is around them.
-
-    A lamp, a vase or a screen on removed furniture would be left in the air. So are those that lie on the floor by
-    themselves where something is ``likely`` (H, W), a probability; None: of what it cuts only the rest is judged.
-    ``barred`` (H, W): what stays.
-    """
-    cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
-    labels = np.asarray(cutter.processImage(rgb8), np.int32)
-    colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
-    found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
-    poles = np.zeros_like(mask)
-    if likely is not None:
-        found |= _lone(labels, colours, floor & (likely > LONE_SHARE) & ~found & ~barred, floor)
-    for _ in range(LAYERS):
-        near = np.unique(labels[(grown(found, TOUCH_RAD) | poles) & ~found & ~barred])
-        for label in near[~tried[near]]:
-            tried[label] = True
-            part = labels == label
-            rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
-            high, wide = np.ptp(rows) * px_rad, (np.ptp(columns) + 1) * px_rad
-            if high > THING_RAD[0] or wide > THING_RAD[1] or (part & barred).sum() > 0.3 * part.sum():
-                continue
-            off = _contrast(part & ~found if likely is None else part, found, colours)
-            if off > (LYING_CONTRAST if (part & floor).sum() > 0.5 * part.sum() else THING_CONTRAST):
-                found |= part & ~barred
-                if wide < POLE_RAD < high:
-                    poles[max(0, rows[0] - round(POLE_REACH_RAD / px_rad)) : rows[0], columns] = True
-    return found
-
-
-def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:
-    """Return small things (H, W) with the ``floor`` (H, W) all around them: what in ``where`` (H, W) is no shade on it.
-
-    What is brighter than the floor or of another colour is a thing; what touches that and is no larger, its dark side.
-    """
-    px_rad, found = math.pi / len(labels), np.zeros_like(where)
-    weight = np.broadcast_to(row_solid_angles((labels.shape[0], labels.shape[1])), labels.shape)
-    size, inside = (np.bincount(labels.ravel(), part.ravel()) for part in (weight, weight * where))
-    small = []
-    for label in np.flatnonzero((inside > 0.5 * size) & (size > LONE_SR)):
-        part = labels == label
-        rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
-        if max(np.ptp(rows) / THING_RAD[0], np.ptp(columns) / THING_RAD[1]) * px_rad <= 1:
-            small.append((float(size[label]), part))
-    things = [part for _, part in small if _contrast(part, found, colours, floor) > LONE_CONTRAST]
-    if not 0 < len(things) <= LONE_MOST:
-        return found
-    count, number = components(np.logical_or.reduce(things))
-    for one in range(1, count + 1):
-        reach, whole = grown(number == one, TOUCH_RAD), float(weight[number == one].sum())
-        found |= number == one
-        for own, part in small:
-            if own <= whole and (part & reach).any():
-                found |= part
-    return found
-
-
-def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = None) -> float:
-    """Return how far the colour of a part (H, W) is from what is around, without what is found already.
-
-    ``floor`` (H, W): 0 where that is not around it; what is only darker is then no farther than its shade.
-    """
-    rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
-    window = np.s_[max(0, rows[0] - 6) : rows[-1] + 7, max(0, columns[0] - 6) : columns[-1] + 7]
-    ring = cv2.dilate(part[window].astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
-    ring &= ~part[window] & ~found[window]
-    if not ring.any():
-        return math.inf
-    off = colours[part].mean(axis=0) - np.median(colours[window][ring], axis=0)
-    if floor is not None:
-        off[0] = max(off[0], 0)
-        off *= (ring & floor[window]).sum() > LONE_RING * ring.sum()
-    return float(np.linalg.norm(off))
 
 
 def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:

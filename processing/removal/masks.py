@@ -28,8 +28,8 @@ from processing.removal.furniture import (
     islands_in,
     lower_ends,
     torn_boards,
-    with_things,
 )
+from processing.removal.rests import rests_beside, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import SunFound, find_sunlight
@@ -173,10 +173,14 @@ def _find(
     hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
     torn = boards_between(boards, furniture.mask | plain) & ~openings
     hangs &= ~torn
-    stays = barred | hangs | tripod.mask | sunlight.mask
+    stays = hangs | tripod.mask | sunlight.mask
     if seen[0] is not None:
         stays |= seen[0] > BEYOND * maps.depth_m
-    plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, stays)
+    plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, barred | stays)
+    gone = furniture.mask | plain | (shadow.contact & ~hangs)
+    bar = stays | openings | fixtures
+    rests = rests_beside(gone, probabilities, luminance, maps, bar)
+    plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~bar), hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():

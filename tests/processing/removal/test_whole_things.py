@@ -12,11 +12,11 @@ from processing.removal.furniture import (
     boards_between,
     find_furniture,
     torn_boards,
-    with_things,
     without_skirting,
 )
 from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
 from processing.removal.plane_fill import _opening, hanging
+from processing.removal.rests import with_things
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular

@@ -1,0 +1,178 @@
+"""What goes with removed furniture: things on it and beside it, slits, legs, and floor that is hardly one."""
+
+import math
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from processing.ground.arrays import Bytes, Flags, Floats, Int32s
+from processing.ground.seam import components, grown, row_solid_angles
+from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD
+from processing.segmentation.evidence import SceneClass
+from processing.surfaces.maps import FLOOR, SurfaceMaps
+
+THING_RAD = (math.radians(22), math.radians(14))
+"""Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
+THING_SEGMENTS, THING_PX = 60.0, 12
+"""Threshold and least size of its segments of colour: a lamp's pole is one (chosen)."""
+THING_CONTRAST, LYING_CONTRAST = 18.0, 36.0
+"""Distance in CIE L*a*b* (8-bit) of its colour from what is around; on the floor, whose boards differ too (chosen)."""
+LAYERS = 3  # of things on things (chosen)
+POLE_RAD, POLE_REACH_RAD = math.radians(1.5), math.radians(6)
+"""Width of a pole, and how far above what is seen of it a lamp's shade is looked for: its light hides it (chosen)."""
+
+
+LONE_SHARE, LONE_MOST, LONE_SR = 0.12, 8, 2e-4
+"""Probability of furniture or fixtures from which something small may lie on the floor by itself (a pile of books is
+seen at a fifth; bare floor at a twentieth), how many there may be (more are a pattern), and its least size (chosen)."""
+LONE_CONTRAST, LONE_RING = 24.0, 0.8
+"""As `LYING_CONTRAST`, shade apart; share of what is around that must be floor: skirting is no thing (chosen)."""
+
+
+def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Floats | None = None) -> Flags:
+    """Return a mask (H, W) with the small things that touch it, whole: segments of colour unlike what is around them.
+
+    A lamp, a vase or a screen on removed furniture would be left in the air. So are those that lie on the floor by
+    themselves where something is ``likely`` (H, W), a probability; None: of what it cuts only the rest is judged.
+    ``barred`` (H, W): what stays.
+    """
+    cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
+    labels = np.asarray(cutter.processImage(rgb8), np.int32)
+    colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
+    found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
+    poles = np.zeros_like(mask)
+    if likely is not None:
+        found |= _lone(labels, colours, floor & (likely > LONE_SHARE) & ~found & ~barred, floor)
+    for _ in range(LAYERS):
+        near = np.unique(labels[(grown(found, TOUCH_RAD) | poles) & ~found & ~barred])
+        for label in near[~tried[near]]:
+            tried[label] = True
+            part = labels == label
+            rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+            high, wide = np.ptp(rows) * px_rad, (np.ptp(columns) + 1) * px_rad
+            if high > THING_RAD[0] or wide > THING_RAD[1] or (part & barred).sum() > 0.3 * part.sum():
+                continue
+            off = _contrast(part & ~found if likely is None else part, found, colours)
+            if off > (LYING_CONTRAST if (part & floor).sum() > 0.5 * part.sum() else THING_CONTRAST):
+                found |= part & ~barred
+                if wide < POLE_RAD < high:
+                    poles[max(0, rows[0] - round(POLE_REACH_RAD / px_rad)) : rows[0], columns] = True
+    return found
+
+
+def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:
+    """Return small things (H, W) with the ``floor`` (H, W) all around them: what in ``where`` (H, W) is no shade on it.
+
+    What is brighter than the floor or of another colour is a thing; what touches that and is no larger, its dark side.
+    """
+    px_rad, found = math.pi / len(labels), np.zeros_like(where)
+    weight = np.broadcast_to(row_solid_angles((labels.shape[0], labels.shape[1])), labels.shape)
+    size, inside = (np.bincount(labels.ravel(), part.ravel()) for part in (weight, weight * where))
+    small = []
+    for label in np.flatnonzero((inside > 0.5 * size) & (size > LONE_SR)):
+        part = labels == label
+        rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+        if max(np.ptp(rows) / THING_RAD[0], np.ptp(columns) / THING_RAD[1]) * px_rad <= 1:
+            small.append((float(size[label]), part))
+    things = [part for _, part in small if _contrast(part, found, colours, floor) > LONE_CONTRAST]
+    if not 0 < len(things) <= LONE_MOST:
+        return found
+    count, number = components(np.logical_or.reduce(things))
+    for one in range(1, count + 1):
+        reach, whole = grown(number == one, TOUCH_RAD), float(weight[number == one].sum())
+        found |= number == one
+        for own, part in small:
+            if own <= whole and (part & reach).any():
+                found |= part
+    return found
+
+
+def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = None) -> float:
+    """Return how far the colour of a part (H, W) is from what is around, without what is found already.
+
+    ``floor`` (H, W): 0 where that is not around it; what is only darker is then no farther than its shade.
+    """
+    rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+    window = np.s_[max(0, rows[0] - 6) : rows[-1] + 7, max(0, columns[0] - 6) : columns[-1] + 7]
+    ring = cv2.dilate(part[window].astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
+    ring &= ~part[window] & ~found[window]
+    if not ring.any():
+        return math.inf
+    off = colours[part].mean(axis=0) - np.median(colours[window][ring], axis=0)
+    if floor is not None:
+        off[0] = max(off[0], 0)
+        off *= (ring & floor[window]).sum() > LONE_RING * ring.sum()
+    return float(np.linalg.norm(off))
+
+
+UNSURE, SHARD_SR, SLIT_RAD, BARRED_RAD = 0.4, 4e-3, math.radians(1.0), math.radians(0.75)
+"""Probability of things, or of walls, from which floor beside furniture goes; largest shard of a wall; half the width
+of slits between what goes; how near to what stays floor stays (chosen by looking at furnished real rooms)."""
+SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
+"""Probability of things below which floor is one; from what size on floor that is unsure stays if its tone is much as
+that one's, and varies no more than so many times as that (chosen as those above)."""
+LEG_RAD = (math.radians(2.4), math.radians(6), math.radians(0.8))
+"""Largest width, largest length and least length of a leg below what is known of its chair (chosen as those above)."""
+LEG_DARK, LEG_DARKEST, LEG_GRAIN = 0.09, 0.25, 3.0
+"""By how much a leg is darker than beside it (natural logarithm), its darkest part, and times what floor is (as above).
+By colour instead, joints of boards would be legs."""
+
+
+def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: SurfaceMaps, stays: Flags) -> Flags:
+    """Return what else goes beside what is ``gone`` (H, W): slits, legs, and floor that is hardly one.
+
+    That is what the network half sees (cables, rims of rugs), deep shade that it takes for a thing, of which relighting
+    leaves a patch with an edge, and shards of walls where the room's floor is by mistake.
+
+    ``probabilities`` (C, H, W) by `SceneClass`; ``luminance`` (H, W), linear; ``stays`` (H, W): what does.
+    """
+    floor, near = (maps.plane == FLOOR) & ~grown(stays, BARRED_RAD), grown(gone, TOUCH_RAD)
+    tone = np.log(np.maximum(luminance, 1e-3 * float(np.median(luminance)) + 1e-9)).astype(np.float32)
+    weight = np.broadcast_to(row_solid_angles((gone.shape[0], gone.shape[1])), gone.shape)
+    likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
+    sure = tone[floor & ~gone & (likely < SURE)]
+    # What is as narrow as a slit does not bar one.
+    goes = ~grown(~grown(gone, SLIT_RAD), SLIT_RAD) & ~(stays & grown(~grown(~stays, SLIT_RAD), SLIT_RAD))
+    for share, most_sr in ((likely, math.inf), (probabilities[SceneClass.WALL], SHARD_SR)):
+        for box, part in _parts(floor & ~gone & (share > UNSURE)):
+            size_sr = weight[box][part].sum()
+            bare = size_sr > LARGE_SR and _alike(tone[box][part], sure)
+            if (part & near[box]).any() and size_sr < most_sr and not bare:
+                goes[box] |= part
+    goes |= _legs(gone | goes, near, tone, floor)
+    return np.asarray(goes & ~gone)
+
+
+def _parts(mask: Flags) -> Iterator[tuple[tuple[slice, slice], Flags]]:
+    """Yield the box of each part of a mask (H, W), round the seam, and the part in it."""
+    labels = components(mask)[1]
+    for number, box in enumerate(ndimage.find_objects(labels), 1):
+        if box is not None:
+            yield box, labels[box] == number
+
+
+def _alike(tone: Floats, sure: Floats) -> bool:
+    """Return whether tones (N,) are those (M,) of what is ``sure``."""
+    if not len(sure):
+        return False
+    return bool(abs(np.median(tone) - np.median(sure)) < ALIKE and tone.std() < SPREAD * sure.std())
+
+
+def _legs(gone: Flags, near: Flags, tone: Floats, floor: Flags) -> Flags:
+    """Return thin dark uprights (H, W) that go down from ``near`` what is ``gone`` (H, W) over the ``floor`` (H, W)."""
+    wide, long, high = (max(1, round(size / math.pi * len(gone))) for size in LEG_RAD)
+    tone = np.asarray(cv2.GaussianBlur(tone, (0, 0), SEGMENT_BLUR), np.float32)
+    darker = cv2.morphologyEx(tone, cv2.MORPH_CLOSE, np.ones((1, wide | 1), np.uint8)) - tone
+    below = cv2.dilate(gone.astype(np.uint8), np.ones((long + 1, 1), np.uint8), anchor=(0, long)).astype(bool)
+    zone, bare = floor & below & ~gone, floor & ~below
+    least = max(LEG_DARK, LEG_GRAIN * float(np.median(darker[bare]))) if bare.any() else LEG_DARKEST
+    upright = np.ones((2 * high | 1, 1), np.uint8)
+    dark = cv2.morphologyEx((zone & (darker > least)).astype(np.uint8), cv2.MORPH_CLOSE, upright)
+    found = np.zeros_like(gone)
+    for box, part in _parts(zone & (dark > 0)):
+        tall, reaches = len(part), (part & near[box]).any() and darker[box][part].max() > LEG_DARKEST
+        if reaches and tall >= high and part.sum() < tall**2:
+            found[box] |= part
+    return found

@@ -1,0 +1,100 @@
+"""What goes beside removed furniture: slits, legs, cables, deep shade, shards of walls; and what stays."""
+
+import numpy as np
+
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import luminance_cd_m2
+from processing.removal.rests import rests_beside
+from processing.segmentation.evidence import SceneClass
+from processing.surfaces.maps import FLOOR
+from tests.processing.removal.test_whole_things import MAPS, NONE, ROWS, box, grey_room
+
+TABLE = box(150, 190, 240, 280)
+FLOOR_BESIDE = box(195, 215, 280, 300)
+CLASSES = len(SceneClass)
+
+
+def evidence(**shares: tuple[Flags, float]) -> Floats:
+    """Return probabilities (C, H, W): 0, but those that are given by class."""
+    found = np.zeros((CLASSES, ROWS, 2 * ROWS), np.float32)
+    for name, (where, share) in shares.items():
+        found[SceneClass[name], where] = share
+    return found
+
+
+def rests(gone: Flags, probabilities: Floats, light: Floats | None = None, stays: Flags = NONE) -> Flags:
+    return rests_beside(gone, probabilities, luminance_cd_m2(grey_room() if light is None else light), MAPS, stays)
+
+
+def test_bare_floor_beside_furniture_stays() -> None:
+    assert not rests(TABLE, evidence()).any()
+
+
+def test_floor_that_the_network_half_takes_for_a_thing_goes_where_it_touches() -> None:
+    cable, far = box(186, 200, 280, 300), box(186, 200, 330, 350)
+    found = rests(TABLE, evidence(FURNITURE=(cable, 0.25), FIXTURE=(cable | far, 0.2)))
+    assert found[cable].all()
+    assert not found[~cable].any()
+    assert not rests(TABLE, evidence(FURNITURE=(cable, 0.35))).any()
+
+
+def test_nothing_on_walls_goes_for_being_half_a_thing() -> None:
+    shelf = box(120, 135, 280, 300)
+    assert not (MAPS.plane[shelf] == FLOOR).any()
+    assert not rests(TABLE, evidence(FURNITURE=(shelf, 0.45))).any()
+
+
+def test_what_stays_bars_the_floor_beside_it() -> None:
+    cable, stays = box(186, 200, 280, 300), box(186, 200, 300, 320)
+    found = rests(TABLE, evidence(FURNITURE=(cable, 0.45)), stays=stays)
+    assert found[box(186, 200, 280, 297)].all()
+    assert not found[box(186, 200, 299, 320)].any()
+
+
+def test_a_large_part_of_the_floor_goes_in_deep_shade_and_stays_where_it_looks_like_floor() -> None:
+    hall = box(180, 220, 280, 360)
+    unsure = evidence(FURNITURE=(hall, 0.45))
+    assert not rests(TABLE, unsure).any()
+    shaded = grey_room()
+    shaded[hall] *= 0.3
+    assert rests(TABLE, unsure, shaded)[hall].all()
+    littered = grey_room()
+    littered[hall] *= np.random.default_rng(3).choice([0.4, 1.0, 2.5], hall.sum())[:, None].astype(np.float32)
+    assert rests(TABLE, unsure, littered)[hall].all(), "floor does not vary so"
+
+
+def test_a_small_shard_of_a_wall_on_the_floor_goes_and_a_wall_that_the_room_has_not_stays() -> None:
+    shard, wall = box(186, 192, 280, 290), box(170, 200, 280, 340)
+    assert rests(TABLE, evidence(WALL=(shard, 0.9)))[shard].all()
+    assert not rests(TABLE, evidence(WALL=(wall, 0.9)))[wall].any()
+
+
+def test_slits_between_what_goes_go_and_frames_between_them_stay() -> None:
+    both = box(120, 190, 240, 280) | box(120, 190, 282, 320)
+    slit, gap = box(125, 185, 280, 282), box(120, 190, 240, 280) | box(120, 190, 290, 320)
+    assert rests(both, evidence())[slit].all()
+    assert rests(both, evidence(), stays=slit)[slit].all(), "as narrow as the slit itself"
+    assert not rests(both, evidence(), stays=box(100, 200, 276, 284))[slit].any()
+    assert not rests(gap, evidence()).any()
+
+
+def test_legs_below_a_chair_go_and_what_is_no_leg_stays() -> None:
+    seat = box(170, 180, 240, 262)
+    leg, joint, shadow = box(180, 187, 242, 244), box(180, 187, 250, 252), box(180, 188, 255, 262)
+    light = grey_room()
+    light[leg] *= 0.6
+    light[joint] *= 0.88  # between two boards
+    light[shadow] *= 0.6  # as wide as it is high
+    found = rests(seat, evidence(), light)
+    assert found[leg].all()
+    assert not found[joint | shadow].any()
+    apart = grey_room()
+    apart[box(184, 191, 242, 244)] *= 0.6
+    assert not rests(seat, evidence(), apart).any(), "it does not reach the chair"
+
+
+def test_ends_nothing_gone_all_gone_and_a_black_picture() -> None:
+    unsure = evidence(FURNITURE=(MAPS.plane == FLOOR, 0.45))
+    assert not rests(NONE, unsure).any()
+    assert not rests(~NONE, unsure).any()
+    assert rests(TABLE, unsure, np.zeros((ROWS, 2 * ROWS, 3), np.float32))[FLOOR_BESIDE].all()
