@@ -173,6 +173,6 @@ def _legs(gone: Flags, near: Flags, tone: Floats, floor: Flags) -> Flags:
     found = np.zeros_like(gone)
     for box, part in _parts(zone & (dark > 0)):
         tall, reaches = len(part), (part & near[box]).any() and darker[box][part].max() > LEG_DARKEST
-        if reaches and tall >= high and part.sum() < tall**2:
+        if reaches and tall >= high:
             found[box] |= part
     return found

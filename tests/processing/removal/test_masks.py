@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError, RoomError
-from processing.ground.seam import grown, share_of_sphere
+from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.images import RelativeImage
 from processing.pictures.preview import preview_rgb8
 from processing.removal import masks
@@ -83,6 +83,21 @@ def test_a_dark_doorway_that_is_no_known_opening_stays_beside_furniture(door: fl
     found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
     assert found.furniture[145:165, 155:185].all()
     assert found.target[110:135, 162:174].any() == (door < 0.15)
+
+
+def test_floor_that_is_half_a_thing_goes_with_the_furniture_that_it_touches(painted: Painted) -> None:
+    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False)
+    beside = grown(before.furniture, math.radians(6)) & (painted.maps.plane == FLOOR)
+    beside &= ~grown(painted.tripod | before.tripod, math.radians(3))
+    unsure = beside & ~before.target
+    assert unsure.sum() > 100
+    shares = painted.evidence.probabilities.copy()
+    small = resized(unsure.astype(np.float32), shares.shape[1:]) > 0.5
+    shares[:, small] = 0
+    shares[SceneClass.FURNITURE, small], shares[SceneClass.FLOOR, small] = 0.44, 0.56
+    after = find_masks(painted.image, replace(painted.evidence, probabilities=shares), painted.room, sun_possible=False)
+    assert after.target[unsure].mean() > 0.8
+    assert not (after.target & ~before.target & ~grown(unsure, math.radians(2))).any()
 
 
 def test_the_margin_is_kept(painted: Painted) -> None:

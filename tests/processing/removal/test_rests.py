@@ -64,7 +64,7 @@ def test_a_large_part_of_the_floor_goes_in_deep_shade_and_stays_where_it_looks_l
 
 
 def test_a_small_shard_of_a_wall_on_the_floor_goes_and_a_wall_that_the_room_has_not_stays() -> None:
-    shard, wall = box(186, 190, 280, 285), box(170, 200, 280, 340)
+    shard, wall = box(186, 190, 280, 285), box(186, 196, 280, 300)
     assert rests(TABLE, evidence(WALL=(shard, 0.9)))[shard].all()
     assert not rests(TABLE, evidence(WALL=(wall, 0.9)))[wall].any()
 
