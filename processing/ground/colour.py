@@ -4,8 +4,6 @@ Light is linear RGB with Rec. 709 primaries and a D65 white. What runs for every
 numpy; for the rest colour-science is imported where it is used, since importing it takes a second.
 """
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
 from typing import Any, TypeVar

@@ -5,8 +5,6 @@ All are linear RGB, float32 (H, W, 3), Rec. 709 primaries. A `RelativeImage` has
 and not negative everywhere, those of invalid pixels too (the best bound known: the saturation level, or 0).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum

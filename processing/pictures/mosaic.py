@@ -4,8 +4,6 @@ In each frame every channel is interpolated from its own wells alone, so that a 
 What is merged from a bracket is interpolated anew, with all channels.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import cv2

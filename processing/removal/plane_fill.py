@@ -1,7 +1,5 @@
 """One plane's texture without its holes: which way of filling suits it, region by region."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

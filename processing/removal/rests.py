@@ -11,7 +11,7 @@ from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.seam import components, grown, row_solid_angles
 from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD
 from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import FLOOR, SurfaceMaps
+from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
@@ -138,10 +138,11 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
     for share, most_sr in ((likely, math.inf), (probabilities[SceneClass.WALL], SHARD_SR)):
         for box, part in _parts(floor & ~gone & (share > UNSURE)):
             size_sr = weight[box][part].sum()
-            bare = size_sr > LARGE_SR and _alike(tone[box][part], sure)
-            if (part & near[box]).any() and size_sr < most_sr and not bare:
+            clear = size_sr > LARGE_SR and _alike(tone[box][part], sure)
+            if (part & near[box]).any() and size_sr < most_sr and not clear:
                 goes[box] |= part
-    goes |= _legs(gone | goes, near, tone, floor)
+    bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(stays, BARRED_RAD)
+    goes |= _legs(gone | goes, near, tone, bare)
     return np.asarray(goes & ~gone)
 
 
@@ -160,14 +161,15 @@ def _alike(tone: Floats, sure: Floats) -> bool:
     return bool(abs(np.median(tone) - np.median(sure)) < ALIKE and tone.std() < SPREAD * sure.std())
 
 
-def _legs(gone: Flags, near: Flags, tone: Floats, floor: Flags) -> Flags:
-    """Return thin dark uprights (H, W) that go down from ``near`` what is ``gone`` (H, W) over the ``floor`` (H, W)."""
+def _legs(gone: Flags, near: Flags, tone: Floats, bare: Flags) -> Flags:
+    """Return thin dark uprights (H, W), brackets too, that go down from ``near`` what is ``gone`` (H, W) over ``bare``
+    floor and walls (H, W)."""
     wide, long, high = (max(1, round(size / math.pi * len(gone))) for size in LEG_RAD)
     tone = np.asarray(cv2.GaussianBlur(tone, (0, 0), SEGMENT_BLUR), np.float32)
     darker = cv2.morphologyEx(tone, cv2.MORPH_CLOSE, np.ones((1, wide | 1), np.uint8)) - tone
     below = cv2.dilate(gone.astype(np.uint8), np.ones((long + 1, 1), np.uint8), anchor=(0, long)).astype(bool)
-    zone, bare = floor & below & ~gone, floor & ~below
-    least = max(LEG_DARK, LEG_GRAIN * float(np.median(darker[bare]))) if bare.any() else LEG_DARKEST
+    zone, apart = bare & below & ~gone, bare & ~below
+    least = max(LEG_DARK, LEG_GRAIN * float(np.median(darker[apart]))) if apart.any() else LEG_DARKEST
     upright = np.ones((2 * high | 1, 1), np.uint8)
     dark = cv2.morphologyEx((zone & (darker > least)).astype(np.uint8), cv2.MORPH_CLOSE, upright)
     found = np.zeros_like(gone)

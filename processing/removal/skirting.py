@@ -1,7 +1,5 @@
 """A room's skirting: what runs along the foot of its walls, learned from all of them for walls that hide theirs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

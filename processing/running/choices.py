@@ -9,8 +9,6 @@ that a moved session still has them; a file that lies in the session already (ro
 are networks, folders, and files of more than `COPIED_BYTES`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -4,8 +4,6 @@ A ray from the camera stays inside the room until its first wall, so that floor 
 no farther: this alone decides all occlusion in a room of vertical walls, convex or not.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

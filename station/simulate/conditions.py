@@ -4,8 +4,6 @@ Columns: index, date, scene_name, theta_time, luminance_cd_m2, fisheye_time, ill
 natural_light; further ones are ignored. Times are local.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

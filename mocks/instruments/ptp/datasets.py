@@ -13,7 +13,6 @@ ROOT = 0  # PIMA 15740: no parent
 ROOT_ONLY = 0xFFFFFFFF  # PIMA 15740, GetObjectHandles: what lies in the root
 ANY = 0xFFFFFFFF  # PIMA 15740, GetObjectHandles: all storages
 MAX_U32 = 0xFFFFFFFF  # 32 bits
-MAX_U64 = 0xFFFFFFFFFFFFFFFF  # 64 bits
 
 
 @dataclass(frozen=True)

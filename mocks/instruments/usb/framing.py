@@ -1,7 +1,5 @@
 """An answer as the USB transfers it becomes, and every way the link can spoil them."""
 
-from __future__ import annotations
-
 import errno
 import random
 import struct

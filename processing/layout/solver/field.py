@@ -1,7 +1,5 @@
 """The plan as arrays: walls as segments and lines, doors, windows and pinned pieces as convex outlines with heights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

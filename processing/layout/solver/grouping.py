@@ -1,7 +1,5 @@
 """From a list of items to units: groups kept whole first, then ever more of their members by themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -6,8 +6,6 @@ lengths, turns and openings (rounded to 0.1 mm) is least is taken, and coordinat
 the search sees the same numbers bit by bit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ mean score on its tuning rooms. Anchors are rows (A, 7) of the pieces that stand
 width, half depth; windows are rows (K, 8) as in `field.Floor.windows`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

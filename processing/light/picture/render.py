@@ -4,8 +4,6 @@ Only irradiance is sampled, at a small size; texture, direct sun, glass and edge
 cost hardly grows with the picture's size.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
