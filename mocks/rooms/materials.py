@@ -63,12 +63,9 @@ def linear(colour: str | Vector) -> Vector:
     """Return linear albedo of ``#rrggbb`` (sRGB, IEC 61966-2-1); a vector is linear already."""
     if not isinstance(colour, str):
         return colour
-    red, green, blue = (_decoded(int(colour[i : i + 2], 16) / 255) for i in (1, 3, 5))
+    codes = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    red, green, blue = (float(one) for one in np.clip(srgb_decoded(codes), 0.02, 0.9))
     return (red, green, blue)
-
-
-def _decoded(value: float) -> float:
-    return float(np.clip(srgb_decoded(np.asarray(value)), 0.02, 0.9))
 
 
 def scaled(colour: str | Vector, factor: float) -> Vector:

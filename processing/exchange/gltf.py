@@ -207,11 +207,7 @@ STILL_FIELD_RAD = 2 * math.atan(12 / 18)
 
 
 def scene_glb(
-    scene: Scene,
-    *,
-    max_texture_px: int = 2048,
-    lit: Mapping[str, Bytes] | None = None,
-    eye_m: Vector | None = None,
+    scene: Scene, *, max_texture_px: int = 2048, lit: Mapping[str, Bytes] | None = None, eye_m: Vector | None = None
 ) -> bytes:
     """Return a scene as GLB: the room and each piece of furniture a node with its parts, the sun, and a camera.
 

@@ -58,7 +58,12 @@ def components(mask: Flags) -> tuple[int, Int32s]:
         return one
 
     left, right = labels[:, 0], labels[:, -1]
-    pairs = [(int(left[i]), int(right[j])) for s in (-1, 0, 1) for i, j in _rows_beside(len(left), s)]
+    pairs = [
+        (int(left[i]), int(right[j]))
+        for s in (-1, 0, 1)
+        for i, j in enumerate(range(s, s + len(left)))
+        if 0 <= j < len(left)
+    ]
     for row in (labels[0], labels[-1]):
         met = np.unique(row[row > 0])
         pairs += [(int(met[0]), int(one)) for one in met[1:]]
@@ -69,10 +74,6 @@ def components(mask: Flags) -> tuple[int, Int32s]:
     roots = np.array([root(one) for one in range(count)])
     kept, numbers = np.unique(roots, return_inverse=True)
     return len(kept) - 1, np.asarray(numbers[labels], dtype=np.int32)
-
-
-def _rows_beside(rows: int, step: int) -> list[tuple[int, int]]:
-    return [(i, i + step) for i in range(rows) if 0 <= i + step < rows]
 
 
 def grown(mask: Flags, angle_rad: float) -> Flags:

@@ -76,8 +76,8 @@ def check_tags(path: Path) -> PhotoTags:
             f"its tags say that its projection is {kind!r}", where=path.name, advice="export it equirectangular"
         )
     for side in ("Width", "Height"):
-        whole, part = (_pixels(tags.gpano.get(name.format(side))) for name in _SIZES)
-        if whole and part and part < whole:
+        whole, part = (tags.gpano.get(name.format(side), "").strip() for name in _SIZES)
+        if whole.isdecimal() and part.isdecimal() and 0 < int(part) < int(whole):
             raise PanoramaError(
                 f"its tags say that it is a part: {part} of {whole} pixels of {side.lower()}",
                 where=path.name,
@@ -93,10 +93,6 @@ def check_tags(path: Path) -> PhotoTags:
 
 
 _SIZES = ("FullPano{}Pixels", "CroppedAreaImage{}Pixels")
-
-
-def _pixels(text: str | None) -> int | None:
-    return int(text) if text and text.strip().isdecimal() else None
 
 
 def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:

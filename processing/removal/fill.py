@@ -21,14 +21,7 @@ from processing.ground.threads import give_back, side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.plain import MOST_RISE_FLOOR, seamless
-from processing.removal.plane_fill import (
-    CONTINUED,
-    SEEN,
-    SURE,
-    SYNTHESISED,
-    FilledPlane,
-    fill_plane,
-)
+from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
 from processing.removal.skirting import Skirting, find_skirting
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, boundary_rows, plane_map, planes_of

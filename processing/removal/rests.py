@@ -133,13 +133,14 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
     weight = np.broadcast_to(row_solid_angles((gone.shape[0], gone.shape[1])), gone.shape)
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     sure = tone[floor & ~gone & (likely < SURE)]
+    usual, most_spread = (np.median(sure), SPREAD * sure.std()) if len(sure) else (np.inf, 0.0)
     # What is as narrow as a slit does not bar one.
     goes = ~grown(~grown(gone, SLIT_RAD), SLIT_RAD) & ~(stays & grown(~grown(~stays, SLIT_RAD), SLIT_RAD))
     for share, most_sr in ((likely, math.inf), (probabilities[SceneClass.WALL], SHARD_SR)):
         for box, part in _parts(floor & ~gone & (share > UNSURE)):
             size_sr = weight[box][part].sum()
-            clear = size_sr > LARGE_SR and _alike(tone[box][part], sure)
-            if (part & near[box]).any() and size_sr < most_sr and not clear:
+            clear = size_sr > LARGE_SR and abs(np.median(tone[box][part]) - usual) < ALIKE
+            if (part & near[box]).any() and size_sr < most_sr and not (clear and tone[box][part].std() < most_spread):
                 goes[box] |= part
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(stays, BARRED_RAD)
     goes |= _legs(gone | goes, near, tone, bare)
@@ -152,13 +153,6 @@ def _parts(mask: Flags) -> Iterator[tuple[tuple[slice, slice], Flags]]:
     for number, box in enumerate(ndimage.find_objects(labels), 1):
         if box is not None:
             yield box, labels[box] == number
-
-
-def _alike(tone: Floats, sure: Floats) -> bool:
-    """Return whether tones (N,) are those (M,) of what is ``sure``."""
-    if not len(sure):
-        return False
-    return bool(abs(np.median(tone) - np.median(sure)) < ALIKE and tone.std() < SPREAD * sure.std())
 
 
 def _legs(gone: Flags, near: Flags, tone: Floats, bare: Flags) -> Flags:

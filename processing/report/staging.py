@@ -14,14 +14,7 @@ from pydantic import ConfigDict, TypeAdapter
 from processing.exchange.jpeg_files import jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
-from processing.report.room_states import (
-    lead_section,
-    look_of,
-    model_section,
-    room_states,
-    viewer_section,
-    views_of,
-)
+from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section, views_of
 from processing.report.states import VIEWER_WIDTHS_PX, Cuts, Look, State, cuts_of, small_direction, small_height_px
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext
@@ -37,10 +30,7 @@ METHODS = {
 
 
 def alternatives_section(
-    arranged: Arrangements | None,
-    staged: Mapping[str, Any] | None,
-    cuts: Sequence[Cuts],
-    plans: Mapping[int, bytes],
+    arranged: Arrangements | None, staged: Mapping[str, Any] | None, cuts: Sequence[Cuts], plans: Mapping[int, bytes]
 ) -> Section | None:
     """Return the alternatives side by side: staged views, plans, figures; None where nothing was arranged.
 

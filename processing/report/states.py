@@ -220,12 +220,10 @@ def viewer(state: State, look: Look, wide: int = VIEWER_WIDTHS_PX[0][1]) -> View
         image.unit,
         math.degrees(look.yaw_rad),
         look.label,
-        None if look.room is None else _ruled(look.room),
+        None
+        if (r := look.room) is None
+        else {"floor": r.floor, "camera_m": r.camera_height_m, "ceiling_m": r.ceiling_height_m},
     )
-
-
-def _ruled(room: RoomModel) -> dict[str, object]:
-    return {"floor": room.floor, "camera_m": room.camera_height_m, "ceiling_m": room.ceiling_height_m}
 
 
 def map_pixels(length: int, most: int) -> Indices:

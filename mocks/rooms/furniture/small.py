@@ -6,15 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mocks.rooms.furniture.build import (
-    BLACK_PLASTIC,
-    CERAMIC,
-    FOLIAGE,
-    PAPER,
-    WHITE_PLASTIC,
-    Build,
-    vessel,
-)
+from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, FOLIAGE, PAPER, WHITE_PLASTIC, Build, vessel
 from mocks.rooms.model import Material
 from mocks.worlds.light import Vector
 from processing.ground.mesh import Mesh, box, merge, moved, turned
