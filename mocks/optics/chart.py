@@ -67,10 +67,6 @@ class ChartRoom(OneLight):
         """Direction from the panorama camera to the middle of the white patch, where the meter looks."""
         return unit(self.patch_directions(Site.INDOOR)[WHITE])
 
-    def board_luminance_cd_m2(self, t_s: float = 0.0) -> float:
-        """Return the luminance of the white patch's middle."""
-        return float(self.patch_luminances_cd_m2[WHITE]) * self.drift.factor(t_s)
-
     def patch_directions(self, site: Site) -> Floats:
         """Return the unit directions, shape (24, 3), from a camera to the middles of the patches."""
         row, column = np.divmod(np.arange(len(PATCHES)), _COLUMNS)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
+from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, Vector, unit
 from mocks.worlds.sky import SUN_RADIUS_RAD, SimpleSky
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 
@@ -208,11 +208,6 @@ class SimpleRoom(OneLight):
         """Direction from the camera to the middle of the white meter board."""
         x, y, z = self.board_centre
         return unit((x, y, z - CAMERA_HEIGHT_M))
-
-    def board_luminance_cd_m2(self, t_s: float = 0.0) -> float:
-        """Return the luminance of the white board, the same all over it."""
-        here = self.radiance(Site.INDOOR, np.array([self.board_direction], dtype=np.float32))
-        return float(luminance_cd_m2(here)[0]) * self.drift.factor(t_s)
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return radiance (..., 3) at time 0 without the sun's disc; shape and units as `mocks.worlds.light.World`."""
