@@ -36,7 +36,7 @@ from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
-from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps, surface_maps
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps, surface_maps
 from processing.surfaces.sun import coloured_as_behind
 
 WORKING_ROWS = 512  # 0.35 degrees a row: 1 cm at 1.6 m; chosen, never swept
@@ -159,11 +159,12 @@ def _find(
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     doors = known.two_networks & doors_in(probabilities, maps)
-    openings, flat = others | (maps.opening >= 0) | doors, _flat(maps, seen[0])
+    hall = (maps.plane >= FIRST_WALL) & (probabilities[SceneClass.FLOOR] > BLOCKED)  # the next room's floor
+    openings, flat = others | (maps.opening >= 0) | doors | hall, _flat(maps, seen[0])
     furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
-    furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)
+    furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board & ~hall)
     hidden = furniture.mask | tripod.mask
     other = tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)

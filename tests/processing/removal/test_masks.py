@@ -19,7 +19,7 @@ from processing.removal.masks import find_masks, target_of, with_islands
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import CEILING, FLOOR
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR
 from tests.processing.removal.painted_room import SUN, Painted, evidence_of, iou, paint
 
 
@@ -83,6 +83,25 @@ def test_a_dark_doorway_that_is_no_known_opening_stays_beside_furniture(door: fl
     found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
     assert found.furniture[145:165, 155:185].all()
     assert found.target[110:135, 162:174].any() == (door < 0.15)
+
+
+def test_floor_of_the_next_room_before_a_wall_stays_beside_furniture() -> None:
+    bare = paint(rows=256, things=False, sun=False)
+    hall, chest = (np.zeros(bare.maps.plane.shape, bool) for _ in range(2))
+    hall[135:152, 160:185], chest[125:170, 140:160] = True, True
+    assert (bare.maps.plane[hall] >= FIRST_WALL).all()
+    light = np.where(hall[..., None], bare.image.rgb / 5, bare.image.rgb)
+    light = np.where(chest[..., None], np.float32(0.4) * light, light)
+    classes = bare.evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
+    evidence = evidence_of(np.where(chest, SceneClass.FURNITURE, np.where(hall, SceneClass.FLOOR, classes)))
+    shares = evidence.probabilities.copy()
+    half = resized(hall.astype(np.float32), shares.shape[1:]) > 0.5
+    shares[:, half] = 0
+    shares[SceneClass.FLOOR, half], shares[SceneClass.FURNITURE, half] = 0.6, 0.4
+    evidence = replace(evidence, probabilities=shares)
+    found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
+    assert found.target[130:165, 143:157].all()
+    assert not found.target[137:150, 164:183].any()
 
 
 def test_floor_that_is_half_a_thing_goes_with_the_furniture_that_it_touches(painted: Painted) -> None:
