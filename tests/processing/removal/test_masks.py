@@ -88,7 +88,7 @@ def test_a_dark_doorway_that_is_no_known_opening_stays_beside_furniture(door: fl
 def test_floor_of_the_next_room_before_a_wall_stays_beside_furniture() -> None:
     bare = paint(rows=256, things=False, sun=False)
     hall, chest = (np.zeros(bare.maps.plane.shape, bool) for _ in range(2))
-    hall[135:152, 160:185], chest[125:170, 140:160] = True, True
+    hall[140:150, 190:210], chest[140:170, 150:190] = True, True
     assert (bare.maps.plane[hall] >= FIRST_WALL).all()
     light = np.where(hall[..., None], bare.image.rgb / 5, bare.image.rgb)
     light = np.where(chest[..., None], np.float32(0.4) * light, light)
@@ -100,8 +100,8 @@ def test_floor_of_the_next_room_before_a_wall_stays_beside_furniture() -> None:
     shares[SceneClass.FLOOR, half], shares[SceneClass.FURNITURE, half] = 0.6, 0.4
     evidence = replace(evidence, probabilities=shares)
     found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
-    assert found.target[130:165, 143:157].all()
-    assert not found.target[137:150, 164:183].any()
+    assert found.furniture[145:165, 155:185].all()
+    assert not found.target[142:149, 193:208].any()
 
 
 def test_floor_that_is_half_a_thing_goes_with_the_furniture_that_it_touches(painted: Painted) -> None:
