@@ -65,6 +65,11 @@ class SerialPort:
             self._stable_name.unlink(missing_ok=True)
             self._stable_name.symlink_to(self.name)
 
+    def inject(self, data: bytes) -> None:
+        """Let bytes come that nobody asked for."""
+        assert self._plug is not None
+        self._plug.send(data)
+
     def close(self) -> None:
         """Unplug for good; may be called twice."""
         if self._plug is not None:

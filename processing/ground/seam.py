@@ -58,12 +58,7 @@ def components(mask: Flags) -> tuple[int, Int32s]:
         return one
 
     left, right = labels[:, 0], labels[:, -1]
-    pairs = [
-        (int(left[i]), int(right[j]))
-        for s in (-1, 0, 1)
-        for i, j in enumerate(range(s, s + len(left)))
-        if 0 <= j < len(left)
-    ]
+    pairs = [(int(left[i]), int(right[i + s])) for s in (-1, 0, 1) for i in range(max(0, -s), len(left) - max(0, s))]
     for row in (labels[0], labels[-1]):
         met = np.unique(row[row > 0])
         pairs += [(int(met[0]), int(one)) for one in met[1:]]
