@@ -17,7 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +27,6 @@ from station.frames.exif import check_raw, check_tiff, read_exif
 from station.frames.jpeg import read_header, read_png
 from station.frames.problems import FrameProblemError, Reason
 
-Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
 
 # Chosen: no frame of either camera comes near.
@@ -195,7 +194,7 @@ def _exif(block: bytes | mmap.mmap | None) -> tuple[dict[str, Any], str]:
         return {}, problem.message
 
 
-def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, warnings: bool = False) -> Bytes:
+def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, warnings: bool = False) -> npt.NDArray[np.uint8]:
     """Decode at 1/scale (libjpeg's scaled transform); whatever the decoder complains of is refused.
 
     ``warnings``: what it only warns of (libpng and libtiff do so of profiles and tags) is let pass.
@@ -215,7 +214,7 @@ def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, warnings:
     return np.asarray(pixels, np.uint8)
 
 
-def measure(pixels: Bytes, circle: Circle | None = None) -> dict[str, Any]:
+def measure(pixels: npt.NDArray[np.uint8], circle: Circle | None = None) -> dict[str, Any]:
     """Return brightness measures of an 8-bit picture (H, W, 3), band by band so that little memory is needed.
 
     With ``circle`` (centre column, centre row, radius as fractions of width, height and width) only what lies inside
@@ -247,7 +246,7 @@ def _parts(plane: npt.NDArray[np.float32], circle: Circle | None) -> npt.NDArray
     return np.clip(cv2.resize(plane, (16, 8), interpolation=cv2.INTER_AREA), 0, 1).astype(np.float32)
 
 
-def _noise(pixels: Bytes, shown: npt.NDArray[np.float32]) -> list[float]:
+def _noise(pixels: npt.NDArray[np.uint8], shown: npt.NDArray[np.float32]) -> list[float]:
     """Return the relative noise of luminance in these parts of a picture (H, W, 3); 0 where not all is ``shown``.
 
     By the sRGB curve, from the median of second differences both ways (Immerkaer 1996, CVIU 64) in the middle of a
@@ -273,7 +272,7 @@ def _inside(shape: tuple[int, ...], rows: range, circle: Circle) -> npt.NDArray[
     return np.asarray(x[None, :] ** 2 + y[:, None] ** 2 <= circle[2] ** 2)
 
 
-def _picture_digest(small: Bytes, measures: dict[str, Any]) -> str | None:
+def _picture_digest(small: npt.NDArray[np.uint8], measures: dict[str, Any]) -> str | None:
     """Return the digest of the small picture; None where too little shows to distinguish two frames."""
     telling_frac = 1.0 - measures["clipped_frac"] - measures["dark_frac"]
     if telling_frac < TELLING_FRAC or telling_frac * small.shape[0] * small.shape[1] < TELLING_PIXELS:
