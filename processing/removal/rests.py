@@ -111,13 +111,13 @@ UNSURE, SHARD_SR, SLIT_RAD, BARRED_RAD = 0.4, 4e-3, math.radians(1.0), math.radi
 """Probability of things, or of walls, from which floor beside furniture goes; largest shard of a wall; half the width
 of slits between what goes; how near to what stays floor stays (chosen by looking at furnished real rooms)."""
 SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
-"""Probability of things below which floor is one; from what size on floor that is unsure stays if its tone is much as
-that one's, and varies no more than so many times as that (chosen as those above)."""
+"""Probability of things below which floor surely is floor; size from which unsure floor stays where its median tone is
+within so much (natural logarithm) of sure floor's and varies at most so many times as much (chosen as those above)."""
 LEG_RAD = (math.radians(2.4), math.radians(6), math.radians(0.8))
 """Largest width, largest length and least length of a leg below what is known of its chair (chosen as those above)."""
 LEG_DARK, LEG_DARKEST, LEG_GRAIN = 0.09, 0.25, 3.0
-"""By how much a leg is darker than beside it (natural logarithm), its darkest part, and times what floor is (as above).
-By colour instead, joints of boards would be legs."""
+"""By how much a leg is darker than beside it (natural logarithm), its darkest part, and in multiples of the bare
+surface's own grain (chosen as those above). Judged by colour, joints between boards would count as legs."""
 
 
 def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: SurfaceMaps, stays: Flags) -> Flags:
@@ -126,10 +126,11 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
     That is what the network half sees (cables, rims of rugs), deep shade that it takes for a thing, of which relighting
     leaves a patch with an edge, and shards of walls where the room's floor is by mistake.
 
-    ``probabilities`` (C, H, W) by `SceneClass`; ``luminance`` (H, W), linear; ``stays`` (H, W): what does.
+    ``probabilities`` (C, H, W), 0..1, by `SceneClass`; ``luminance`` (H, W), linear, of any unit; ``stays`` (H, W):
+    what is not to go.
     """
     floor, near = (maps.plane == FLOOR) & ~grown(stays, BARRED_RAD), grown(gone, TOUCH_RAD)
-    tone = np.log(np.maximum(luminance, 1e-3 * float(np.median(luminance)) + 1e-9)).astype(np.float32)
+    tone = np.log(np.clip(luminance, 1e-3 * float(np.median(luminance)) + 1e-9, 1e20)).astype(np.float32)
     weight = np.broadcast_to(row_solid_angles((gone.shape[0], gone.shape[1])), gone.shape)
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     sure = tone[floor & ~gone & (likely < SURE)]

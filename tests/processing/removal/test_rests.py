@@ -93,8 +93,13 @@ def test_legs_below_a_chair_go_and_what_is_no_leg_stays() -> None:
     assert not rests(seat, evidence(), apart).any(), "it does not reach the chair"
 
 
-def test_ends_nothing_gone_all_gone_and_a_black_picture() -> None:
+def test_ends_nothing_gone_all_gone_black_not_finite_and_the_sun() -> None:
     unsure = evidence(FURNITURE=(MAPS.plane == FLOOR, 0.45))
     assert not rests(NONE, unsure).any()
     assert not rests(~NONE, unsure).any()
     assert rests(TABLE, unsure, np.zeros((ROWS, 2 * ROWS, 3), np.float32))[FLOOR_BESIDE].all()
+    for value in (np.nan, np.inf, 1.6e9):
+        assert not rests(TABLE, evidence(), np.full((ROWS, 2 * ROWS, 3), value, np.float32)).any()
+    cable, holes = box(186, 200, 280, 300), grey_room()
+    holes[186:190, 280:285], holes[190:195, 285:290] = np.inf, np.nan
+    assert rests(TABLE, evidence(FURNITURE=(cable, 0.45)), holes)[cable].all()

@@ -92,6 +92,20 @@ def test_a_given_sun_low_over_the_horizon_stays_above_it(monkeypatch: pytest.Mon
     assert min(heights) > 0
 
 
+@pytest.mark.parametrize("rises", [1.0, -1.0])
+def test_no_height_beyond_what_the_given_sun_may_be_off_is_tried(monkeypatch: pytest.MonkeyPatch, rises: float) -> None:
+    tried: list[float] = []
+
+    def the_farther_the_better(_scene: Scene, _room: RoomModel, sun: np.ndarray) -> float:
+        tried.append(math.asin(float(sun[2])) - SUN[1])
+        return 10.0 + rises * tried[-1]
+
+    monkeypatch.setattr("processing.removal.sunlight.explained", the_farther_the_better)
+    sunlight(paint(sun_ratio=8.0), SUN)
+    assert max(rises * one for one in tried) == pytest.approx(ELEVATION_SLACK_RAD, abs=1e-6)
+    assert max(map(abs, tried)) <= ELEVATION_SLACK_RAD + 1e-6
+
+
 def test_no_sun_is_said() -> None:
     overcast = sunlight(paint(sun=False), SUN)
     assert not overcast.mask.any()
