@@ -9,6 +9,7 @@
 
 import importlib
 import json
+import os
 import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -168,6 +169,7 @@ def cli() -> None:
 def main(argv: list[str] | None = None) -> int:
     """Run the command line and return its exit code; errors go to standard error, as JSON under ``--json``."""
     arguments = sys.argv[1:] if argv is None else argv
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read once, when NumPy is imported (`limit_libraries` says why)
     try:
         result = cli.main(arguments, prog_name="daylit", standalone_mode=False)
     except click.exceptions.Abort:

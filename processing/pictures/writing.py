@@ -15,6 +15,7 @@ import numpy.typing as npt
 from processing.errors import PictureFileError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.kernels import compiled
+from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from station.session import durable
 from station.session.folder import Folder, part_name, write_file
@@ -23,6 +24,7 @@ MAX_PIXELS = 1 << 28  # a picture of the whole sphere at 1 arc minute; more is a
 MAX_SIDE_PX = 1 << 16  # chosen
 
 _ROWS = 256  # rows looked at in one go, so that checks need little memory beside the picture
+_BAND_ROWS = 32  # of a panorama these stay in the processor's cache
 
 
 def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> None:
@@ -149,19 +151,31 @@ def handed_on(image: P, made: Flags | None = None) -> P:
 
     Where it was ``made`` (H, W) rather than photographed, it is as `estimated` says.
     """
-    copied = estimated(image, np.zeros(image.rgb.shape[:2], bool) if made is None else made)
-    rgb, uncertainty = copied.rgb, copied.uncertainty
-    np.clip(uncertainty, _LEAST_HALF, _MOST_HALF, out=uncertainty, where=~np.isinf(uncertainty))
-    _round_bits(rgb.view(np.uint32).reshape(1, -1), _ALL, 23 - LIGHT_BITS, False)
-    _round_bits(uncertainty.view(np.uint32).reshape(1, -1), _ALL, 23 - UNCERTAINTY_BITS, False)
-    return copied
+    return _in_bits(image, made, handed_on=True)
 
 
 def estimated(image: P, where: Flags) -> P:
     """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
-    rgb, uncertainty = image.rgb.copy(), image.uncertainty.copy()
-    _round_bits(rgb.view(np.uint32).reshape(-1, 3), where.ravel(), 23 - ESTIMATED_BITS, False)
-    _round_bits(uncertainty.view(np.uint32).reshape(-1, 1), where.ravel(), 23 - UNCERTAINTY_BITS, True)
+    return _in_bits(image, where, handed_on=False)
+
+
+def _in_bits(image: P, made: Flags | None, *, handed_on: bool) -> P:
+    rgb, uncertainty = np.empty(image.rgb.shape, np.float32), np.empty(image.uncertainty.shape, np.float32)
+
+    def band(top: int) -> None:
+        rows = slice(top, top + _BAND_ROWS)
+        rgb[rows], uncertainty[rows] = image.rgb[rows], image.uncertainty[rows]
+        light, doubt = rgb[rows].view(np.uint32), uncertainty[rows].view(np.uint32)
+        if made is not None:
+            _round_bits(light.reshape(-1, 3), made[rows].ravel(), 23 - ESTIMATED_BITS, False)
+            _round_bits(doubt.reshape(-1, 1), made[rows].ravel(), 23 - UNCERTAINTY_BITS, True)
+        if handed_on:
+            some = uncertainty[rows]
+            np.clip(some, _LEAST_HALF, _MOST_HALF, out=some, where=~np.isinf(some))
+            _round_bits(light.reshape(1, -1), _ALL, 23 - LIGHT_BITS, False)
+            _round_bits(doubt.reshape(1, -1), _ALL, 23 - UNCERTAINTY_BITS, False)
+
+    side_by_side(band, range(0, rgb.shape[0], _BAND_ROWS))
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 

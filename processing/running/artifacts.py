@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from processing.errors import ProcessingError
 from processing.ground.room_model import read_json
+from processing.ground.threads import side_by_side
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.fingerprint import DigestMemory, Ingredients, digest
 from processing.running.progress import Cost
@@ -254,14 +255,15 @@ def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: lis
 
 
 def _write(made: list[Artifact], values: Mapping[str, object], building: Building, folder: Path) -> dict[str, object]:
-    """Write artifacts; a file's place in memory is taken by its path, which changes, so it is read from disk later."""
-    in_memory = {}
-    for artifact in made:
+    """Write artifacts, two at a time; a file's place in memory is taken by its path, which changes: read later."""
+
+    def written(artifact: Artifact) -> object:
         with durable.disk_errors(building.folder.path / file_name(artifact), "writing"):
-            value = save(artifact, values[artifact.name], folder)
-        if artifact.kind != "file" and values[artifact.name] is not WRITTEN:
-            in_memory[artifact.name] = value
-    return in_memory
+            return save(artifact, values[artifact.name], folder)
+
+    kept = [artifact.kind != "file" and values[artifact.name] is not WRITTEN for artifact in made]
+    saved = zip(made, kept, side_by_side(written, made, 2), strict=True)
+    return {artifact.name: value for artifact, keep, value in saved if keep}
 
 
 def remade(result: StageResult, work: Work) -> StageResult:

@@ -17,7 +17,14 @@ from processing.calibration.merge import bracket
 from processing.calibration.merge.bracket import Decoded, FrameUse, Merged, MergeReport, Order
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
-from processing.calibration.merge.modes import CONTRAST_SHARE, linear_modes, local_contrast, merge_modes, only_texture
+from processing.calibration.merge.modes import (
+    CONTRAST_REACH_PX,
+    CONTRAST_SHARE,
+    linear_modes,
+    local_contrast,
+    merge_modes,
+    only_texture,
+)
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
 from processing.calibration.merge.tables import (
     Consistency,
@@ -339,22 +346,30 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> t
         modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
     else:
         modes = linear_modes(samples)
-    luminance = np.maximum(planes.rgb @ job.weights.astype(np.float32), 0)
-    shared = together(modes, luminance)
-    if job.wander > LEAST_WANDER:
+    wander = job.wander if job.wander > LEAST_WANDER else 0.0
+    level = tuple(modes)
+    if wander:
         # Two frames differ by the root of two of what each is off by; the spot that sets the scale is off as well.
-        modes.append(SharedMode("light that changed", "whole", (0.0,), (job.wander,)))
-        shared = np.hypot(shared, np.float32(job.wander))
-    u2 = np.square(shared)
-    if job.options.colours is not None:
-        u2 += np.float32(WELL_GAIN_SIGMA**2)
-    if job.coded:
-        contrast = local_contrast(luminance)
-        explained = only_texture(planes.uncertainty, contrast, TEXTURE_SHARE)
-        planes.suspect[explained | (planes.uncertainty < SHARED_SIGMAS * shared)] = 0
-        # Less what the pixels' own noise shows of contrast.
-        u2 += CONTRAST_SHARE**2 * np.maximum(np.square(contrast) - np.square(planes.uncertainty), 0)
-    np.sqrt(np.square(planes.uncertainty) + u2, out=planes.uncertainty)
+        modes.append(SharedMode("light that changed", "whole", (0.0,), (wander,)))
+    u2 = np.empty_like(planes.uncertainty)
+
+    def band(first: int, end: int) -> None:
+        around, rows = slice(max(first - CONTRAST_REACH_PX, 0), end + CONTRAST_REACH_PX), slice(first, end)
+        luminance = np.maximum(planes.rgb[around] @ job.weights.astype(np.float32), 0)
+        inner, uncertainty = slice(first - around.start, end - around.start), planes.uncertainty[rows]
+        shared2 = np.square(together(level, luminance[inner])) + np.float32(wander**2)
+        u2[rows] = shared2
+        if job.options.colours is not None:
+            u2[rows] += np.float32(WELL_GAIN_SIGMA**2)
+        if job.coded:
+            contrast = local_contrast(luminance)
+            explained = only_texture(uncertainty, contrast, inner, TEXTURE_SHARE)
+            planes.suspect[rows][explained | (uncertainty < SHARED_SIGMAS * np.sqrt(shared2))] = 0
+            # Less what the pixels' own noise shows of contrast.
+            u2[rows] += CONTRAST_SHARE**2 * np.maximum(np.square(contrast[inner]) - np.square(uncertainty), 0)
+        np.sqrt(np.square(uncertainty) + u2[rows], out=uncertainty)
+
+    _in_bands(band, len(u2), 128, job.workers)
     return modes, u2
 
 

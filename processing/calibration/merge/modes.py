@@ -25,6 +25,7 @@ against even frames of real brackets show 0.15, less what demosaicing leaves ali
 cameras with a mosaic, which every real one has: 95 % of textured pixels are covered, with 0.15 it is 93 %."""
 CONTRAST_PX = 3  # chosen
 NEAR_PX = 9  # chosen: half a block of chroma at half resolution
+CONTRAST_REACH_PX = CONTRAST_PX // 2 + NEAR_PX // 2
 
 
 def merge_modes(tables: MergeTables, curve: ResponseCurve, times_s: Doubles, time_sigma: Doubles) -> list[SharedMode]:
@@ -95,7 +96,10 @@ def local_contrast(luminance: Floats) -> Floats:
     return np.sqrt(np.maximum(square, 0), dtype=np.float32)
 
 
-def only_texture(uncertainty: Floats, contrast: Floats, share: float) -> Flags:
-    """Return (H, W) where samples disagree by no more than the texture around them explains; both (H, W), relative."""
-    near = cv2.dilate(contrast, np.ones((NEAR_PX, NEAR_PX), np.uint8))
+def only_texture(uncertainty: Floats, contrast: Floats, inner: slice, share: float) -> Flags:
+    """Return (h, W) where samples disagree by no more than the texture around them explains.
+
+    ``uncertainty`` (h, W), relative: of the ``inner`` rows of ``contrast`` (H, W), which has `CONTRAST_REACH_PX` more.
+    """
+    near = cv2.dilate(contrast, np.ones((NEAR_PX, NEAR_PX), np.uint8))[inner]
     return np.asarray(uncertainty <= share * near)

@@ -15,6 +15,7 @@ import numpy as np
 
 from processing.errors import EngineError
 from processing.ground.arrays import Flags, Floats, Int32s
+from processing.ground.kernels import compiled
 from processing.ground.mitsuba_variants import CUDA, LLVM, SCALAR, load_mitsuba, usable_library, usable_variant
 
 ASKED = "DAYLIT_RENDERER"
@@ -76,18 +77,15 @@ class EmbreeTracer(Tracer):
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
+        self._scene, self._corners = EmbreeScene(robust=True), np.ascontiguousarray(triangles, dtype=np.float32)
+        TriangleMesh(self._scene, self._corners)
 
     def _cast(self, origins: Floats, directions: Floats) -> Hits:
-        found = self._scene.run(
-            np.ascontiguousarray(origins, np.float32),
-            np.ascontiguousarray(directions, np.float32),
-            query="INTERSECT",
-            output=True,
-        )
-        distance = np.where(found["primID"] >= 0, found["tfar"], np.float32(np.inf))
-        return Hits(found["primID"], distance, found["u"], found["v"])
+        origins, directions = np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32)
+        triangle = self._scene.run(origins, directions, query="INTERSECT")  # alone: a third faster than with places
+        distance, u, v = np.empty((3, len(triangle)), np.float32)
+        _places(origins, directions, self._corners, triangle, distance, u, v)
+        return Hits(triangle, distance, u, v)
 
     def _free(self, origins: Floats, ways: Floats) -> Flags:
         found = self._scene.run(
@@ -97,6 +95,32 @@ class EmbreeTracer(Tracer):
             query="OCCLUDED",
         )
         return np.asarray(found < 0)
+
+
+@compiled
+def _places(origins, ways, corners, triangle, distance, u, v):  # type: ignore[no-untyped-def]
+    """Fill where rays (N, 3) meet the planes of triangles (N,), -1 for none, of ``corners`` (M, 3, 3).
+
+    Moeller, Trumbore: Fast, Minimum Storage Ray-Triangle Intersection (1997).
+    """
+    for i in range(triangle.shape[0]):
+        t = triangle[i]
+        distance[i], u[i], v[i] = np.inf, 0.0, 0.0
+        if t < 0:
+            continue
+        ax, ay, az = np.float64(corners[t, 0, 0]), np.float64(corners[t, 0, 1]), np.float64(corners[t, 0, 2])
+        bx, by, bz = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay, corners[t, 1, 2] - az
+        cx, cy, cz = corners[t, 2, 0] - ax, corners[t, 2, 1] - ay, corners[t, 2, 2] - az
+        dx, dy, dz = np.float64(ways[i, 0]), np.float64(ways[i, 1]), np.float64(ways[i, 2])
+        px, py, pz = dy * cz - dz * cy, dz * cx - dx * cz, dx * cy - dy * cx
+        part = bx * px + by * py + bz * pz
+        if part == 0.0:
+            continue
+        sx, sy, sz = origins[i, 0] - ax, origins[i, 1] - ay, origins[i, 2] - az
+        qx, qy, qz = sy * bz - sz * by, sz * bx - sx * bz, sx * by - sy * bx
+        distance[i] = max((cx * qx + cy * qy + cz * qz) / part, 0.0)
+        u[i] = min(max((sx * px + sy * py + sz * pz) / part, 0.0), 1.0)
+        v[i] = min(max((dx * qx + dy * qy + dz * qz) / part, 0.0), 1.0)
 
 
 class MitsubaTracer(Tracer):

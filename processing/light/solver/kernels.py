@@ -143,14 +143,14 @@ def _on_rectangle(sides, angles, p, q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pane_rays(points, normals, shifts, rectangle, origins, directions, weight):  # type: ignore[no-untyped-def]
-    """Fill rays (N, S, 3) to a ``rectangle`` (3, 3: corner, across, up; m), uniform in solid angle.
+def pane_rays(points, normals, shifts, rectangle, origins, ways, weight):  # type: ignore[no-untyped-def]
+    """Fill ``origins`` and ``ways`` (N, S, 3), m, to a ``rectangle`` (3, 3: corner, across, up), uniform in solid angle.
 
     ``weight`` (N, S): cosine times the rectangle's solid angle, sr; 0 where the rectangle is behind the surface, and
     then the ray is not filled.
     """
     corner, across, up = rectangle[0], rectangle[1], rectangle[2]
-    samples = directions.shape[1]
+    samples = ways.shape[1]
     wide = math.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
     high = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
     ax, ay, az = across[0] / wide, across[1] / wide, across[2] / wide
@@ -186,7 +186,7 @@ def pane_rays(points, normals, shifts, rectangle, origins, directions, weight): 
             if cosine > 0:
                 weight[i, s] = cosine * angles[0]
                 origins[i, s, 0], origins[i, s, 1], origins[i, s, 2] = start[0], start[1], start[2]
-                directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = ox / far, oy / far, oz / far
+                ways[i, s, 0], ways[i, s, 1], ways[i, s, 2] = ox, oy, oz
 
 
 @compiled

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from processing.ground.arrays import Doubles, Floats, Indices, Int64s, UInt16s
 from processing.ground.kernels import compiled
 from processing.light.scene.scene import Outdoors, Pane, transmittance_table
-from processing.light.solver.kernels import PANE, Key, pane_rays, random
+from processing.light.solver.kernels import Key, pane_rays, random
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
@@ -67,7 +67,7 @@ class SkyRays(NamedTuple):
 
 def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples: int, key: Key) -> Iterator[_PaneRays]:
     """Yield the rays, of ``samples`` from each point to one pane, that nothing stops on their way."""
-    pane, patches = stage.scene.panes[number], stage.patches
+    pane = stage.scene.panes[number]
     rectangle = np.array([pane.corner_m, pane.across_m, pane.up_m], np.float64)
     lengths2 = np.square(rectangle).sum(axis=1)
     shifts = random((*key, number), len(normals), 2)
@@ -81,9 +81,8 @@ def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples
         starts, ways = origins.reshape(-1, 3), rays.reshape(-1, 3)
         ahead = np.empty(len(ways), np.int64)
         count = _ahead_first(weight.ravel(), starts, ways, ahead)
-        hits = stage.tracer.cast(starts[:count], ways[:count])
-        met, cell = (hits.triangle, hits.distance_m, patches.owner, patches.item), np.empty(count, np.int64)
-        count = _arrived(met, number, (starts, ways, ahead), (rectangle, lengths2), pane.clear.shape, cell)
+        free, cell = stage.tracer.free(starts[:count], ways[:count]), np.empty(count, np.int64)
+        count = _arrived(free, (starts, ways, ahead), (rectangle, lengths2), pane.clear.shape, cell)
         ahead = ahead[:count]
         shares = weight.ravel()[ahead] / np.float32(samples)
         yield _PaneRays(start + ahead // samples, ways[:count], shares, cell[:count])
@@ -103,30 +102,30 @@ def _ahead_first(weight, starts, ways, ahead) -> int:  # type: ignore[no-untyped
 
 
 @compiled
-def _arrived(met, number, rays, place, grid, cell) -> int:  # type: ignore[no-untyped-def]
-    """Move the rays that meet pane ``number`` to the front, and write where on its ``grid`` to ``cell``; return how
+def _arrived(free, rays, place, grid, cell) -> int:  # type: ignore[no-untyped-def]
+    """Move ``free`` (N,) rays to the front, of unit length, write where on the pane's ``grid`` to ``cell``; return how
     many.
 
-    ``met``: triangles (N,) and distances (N,), owners and items of triangles; ``rays``: starts (N, 3), ways (N, 3) and
-    which they were (N,); ``place``: the pane's corner, across and up (3, 3), m, and their squared lengths (3,).
+    ``rays``: starts (N, 3), ways to the pane (N, 3) and which they were (N,); ``place``: the pane's corner, across and
+    up (3, 3), m, and their squared lengths (3,).
     """
-    (triangle, distance, owner, item), (starts, ways, ahead), (rectangle, lengths2) = met, rays, place
+    (starts, ways, ahead), (rectangle, lengths2) = rays, place
     count = 0
-    for i in range(triangle.shape[0]):
-        t = triangle[i]
-        if t < 0 or owner[t] != PANE or item[t] != number:
+    for i in range(free.shape[0]):
+        if not free[i]:
             continue
-        u = v = 0.0
+        u = v = far2 = 0.0
         for c in range(3):
-            offset = starts[i, c] + distance[i] * ways[i, c] - rectangle[0, c]
+            offset = starts[i, c] + ways[i, c] - rectangle[0, c]
             u += offset * rectangle[1, c]
             v += offset * rectangle[2, c]
+            far2 += ways[i, c] ** 2
         row = min(max(math.floor((1 - v / lengths2[2]) * grid[0]), 0), grid[0] - 1)
         column = min(max(math.floor(u / lengths2[1] * grid[1]), 0), grid[1] - 1)
         cell[count] = row * grid[1] + column
         ahead[count] = ahead[i]
         for c in range(3):
-            ways[count, c] = ways[i, c]
+            ways[count, c] = ways[i, c] / math.sqrt(far2)
         count += 1
     return count
 
