@@ -165,7 +165,7 @@ def _in_bits(image: P, made: Flags | None, *, handed_on: bool) -> P:
     def band(top: int) -> None:
         rows = slice(top, top + _BAND_ROWS)
         rgb[rows], uncertainty[rows] = image.rgb[rows], image.uncertainty[rows]
-        light, doubt = rgb[rows].view(np.uint32), uncertainty[rows].view(np.uint32)
+        light, doubt = (one[rows].view(np.uint32) for one in (rgb, uncertainty))
         if made is not None:
             _round_bits(light.reshape(-1, 3), made[rows].ravel(), 23 - ESTIMATED_BITS, False)
             _round_bits(doubt.reshape(-1, 1), made[rows].ravel(), 23 - UNCERTAINTY_BITS, True)
@@ -175,7 +175,7 @@ def _in_bits(image: P, made: Flags | None, *, handed_on: bool) -> P:
             _round_bits(light.reshape(1, -1), _ALL, 23 - LIGHT_BITS, False)
             _round_bits(doubt.reshape(1, -1), _ALL, 23 - UNCERTAINTY_BITS, False)
 
-    side_by_side(band, range(0, rgb.shape[0], _BAND_ROWS))
+    side_by_side(band, range(0, len(rgb), _BAND_ROWS))
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 

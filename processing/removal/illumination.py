@@ -104,21 +104,21 @@ def _level(values: Floats, share: Floats) -> Floats:
     coarse = _level(_halved(values, even, small), _halved(share, even, small))
     up = cv2.resize(coarse, (small[0] * 2, small[1] * 2), interpolation=cv2.INTER_LINEAR)
     up = up.reshape(small[1] * 2, small[0] * 2, *values.shape[2:])[:height, :width]
-    out = np.where(_as(fixed, values), own, up).astype(np.float32)
+    out = np.asarray(np.where(_as(fixed, values), own, up), np.float32)
     both = [out.reshape(height, -1), np.array(out.reshape(height, -1))]
-    free = np.repeat(~fixed, both[0].shape[1] // width, axis=1)
+    free, rows = np.repeat(~fixed, both[0].shape[1] // width, axis=1), np.flatnonzero(~fixed.all(axis=1))
     for _ in range(SWEEPS):
-        _sweep(free, both[0].shape[1] // width, *both)
+        _sweep(free, rows, both[0].shape[1] // width, *both)
         both.reverse()
     return both[0].reshape(values.shape)
 
 
 @compiled
-def _sweep(free: Any, step: int, old: Any, new: Any) -> None:
-    """Fill ``new`` (H, W) where it is ``free`` with means of four neighbours in ``old``: those of a row lie ``step``
-    apart, its channels."""
+def _sweep(free: Any, rows: Any, step: int, old: Any, new: Any) -> None:
+    """Fill ``new`` (H, W) where it is ``free``, in ``rows`` alone, with means of four neighbours in ``old``: those of a
+    row lie ``step`` apart, its channels."""
     height, width = old.shape
-    for i in range(height):
+    for i in rows:
         up, row, down = old[max(i - 1, 0)], old[i], old[min(i + 1, height - 1)]
         mine, todo = new[i], free[i]
         for k in range(step, width - step):

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats, Int16s
+from processing.ground.colour import largest_channel
 from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import resized
@@ -147,7 +148,7 @@ def _put_on(image: LuminanceImage, rows: int) -> Floats:
     clipped = image.validity == Validity.CLIPPED
     if not clipped.any():
         return np.ones((rows, 2 * rows), np.float32)
-    level = np.maximum(np.maximum(image.rgb[..., 0], image.rgb[..., 1]), image.rgb[..., 2])  # max(axis=-1) is slow
+    level = largest_channel(image.rgb)
     stops = np.log2(float(np.median(level[clipped])) / np.maximum(level, 1e-6))
     much = resized(np.clip(stops / SHOULDER, 0, 1).astype(np.float32), (rows, 2 * rows))
     return np.asarray(cv2.GaussianBlur(much, (0, 0), SHOULDER_PX), np.float32)

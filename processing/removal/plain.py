@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.colour import largest_channel
 from processing.removal.illumination import ToneScale, blurred, fit_illumination, grey, known_mean, spread
 
 # What furniture takes from the light of the wall beside it: it does not go on where the furniture is removed.
@@ -190,7 +191,7 @@ def _other_colours(tone: Floats, known: Flags) -> Flags:
         return np.zeros_like(known)
     mean, _ = known_mean(tone, known, GRAIN_PX)
     colour = mean - grey(mean)[..., None]
-    off = np.abs(colour - np.median(colour[known], axis=0)).max(axis=-1)
+    off = largest_channel(np.abs(colour - np.median(colour[known], axis=0)))
     usual = OUTLIER * 1.4826 * float(np.median(off[known]))
     odd = known & (off > max(OTHER_COLOUR, usual))
     odd[odd.sum(axis=1) > MOST_OF_ROW * known.sum(axis=1)] = False
@@ -275,7 +276,7 @@ def seamless(values: Floats, fit: Flags, hole: Flags, px_per_m: float, most_rise
     step, rim = seen - made, np.zeros_like(hole)
     # What is seen is the surface where it is much as the filling, or as most of what is seen.
     for off in (step, seen - (np.median(tone[fit], axis=0) if fit.any() else made)):
-        colour = np.abs(off - grey(off)[..., None]).max(axis=-1)
+        colour = largest_channel(np.abs(off - grey(off)[..., None]))
         rim |= hole & (near > LEAST_NEAR) & (colour < MOST_COLOUR) & (np.abs(grey(off)) < MOST_STEP)
     rim &= grey(step) > -MOST_SHADE
     away = cv2.distanceTransform((~rim).astype(np.uint8), cv2.DIST_L2, 5)

@@ -1,5 +1,6 @@
 """The stage figures: illuminance, glare and luminance statistics at the camera, from the calibrated pictures."""
 
+from functools import partial
 from typing import Any
 
 from processing.figures.figures import (
@@ -12,6 +13,7 @@ from processing.figures.figures import (
     surface_figures,
 )
 from processing.ground.room_model import RoomModel
+from processing.ground.threads import together
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.upright import upright_panorama
 
@@ -25,9 +27,12 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.0, "light at the camera")
     small = reduced(image, WIDTH_PX)
     height_m = room.camera_height_m if room else context.session.camera_height_m
-    camera = camera_figures(small, height_m=height_m, heading_rad=context.session.heading_rad)
+    sky = context.optional_artifact("calibrate", "outdoor")
+    camera, outdoor = together(
+        partial(camera_figures, small, height_m=height_m, heading_rad=context.session.heading_rad),
+        partial(outdoor_figures, sky, facts),
+    )
     context.progress(0.7, "surfaces")
-    outdoor = outdoor_figures(context.optional_artifact("calibrate", "outdoor"), facts)
     readings = [r.luminance_cd_m2 for r in context.session.readings if r.luminance_cd_m2 is not None]
     figures: dict[str, Any] = {
         "version": 1,

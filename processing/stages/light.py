@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from processing.errors import SceneError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import share_of_sphere
+from processing.ground.threads import together
 from processing.light.scene.facing import facing_without_heading
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light
 from processing.light.scene.outdoor import outdoors_of
@@ -70,12 +72,11 @@ def run(context: StageContext) -> StageOutput:
     image, room = upright_panorama(context), known_room(context)
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)
-    context.progress(0.0, "the light outdoors")
-    outdoors, source, warnings = light_outdoors(context, image, room)
-    work = WORK[context.quality]
-    context.progress(0.2, "stand-ins for the furniture")
-    furniture = _furniture(context)
-    parts = standins_of(room, furniture, _reach_m(context, room))
+    context.progress(0.0, "the light outdoors, stand-ins for the furniture")
+    work, furniture, reach_m = WORK[context.quality], _furniture(context), _reach_m(context, room)
+    (outdoors, source, warnings), parts = together(
+        partial(light_outdoors, context, image, room), partial(standins_of, room, furniture, reach_m)
+    )
     sunlight = context.optional_artifact("detect", "sunlight")
     if sunlight is not None:
         # What the sun falls on is to go, but gives light to the room as it is seen.

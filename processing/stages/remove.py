@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.colour import largest_channel
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
@@ -87,7 +88,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
         found, change = lifted(image, target, room, shade, foreign=foreign, **how)
         return found, change, 0.0
     gain = relit(image.rgb, shadow, (target, foreign), room)
-    share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
+    share = share_of_sphere(largest_channel(gain) > LEAST_GAIN)
     bright = replace(image, rgb=image.rgb * gain)
     return empty_room(bright, target, room, others=Others(foreign, boards), **how), None, share
 

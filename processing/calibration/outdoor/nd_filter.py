@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from processing.errors import LensError
 from processing.ground.arrays import Doubles, Flags, Floats, Rgb
+from processing.ground.colour import largest_channel
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 Matrix = tuple[Rgb, Rgb, Rgb]
@@ -107,7 +108,7 @@ def without_negatives(rgb: Floats) -> tuple[Floats, Flags]:
 
     A pixel of luminance 0 or less becomes black. ``rgb``: shape (..., 3), any unit.
     """
-    lowest = rgb.min(axis=-1)
+    lowest = -largest_channel(-rgb)
     wrong = lowest < 0
     if not wrong.any():
         return rgb, wrong

@@ -78,10 +78,10 @@ def standins_of(room: RoomModel, furniture: Flags, reach_m: Floats | None = None
     columns, grid = columns_of(room, geometry), _grid_of(room, geometry)
     count, labels = components(furniture)
     solid = np.zeros((*grid.level_m.shape, len(grid.height_m)), bool)
-    for number in range(1, count + 1):
-        piece = labels == number
-        if piece.sum() >= LEAST_PIXELS:
-            outline = _outline_of(piece, columns, room, geometry)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    for number, box in enumerate(ndimage.find_objects(labels), 1):
+        if sizes[number] >= LEAST_PIXELS:
+            outline = _outline_of(labels[box] == number, box, columns, room, geometry)
             stands = np.isfinite(outline.foot_m[outline.used]).any()
             solid |= (_standing if stands else _hung)(outline, columns, grid, room)
     seen = _within(furniture, grid, room)
@@ -103,10 +103,15 @@ def _grid_of(room: RoomModel, geometry: Equirectangular) -> _Grid:
     return _Grid(np.array([*low, 0.0]), np.asarray(height, np.float64), np.hypot(x, y), column, indoors)
 
 
-def _outline_of(piece: Flags, columns: Columns, room: RoomModel, geometry: Equirectangular) -> _Outline:
-    rows, latitude = len(piece), latitudes(geometry)
-    used = np.asarray(piece.any(axis=0), bool)
-    first, last = piece.argmax(axis=0), rows - 1 - piece[::-1].argmax(axis=0)
+def _outline_of(
+    piece: Flags, box: tuple[slice, slice], columns: Columns, room: RoomModel, geometry: Equirectangular
+) -> _Outline:
+    """Return the outline of a piece, (h, w) in its ``box`` of the panorama."""
+    (high, across), rows, latitude = box, geometry.height_px, latitudes(geometry)
+    used = np.zeros(geometry.width_px, bool)
+    first, last = np.zeros(geometry.width_px, int), np.full(geometry.width_px, rows - 1)
+    used[across], first[across] = piece.any(axis=0), high.start + piece.argmax(axis=0)
+    last[across] = high.stop - 1 - piece[::-1].argmax(axis=0)
     # The lower edge of the lowest pixel, not its middle.
     bottom = latitude[last] - math.pi / (2 * rows)
     before_floor = used & (bottom <= columns.floor_rad + math.pi / rows)
