@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 RIG_SIZE = "quarter"
 """Of the rig's sessions: a chart needs some hundred pixels."""
-RIG_RATE = 8.0  # how much faster than life the rig's sessions are captured: nobody waits for their shutters
+RATE, RIG_RATE = 4.0, 8.0
+"""How much faster than life room and rig are captured: enough to see it happen, and nobody to wait for the shutters."""
 BESIDE_S = 600.0
 """For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
 SPHERE_WORLD = "uniform:2000"
@@ -98,7 +99,7 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
 def _effort(asked: dict[str, Any]) -> tuple[str, float, str]:
     """Return picture size, speed of simulated time and quality."""
     if not asked["quick"]:
-        return asked["size"] or "full", 1.0, "standard"
+        return asked["size"] or "full", RATE, "standard"
     return asked["size"] or QUICK_SIZE, QUICK_RATE, QUICK_QUALITY
 
 
