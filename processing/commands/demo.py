@@ -80,19 +80,19 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
     size, rate, quality = _effort(asked)
     options = {} if asked["furniture"] is None else {"set": asked["furniture"]}
     session = _photograph(world, picture, sky, asked)
-    manifest = None
-    if session is None:
-        seen, name = _world(world, picture, sky)
-        rig = asked["into"] / "rig"
-        with nullcontext() if asked["capture_only"] else _beside(rig):
-            session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
-            if asked["capture_only"] or not intact:
-                return _summary(session, manifest, intact=intact, as_json=as_json)
-        options["calibration"] = str(_calibrated(rig, session, as_json=as_json))
-        if manifest is not None and manifest.site.latitude_deg is not None:
-            # The sun itself is beyond the shortest stop; where and when are known.
-            options["repair-sun"] = "clear-sky"
-    report = _processed(session, options, quality, as_json=as_json)
+    manifest, rig, alone = None, asked["into"] / "rig", nullcontext()
+    with alone if asked["capture_only"] else _beside(rig, "kernels", waited_for=False):
+        if session is None:
+            seen, name = _world(world, picture, sky)
+            with alone if asked["capture_only"] else _beside(rig, "sessions", waited_for=True):
+                session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
+                if asked["capture_only"] or not intact:
+                    return _summary(session, manifest, intact=intact, as_json=as_json)
+            options["calibration"] = str(_calibrated(rig, session, as_json=as_json))
+            if manifest is not None and manifest.site.latitude_deg is not None:
+                # The sun itself is beyond the shortest stop; where and when are known.
+                options["repair-sun"] = "clear-sky"
+        report = _processed(session, options, quality, as_json=as_json)
     return _summary(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
 
 
@@ -163,37 +163,33 @@ def _captured(
 
 
 @contextmanager
-def _beside(folder: Path) -> Iterator[None]:
-    """Let a process of its own capture the rig's sessions and load the kernels, while shutters are waited for.
+def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
+    """Let a process of its own do a task meanwhile: capture the rig's ``sessions``, or load the ``kernels``.
 
-    What it has not done when the block ends well is waited for; its words are in ``folder``/beside.log.
+    What is not done when the block ends well is ``waited_for`` or left; its words are in ``folder``/TASK.log.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "beside.log").open("wb") as log:
-        command = [sys.executable, "-m", "processing.commands.demo", str(folder.resolve())]
+    with (folder / f"{task}.log").open("wb") as log:
+        command = [sys.executable, "-m", "processing.commands.demo", task, str(folder.resolve())]
         root = Path(__file__).resolve().parents[2]
         path = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH", ""))))
         helper = subprocess.Popen(command, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": path})
     try:
         yield
-        helper.wait(BESIDE_S)
+        if waited_for:
+            helper.wait(BESIDE_S)
     except subprocess.TimeoutExpired:
-        helper.kill()
-    except BaseException:
-        helper.kill()
-        raise
+        pass
     finally:
+        helper.kill()  # one that has ended does not mind
         helper.wait()
 
 
 def _rig_sessions(folder: Path) -> None:
-    """Do what can be done before the room is captured: chart, sphere, kernels."""
+    """Capture chart and sphere before the room is there."""
     if not (folder / "calibration.json").is_file():
         _rig_session(folder, "chart", as_json=True)
         _rig_session(folder, "sphere", as_json=True)
-    from processing.ground.kernels import load_kernels
-
-    load_kernels()
 
 
 def _rig_session(folder: Path, name: str, *, as_json: bool) -> Path:
@@ -290,4 +286,9 @@ def _summary(
 
 
 if __name__ == "__main__":
-    _rig_sessions(Path(sys.argv[1]))
+    if sys.argv[1] == "sessions":
+        _rig_sessions(Path(sys.argv[2]))
+    else:
+        from processing.ground.kernels import load_kernels
+
+        load_kernels()
