@@ -8,7 +8,6 @@ import math
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import cv2
@@ -19,7 +18,6 @@ from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, PanoramaTags, jpeg_bytes, labelled
 from processing.ground.arrays import Bytes, Flags, Floats, Indices, UInt16s
 from processing.ground.room_model import RoomModel
-from processing.ground.threads import together
 from processing.pictures.display import AS_GIVEN, Display, screen
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
@@ -162,19 +160,15 @@ def cuts_of(state: State, look: Look, wide: int) -> Cuts:
     """Return what is shown of a state; ``wide``: of the viewer's picture, at most."""
     image = state.read()
     whole, small = Panorama(np.ascontiguousarray(image.rgb)), small_direction(look, SMALL_PX)
-
-    def framed() -> tuple[list[Scene], bytes]:
-        scenes = [
-            _scene(name, state, look, image, shown(cut_view(whole, view)[-VIEW_PX[1] :], look, view))
-            for name, view in (("View 1", _direction(look.yaw_rad)), ("View 2", _direction(look.other_yaw_rad)))
-        ]
-        around = shown(_panorama(image.rgb, PANORAMA_WIDTH_PX), look)
-        scenes.append(_scene("Panorama", state, look, image, around, panorama=True))
-        card = shown(cut_view(whole, small)[-small_height_px(SMALL_PX) :], look, small)
-        return scenes, _jpeg(card, state, look, image, panorama=False)
-
-    (scenes, first), around = together(framed, partial(viewer, state, look, wide))
-    return Cuts(state.name, state.staged, tuple(scenes), first, around)
+    scenes = [
+        _scene(name, state, look, image, shown(cut_view(whole, view)[-VIEW_PX[1] :], look, view))
+        for name, view in (("View 1", _direction(look.yaw_rad)), ("View 2", _direction(look.other_yaw_rad)))
+    ]
+    around = shown(_panorama(image.rgb, PANORAMA_WIDTH_PX), look)
+    scenes.append(_scene("Panorama", state, look, image, around, panorama=True))
+    card = shown(cut_view(whole, small)[-small_height_px(SMALL_PX) :], look, small)
+    first = _jpeg(card, state, look, image, panorama=False)
+    return Cuts(state.name, state.staged, tuple(scenes), first, viewer(state, look, wide))
 
 
 def comparison(cuts: Sequence[Cuts]) -> Comparison:
