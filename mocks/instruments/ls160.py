@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from mocks.instruments.serial_port import Piece
+from processing.ground.tables import table_of
 
 
 class MeterFaultKind(StrEnum):
@@ -43,7 +44,8 @@ class MeterFaultKind(StrEnum):
 class Language:
     """What one model hears and says. A meter in two steps (``on`` is its remote mode) measures in the background."""
 
-    reading: Callable[[str], str]
+    reading: str
+    """Format of an answer: {0} is the number as text, {1} as a number."""
     top_cd_m2: float
     """Above this a meter says that it is out of range (data sheets, from memory)."""
     measure: str = "MES"
@@ -61,56 +63,10 @@ class Language:
     not_remote: str = "ER00"
     done: bool = False
     """Whether a second OK00 says that the measurement is over."""
-    line_end: bytes = b"\r\n"
+    line_end: str = "\r\n"
 
 
-CS200_FIELDS = "0,0,0,01,0,0,00,00000"
-"""Stands for the eight fields between OK00 and Lv, of which only the width is known: Lv begins at character 27."""
-LANGUAGES = {
-    "ls100": Language(lambda n: f"OK00,CcPH{n:>6}", 299_900.0, again="DSR"),
-    "cs100a": Language(lambda n: f"OK00,{n:>6}, .3127, .3290", 299_000.0, agrees="MDS,.*"),
-    # As the CS-200 (public programs in C++, Qt, C# and Java).
-    "ls160": Language(
-        lambda n: f"OK00,{CS200_FIELDS},{n:>11},     0.3127,     0.3290",
-        9_999_000.0,
-        measure="MES,1",
-        over="ER22",
-        error="ER23",
-        battery="ER01",
-        unknown="ER10",
-        says={"IDR": "OK00,LS-160  ,1.00.0000,12345678"},
-        again="MDR,0",
-        on="RMT,1",
-        off="RMT,0",
-        not_remote="ER16",
-    ),
-    # As the CS-2000 (technical note KMSE-TI-08002; public programs in Matlab and Python).
-    "cs2000": Language(
-        lambda n: f"OK00,{float(n):.4e},3.1270e-01,3.2900e-01",
-        9_999_000.0,
-        measure="MEAS,1",
-        error="ER83",
-        battery="ER99",
-        says={"IDDR": "OK00,CS-2000  ,1,12345678"},
-        again="MEDR,2,0,02",
-        on="RMTS,1",
-        off="RMTS,0",
-        done=True,
-        line_end=b"\n",
-    ),
-    # As the CA-410 (public programs and a note on its protocol).
-    "ca410": Language(
-        lambda n: f"OK00,P1,0,0.3127000,0.3290000,{n},-0.01,-99999999",
-        9_999_000.0,
-        measure="MES,1",
-        over="OK01,P1,0,-99999999,-99999999,-99999999,-0.01,-99999999",
-        battery="ER99",
-        unknown="ER10",
-        agrees="(COM|MDS|LUS),[0-9]",
-        says={"IDQ": "OK00,CA-VP410,12345678"},
-        line_end=b"\r",
-    ),
-}
+LANGUAGES = {name: Language(**facts) for name, facts in table_of(__package__, "ls160").items()}
 
 
 @dataclass(frozen=True)
@@ -149,7 +105,7 @@ class SimulatedMeter:
     ) -> None:
         self._luminance = luminance_cd_m2
         self._words = LANGUAGES[language]
-        self.line_end = self._words.line_end
+        self.line_end = self._words.line_end.encode()
         self._noise_frac = noise_frac
         self.measuring_s = measuring_s
         self._faults = faults
@@ -227,7 +183,9 @@ class SimulatedMeter:
         self._last_number = number
         self.shown.append(number)
         words = self._words
-        answer = self._line(words.over if float(number) > words.top_cd_m2 else words.reading(number))
+        answer = self._line(
+            words.over if float(number) > words.top_cd_m2 else words.reading.format(number, float(number))
+        )
         self._held = answer
         pieces = [Piece(self.measuring_s, answer)] if fault is None else self._spoil(fault, answer)
         late_s = fault.seconds if fault is not None and fault.kind is MeterFaultKind.LATE else 0.0

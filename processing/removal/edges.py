@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.seam import resized
+from processing.ground.threads import side_by_side
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
@@ -88,16 +89,20 @@ def at_full_size(share: Floats, rgb8: Bytes) -> Floats:
         return large
     radius = max(2, round(GUIDE_RADIUS_PX * shape[0] / share.shape[0] / 2))
     out = large.copy()
-    for rows, columns in _tiles(shape):
+
+    def lay(tile: tuple[slice, slice]) -> None:
+        rows, columns = tile
         part = large[rows, columns]
         if part.min() > 0.9 or part.max() < 0.1:
-            continue
+            return
         top, bottom = max(0, rows.start - 2 * radius), min(shape[0], rows.stop + 2 * radius)
         around = np.arange(columns.start - 2 * radius, columns.stop + 2 * radius) % shape[1]
         guide = np.asarray(rgb8[top:bottom][:, around], np.float32) / np.float32(255)
         fine = guided(np.asarray(large[top:bottom][:, around], np.float32), guide, radius)
         inner = fine[rows.start - top : rows.stop - top, 2 * radius : 2 * radius + part.shape[1]]
         out[rows, columns] = np.clip(inner, 0, 1)
+
+    side_by_side(lay, _tiles(shape))
     return out
 
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.seam import components, grown, row_solid_angles
-from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD
+from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD, segments
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
@@ -38,8 +38,7 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
     themselves where something is ``likely`` (H, W), a probability; None: of what it cuts only the rest is judged.
     ``barred`` (H, W): what stays.
     """
-    cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
-    labels = np.asarray(cutter.processImage(rgb8), np.int32)
+    labels = segments(rgb8, THING_SEGMENTS, THING_PX)
     colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
     found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
     poles = np.zeros_like(mask)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import EngineError
-from processing.ground.arrays import Flags, Floats, Int32s
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s
 from processing.ground.kernels import compiled
 from processing.ground.mitsuba_variants import CUDA, LLVM, SCALAR, load_mitsuba, usable_library, usable_variant
 
@@ -78,13 +78,14 @@ class EmbreeTracer(Tracer):
         from embreex.rtcore_scene import EmbreeScene
 
         self._scene, self._corners = EmbreeScene(robust=True), np.ascontiguousarray(triangles, dtype=np.float32)
+        self._inverses = _inverses(self._corners)
         TriangleMesh(self._scene, self._corners)
 
     def _cast(self, origins: Floats, directions: Floats) -> Hits:
         origins, directions = np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32)
         triangle = self._scene.run(origins, directions, query="INTERSECT")  # alone: a third faster than with places
         distance, u, v = np.empty((3, len(triangle)), np.float32)
-        _places(origins, directions, self._corners, triangle, distance, u, v)
+        _places(origins, directions, self._corners, self._inverses, triangle, distance, u, v)
         return Hits(triangle, distance, u, v)
 
     def _free(self, origins: Floats, ways: Floats) -> Flags:
@@ -97,30 +98,28 @@ class EmbreeTracer(Tracer):
         return np.asarray(found < 0)
 
 
-@compiled
-def _places(origins, ways, corners, triangle, distance, u, v):  # type: ignore[no-untyped-def]
-    """Fill where rays (N, 3) meet the planes of triangles (N,), -1 for none, of ``corners`` (M, 3, 3).
+def _inverses(triangles: Floats) -> Doubles:
+    """Return (M, 3, 3): what turns a place less the first corner into shares of both sides and of the normal."""
+    one, other = (triangles[:, k].astype(np.float64) - triangles[:, 0] for k in (1, 2))
+    normal = np.cross(one, other)
+    rows = np.stack([np.cross(other, normal), np.cross(normal, one), normal], axis=1)
+    return np.asarray(rows / np.maximum(np.square(normal).sum(axis=-1), 1e-300)[:, None, None])
 
-    Moeller, Trumbore: Fast, Minimum Storage Ray-Triangle Intersection (1997).
-    """
+
+@compiled
+def _places(origins, ways, corners, inverses, triangle, distance, u, v):  # type: ignore[no-untyped-def]
+    """Fill where rays (N, 3) meet the triangles (N,), -1 for none, of ``corners`` (M, 3, 3)."""
     for i in range(triangle.shape[0]):
         t = triangle[i]
         distance[i], u[i], v[i] = np.inf, 0.0, 0.0
-        if t < 0:
-            continue
-        ax, ay, az = np.float64(corners[t, 0, 0]), np.float64(corners[t, 0, 1]), np.float64(corners[t, 0, 2])
-        bx, by, bz = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay, corners[t, 1, 2] - az
-        cx, cy, cz = corners[t, 2, 0] - ax, corners[t, 2, 1] - ay, corners[t, 2, 2] - az
-        dx, dy, dz = np.float64(ways[i, 0]), np.float64(ways[i, 1]), np.float64(ways[i, 2])
-        px, py, pz = dy * cz - dz * cy, dz * cx - dx * cz, dx * cy - dy * cx
-        part = bx * px + by * py + bz * pz
-        if part == 0.0:
-            continue
-        sx, sy, sz = origins[i, 0] - ax, origins[i, 1] - ay, origins[i, 2] - az
-        qx, qy, qz = sy * bz - sz * by, sz * bx - sx * bz, sx * by - sy * bx
-        distance[i] = max((cx * qx + cy * qy + cz * qz) / part, 0.0)
-        u[i] = min(max((sx * px + sy * py + sz * pz) / part, 0.0), 1.0)
-        v[i] = min(max((dx * qx + dy * qy + dz * qz) / part, 0.0), 1.0)
+        if t >= 0:
+            a = b = c = da = db = dc = 0.0
+            for k in range(3):
+                off, way = origins[i, k] - np.float64(corners[t, 0, k]), ways[i, k]
+                a, b, c = a + inverses[t, 0, k] * off, b + inverses[t, 1, k] * off, c + inverses[t, 2, k] * off
+                da, db, dc = da + inverses[t, 0, k] * way, db + inverses[t, 1, k] * way, dc + inverses[t, 2, k] * way
+            far = max(-c / dc, 0.0) if dc != 0.0 else 0.0
+            distance[i], u[i], v[i] = far, min(max(a + far * da, 0.0), 1.0), min(max(b + far * db, 0.0), 1.0)
 
 
 class MitsubaTracer(Tracer):

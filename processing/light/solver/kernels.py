@@ -144,7 +144,7 @@ def _on_rectangle(sides, angles, p, q):  # type: ignore[no-untyped-def]
 
 @compiled
 def pane_rays(points, normals, shifts, rectangle, origins, ways, weight):  # type: ignore[no-untyped-def]
-    """Fill ``origins`` and ``ways`` (N, S, 3), m, to a ``rectangle`` (3, 3: corner, across, up), uniform in solid angle.
+    """Fill ``origins``, ``ways`` (N, S, 3), m, to a ``rectangle`` (3, 3: corner, across, up), uniform in solid angle.
 
     ``weight`` (N, S): cosine times the rectangle's solid angle, sr; 0 where the rectangle is behind the surface, and
     then the ray is not filled.
