@@ -11,6 +11,8 @@ import importlib
 import json
 import os
 import sys
+import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -67,46 +69,10 @@ class Entry(NamedTuple):
     help: str
 
 
-COMMANDS: dict[str, dict[str, Entry]] = {
-    "On site": {
-        "doctor": Entry("station.commands.instruments", "doctor", "Check computer, instruments and rig file."),
-        "capture": Entry("station.commands.capture", "capture", "Capture a room, a queue of rooms, or a day."),
-        "plan": Entry("processing.commands.plan", "plan", "Plan a day: sun on which wall when, the stillest light."),
-        "verify": Entry("station.commands.sessions", "verify", "Check that a session is whole."),
-        "import": Entry("station.commands.sessions", "import_session", "Make a session from folders of JPEGs."),
-        "meter": Entry("station.commands.instruments", "meter", "Read or probe a luminance meter."),
-        "conform": Entry("station.commands.instruments", "conform", "Test an instrument against its contract."),
-    },
-    "Offline": {
-        "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
-        "choices": Entry("processing.commands.process", "choices", "Show and change what was chosen for a session."),
-        "inspect": Entry("processing.commands.results", "inspect", "Say what a picture holds: unit, values, metadata."),
-        "figures": Entry(
-            "processing.commands.figures", "figures", "Light figures of anybody's HDR or fisheye bracket."
-        ),
-        "certificate": Entry(
-            "processing.commands.figures", "certificate", "Uncertainty budget and indices of a session."
-        ),
-        "dataset": Entry("processing.commands.batch", "dataset", "Sessions as a data set: index, splits, Croissant."),
-        "export": Entry("processing.commands.results", "export", "Write results for other programs: JPEG, HDR, glTF."),
-        "stills": Entry("processing.commands.results", "stills", "Framed pictures of a room, with their originals."),
-        "proof": Entry("processing.commands.results", "proof", "Prove what was changed in pictures, with digests."),
-        "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
-        "clean": Entry("processing.commands.results", "clean", "Keep a session's results, drop the steps to them."),
-        "view": Entry("processing.commands.results", "view", "Open a session's report."),
-        "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
-        "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
-        "studio": Entry("studio.command", "studio", "See and correct sessions in the browser."),
-        "arrange": Entry("processing.commands.furniture", "arrange", "Arrange furniture so that no rule is broken."),
-        "furniture": Entry("processing.commands.furniture", "furniture", "List, show and export furniture models."),
-        "models": Entry("processing.commands.models", "models", "Networks of others: list, get, add."),
-        "relight": Entry("processing.commands.relight", "relight", "Show a room at another time, or through a day."),
-        "view-from": Entry("processing.commands.relight", "view_from", "Show a room from another place in it."),
-    },
-    "Try it": {
-        "demo": Entry("processing.commands.demo", "demo", "Calibrate, capture and process on simulated instruments."),
-        "simulate": Entry("station.commands.simulate", "simulate", "Make a data set of simulated rooms, with truth."),
-    },
+_LIST = Path(__file__).parent / "processing" / "commands" / "commands.toml"
+COMMANDS = {
+    title: {name: Entry(*row) for name, row in section.items()}
+    for title, section in tomllib.loads(_LIST.read_text("utf-8")).items()
 }
 
 

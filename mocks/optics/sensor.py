@@ -105,10 +105,6 @@ class Sensor:
         light_s = self.true_shutter.seconds(exposure.shutter_s) * exposure.iso
         return light_s / (self.saturation_constant * exposure.f_number**2)
 
-    def saturation_cd_m2(self, exposure: Exposure) -> float:
-        """Return the luminance of neutral light that just saturates, before fall-off and filter."""
-        return 1 / self.exposure_gain(exposure)
-
     def mosaic_signal(self, radiance: Floats, exposure: Exposure, rng: np.random.Generator) -> Floats:
         """Return the noisy signal of the shape of ``radiance`` (H, W, 3), 1 at saturation, clipped, not balanced."""
         gain = np.array(self.native_balance) * self.exposure_gain(exposure)

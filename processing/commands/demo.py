@@ -81,7 +81,7 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
     options = {} if asked["furniture"] is None else {"set": asked["furniture"]}
     session = _photograph(world, picture, sky, asked)
     manifest, rig, alone = None, asked["into"] / "rig", nullcontext()
-    with alone if asked["capture_only"] else _beside(rig, "kernels", waited_for=False):
+    with alone if asked["capture_only"] or session is not None else _beside(rig, "kernels", waited_for=False):
         if session is None:
             seen, name = _world(world, picture, sky)
             with alone if asked["capture_only"] else _beside(rig, "sessions", waited_for=True):
@@ -185,9 +185,13 @@ def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
         helper.wait()
 
 
-def _rig_sessions(folder: Path) -> None:
-    """Capture chart and sphere before the room is there."""
-    if not (folder / "calibration.json").is_file():
+def _meanwhile(task: str, folder: Path) -> None:
+    """Do what `_beside` is asked for."""
+    if task == "kernels":
+        from processing.ground.kernels import load_kernels
+
+        load_kernels()
+    elif not (folder / "calibration.json").is_file():
         _rig_session(folder, "chart", as_json=True)
         _rig_session(folder, "sphere", as_json=True)
 
@@ -286,9 +290,4 @@ def _summary(
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "sessions":
-        _rig_sessions(Path(sys.argv[2]))
-    else:
-        from processing.ground.kernels import load_kernels
-
-        load_kernels()
+    _meanwhile(sys.argv[1], Path(sys.argv[2]))

@@ -138,10 +138,9 @@ counted, takes longer than its work (light from small to large picture: 166 to 3
 
 
 def load_kernels(progress: Callable[[int, int], None] = lambda _done, _all: None) -> int:
-    """Compile every kernel of the list that is not kept yet, load the others; return how many were compiled."""
+    """Compile the kernels of the list that are not kept yet, the late arrangements' last; return how many these were."""
     listed = json.loads(LIST.read_text("utf-8"))
     compiled = 0
-    # The search for arrangements takes half of the time, and comes late in a session.
     for number, (name, signatures) in enumerate(sorted(listed.items(), key=lambda one: ".layout." in one[0])):
         progress(number, len(listed))
         kernel = _named(name)

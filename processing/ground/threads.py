@@ -56,10 +56,9 @@ def limit_libraries() -> None:
 
 
 _POOLS = ((-8, 2), (-4, 0), (-1, 512 << 20))
-"""``M_ARENA_MAX``, ``M_MMAP_MAX`` and ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its
-threads once needed: two are enough. Arrays are not mapped one by one, and freed memory goes back to the system above
-512 MiB or by `give_back`: else the system zeroes the pages of each array of a panorama's size anew (a sixth of all CPU
-time)."""
+"""``M_ARENA_MAX``, ``M_MMAP_MAX``, ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its threads
+once needed: two are enough. Freed memory goes back to the system above 512 MiB, or by `give_back`: else pages of each
+array of a panorama's size are zeroed anew (a sixth of all CPU time)."""
 
 
 def give_back() -> None:

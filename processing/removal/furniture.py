@@ -111,13 +111,9 @@ def doors_in(probabilities: Floats, maps: SurfaceMaps) -> Flags:
     return np.asarray((door > np.maximum(furniture, LEAST_DOOR)) & (maps.plane >= FIRST_WALL))
 
 
-def segments(rgb8: Bytes, scale: float, least_px: int) -> Int32s:
-    """Return the number (H, W) of the segment of colour that each pixel is of; those of the last pictures are kept."""
-    return _segments(rgb8.tobytes(), rgb8.shape, scale, least_px)
-
-
 @lru_cache(maxsize=4)
-def _segments(picture: bytes, shape: tuple[int, ...], scale: float, least_px: int) -> Int32s:
+def segments(picture: bytes, shape: tuple[int, ...], scale: float, least_px: int) -> Int32s:
+    """Return the number (H, W) of the segment of colour that each pixel of a picture's ``shape`` (H, W, 3) is of."""
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, scale, least_px)
     labels = np.asarray(cutter.processImage(np.frombuffer(picture, np.uint8).reshape(shape)), np.int32)
     labels.setflags(write=False)
@@ -133,7 +129,7 @@ def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
     weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
     grown_to = mask.copy()
     for scale in SEGMENTS:
-        labels = segments(rgb8, scale, SEGMENT_PX).ravel()
+        labels = segments(rgb8.tobytes(), rgb8.shape, scale, SEGMENT_PX).ravel()
         seeds = np.bincount(labels, (weight * mask).ravel())
         parts = np.bincount(labels, (weight * doubtful).ravel())
         grown_to |= (seeds > SEED_SHARE * np.maximum(parts, 1e-9))[labels].reshape(mask.shape) & doubtful
@@ -165,7 +161,7 @@ def staying(probabilities: Floats, rgb8: Bytes, flat: Flags) -> Flags:
 def _by_segment(stays: Flags, mask: Flags, rgb8: Bytes) -> Flags:
     """Return what stays (H, W) where that and a ``mask`` (H, W) of furniture meet: a segment of colour is what more of
     it is without contradiction, and stays where it is contradicted all over."""
-    labels = segments(rgb8, SEGMENTS[0], SEGMENT_PX)
+    labels = segments(rgb8.tobytes(), rgb8.shape, SEGMENTS[0], SEGMENT_PX)
     weight = np.broadcast_to(row_solid_angles(labels.shape), labels.shape)
     one, other = (np.bincount(labels.ravel(), (weight * part).ravel()) for part in (stays & ~mask, mask & ~stays))
     found = (one >= other)[labels] & (stays | (mask & (one > 0)[labels]))

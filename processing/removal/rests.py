@@ -38,7 +38,7 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
     themselves where something is ``likely`` (H, W), a probability; None: of what it cuts only the rest is judged.
     ``barred`` (H, W): what stays.
     """
-    labels = segments(rgb8, THING_SEGMENTS, THING_PX)
+    labels = segments(rgb8.tobytes(), rgb8.shape, THING_SEGMENTS, THING_PX)
     colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
     found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
     poles = np.zeros_like(mask)

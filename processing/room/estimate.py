@@ -130,8 +130,9 @@ def estimate_room(
     seen = {"overhead": overhead, "blank": blank, "entropy": class_entropy(evidence)}
     found = diagnose(columns, (ranked, chosen), refined, loss=loss, **seen)
     sure = confidence_of(found)
+    note = f"{chosen.name}, {len(refined.polygon)} walls; {refined.edges} of them refined on edges"
     return RoomEstimate(
-        room=room.model_copy(update={"confidence": round(sure, 3), "note": _note(chosen, refined)}),
+        room=room.model_copy(update={"confidence": round(sure, 3), "note": note}),
         walls=wall_confidences(room, columns, sure),
         ceiling=round(sure * math.exp(-((columns.ratio_spread / 0.3) ** 2)), 3),
         warnings=doubts(found, sure),
@@ -206,7 +207,3 @@ def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomMo
         ceiling_height_m=round(height, 4),
     )
     return None if geometry_problems(room) else room
-
-
-def _note(chosen: Hypothesis, refined: Refined) -> str:
-    return f"{chosen.name}, {len(refined.polygon)} walls; {refined.edges} of them refined on edges"

@@ -104,7 +104,7 @@ def zind_pictures(data: Any) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     floors = _entry(data, "merger", dict)
     for floor, rooms in floors.items():
-        for complete in _values(rooms, f"merger.{floor}"):
+        for _, complete in _items(rooms, f"merger.{floor}"):
             for partial_name, partial in _items(complete, f"merger.{floor}"):
                 for name, picture in _items(partial, partial_name):
                     found[f"{floor}_{partial_name}_{name}"] = picture
@@ -254,10 +254,6 @@ def _items(data: Any, where: str) -> list[tuple[str, Any]]:
     if not isinstance(data, dict):
         raise LayoutFileError(f"is a {type(data).__name__}, not an object", where=where)
     return list(data.items())
-
-
-def _values(data: Any, where: str) -> list[Any]:
-    return [value for _, value in _items(data, where)]
 
 
 def _number(value: Any, where: str) -> float:

@@ -261,9 +261,8 @@ def _write(made: list[Artifact], values: Mapping[str, object], building: Buildin
         with durable.disk_errors(building.folder.path / file_name(artifact), "writing"):
             return save(artifact, values[artifact.name], folder)
 
-    kept = [artifact.kind != "file" and values[artifact.name] is not WRITTEN for artifact in made]
-    saved = zip(made, kept, side_by_side(written, made, 2), strict=True)
-    return {artifact.name: value for artifact, keep, value in saved if keep}
+    saved = zip(made, side_by_side(written, made, 2), strict=True)
+    return {one.name: value for one, value in saved if one.kind != "file" and values[one.name] is not WRITTEN}
 
 
 def remade(result: StageResult, work: Work) -> StageResult:

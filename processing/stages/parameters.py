@@ -104,11 +104,8 @@ def _option(name: str, field: FieldInfo) -> Option:
     if kind == "parameter" and field.default is not None and value is not bool:
         default = f"{field.default:g}" if value is float else field.default
         text = f"{text} (default: {default})."
-    return Option(flag, kind, name, text, value, choices, **{key: _frozen(each) for key, each in how.items()})
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    frozen: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in how.items()}
+    return Option(flag, kind, name, text, value, choices, **frozen)
 
 
 def _value_type(annotation: Any) -> tuple[type, tuple[str, ...]]:

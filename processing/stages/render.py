@@ -14,7 +14,6 @@ from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.room_model import RoomModel
-from processing.ground.threads import side_by_side
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
@@ -206,13 +205,7 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
     image, method, uncertainty = work.empty.image, work.asked.method, work.empty.image.uncertainty.copy()
-    pictures, weights = (staged.rgb, image.rgb, _kept(work, staged)), np.array(LUMINANCE_WEIGHTS, np.float32)
-
-    def band(top: int) -> None:
-        rows = slice(top, top + 128)
-        widen_doubt(*(one[rows] for one in pictures), weights, uncertainty[rows])
-
-    side_by_side(band, range(0, len(uncertainty), 128))
+    widen_doubt(staged.rgb, image.rgb, _kept(work, staged), np.array(LUMINANCE_WEIGHTS, np.float32), uncertainty)
     return replace(
         image,
         rgb=staged.rgb,

@@ -79,7 +79,7 @@ def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candida
     for candidate in candidates:
         if candidate.time_s is None:
             sieve.refuse(candidate, _no_time(candidate))
-    _keep_most(sieve, Reason.WRONG_SIZE, _size, "pixels")
+    _keep_most(sieve, Reason.WRONG_SIZE, lambda c: f"{c.facts.width_px}x{c.facts.height_px}", "pixels")
     _keep_most(sieve, Reason.WRONG_CAMERA, _camera, "taken by")
     _keep_most(sieve, Reason.WRONG_ISO, lambda c: c.exif.iso, "ISO")
     _keep_most(sieve, Reason.WRONG_F_NUMBER, lambda c: c.exif.f_number, "F-number")
@@ -98,10 +98,6 @@ def _no_time(candidate: Candidate) -> FrameRejectedError:
     return rejection(
         candidate.facts.name, Reason.EXIF_MISSING, f"no exposure time: {why}", "give the times with --shutter"
     )
-
-
-def _size(candidate: Candidate) -> str:
-    return f"{candidate.facts.width_px}x{candidate.facts.height_px}"
 
 
 def _camera(candidate: Candidate) -> str:

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import Any
 
 from station.errors import FrameRejectedError
@@ -69,7 +70,8 @@ def judge(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[FrameFac
         raise rejection(facts.name, reason, f"EXIF: {facts.exif_problem}")
     _judge_value(facts, expected, "exposure_s", Reason.WRONG_EXPOSURE, same_stop, seconds_text)
     _judge_value(facts, expected, "iso", Reason.WRONG_ISO, lambda a, b: a == b, "ISO {:g}".format)
-    _judge_value(facts, expected, "f_number", Reason.WRONG_F_NUMBER, _same_f_number, "f/{:.3g}".format)
+    same_f = partial(math.isclose, rel_tol=F_NUMBER_TOLERANCE)
+    _judge_value(facts, expected, "f_number", Reason.WRONG_F_NUMBER, same_f, "f/{:.3g}".format)
     _judge_date(facts, expected)
     _judge_black(facts, expected, earlier)
 
@@ -89,10 +91,6 @@ def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:
         raise rejection(
             facts.name, Reason.WRONG_SIZE, f"{size[0]}x{size[1]} pixels, while its EXIF says {said[0]}x{said[1]}"
         )
-
-
-def _same_f_number(a: float, b: float) -> bool:
-    return abs(a / b - 1) <= F_NUMBER_TOLERANCE
 
 
 def _judge_value(

@@ -13,18 +13,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from processing.calibration.merge import bracket
+from processing.calibration.merge import bracket, modes
 from processing.calibration.merge.bracket import Decoded, FrameUse, Merged, MergeReport, Order
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
-from processing.calibration.merge.modes import (
-    CONTRAST_REACH_PX,
-    CONTRAST_SHARE,
-    linear_modes,
-    local_contrast,
-    merge_modes,
-    only_texture,
-)
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
 from processing.calibration.merge.tables import (
     Consistency,
@@ -343,34 +335,32 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> t
     the texture around them explains are no longer suspect.
     """
     if isinstance(samples, MergeTables):
-        modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
+        found = modes.merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
     else:
-        modes = linear_modes(samples)
-    wander = job.wander if job.wander > LEAST_WANDER else 0.0
-    level = tuple(modes)
+        found = modes.linear_modes(samples)
+    wander, level = job.wander if job.wander > LEAST_WANDER else 0.0, tuple(found)
     if wander:
         # Two frames differ by the root of two of what each is off by; the spot that sets the scale is off as well.
-        modes.append(SharedMode("light that changed", "whole", (0.0,), (wander,)))
+        found.append(SharedMode("light that changed", "whole", (0.0,), (wander,)))
     u2 = np.empty_like(planes.uncertainty)
 
     def band(first: int, end: int) -> None:
-        around, rows = slice(max(first - CONTRAST_REACH_PX, 0), end + CONTRAST_REACH_PX), slice(first, end)
+        around, rows = slice(max(first - modes.CONTRAST_REACH_PX, 0), end + modes.CONTRAST_REACH_PX), slice(first, end)
         luminance = np.maximum(planes.rgb[around] @ job.weights.astype(np.float32), 0)
         inner, uncertainty = slice(first - around.start, end - around.start), planes.uncertainty[rows]
-        shared2 = np.square(together(level, luminance[inner])) + np.float32(wander**2)
-        u2[rows] = shared2
+        u2[rows] = shared2 = np.square(together(level, luminance[inner])) + np.float32(wander**2)
         if job.options.colours is not None:
             u2[rows] += np.float32(WELL_GAIN_SIGMA**2)
         if job.coded:
-            contrast = local_contrast(luminance)
-            explained = only_texture(uncertainty, contrast, inner, TEXTURE_SHARE)
+            contrast = modes.local_contrast(luminance)
+            explained = modes.only_texture(uncertainty, contrast, inner, TEXTURE_SHARE)
             planes.suspect[rows][explained | (uncertainty < SHARED_SIGMAS * np.sqrt(shared2))] = 0
             # Less what the pixels' own noise shows of contrast.
-            u2[rows] += CONTRAST_SHARE**2 * np.maximum(np.square(contrast[inner]) - np.square(uncertainty), 0)
+            u2[rows] += modes.CONTRAST_SHARE**2 * np.maximum(np.square(contrast[inner]) - np.square(uncertainty), 0)
         np.sqrt(np.square(uncertainty) + u2[rows], out=uncertainty)
 
     _in_bands(band, len(u2), 128, job.workers)
-    return modes, u2
+    return found, u2
 
 
 def _ghosts(codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes: Planes, job: _Job) -> Bytes:

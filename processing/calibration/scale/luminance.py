@@ -290,8 +290,9 @@ def spot_pixels(geometry: Geometry, spot: Spot) -> SpotPixels:
     """
     x, y, seen = pixels(geometry, _spread(spot.direction(), spot.diameter_rad / 2))
     if not np.all(seen):
+        longitude, latitude = math.degrees(spot.longitude_rad), math.degrees(spot.latitude_rad)
         raise ScaleError(
-            f"the meter's spot at {_named(spot)} is outside the picture",
+            f"the meter's spot at longitude {longitude:.2f}, latitude {latitude:.2f} degrees is outside the picture",
             likely="a target for another camera",
             advice="give the target's direction: longitude right of the picture's middle, latitude up",
         )
@@ -322,10 +323,6 @@ def moved(spot: Spot, angle_rad: float, count: int = 8) -> list[Spot]:
         way = math.cos(angle_rad) * centre + math.sin(angle_rad) * (math.cos(turn) * side + math.sin(turn) * up)
         out.append(Spot(math.atan2(way[0], way[1]), math.asin(float(np.clip(way[2], -1, 1))), spot.diameter_rad))
     return out
-
-
-def _named(spot: Spot) -> str:
-    return f"longitude {math.degrees(spot.longitude_rad):.2f}, latitude {math.degrees(spot.latitude_rad):.2f} degrees"
 
 
 def _frame(centre: Doubles) -> tuple[Doubles, Doubles, Doubles]:

@@ -154,7 +154,9 @@ def furniture_highlights(
         sharp = least_width == 0 and is_looking_glass(part.material)
         width = 0.0 if sharp else max(part.material.roughness**2, least_width)
         # The reflectance (3,) of a material seen head on
-        colour = np.asarray(part.material.colour, np.float64) * part.material.texture_mean
+        colour = np.asarray(part.material.colour, np.float64)
+        if part.material.texture is not None:
+            colour = colour * cv2.mean(part.material.texture)[:3]
         tint = np.asarray(HEAD_ON * (1 - part.material.metallic) + colour * part.material.metallic)
         out[mine] = mirrored_light(around, sight, mine, width, tint, samples, (*key, number))[0]
         if outdoors is not None:

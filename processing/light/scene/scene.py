@@ -9,7 +9,6 @@ has highlights besides (`highlights`).
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -93,11 +92,6 @@ class Material:
         if not (0 <= self.roughness <= 1 and 0 <= self.metallic <= 1):
             given = f"roughness {self.roughness:g}, metallic {self.metallic:g}"
             raise MaterialError(given, where=where, advice="give both within 0 and 1")
-
-    @cached_property
-    def texture_mean(self) -> Doubles:
-        """(3,): of the whole texture; 1 without one."""
-        return np.ones(3) if self.texture is None else self.texture.mean(axis=(0, 1), dtype=np.float64)
 
 
 @dataclass(frozen=True)

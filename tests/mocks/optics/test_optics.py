@@ -154,18 +154,18 @@ def test_uniform_light_gives_what_the_exposure_equation_says(tmp_path, optics, s
 
 def test_nine_stops_hold_a_room_and_nine_stops_with_filter_hold_the_sun():
     theta, canon = THETA_Z1.sensor, CANON_5D2.sensor
-    longest, shortest = (theta.saturation_cd_m2(Exposure(s, 100, 5.6)) for s in (4, 1 / 8000))
+    longest, shortest = (1 / theta.exposure_gain(Exposure(s, 100, 5.6)) for s in (4, 1 / 8000))
     assert longest == pytest.approx(9.4, rel=0.01)
     assert shortest == pytest.approx(3.08e5, rel=0.01)
     sun = 0.001 * max(np.full(3, 1e9) @ np.array(CANON_5D2.filter.tint))
-    assert sun < 1.3 * canon.saturation_cd_m2(Exposure(1 / 8000, 200, 16.0))
+    assert sun < 1.3 * 1 / canon.exposure_gain(Exposure(1 / 8000, 200, 16.0))
 
 
 def test_response_is_recovered_from_a_ramp(tmp_path):
     """With vignetting, glare and noise off, the picture of a ramp of light is the tone curve itself."""
     optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=()), glare=0.0))
     exposure = Exposure(1 / 60, 100, 5.6)
-    full = optics.sensor.saturation_cd_m2(exposure)
+    full = 1 / optics.sensor.exposure_gain(exposure)
     picture = picture_of(tmp_path, RampWorld(full), optics, exposure)
     ramp = (np.arange(160) + 0.5) / 160
     for channel, curve in enumerate(optics.sensor.tone):
@@ -232,7 +232,7 @@ def test_edges_are_averaged():
 def test_glare_spreads_the_mean_over_the_picture(tmp_path):
     base = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=()), glare=0.0))
     exposure = Exposure(1 / 60, 100, 5.6)
-    full = base.sensor.saturation_cd_m2(exposure)
+    full = 1 / base.sensor.exposure_gain(exposure)
     clear = picture_of(tmp_path, RampWorld(full), base, exposure)
     veiled = picture_of(tmp_path, RampWorld(full), replace(base, glare=0.1), exposure)
     decode = base.sensor.tone[1].decode
@@ -247,7 +247,7 @@ def test_glare_spreads_the_mean_over_the_picture(tmp_path):
 def test_noise_is_photon_and_read_noise(optics):
     exposure = replace(optics.usual_settings, shutter_s=1 / 60)
     sensor = optics.sensor
-    full = sensor.saturation_cd_m2(exposure)
+    full = 1 / sensor.exposure_gain(exposure)
     electrons = sensor.full_well_e * 100 / exposure.iso
     for share in (0.0, 0.01, 0.2, 0.6):
         light = np.full((300, 300, 3), share * full, dtype=np.float32)
@@ -289,7 +289,7 @@ def test_white_balance_is_neutral_for_its_own_daylight():
 
 def test_white_balance_turns_the_picture_blue_when_set_too_warm(tmp_path):
     exposure = Exposure(1 / 60, 100, 5.6, color_temperature_k=5000)
-    full = THETA_Z1.sensor.saturation_cd_m2(exposure)
+    full = 1 / THETA_Z1.sensor.exposure_gain(exposure)
     picture = picture_of(tmp_path, UniformWorld(0.3 * full), THETA_Z1, exposure)
     red, _, blue = picture.reshape(-1, 3).mean(axis=0)
     assert blue > red + 10
@@ -298,7 +298,7 @@ def test_white_balance_turns_the_picture_blue_when_set_too_warm(tmp_path):
 def test_weight_scales_the_exposure(tmp_path):
     optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=()), glare=0.0))
     exposure = Exposure(1 / 60, 100, 5.6)
-    full = optics.sensor.saturation_cd_m2(exposure)
+    full = 1 / optics.sensor.exposure_gain(exposure)
     picture = picture_of(tmp_path, UniformWorld(0.2 * full), optics, exposure, weights=(1.5,))
     assert picture[40, 80, 1] == pytest.approx(255 * float(optics.sensor.tone[1].encode(0.3)), abs=0.6)
     assert UniformWorld(1.0, drift=LightDrift(0.1)).weights(0.0) == (1.0,)
@@ -346,7 +346,7 @@ def test_mosaic_counts_lie_between_black_and_white(tmp_path):
     exposure = Exposure(1 / 60, 100, 5.6)
     size = SIZES["theta_z1"]
     sensor: Sensor = THETA_Z1.sensor
-    full = sensor.saturation_cd_m2(exposure)
+    full = 1 / sensor.exposure_gain(exposure)
     image: Path = write_image(tmp_path, UniformWorld(0.5 * full), THETA_Z1, size)
     counts = mosaic(PictureJob(THETA_Z1, size, image, exposure, (1.0,), 3), 2)
     assert counts.shape == (40, 80)

@@ -239,7 +239,7 @@ def test_a_cut_off_cached_picture_is_rendered_anew(cache):
 
 def test_raw_files_are_tiffs_of_the_right_kind(cache):
     for optics, suffix in ((THETA_Z1, "dng"), (CANON_5D2, "cr2")):
-        full = optics.sensor.saturation_cd_m2(Exposure(1 / 60, *((100, 5.6) if suffix == "dng" else (200, 16.0))))
+        full = 1 / optics.sensor.exposure_gain(Exposure(1 / 60, *((100, 5.6) if suffix == "dng" else (200, 16.0))))
         clear = replace(optics, filter=replace(optics.filter, density=0.0))
         data = RenderedShots(UniformWorld(0.5 * full), clear, cache=cache).raw(request_for(optics))
         assert data[:4] == b"II*\0"
