@@ -9,7 +9,7 @@ import cv2
 import pytest
 
 from processing.errors import ParameterError
-from processing.ground.threads import ASKED, MOST, limit_libraries, side_by_side, threads
+from processing.ground.threads import ASKED, MOST, limit_libraries, side_by_side, threads, together
 
 
 def test_as_many_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -26,12 +26,13 @@ def test_as_many_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_libraries_take_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     before = cv2.getNumThreads()
-    monkeypatch.setenv(ASKED, "1")
+    monkeypatch.setenv(ASKED, "2")
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OIDN_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
     limit_libraries()
-    assert cv2.getNumThreads() == 1
-    assert os.environ["OIDN_NUM_THREADS"] == "1"
+    assert cv2.getNumThreads() == 2
+    assert os.environ["OIDN_NUM_THREADS"] == "2"
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1", "its threads wait by spinning"
     cv2.setNumThreads(before)
 
 
@@ -52,6 +53,14 @@ def test_work_is_side_by_side_and_in_order(monkeypatch: pytest.MonkeyPatch) -> N
         return 2 * number
 
     assert side_by_side(work, range(5)) == [0, 2, 4, 6, 8]
+
+
+def test_two_calls_together_give_both_and_raise_the_first_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ASKED, "2")
+    both = threading.Barrier(2, timeout=30)
+    assert together(lambda: (both.wait(), "one")[1], lambda: (both.wait(), 2)[1]) == ("one", 2)
+    with pytest.raises(ZeroDivisionError):
+        together(lambda: 1 // 0, lambda: 2)
 
 
 def test_what_a_thread_raises_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:

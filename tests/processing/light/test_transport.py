@@ -140,11 +140,25 @@ def test_tracers_agree(variant: str) -> None:
     embree, mitsuba = EmbreeTracer(triangles), MitsubaTracer(triangles, variant)
     one, other = embree.cast(origins, rays), mitsuba.cast(origins, rays)
     assert np.allclose(one.distance_m, other.distance_m, rtol=1e-4)
-    assert (one.triangle == other.triangle).mean() > 0.99
+    same = one.triangle == other.triangle
+    assert same.mean() > 0.99
+    corner, first, second = (triangles[one.triangle, k] for k in range(3))
+    met = corner + one.u[:, None] * (first - corner) + one.v[:, None] * (second - corner)
+    assert np.allclose(met, origins + one.distance_m[:, None] * rays, atol=1e-5), "shares and distance say one place"
+    assert np.allclose(one.u[same], other.u[same], atol=1e-3)
+    assert np.allclose(one.v[same], other.v[same], atol=1e-3)
     ways = rays * rng.uniform(0.5, 4.0, (500, 1)).astype(np.float32)
     free = embree.free(origins, ways)
     assert 0.1 < free.mean() < 0.9
     assert (free == mitsuba.free(origins, ways)).mean() > 0.99
+
+
+def test_a_triangle_without_area_is_no_hit_and_a_ray_that_leaves_has_no_place() -> None:
+    flat = np.array([[[0, 0, 1], [1, 0, 1], [2, 0, 1]], [[-1, -1, 2], [1, -1, 2], [0, 1, 2]]], np.float32)
+    found = EmbreeTracer(flat).cast(np.zeros((2, 3), np.float32), np.array([[0, 0, 1], [0, 0, -1]], np.float32))
+    assert found.triangle.tolist() == [1, -1]
+    assert found.distance_m.tolist() == [2.0, np.inf]
+    assert np.isfinite([found.u, found.v]).all()
 
 
 def test_without_embree_and_llvm_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import json
 import struct
@@ -14,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from processing.errors import PictureFileError
-from processing.pictures.exr import read_exr, read_exr_rgb, write_exr, write_stage_exr
+from processing.pictures.exr import ZSTD_LEVEL, read_exr, read_exr_rgb, write_exr, write_stage_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular
 from station.errors import DiskError, DiskFullError
@@ -92,6 +93,17 @@ def test_a_file_is_packed_by_as_many_threads_as_asked_and_its_bytes_are_the_same
         write_stage_exr(tmp_path / f"{count}.exr", luminance_image(noise))
         assert OpenEXR.global_thread_count() == count
     assert (tmp_path / "1.exr").read_bytes() == (tmp_path / "3.exr").read_bytes()
+
+
+def test_stage_files_are_packed_at_our_level(tmp_path: Path) -> None:
+    write_stage_exr(tmp_path / "a.exr", noise())
+    level = ctypes.c_int()
+    try:
+        ask = ctypes.CDLL(OpenEXR.__file__).exr_get_default_zstd_compression_level
+    except AttributeError:
+        pytest.skip("this build of OpenEXR does not show its C interface")
+    ask(ctypes.byref(level))
+    assert level.value == ZSTD_LEVEL
 
 
 def test_flipped_bits_of_a_stage_file_are_seen(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from processing.calibration.merge import merge as merging
 from processing.calibration.merge.bracket import shares
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.errors import BracketError, ParameterError
@@ -93,6 +94,17 @@ def test_every_frame_used_or_only_what_adds_something_gives_the_same_within_the_
     assert np.quantile(grown, 0.99) <= 1.10 + 1e-3
     stated = errors(least, shot.luminance)
     assert 0.66 <= stated.covered(1.0) <= 0.71
+
+
+def test_texture_is_judged_in_bands_as_in_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    shot = bracket(quality=95, size=(1120, 560))
+
+    monkeypatch.setattr(merging._Job, "coded", property(lambda _job: True))
+    parts = merged(shot.frames, shot.true_s)
+    monkeypatch.setattr(merging, "_in_bands", lambda work, count, _band, _workers: work(0, count))
+    whole = merged(shot.frames, shot.true_s)
+    assert np.array_equal(parts.image.rgb, whole.image.rgb)
+    assert np.allclose(parts.image.uncertainty, whole.image.uncertainty, rtol=1e-5)
 
 
 @FEW
