@@ -64,8 +64,8 @@ GENERATED = "bedroom-7-clear"
 def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:
     """The main job, from nothing to a report: capture a room and its sky, process, stage the room three ways.
 
-    The rig (meter, Theta Z1, 5D Mark II) is simulated, four times as fast as life, and calibrated as a real one is: from
-    a colour chart and an evenly lit sphere, captured with smaller pictures into INTO/rig. What is there is used again.
+    The rig (meter, Theta Z1, 5D Mark II) is simulated, four times as fast as life, and calibrated as a real one is:
+    from chart and evenly lit sphere, captured with smaller pictures into INTO/rig. What is there is used again.
 
     \b
     Examples:
