@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ClusterError
+from processing.ground.threads import SPINNING
 
 LOOPBACK = "127.0.0.1"
 SESSION_BYTES = 5 << 30  # of memory that one full-size session may take
@@ -70,9 +71,9 @@ def here_among(machines: Mapping[str, int]) -> int:
 
 
 def thread_settings(threads: int) -> dict[str, str]:
-    """Return the environment by which numerical libraries take this many threads."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    return {name: str(threads) for name in (*names, "OPENCV_FOR_THREADS_NUM", "DAYLIT_THREADS")}
+    """Return the environment by which numerical libraries take this many threads; those that spin one."""
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "DAYLIT_THREADS")
+    return dict.fromkeys(names, str(threads)) | dict.fromkeys(SPINNING, "1")
 
 
 _SETTINGS: dict[str, Any] = {

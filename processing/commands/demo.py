@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 RIG_SIZE = "quarter"
 """Of the rig's sessions: a chart needs some hundred pixels."""
 RATE, RIG_RATE = 4.0, 8.0
-"""How much faster than life room and rig are captured: enough to see it happen, and nobody to wait for the shutters."""
+"""How much faster than real time room and rig are captured (chosen: slow enough to watch, too fast to wait for)."""
 BESIDE_S = 600.0
 """For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
 SPHERE_WORLD = "uniform:2000"
@@ -64,8 +64,8 @@ GENERATED = "bedroom-7-clear"
 def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:
     """The main job, from nothing to a report: capture a room and its sky, process, stage the room three ways.
 
-    The rig (meter, Theta Z1, 5D Mark II) is simulated, four times as fast as life, and calibrated as a real one is:
-    from chart and evenly lit sphere, captured with smaller pictures into INTO/rig. What is there is used again.
+    The rig (meter, Theta Z1, 5D Mark II) is simulated at four times real speed, and calibrated as a real one is: from a
+    chart and an evenly lit sphere, captured with smaller pictures into INTO/rig. What is there is used again.
 
     \b
     Examples:
@@ -164,9 +164,9 @@ def _captured(
 
 @contextmanager
 def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
-    """Let a process of its own do a task meanwhile: capture the rig's ``sessions``, or load the ``kernels``.
+    """Run a task in a process of its own meanwhile: capture the rig's ``sessions``, or compile the ``kernels``.
 
-    What is not done when the block ends well is ``waited_for`` or left; its words are in ``folder``/TASK.log.
+    Work unfinished when the block ends is ``waited_for`` or abandoned; the process logs to ``folder``/TASK.log.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"{task}.log").open("wb") as log:
@@ -181,12 +181,12 @@ def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
     except subprocess.TimeoutExpired:
         pass
     finally:
-        helper.kill()  # one that has ended does not mind
+        helper.kill()  # does nothing to one that has ended
         helper.wait()
 
 
 def _meanwhile(task: str, folder: Path) -> None:
-    """Do what `_beside` is asked for."""
+    """Do a task of `_beside`, in the process that it started."""
     if task == "kernels":
         from processing.ground.kernels import load_kernels
 

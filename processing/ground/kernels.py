@@ -138,7 +138,7 @@ counted, takes longer than its work (light from small to large picture: 166 to 3
 
 
 def load_kernels(progress: Callable[[int, int], None] = lambda _done, _all: None) -> int:
-    """Compile the kernels of the list that are not kept yet, the late arrangements' last; return how many they are."""
+    """Compile listed kernels that are not cached (the search last), load the rest; return how many were compiled."""
     listed = json.loads(LIST.read_text("utf-8"))
     compiled = 0
     for number, (name, signatures) in enumerate(sorted(listed.items(), key=lambda one: ".layout." in one[0])):

@@ -37,15 +37,10 @@ def threads() -> int:
 
 
 def limit_libraries() -> None:
-    """Give OpenCV, and libraries that are loaded later (Open Image Denoise), as many threads as we take.
-
-    OpenBLAS gets one: our matrices are small, and its threads wait for work by spinning (5 % of all CPU time).
-    """
+    """Give OpenCV, and libraries that are loaded later, as many threads as we take; those that are `SPINNING` one."""
     count = threads()
-    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    for name in ("NUMBA_NUM_THREADS", "OIDN_NUM_THREADS"):
-        os.environ.setdefault(name, str(count))
+    for name in (*SPINNING, "NUMBA_NUM_THREADS", "OIDN_NUM_THREADS"):
+        os.environ.setdefault(name, "1" if name in SPINNING else str(count))
     import cv2
 
     cv2.setNumThreads(count)
@@ -55,6 +50,8 @@ def limit_libraries() -> None:
             malloc.mallopt(parameter, value)
 
 
+SPINNING = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Libraries whose idle threads spin (5 % of all CPU time, docs/measurements/pipeline.md); our matrices are small."""
 _POOLS = ((-8, 2), (-4, 0), (-1, 512 << 20))
 """``M_ARENA_MAX``, ``M_MMAP_MAX``, ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its threads
 once needed: two are enough. Freed memory goes back to the system above 512 MiB, or by `give_back`: else pages of each
@@ -68,7 +65,7 @@ def give_back() -> None:
 
 
 def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
-    """Return what two calls that do not depend on each other give, made side by side."""
+    """Return the results of two independent calls, made side by side."""
     found = side_by_side(lambda make: make(), (one, other))
     return cast(tuple[T, R], tuple(found))
 

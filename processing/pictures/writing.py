@@ -24,7 +24,7 @@ MAX_PIXELS = 1 << 28  # a picture of the whole sphere at 1 arc minute; more is a
 MAX_SIDE_PX = 1 << 16  # chosen
 
 _ROWS = 256  # rows looked at in one go, so that checks need little memory beside the picture
-_BAND_ROWS = 32  # of a panorama these stay in the processor's cache
+_BAND_ROWS = 32  # chosen: of a panorama these stay in the processor's cache
 
 
 def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> None:
@@ -151,15 +151,16 @@ def handed_on(image: P, made: Flags | None = None) -> P:
 
     Where it was ``made`` (H, W) rather than photographed, it is as `estimated` says.
     """
-    return _in_bits(image, made, handed_on=True)
+    return _in_bits(image, made, photographed=True)
 
 
 def estimated(image: P, where: Flags) -> P:
     """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
-    return _in_bits(image, where, handed_on=False)
+    return _in_bits(image, where, photographed=False)
 
 
-def _in_bits(image: P, made: Flags | None, *, handed_on: bool) -> P:
+def _in_bits(image: P, made: Flags | None, *, photographed: bool) -> P:
+    """Return a picture rounded where it was ``made`` (H, W), and, if asked, where it was ``photographed``."""
     rgb, uncertainty = np.empty(image.rgb.shape, np.float32), np.empty(image.uncertainty.shape, np.float32)
 
     def band(top: int) -> None:
@@ -169,7 +170,7 @@ def _in_bits(image: P, made: Flags | None, *, handed_on: bool) -> P:
         if made is not None:
             _round_bits(light.reshape(-1, 3), made[rows].ravel(), 23 - ESTIMATED_BITS, False)
             _round_bits(doubt.reshape(-1, 1), made[rows].ravel(), 23 - UNCERTAINTY_BITS, True)
-        if handed_on:
+        if photographed:
             some = uncertainty[rows]
             np.clip(some, _LEAST_HALF, _MOST_HALF, out=some, where=~np.isinf(some))
             _round_bits(light.reshape(1, -1), _ALL, 23 - LIGHT_BITS, False)

@@ -113,7 +113,7 @@ def doors_in(probabilities: Floats, maps: SurfaceMaps) -> Flags:
 
 @lru_cache(maxsize=4)
 def segments(picture: bytes, shape: tuple[int, ...], scale: float, least_px: int) -> Int32s:
-    """Return the number (H, W) of the segment of colour that each pixel of a picture's ``shape`` (H, W, 3) is of."""
+    """Return each pixel's segment of colour (H, W); ``picture``: the bytes of one of a ``shape`` (H, W, 3)."""
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, scale, least_px)
     labels = np.asarray(cutter.processImage(np.frombuffer(picture, np.uint8).reshape(shape)), np.int32)
     labels.setflags(write=False)

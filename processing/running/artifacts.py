@@ -255,7 +255,7 @@ def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: lis
 
 
 def _write(made: list[Artifact], values: Mapping[str, object], building: Building, folder: Path) -> dict[str, object]:
-    """Write artifacts, two at a time; a file's place in memory is taken by its path, which changes: read later."""
+    """Write artifacts, two at a time, and return what stays in memory: no files, as their folder is still to move."""
 
     def written(artifact: Artifact) -> object:
         with durable.disk_errors(building.folder.path / file_name(artifact), "writing"):

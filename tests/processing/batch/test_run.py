@@ -185,6 +185,7 @@ def test_workers_share_the_cores() -> None:
     assert machine_of("tcp://10.0.0.5:41234") == "10.0.0.5"
     assert here_among({"10.0.0.5": 4}) == 1, "outside a worker there is nobody to share with"
     assert thread_settings(3)["OMP_NUM_THREADS"] == "3"
+    assert thread_settings(3)["OPENBLAS_NUM_THREADS"] == "1"
 
 
 @pytest.mark.parametrize("address", ["no such thing", "tcp://"])
