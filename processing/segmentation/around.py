@@ -111,6 +111,7 @@ def fused(own: SceneEvidence, image: LuminanceImage | RelativeImage | Bytes, seg
         views_used=own.views_used + other.views_used,
         notes=(*own.notes, *other.notes),
         networks=2,
+        own=own.probabilities,
     )
 
 

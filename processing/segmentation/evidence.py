@@ -72,6 +72,8 @@ class SceneEvidence:
     """(H, W): estimated distance from the camera to what is seen, in camera heights."""
     skirting: Floats | None = None
     """(H, W), 0..1: how much of a pixel is skirting that is seen."""
+    own: Floats | None = None
+    """(len(SceneClass), h, w): what our network says alone, where the probabilities are a mean with another's."""
 
     def share(self, *classes: SceneClass) -> Floats:
         """Return the summed probability (H, W) of some classes."""
@@ -80,7 +82,7 @@ class SceneEvidence:
 
 FORMAT = 2  # raised when the file's arrays change
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
-_DETAILS = ("reach", "skirting")
+_DETAILS = ("reach", "skirting", "own")
 LARGEST_PIXELS = 8 << 20
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, SyntaxError)
 """What reading a damaged archive raises, beside errors of its parts."""

@@ -21,7 +21,7 @@ from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene
 from processing.light.scene.tracer import tracer_of
-from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, irradiance_of
+from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, evened, irradiance_of
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
@@ -96,6 +96,9 @@ def differential(
     # The same places, on furniture too, so that both meet the same chance.
     same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
     before = irradiance_of(bare.stage, small, same, seed, wraps=True, lights=bare.lights)
+    if effort.clean:
+        lit = (before.picture > 0).all(axis=2)
+        after = replace(after, picture=evened(after.picture, before.picture, small, lit))
     first = min(lights)
     pair = (bare.lights[first], lights[first])
     mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)

@@ -20,7 +20,7 @@ from processing.light.scene.albedo import LEAST_ALBEDO, MOST_ALBEDO, brought_to,
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene
 from processing.light.scene.sources import LAMP_TIMES, brightened, near_sun, open_sun, places_near_sun
-from processing.light.solver.irradiance import Effort, cleaned, gathered
+from processing.light.solver.irradiance import Effort, cleaned, evened, gathered
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import FIRST_PART, GLASS, Sight, sight_of
 from processing.light.solver.sky import skylight
@@ -114,18 +114,18 @@ def furnished_light(
     hidden = [sun_of(stage, large, effort.sun_samples, seed) @ WEIGHTS for stage in (full, bare)]
     returned = own & (hidden[0] < hidden[1] / 2) & ~sun.any(axis=1)
     shape = (rows, 2 * rows, 3)
-    among: Floats = (both.with_lx + sun).reshape(shape)
-    whole: Floats = (both.without_lx + sun).reshape(shape)
     maps = surface_maps(room, geometry)
     windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
     seen = (own & valid.ravel()).reshape(shape[:2]) & ~np.isin(maps.opening, windows)  # doors are part of their wall
+    with_lx, without_lx, sun = (one.reshape(shape) for one in (both.with_lx, both.without_lx, sun))
+    among: Floats = evened(with_lx, without_lx, large, seen) + sun
+    whole: Floats = without_lx + sun
     level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
     gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
     # A photograph without an outdoor picture has a tone of its own: its light changes, its colours stay.
     change = (np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]) + gain[..., None]
     log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
     notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
-    without_lx = both.without_lx.reshape(shape).astype(np.float32)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
     return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes)
 
@@ -317,7 +317,8 @@ def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:
 GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
 FAR_RATIO = 0.1  # of a plane's own ratio, within which a place counts as far from furniture; chosen
 LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
-LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is not weighed; chosen, 3 % is not seen
+LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is hardly weighed; chosen, 3 % is not seen
+GUARD_WIDE = 4.0  # times as far, over which shares are brought together (chosen: 1 and 2 leave lines on plain walls)
 
 
 def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Flags, maps: SurfaceMaps) -> Doubles:
@@ -343,15 +344,14 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
         if far.sum() < LEAST_FAR:
             continue
         goal = float(np.median((shown + log_ratio)[far]))
-        weight = np.asarray(cv2.GaussianBlur(mine.astype(np.float32), (0, 0), sigma), np.float32)
 
-        def around(values: Doubles, mine: Flags = mine, weight: Floats = weight) -> Doubles:
-            blurred = cv2.GaussianBlur(np.where(mine, values, 0).astype(np.float32), (0, 0), sigma)
-            return np.asarray(blurred / np.maximum(weight, 1e-6), np.float64)
+        def around(values: Doubles, wide: float = 1, mine: Flags = mine) -> Doubles:
+            both = np.stack([np.where(mine, values, 0), mine], axis=-1).astype(np.float32)
+            total, count = cv2.split(cv2.GaussianBlur(both, (0, 0), wide * sigma))
+            return np.asarray(total / np.maximum(count, 1e-6), np.float64)
 
         wanted, offered = goal - around(shown + usual), around(local)
-        strong = np.abs(offered) > LEAST_LOCAL
-        part = np.where(strong, np.clip(wanted / np.where(strong, offered, 1), 0, 1), 1)
-        part = cv2.GaussianBlur(part, (0, 0), max(sigma / 2, 0.5))
-        out[mine] = (usual + part * local)[mine]
+        # The share that fits best about a place, and all of it where hardly anything is offered: no step anywhere.
+        fits, much = (around(one * offered, GUARD_WIDE) + LEAST_LOCAL**2 for one in (wanted, offered))
+        out[mine] = (usual + np.clip(fits / much, 0, 1) * local)[mine]
     return out
