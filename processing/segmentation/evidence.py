@@ -120,7 +120,9 @@ def read_evidence(path: Path) -> SceneEvidence:
             details = {name: file[name].astype(np.float32) for name in _DETAILS if name in file.files}
         if facts["format"] != FORMAT or found.ndim != 3 or found.shape[0] != len(SceneClass):
             raise SegmenterError("is not evidence of this version", where=str(path), advice="make it anew")
-        if found[0].size > LARGEST_PIXELS or not np.isfinite(found).all():
+        own = details.get("own", found)
+        fit = own.ndim == 3 and len(own) == len(found) and np.isfinite(own).all() and np.isfinite(found).all()
+        if found[0].size > LARGEST_PIXELS or not fit:
             raise SegmenterError("holds probabilities that cannot be", where=str(path), advice="make it anew")
         return SceneEvidence(
             probabilities=found / np.maximum(found.sum(axis=0), 1e-3),

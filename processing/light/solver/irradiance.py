@@ -238,7 +238,7 @@ def evened(after: Floats, before: Floats, sight: Sight, known: Flags) -> Floats:
 
     Noise is taken out of each light by itself, and texels near an edge light it by what chance gave them: their ratio
     still has blotches, of 5 to 10 %, which are seen on a plain wall. It is smoothed along each surface of the room where
-    it is ``known`` (H, W), but not over edges (bilateral filter, Tomasi & Manduchi 1998).
+    it is ``known`` (H, W), but not over edges (bilateral filter, Tomasi & Manduchi 1998). What is equal stays equal.
     """
     label, sigma_px = sight.label.reshape(sight.shape), EVEN_RAD / np.pi * sight.shape[0]
     mine = known & (label >= 0) & (label < FIRST_PART)
@@ -248,4 +248,4 @@ def evened(after: Floats, before: Floats, sight: Sight, known: Flags) -> Floats:
     pad_px = 2 * math.ceil(sigma_px)
     smooth = cv2.bilateralFilter(wrapped(shifted.astype(np.float32), pad_px), -1, EVEN_RANGE, sigma_px)
     change = np.exp(smooth[:, pad_px:-pad_px] - APART * label[..., None])
-    return np.asarray(np.where(mine[..., None], before * change, after), np.float32)
+    return np.asarray(np.where(mine[..., None] & (ratio != 0), before * change, after), np.float32)

@@ -274,6 +274,10 @@ def test_a_ghost_is_kept_down() -> None:
     rug = np.where(spot, 0.4 * even, even).astype(np.float32)
     kept = guarded(np.full(even.shape, 0.1), rug, light, seen, maps)
     assert np.allclose(kept[seen], 0.1, atol=0.01), "a dark rug in even light is no shade"
+    # A brightening that fades out and that nothing answers to: no line where it begins to count.
+    fading = 0.1 + 0.2 * np.clip(1 - np.hypot(*np.mgrid[-50 : ROWS - 50, -66 : 2 * ROWS - 66]) / 14, 0, 1)
+    same = seen[:, 1:] & seen[:, :-1] & (maps.plane[:, 1:] == maps.plane[:, :-1])
+    assert np.abs(np.diff(guarded(fading, even, light, seen, maps), axis=1))[same].max() < 0.015
 
 
 def test_estimated_distances_bring_a_standin_to_where_the_furniture_is() -> None:

@@ -9,6 +9,7 @@ from benchmarks.light.render_scenes import sky_outdoors
 from processing.light.scene.outdoor import without_sun
 from processing.light.scene.room_light import gloss_factor
 from processing.light.scene.scene import Sun
+from processing.light.solver.irradiance import evened
 from processing.light.solver.sight import sight_of
 from processing.light.solver.stage import Stage, area_means
 from processing.light.solver.upsample import upsampled
@@ -24,6 +25,23 @@ def test_each_surface_keeps_its_own_light_however_near_the_edge() -> None:
     right = large.solid & ~missed
     assert missed[large.solid].mean() < 0.01
     assert found[right, 0] == pytest.approx(large.label[right])
+
+
+def test_a_change_of_light_is_evened_out_along_surfaces_and_keeps_its_edges() -> None:
+    geometry, rng = Equirectangular(256, 128), np.random.default_rng(0)
+    sight = sight_of(Stage.of(scene_of(box_room(), uniform_sky()), 0.5), geometry, EYE)
+    label, known = sight.label.reshape(sight.shape), sight.solid.reshape(sight.shape)
+    before = rng.uniform(50, 500, (*sight.shape, 3)).astype(np.float32)
+    # Each surface has a change of its own, and behind the camera, across the seam, half of the light is gone.
+    shade = np.abs(np.arange(256) - 127.5) > 100
+    true = np.exp(0.1 * label - np.where(shade, 1.5, 0))[..., None]
+    noisy = (before * true * np.exp(rng.normal(0, 0.05, before.shape))).astype(np.float32)
+    even = evened(noisy, before, sight, known)
+    off = np.abs(np.log(even / (before * true)))[known]
+    assert np.sqrt(np.mean(off**2)) < 0.02
+    assert np.quantile(off, 0.999) < 0.1, "neither edges of surfaces nor of shade are washed out"
+    assert np.array_equal(even[~known], noisy[~known])
+    assert np.array_equal(evened(before, before, sight, known), before), "what is equal stays equal"
 
 
 def test_area_means_keep_the_mean() -> None:

@@ -74,6 +74,17 @@ def test_windows_in_a_reveal_and_a_door_are_found_whole(reveal: float, least: fl
     assert all(0.2 < o.confidence <= 1 for o in found)
 
 
+def test_a_door_of_which_our_network_alone_is_sure_is_found_in_a_mean_with_another() -> None:
+    image, sure = result((WINDOW, DOOR), (SceneClass.WINDOW, SceneClass.DOOR))
+    other = result((WINDOW, DOOR), (SceneClass.WINDOW, SceneClass.WALL))[1].probabilities
+    mean = replace(sure, probabilities=0.3 * sure.probabilities + 0.7 * other)
+    assert [o.kind for o in find_openings(image, mean, ROOM)] == [OpeningKind.WINDOW]
+    by_ours = find_openings(image, replace(mean, own=sure.probabilities), ROOM)
+    (door,) = (one for one in by_ours if one.kind is OpeningKind.DOOR)
+    assert iou(door, 3, 2.6, 3.4, 0.0, 2.0) > 0.8
+    assert len(find_openings(image, replace(sure, own=sure.probabilities), ROOM)) == 2, "seen by both, it is one door"
+
+
 def test_plain_wall_between_and_beside_windows_is_no_window_whatever_the_network_says() -> None:
     wall = [Patch("front", x0, x1, 0.9, 2.1, 0.5) for x0, x1 in ((0.4, 0.8), (-1.6, -0.9))]
     image, evidence = result((WINDOW, SECOND, *wall), (SceneClass.WINDOW,) * 4)

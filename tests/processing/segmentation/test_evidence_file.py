@@ -15,7 +15,8 @@ from tests.processing.room.evidence import BOX, evidence_of, room_of
 def test_evidence_reads_back(tmp_path: Path, with_boundary: bool) -> None:
     made = replace(evidence_of(room_of(BOX)), views_used=4, views_skipped=1, notes=("a note",))
     reach = np.full(made.probabilities.shape[1:], 2.5, np.float32)
-    made = replace(made, reach=reach, skirting=reach / 5) if with_boundary else replace(made, boundary=None)
+    details = {"reach": reach, "skirting": reach / 5, "own": made.probabilities[:, ::2, ::2]}
+    made = replace(made, **details) if with_boundary else replace(made, boundary=None)
     path = tmp_path / "evidence.npz"
     write_evidence(path, made)
     found = read_evidence(path)
@@ -23,13 +24,14 @@ def test_evidence_reads_back(tmp_path: Path, with_boundary: bool) -> None:
     np.testing.assert_allclose(found.probabilities, made.probabilities, atol=1e-3)
     np.testing.assert_allclose(found.probabilities.sum(axis=0), 1, atol=1e-5)
     if made.boundary is None:
-        assert found.boundary is found.reach is found.skirting is None
+        assert found.boundary is found.reach is found.skirting is found.own is None
     else:
         assert found.boundary is not None
         np.testing.assert_array_equal(found.boundary.floor_rad, made.boundary.floor_rad)
         np.testing.assert_array_equal(found.boundary.corner, made.boundary.corner)
         np.testing.assert_array_equal(found.reach, reach)
         np.testing.assert_array_equal(found.skirting, reach / 5)
+        np.testing.assert_allclose(found.own, made.own, atol=1e-3)
 
 
 def test_the_same_evidence_makes_the_same_file(tmp_path: Path) -> None:
