@@ -43,7 +43,7 @@ SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6
 APART_RAD = math.radians(30)  # between two frames' axes: nearer, they are one picture
 MARGIN = 0.015  # of the picture's width, around a piece that counts as whole
-PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 1.5
+PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 2.5
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which a frame after the third is not taken
