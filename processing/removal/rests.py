@@ -112,9 +112,9 @@ of slits between what goes; how near to what stays floor stays (chosen by lookin
 SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
 """Probability of things below which floor surely is floor; size from which unsure floor stays where its median tone is
 within so much (natural logarithm) of sure floor's and varies at most so many times as much (chosen as those above)."""
-GLARE, GLARE_RIM = 0.7, 0.6
-"""By how much a window's reflection on the floor is brighter than sure floor's median (natural logarithm), and the share
-of its rim from which it is torn: the floor that is filled beside it shows none (chosen on one real room of eight)."""
+GLARE, GLARE_RIM = (0.35, 0.7), 0.55
+"""By how much a window's reflection on the floor is brighter than sure floor's median, everywhere and in its own median
+(natural logarithm), and share of its rim that is torn (chosen on one real room of eight; the others have none)."""
 LEG_RAD = (math.radians(2.4), math.radians(6), math.radians(0.8))
 """Largest width, largest length and least length of a leg below what is known of its chair (chosen as those above)."""
 LEG_DARK, LEG_DARKEST, LEG_GRAIN = 0.09, 0.25, 3.0
@@ -145,12 +145,14 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
             clear = size_sr > LARGE_SR and abs(np.median(tone[box][part]) - usual) < ALIKE
             if (part & near[box]).any() and size_sr < most_sr and not (clear and tone[box][part].std() < most_spread):
                 goes[box] |= part
-    for box, part in _parts(floor & ~gone & ~goes & (tone > usual + GLARE)):
-        rim = cv2.dilate(part.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool) & ~part & floor[box]
-        if (rim & (gone | goes)[box]).sum() > GLARE_RIM * rim.sum():
-            goes[box] |= part
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(stays, BARRED_RAD)
     goes |= _legs(gone | goes, near, tone, bare)
+    for box, part in _parts(floor & ~gone & ~goes & (tone > usual + GLARE[0])):
+        whole = np.zeros_like(gone)
+        whole[box] = part
+        rim = cv2.dilate(whole.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool) & ~whole & floor
+        if np.median(tone[whole]) > usual + GLARE[1] and (rim & (gone | goes)).sum() > GLARE_RIM * rim.sum():
+            goes |= whole
     return np.asarray(goes & ~gone)
 
 

@@ -228,8 +228,8 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
 
 
 EVEN_RAD, EVEN_RANGE = 0.06, 0.9
-"""Over which a ratio of two lights is evened out, and by how much (natural logarithm, summed over the three channels) it
-may differ there; chosen on the demo's room: contact shadows and half shadows stay, blotches of single texels go."""
+"""Over which a ratio of two lights is evened out, and by how much (natural logarithm, summed over the channels) it may
+differ there; chosen on the demo's room: contact shadows and half shadows stay, blotches of single texels go."""
 APART = 20.0  # of such a ratio, between places that have nothing to do with each other
 
 
@@ -237,8 +237,8 @@ def evened(after: Floats, before: Floats, sight: Sight, known: Flags) -> Floats:
     """Return ``after`` (H, W, 3) with the noise of its ratio to ``before`` (H, W, 3) taken out, lx, of a panorama.
 
     Noise is taken out of each light by itself, and texels near an edge light it by what chance gave them: their ratio
-    still has blotches, of 5 to 10 %, which are seen on a plain wall. It is smoothed along each surface of the room where
-    it is ``known`` (H, W), but not over edges (bilateral filter, Tomasi & Manduchi 1998). What is equal stays equal.
+    still has blotches, of 5 to 10 %, which are seen on a plain wall. It is smoothed along each surface of the room,
+    where it is ``known`` (H, W), but not over edges (bilateral filter, Tomasi & Manduchi 1998). What is equal stays so.
     """
     label, sigma_px = sight.label.reshape(sight.shape), EVEN_RAD / np.pi * sight.shape[0]
     mine = known & (label >= 0) & (label < FIRST_PART)
