@@ -112,9 +112,6 @@ of slits between what goes; how near to what stays floor stays (chosen by lookin
 SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
 """Probability of things below which floor surely is floor; size from which unsure floor stays where its median tone is
 within so much (natural logarithm) of sure floor's and varies at most so many times as much (chosen as those above)."""
-GLARE, GLARE_RIM = (0.35, 0.7), 0.55
-"""By how much a window's reflection on the floor is brighter than sure floor's median, everywhere and in its own median
-(natural logarithm), and share of its rim that is torn (chosen on one real room of eight; the others have none)."""
 LEG_RAD = (math.radians(2.4), math.radians(6), math.radians(0.8))
 """Largest width, largest length and least length of a leg below what is known of its chair (chosen as those above)."""
 LEG_DARK, LEG_DARKEST, LEG_GRAIN = 0.09, 0.25, 3.0
@@ -123,7 +120,7 @@ surface's own grain (chosen as those above). Judged by colour, joints between bo
 
 
 def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: SurfaceMaps, stays: Flags) -> Flags:
-    """Return what else goes beside what is ``gone`` (H, W): slits, legs, torn glare, and floor that is hardly one.
+    """Return what else goes beside what is ``gone`` (H, W): slits, legs, and floor that is hardly one.
 
     That is what the network half sees (cables, rims of rugs), deep shade that it takes for a thing, of which relighting
     leaves a patch with an edge, and shards of walls where the room's floor is by mistake.
@@ -147,12 +144,6 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
                 goes[box] |= part
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(stays, BARRED_RAD)
     goes |= _legs(gone | goes, near, tone, bare)
-    for box, part in _parts(floor & ~gone & ~goes & (tone > usual + GLARE[0])):
-        whole = np.zeros_like(gone)
-        whole[box] = part
-        rim = cv2.dilate(whole.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool) & ~whole & floor
-        if np.median(tone[whole]) > usual + GLARE[1] and (rim & (gone | goes)).sum() > GLARE_RIM * rim.sum():
-            goes |= whole
     return np.asarray(goes & ~gone)
 
 

@@ -69,16 +69,6 @@ def test_a_small_shard_of_a_wall_on_the_floor_goes_and_a_wall_that_the_room_has_
     assert not rests(TABLE, evidence(WALL=(wall, 0.9)))[wall].any()
 
 
-def test_a_reflection_that_furniture_tears_on_both_sides_goes_and_a_whole_one_stays() -> None:
-    sides, between = box(186, 220, 240, 280) | box(186, 220, 290, 330), box(186, 220, 280, 290)
-    glare = grey_room()
-    glare[between] *= 3
-    assert rests(sides, evidence(), glare)[between].all()
-    assert not rests(NONE | box(186, 220, 240, 280), evidence(), glare).any(), "one side of it is whole"
-    glare[between] /= 1.8
-    assert not rests(sides, evidence(), glare)[between].any(), "no brighter than floor may be"
-
-
 def test_slits_between_what_goes_go_and_frames_between_them_stay() -> None:
     both = box(120, 190, 240, 280) | box(120, 190, 282, 320)
     slit, gap = box(125, 185, 280, 282), box(120, 190, 240, 280) | box(120, 190, 290, 320)
