@@ -252,8 +252,13 @@ def _as_shown(full: Stage, bare: Stage, shown: _Shown, samples: int, seed: int) 
     gain = np.where(shown.seen[:, None], gain, usual)
     own = full.exitance + full.albedo * among.sun
     glow = np.where(shown.seen[:, None], np.maximum(shown.given - gain * model, 0), own)
-    lit = replace(among, rest=gain * among.rest, bright=BrightPatches.of(full, glow))
-    return lit, replace(without, rest=gain[: bare.patches.count] * without.rest)
+    lit, count = replace(among, rest=gain * among.rest, bright=BrightPatches.of(full, glow)), bare.patches.count
+    without = replace(without, rest=gain[:count] * without.rest)
+    if full.scene.outdoors.sun is None:
+        # No sun falls anew: what the room's own surfaces show beyond what they reflect, they show without it too.
+        stays = np.where(shown.seen[:count, None], glow[:count], bare.exitance)
+        without = replace(without, bright=BrightPatches.of(bare, stays))
+    return lit, without
 
 
 def _both_lights(

@@ -13,7 +13,7 @@ from processing.ground.seam import grown
 from processing.light.picture.render import render
 from processing.light.scene.albedo import KnownLight, albedo_of_room
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
-from processing.light.scene.scene import Part
+from processing.light.scene.scene import Outdoors, Part
 from processing.light.scene.sources import window_strength
 from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
 from processing.light.solver.irradiance import Effort
@@ -178,6 +178,21 @@ def test_without_furniture_nothing_changes(bare: LuminanceImage) -> None:
     assert np.array_equal(done.image.rgb[~hole], bare.rgb[~hole])
     assert not change.any()
     assert np.median(np.abs(luminance_cd_m2(done.image.rgb) / luminance_cd_m2(bare.rgb) - 1)[hole]) < 0.05
+
+
+@pytest.mark.parametrize("outdoors", [None, uniform_sky(4000.0)], ids=["no sky", "sky"])
+def test_a_patch_that_shines_without_a_known_sun_shines_without_furniture_too(
+    bare: LuminanceImage, outdoors: Outdoors | None
+) -> None:
+    """A patch of sun in a single photograph, or glare: its light in the room was lost with the furniture."""
+    spot = bare.rgb.copy()
+    spot[44:52, 30:44] *= 12
+    nothing = np.zeros((ROWS, 2 * ROWS), bool)
+    found = furnished_light(
+        image(spot), box_room(), outdoors, OldFurniture(nothing, nothing, ()), rows=ROWS, effort=WORK
+    )
+    assert found.seen.any()
+    assert not found.log_change.any()
 
 
 def test_windows_and_clipped_pixels_stay_as_they_are(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
