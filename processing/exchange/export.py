@@ -81,27 +81,20 @@ def _pictures(
     how: tuple[float | None, bool],
 ) -> None:
     showing = session_shown(session) if "jpeg" in what else None
-    for name, path in pictures.items():
-        image = read_shown(path)
+    for name, made in pictures.items():
+        image = read_shown(made)
         assert isinstance(image, LuminanceImage)
         stem = into / f"{session.name}_{name}"
         for kind in what:
             try:
-                if kind == "hdr":
-                    done.files.append(_hdr(stem, image))
-                elif kind == "exr":
-                    write_exr(stem.with_name(stem.name + ".exr"), image)
-                    done.files.append(stem.with_name(stem.name + ".exr"))
-                elif showing is not None:
+                if kind in ("hdr", "exr"):
+                    path = stem.with_name(f"{stem.name}.{kind}")
+                    (write_radiance_hdr if kind == "hdr" else write_exr)(path, image)
+                    done.files.append(path)
+                elif kind == "jpeg" and showing is not None:
                     done.files.append(_jpeg(stem, image, name, showing, how))
             except PictureFileError as error:
                 done.left_out[f"{name}.{kind}"] = str(error)
-
-
-def _hdr(stem: Path, image: LuminanceImage) -> Path:
-    path = stem.with_name(stem.name + ".hdr")
-    write_radiance_hdr(path, image)
-    return path
 
 
 def _jpeg(stem: Path, image: LuminanceImage, name: str, showing: Shown, how: tuple[float | None, bool]) -> Path:

@@ -210,7 +210,8 @@ def write_proof(session: Path, into: Path, signer: Signer | None = None) -> tupl
                 facts["unsigned_sha256"] = hashlib.sha256(data).hexdigest()
                 said = facts | {"session_id": manifest.session_id, "frames": frames}
                 said |= {"chain": _chain([one["sha256"] for one in frames], [facts["unsigned_sha256"]])}
-                said |= {"changes": _of_state(changes, one["state"])} if kind == "result" else {}
+                own = {key: changes[key][one["state"]] for key in ("added", "relit") if one["state"] in changes[key]}
+                said |= {"changes": own | {"removed": changes["removed"]}} if kind == "result" else {}
                 above = data = signed_jpeg(data, signer, name, said, above)
             write_bytes(into / name, data)
             pictures.append(facts | {"sha256": hashlib.sha256(data).hexdigest()})
@@ -295,12 +296,6 @@ def _changes(stages: Path) -> dict[str, Any]:
         relit["emptied"] = {"median_brighter_pct": removed["lifted_median_pct"]}
     kept = {name: removed[name] for name in ("filled_share", "synthesised_share") if name in removed}
     return {"added": added, "removed": {"shares_of_directions": detected.get("shares", {}), **kept}, "relit": relit}
-
-
-def _of_state(changes: Mapping[str, Any], state: str) -> dict[str, Any]:
-    """Return the changes of one state: its own furniture and light, and what was removed for all."""
-    kept = {name: changes[name][state] for name in ("added", "relit") if state in changes[name]}
-    return kept | {"removed": changes["removed"]}
 
 
 def _json(path: Path) -> Mapping[str, Any]:

@@ -158,9 +158,9 @@ def _find(
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    doors = known.two_networks & doors_in(probabilities, maps)
     hall = (maps.plane >= FIRST_WALL) & (probabilities[SceneClass.FLOOR] > BLOCKED)  # the next room's floor
-    openings, flat = others | (maps.opening >= 0) | doors | hall, _flat(maps, seen[0])
+    openings = others | (maps.opening >= 0) | (known.two_networks & doors_in(probabilities, maps)) | hall
+    flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
     furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
@@ -264,12 +264,6 @@ def _with_things(
     furniture = found.mask | grown(on, FRAME_RAD)
     mask = with_things(furniture, shown, maps.plane == FLOOR, barred, things[1]) | (rugs & ~beside)
     return _with(found, mask & ~found.mask), barred
-
-
-def _flat(maps: SurfaceMaps, reach_m: Floats | None) -> Flags:
-    """Return where (H, W) the floor, or what lies flat on it, is seen by distances (H, W), metres, if known."""
-    far = np.zeros(maps.plane.shape, bool) if reach_m is None else reach_m > FLAT * maps.depth_m
-    return np.asarray((maps.plane == FLOOR) & far)
 
 
 def _board(rgb: Floats, target: tuple[float, float] | None, room: RoomModel, maps: SurfaceMaps) -> tuple[Flags, bool]:

@@ -232,9 +232,9 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     if (ratio := figures.get("level_ratio")) is not None:
         note = "under an overcast sky the daylight factor"
         quantities.append(Quantity("Inside over outside", _tidy(100 * ratio), "%", note=note))
-    worst = _worst_glare(camera["directions"])
-    if worst is not None:
-        look, name = worst
+    looks = [(look, _name(look, k)) for k, look in enumerate(camera["directions"]) if "glare" in look]
+    if looks:
+        look, name = max(looks, key=lambda one: one[0]["glare"]["dgp"])
         text = f"{look['glare']['rating']}, looking {name}"
         quantities.append(Quantity("Highest glare probability (DGP)", round(look["glare"]["dgp"], 3), "", note=text))
     rose = illuminance_rose([look["vertical"]["value"] for look in camera["directions"]], unit)
@@ -250,11 +250,6 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
 def _quantity(name: str, value: Mapping[str, Any], unit: str) -> Quantity:
     note = "a lower bound: part of the light is clipped or unseen" if value["lower_bound"] else ""
     return Quantity(name, value["value"], unit, value["uncertainty"], note)
-
-
-def _worst_glare(directions: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], str] | None:
-    looks = [(look, _name(look, k)) for k, look in enumerate(directions) if "glare" in look]
-    return max(looks, key=lambda one: one[0]["glare"]["dgp"]) if looks else None
 
 
 def _name(look: Mapping[str, Any], number: int) -> str:

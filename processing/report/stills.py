@@ -340,7 +340,8 @@ def _stills(
     for number, frame in enumerate(frames, before + 1):
         name, view, rows = f"still-{number}", frame.view(), frame.height_px()
         rgb8, original = (screen(cut_view(one, view)[-rows:]) for one in (light, originals))
-        statement = _statement(kind, f"{name}-original.jpg", asked.original_url)
+        unaltered = f" Unaltered original: {asked.original_url or f'{name}-original.jpg'}"
+        statement = EDITS[kind] + (unaltered if EDITS[kind] else "")
         if kind == "staged" and not asked.no_staged_label:
             rgb8 = labelled(rgb8, TEXT, panorama=False, link=asked.original_url)
         how: dict[str, Any] = {"relative": not image.absolute, "quality": 90}
@@ -366,11 +367,6 @@ def _stills(
             }
         )
     return found
-
-
-def _statement(kind: str, original: str, url: str | None) -> str:
-    """Return what was changed and where the unaltered original is; nothing of a photograph."""
-    return f"{EDITS[kind]} Unaltered original: {url or original}" if EDITS[kind] else ""
 
 
 def _light(image: LuminanceImage, measured: Panorama, frame: Frame) -> LuminanceImage:

@@ -47,7 +47,8 @@ CELLS_AT_ONCE = 1 << 18  # for memory
 @functools.lru_cache(maxsize=1)
 def fisheye_solid_angles(lens: Fisheye) -> Doubles:
     """Return the solid angle of each cell's part inside the circle (H, W), in steradians; kept, and read only."""
-    found = _cells(lens, lambda sine, cosine, _c, _s: _cap(sine, cosine), _rim_solid(lens), None)
+    whole = float(_cap(*polar_of_radius(lens, np.array(1.0))))
+    found = _cells(lens, lambda sine, cosine, _c, _s: _cap(sine, cosine), lambda phi: whole * phi, None)
     # A cell that the circle only touches may come out as minus a rounding error.
     np.maximum(found, 0.0, out=found).setflags(write=False)
     return found
@@ -88,12 +89,6 @@ def _level(sine: Doubles, cosine: Doubles) -> Doubles:
     t2 = theta * theta
     series = theta * t2 * (1 / 3 - t2 * (1 / 15 - t2 * (2 / 315 - t2 / 2835)))
     return np.where(theta < 0.1, series, (theta - sine * cosine) / 2)
-
-
-def _rim_solid(lens: Fisheye) -> Callable[[Doubles], Doubles]:
-    sine, cosine = polar_of_radius(lens, np.array(1.0))
-    cap = float(_cap(sine, cosine))
-    return lambda phi: cap * phi
 
 
 def _cells(lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles], normal: Vector | None) -> Doubles:

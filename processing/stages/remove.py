@@ -153,6 +153,8 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
         warnings.append(StageWarning(code="confidence", message=text))
     warnings += [StageWarning(code="hidden", message=note) for note in found.notes if "hidden altogether" in note]
     finest = max((one.hole.size for one in found.textures), default=0)
+    changed = np.zeros(0) if change is None else change[change != 0]
+    brighter_pct = round(100 * math.expm1(float(np.median(changed))), 2) if len(changed) else 0.0
     return StageOutput(
         artifacts={"empty": found.image, "filled": filled, "surfaces": True, "lift": None if change is None else True},
         metrics={
@@ -161,15 +163,9 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
             "synthesised_share": round(float((found.provenance == 2).mean()), 5),
             "mean_confidence": round(sure, 4),
             "notes": list(found.notes),
-            **({} if change is None else {"lifted_median_pct": _lifted_pct(change)}),
+            **({} if change is None else {"lifted_median_pct": brighter_pct}),
         },
         warnings=tuple(warnings),
         left_out={} if change is not None else {"lift": context.summary("light").get("skipped") or "shade is kept"},
         honoured={"quality": f"textures of up to {finest} pixels ({context.quality.value})"},
     )
-
-
-def _lifted_pct(change: Floats) -> float:
-    """Return by how many percent the median pixel that changed is brighter than the captured one."""
-    changed = change[change != 0]
-    return round(100 * math.expm1(float(np.median(changed))), 2) if len(changed) else 0.0

@@ -74,7 +74,9 @@ class Vignetting:
         r = np.hypot(across[None, :], down[:, None])
         # A fine table is right to 1e-7 and ten times cheaper than powers or angles of every pixel.
         knots = np.linspace(0, 1, 2049)
-        values = self.evaluate(_angle_share(geometry, knots) if self.in_angle else knots)
+        # Of the field's half: the angle from the axis at these distances.
+        share = np.arctan2(*polar_of_radius(geometry, knots)) / geometry.half_field_rad if self.in_angle else knots
+        values = self.evaluate(share)
         return np.asarray(np.interp(r, knots, values), dtype=np.float32)
 
     def correct(self, rgb: Floats, geometry: Fisheye) -> Floats:
@@ -168,12 +170,6 @@ def _centred(values: Doubles, scene: Indices, count: Indices) -> Doubles:
     """Return values (n, k) less the mean of their scene point: which eliminates the scene."""
     means = np.stack([np.bincount(scene, column) / count for column in values.T], axis=-1)
     return np.asarray(values - means[scene])
-
-
-def _angle_share(geometry: Fisheye, r: Doubles) -> Doubles:
-    """Return the angle from the axis over half the field at distances r (radii)."""
-    sine, cosine = polar_of_radius(geometry, r)
-    return np.asarray(np.arctan2(sine, cosine) / geometry.half_field_rad)
 
 
 # Fall-off in a stitched panorama: that of the two fisheyes it was made of, which look ahead and back.

@@ -97,7 +97,7 @@ def differential(
     same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
     before = irradiance_of(bare.stage, small, same, seed, wraps=True, lights=bare.lights)
     if effort.clean:
-        lit = (before.picture > 0).all(axis=2)
+        lit = np.asarray((before.picture > 0).all(axis=2), bool)
         after = replace(after, picture=evened(after.picture, before.picture, small, lit))
     first = min(lights)
     pair = (bare.lights[first], lights[first])

@@ -99,7 +99,9 @@ def albedo_of_room(
     rgb, valid = brought_to(panorama, rows, filled)
     known = outdoors if isinstance(outdoors, KnownLight) else None
     if isinstance(outdoors, KnownLight):
-        stage, transmittance, notes = _known_stage(outdoors, effort.texel_m)
+        notes: tuple[str, ...] = ("the light is that found with the furniture in the room",)
+        stage = Stage.of(outdoors.scene, effort.texel_m)
+        transmittance = {pane.opening: pane.transmittance for pane in outdoors.scene.panes}
     else:
         stage, transmittance, notes = lit_stage(room, outdoors, rgb, valid, reveal_m, effort.texel_m)
     eye = (0.0, 0.0, room.camera_height_m)
@@ -197,11 +199,6 @@ class _Gathered:
     """(N, 3): irradiance of its pixels without the sun's own."""
     error: Floats
     """(H, W): relative, at the small size."""
-
-
-def _known_stage(known: KnownLight, texel_m: float) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
-    every = {pane.opening: pane.transmittance for pane in known.scene.panes}
-    return Stage.of(known.scene, texel_m), every, ("the light is that found with the furniture in the room",)
 
 
 def _gathered(

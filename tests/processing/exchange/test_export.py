@@ -54,6 +54,7 @@ def test_pictures_in_every_format(session: Path, tmp_path: Path) -> None:
     names = {path.name.removeprefix(session.name + "_") for path in done.files}
     pictures = ("room", "empty", "staged-1", "staged-2")
     assert names == {f"{p}.{kind}" for p in pictures for kind in ("jpg", "hdr", "exr")} | {"room.glb"}
+    assert len(done.files) == len(set(done.files)), "each is written, and listed, once"
     assert done.left_out == {}
     assert all(path.stat().st_size > 0 for path in done.files)
     room, staged = ((tmp_path / "out" / f"{session.name}_{p}.jpg").read_bytes() for p in ("room", "staged-1"))
