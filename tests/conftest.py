@@ -12,11 +12,14 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 from platformdirs import user_cache_path
+
+from processing.ground.threads import limit_libraries
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT_S = 7 * 86_400
@@ -50,6 +53,7 @@ def pytest_configure(config: pytest.Config) -> None:
     another content go when they were not used for a week. The long runs make all of them anew.
     """
     if hasattr(config, "workerinput"):
+        limit_libraries()  # as `daylit process` begins: malloc else zeroes the pages of each large array anew
         return
     if LONG:
         folder = Path(tempfile.mkdtemp(prefix="daylit-test-worlds-"))
@@ -63,6 +67,24 @@ def pytest_configure(config: pytest.Config) -> None:
             if time.time() - other.stat().st_mtime > KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
     os.environ["DAYLIT_CACHE"] = str(folder)
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage once, with its warnings, and hide what lives from collectors: pytest ends with five searches."""
+    gc.collect()
+    gc.freeze()
+
+
+pytest_sessionfinish = pytest_collection_finish
+
+
+@pytest.fixture
+def parent() -> Iterator[Path]:
+    """A folder in memory, where there is such: faults of disks are tried by the hundred."""
+    memory = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(prefix="daylit-", dir=memory if memory.is_dir() else None))
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def sources_digest() -> str:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,14 +20,6 @@ from tests.torture.small_capture import Ack
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
 FULL = {"ENOSPC", "EDQUOT", "HALF_THEN_ENOSPC"}
 PATIENCE = 2
-
-
-@pytest.fixture
-def parent() -> Iterator[Path]:
-    memory = Path("/dev/shm")
-    folder = Path(tempfile.mkdtemp(prefix="daylit-", dir=memory if memory.is_dir() else None))
-    yield folder
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 def expected_error(kind: str) -> type[ResourceError]:

@@ -6,9 +6,7 @@ import itertools
 import os
 import random
 import shutil
-import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -25,14 +23,6 @@ from tests.torture.small_capture import Ack
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
 SEED = 20230519
 HOWS = list(itertools.product(NAME_CHOICES, DATA_CHOICES))
-
-
-@pytest.fixture
-def parent() -> Iterator[Path]:
-    memory = Path("/dev/shm")
-    folder = Path(tempfile.mkdtemp(prefix="daylit-", dir=memory if memory.is_dir() else None))
-    yield folder
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 def recorded_run(folder: Path, failing: int = 0) -> tuple[list[Op], int]:
