@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +60,7 @@ def places(room: RoomModel, maps: SurfaceMaps) -> npt.NDArray[np.float64]:
     return np.asarray(d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m]))
 
 
+@lru_cache(maxsize=3)
 def paint(
     *,
     rows: int = ROWS,
@@ -68,7 +70,7 @@ def paint(
     things: bool = True,
     window: bool = True,
 ) -> Painted:
-    """Return a painted room; light of the sun is ``sun_ratio`` times that of the shade."""
+    """Return a painted room, to be left as it is; light of the sun is ``sun_ratio`` times that of the shade."""
     room = box_room()
     geometry = Equirectangular(2 * rows, rows)
     maps = surface_maps(room, geometry)

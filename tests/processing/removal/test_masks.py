@@ -15,7 +15,7 @@ from processing.pictures.preview import preview_rgb8
 from processing.removal import masks
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, completed, islands_in
-from processing.removal.masks import find_masks, target_of, with_islands
+from processing.removal.masks import Masks, find_masks, target_of, with_islands
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
@@ -28,24 +28,32 @@ def painted() -> Painted:
     return paint(rows=256)
 
 
-def test_each_mask_is_what_was_painted(painted: Painted) -> None:
-    found = find_masks(painted.image, painted.evidence, painted.room, sun_direction=SUN)
-    assert iou(found.furniture, painted.furniture) > 0.95
-    assert iou(found.tripod, painted.tripod) > 0.9
-    assert iou(found.sunlight, painted.sunlit) > 0.88
-    assert not (found.furniture & painted.hung).any(), "what hangs on the wall is not attached to the floor"
-    assert any("do not reach the floor" in note for note in found.notes)
-    united = found.furniture | found.tripod | found.sunlight | found.shadow
-    assert (found.target >= united).all()
-    assert found.shares["target"] == pytest.approx(share_of_sphere(found.target))
-    assert not (found.shadow & (found.furniture | found.tripod)).any()
+@pytest.fixture(scope="module")
+def lit(painted: Painted) -> Masks:
+    return find_masks(painted.image, painted.evidence, painted.room, sun_direction=SUN)
 
 
-def test_a_contact_band_lies_around_the_foot(painted: Painted) -> None:
-    found = find_masks(painted.image, painted.evidence, painted.room, sun_direction=SUN)
-    below = np.roll(found.furniture, 1, axis=0) & ~found.furniture & (painted.maps.plane == FLOOR)
-    assert found.shadow[below & ~found.sunlight].mean() > 0.8
-    assert found.shadow.sum() < 3 * painted.furniture.sum()
+@pytest.fixture(scope="module")
+def shaded(painted: Painted) -> Masks:
+    return find_masks(painted.image, painted.evidence, painted.room, sun_possible=False)
+
+
+def test_each_mask_is_what_was_painted(painted: Painted, lit: Masks) -> None:
+    assert iou(lit.furniture, painted.furniture) > 0.95
+    assert iou(lit.tripod, painted.tripod) > 0.9
+    assert iou(lit.sunlight, painted.sunlit) > 0.88
+    assert not (lit.furniture & painted.hung).any(), "what hangs on the wall is not attached to the floor"
+    assert any("do not reach the floor" in note for note in lit.notes)
+    united = lit.furniture | lit.tripod | lit.sunlight | lit.shadow
+    assert (lit.target >= united).all()
+    assert lit.shares["target"] == pytest.approx(share_of_sphere(lit.target))
+    assert not (lit.shadow & (lit.furniture | lit.tripod)).any()
+
+
+def test_a_contact_band_lies_around_the_foot(painted: Painted, lit: Masks) -> None:
+    below = np.roll(lit.furniture, 1, axis=0) & ~lit.furniture & (painted.maps.plane == FLOOR)
+    assert lit.shadow[below & ~lit.sunlight].mean() > 0.8
+    assert lit.shadow.sum() < 3 * painted.furniture.sum()
 
 
 def test_a_frame_beside_a_wardrobe_is_none_of_its_contact_shadow() -> None:
@@ -104,12 +112,11 @@ def test_floor_of_the_next_room_before_a_wall_stays_beside_furniture() -> None:
     assert not found.target[142:149, 193:208].any()
 
 
-def test_floor_that_is_half_a_thing_goes_with_the_furniture_that_it_touches(painted: Painted) -> None:
-    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False)
-    unsure = np.zeros_like(before.target)
+def test_floor_that_is_half_a_thing_goes_with_the_furniture_that_it_touches(painted: Painted, shaded: Masks) -> None:
+    unsure = np.zeros_like(shaded.target)
     unsure[176:186, 222:236] = True  # to the right of the furniture's foot
     assert (painted.maps.plane[unsure] == FLOOR).all()
-    unsure &= ~before.target
+    unsure &= ~shaded.target
     assert unsure.sum() > 80
     shares = painted.evidence.probabilities.copy()
     small = resized(grown(unsure, math.radians(1.5)).astype(np.float32), shares.shape[1:]) > 0.5
@@ -118,7 +125,7 @@ def test_floor_that_is_half_a_thing_goes_with_the_furniture_that_it_touches(pain
     shares[SceneClass.FURNITURE, small], shares[SceneClass.FLOOR, small] = 0.44, 0.56
     after = find_masks(painted.image, replace(painted.evidence, probabilities=shares), painted.room, sun_possible=False)
     assert after.target[unsure].mean() > 0.8
-    assert not (after.target & ~before.target & ~grown(unsure, math.radians(2))).any()
+    assert not (after.target & ~shaded.target & ~grown(unsure, math.radians(2))).any()
 
 
 def test_the_margin_is_kept(painted: Painted) -> None:
@@ -132,16 +139,15 @@ def test_the_margin_is_kept(painted: Painted) -> None:
     assert any("no sun" in note for note in none.notes)
 
 
-def test_skirting_that_the_network_sees_stays(painted: Painted) -> None:
-    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False)
+def test_skirting_that_the_network_sees_stays(painted: Painted, shaded: Masks) -> None:
     # Left of the furniture, where its contact shadow and margin are.
-    beside = grown(before.furniture, 0.06) & ~grown(before.furniture, 0.025) & (painted.maps.plane >= 2)
+    beside = grown(shaded.furniture, 0.06) & ~grown(shaded.furniture, 0.025) & (painted.maps.plane >= 2)
     beside &= painted.points_m[..., 2] < 0.25
-    assert (before.target & beside).sum() > 15
+    assert (shaded.target & beside).sum() > 15
     evidence = replace(painted.evidence, skirting=beside.astype(np.float32))
     after = find_masks(painted.image, evidence, painted.room, sun_possible=False)
     assert not (after.target & beside).any()
-    assert (after.furniture == before.furniture).mean() > 0.999
+    assert (after.furniture == shaded.furniture).mean() > 0.999
 
 
 def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) -> None:

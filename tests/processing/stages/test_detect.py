@@ -19,7 +19,7 @@ from processing.pictures.preview import write_mask
 from processing.pipeline import resolve, stage_named
 from processing.report.sections import detect_section, tinted
 from processing.segmentation.evidence import write_evidence
-from processing.stages.contract import StageContext
+from processing.stages.contract import StageContext, StageOutput
 from processing.stages.detect import MASKS, nothing_to_go_by, run
 from processing.stages.parameters import DetectParameters
 from processing.stages.upright import sun_direction
@@ -33,6 +33,12 @@ FOUND_SUN = {"outdoor": {"sun": {"found": "yes, 35.00 degrees high"}}}
 @pytest.fixture(scope="module")
 def painted() -> Painted:
     return paint(rows=160)
+
+
+@pytest.fixture(scope="module")
+def usual(painted: Painted, tmp_path_factory: pytest.TempPathFactory) -> StageOutput:
+    """What the stage makes of it with its defaults."""
+    return run(context(painted, tmp_path_factory.mktemp("session")))
 
 
 def picture(painted: Painted, **attributes: object) -> LuminanceImage:
@@ -66,21 +72,20 @@ def context(painted: Painted, folder: Path, **changes: Any) -> StageContext:
     return replace(whole, **changes)
 
 
-def test_masks_are_made_and_reported(painted: Painted, tmp_path: Path) -> None:
-    made = run(context(painted, tmp_path))
-    assert iou(made.artifacts["furniture"], painted.furniture) > 0.9  # type: ignore[arg-type]
-    assert iou(made.artifacts["sunlight"], painted.sunlit) > 0.8  # type: ignore[arg-type]
-    assert set(made.artifacts) == {*MASKS, "target"}
-    assert made.metrics["shares"]["target"] > made.metrics["shares"]["furniture"] > 0.01  # type: ignore[index,operator,call-overload]
-    assert (made.metrics["evidence"], made.metrics["margin_deg"]) == ("painted", 0.6)
-    section = detect_section(picture(painted), made.artifacts, made.metrics)  # type: ignore[arg-type]
+def test_masks_are_made_and_reported(painted: Painted, usual: StageOutput) -> None:
+    assert iou(usual.artifacts["furniture"], painted.furniture) > 0.9  # type: ignore[arg-type]
+    assert iou(usual.artifacts["sunlight"], painted.sunlit) > 0.8  # type: ignore[arg-type]
+    assert set(usual.artifacts) == {*MASKS, "target"}
+    assert usual.metrics["shares"]["target"] > usual.metrics["shares"]["furniture"] > 0.01  # type: ignore[index,operator,call-overload]
+    assert (usual.metrics["evidence"], usual.metrics["margin_deg"]) == ("painted", 0.6)
+    section = detect_section(picture(painted), usual.artifacts, usual.metrics)  # type: ignore[arg-type]
     assert section.pictures[0].data.startswith(b"\xff\xd8")
     assert len(section.quantities) == 5
     assert section.tables[0].rows
 
 
-def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, tmp_path: Path) -> None:
-    plain = run(context(painted, tmp_path)).artifacts["target"]
+def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, usual: StageOutput, tmp_path: Path) -> None:
+    plain = usual.artifacts["target"]
     more, kept = np.zeros((160, 320), bool), np.zeros((160, 320), bool)
     more[:20], kept[80:, :160] = True, True
     write_mask(tmp_path / "more.png", more)
@@ -90,7 +95,7 @@ def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, tmp_pa
     assert np.array_equal(made.artifacts["target"], (plain | more) & ~kept)
     assert not any((made.artifacts[name] & kept).any() for name in MASKS if name in made.artifacts)  # type: ignore[operator,attr-defined]
     assert made.metrics["shares"]["target"] == pytest.approx(share_of_sphere((plain | more) & ~kept), abs=1e-5)  # type: ignore[index,call-overload,operator]
-    patch = run(context(painted, tmp_path)).artifacts["sunlight"]
+    patch = usual.artifacts["sunlight"]
     write_mask(tmp_path / "more.png", patch)  # type: ignore[arg-type]
     thing = np.zeros((160, 320), bool)
     thing[:, 200:] = plain[:, 200:]
