@@ -62,6 +62,12 @@ def picture() -> RelativeImage:
     return sky_picture(SimpleSky(), WIDTH)
 
 
+@pytest.fixture(scope="module")
+def in_units(picture):
+    """The picture with k2 given as 1, and nothing else known."""
+    return calibrated(picture, k2=1.0)
+
+
 @pytest.mark.parametrize("view", ["equidistant", "hemispherical", "equirectangular"])
 def test_the_sun_stands_where_it_is_in_the_world_of_the_panorama(picture, view):
     session = manifest(heading_rad=np.radians(30.0))
@@ -79,10 +85,11 @@ def test_north_without_the_panoramas_heading_is_reported(picture):
 def test_a_heading_instead_of_a_sun_is_reported_only_where_there_is_a_sun(picture):
     session, result = manifest(heading_rad=0.5), "north is the panorama's heading"
     assert any(text.startswith(result) for text in calibrated(picture, session, k2=1.0).warnings)
-    overcast = calibrated(sky_picture(SimpleSky(sun_luminance_cd_m2=0.0), WIDTH), session, k2=1.0)
+    cloudy = sky_picture(SimpleSky(sun_luminance_cd_m2=0.0), WIDTH)
+    overcast = calibrated(cloudy, session, k2=1.0)
     assert overcast.facts["north"]["top_azimuth_deg"] == pytest.approx(np.degrees(0.5))
     assert not any(text.startswith("north") for text in overcast.warnings)
-    lost = calibrated(sky_picture(SimpleSky(sun_luminance_cd_m2=0.0), WIDTH), manifest(), k2=1.0)
+    lost = calibrated(cloudy, manifest(), k2=1.0)
     assert any("the sun was not found" in text for text in lost.warnings)
 
 
@@ -113,16 +120,15 @@ def test_a_lux_reading_scales_a_whole_sky_but_not_one_with_a_clipped_sun(picture
         calibrated(cut, outdoor_lux=50_000.0)
 
 
-def test_clipped_light_makes_a_lower_bound_and_is_reported(picture):
-    cut = sky_picture(SimpleSky(), WIDTH, clip=3e3)
-    out = calibrated(cut, k2=1.0)
+def test_clipped_light_makes_a_lower_bound_and_is_reported(in_units):
+    out = calibrated(sky_picture(SimpleSky(), WIDTH, clip=3e3), k2=1.0)
     assert out.facts["illuminance_lx"]["up"]["clipped_share"] > 0.01
     assert any("lower bound" in text for text in out.warnings)
-    assert not any("lower bound" in text for text in calibrated(picture, k2=1.0).warnings)
+    assert not any("lower bound" in text for text in in_units.warnings)
 
 
-def test_factors_that_were_given_have_no_known_uncertainty(picture):
-    assert any(text.startswith("k2 is as given") for text in calibrated(picture, k2=1.0).warnings)
+def test_factors_that_were_given_have_no_known_uncertainty(in_units):
+    assert any(text.startswith("k2 is as given") for text in in_units.warnings)
     result = calibrate_indoor(even_panorama(), manifest(), CalibrateParameters(k1=2.0), None).warnings
     assert any(text.startswith("k1 is as given") for text in result)
 
@@ -155,21 +161,22 @@ def test_a_profiles_fall_off_of_another_aperture_is_reported_and_doubted(picture
     assert not any("was used" in text for text in result)
 
 
+def unveiled(picture, rgb):
+    """The picture with this light, the same without its veil, and what was found of it."""
+    even, none = np.full(rgb.shape[:2], 0.01, np.float32), np.zeros(rgb.shape[:2], np.uint8)
+    veiled = replace(picture, rgb=rgb, uncertainty=even, validity=none)
+    clean, kernel, found = glare_taken_off(veiled, OPTICS.lens.fisheye((rgb.shape[1], rgb.shape[0])))
+    assert kernel is not None
+    assert found["taken_off"]
+    return veiled, clean, found
+
+
 def test_the_veil_taken_off_leaves_the_light_of_the_field(picture):
     flat = np.where(luminance_cd_m2(picture.rgb)[..., None] > 0, np.float32(1000), np.float32(0))
     inside = flat[..., 0] > 0
     lost = np.float32(0.02)
     rgb = (1 - lost) * flat + lost * 1000 * np.ones(3, np.float32)
-    veiled = replace(
-        picture,
-        rgb=rgb,
-        uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
-        validity=np.zeros(rgb.shape[:2], np.uint8),
-    )
-    lens = OPTICS.lens.fisheye((veiled.rgb.shape[1], veiled.rgb.shape[0]))
-    clean, kernel, found = glare_taken_off(veiled, lens)
-    assert kernel is not None
-    assert found["taken_off"]
+    _, clean, found = unveiled(picture, rgb)
     assert found["index"] == pytest.approx(0.02, rel=0.02)
     assert float(np.median(clean.rgb[inside])) == pytest.approx(1000, rel=1e-3)
 
@@ -179,16 +186,7 @@ def test_the_veil_taken_off_leaves_its_doubt(picture):
     rgb = picture.rgb + np.float32(10.0)
     rgb[height // 2, width // 2] = 1.0
     rgb += np.random.default_rng(1).normal(0, 1, rgb.shape).astype(np.float32)
-    veiled = replace(
-        picture,
-        rgb=rgb,
-        uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
-        validity=np.zeros(rgb.shape[:2], np.uint8),
-    )
-    lens = OPTICS.lens.fisheye((veiled.rgb.shape[1], veiled.rgb.shape[0]))
-    clean, kernel, found = glare_taken_off(veiled, lens)
-    assert kernel is not None
-    assert found["taken_off"]
+    veiled, clean, _ = unveiled(picture, rgb)
     dark = (clean.rgb.sum(axis=-1) == 0) & (veiled.rgb.sum(axis=-1) > 0)
     assert dark.any()
     assert (clean.validity[dark] == Validity.DARK).all()
