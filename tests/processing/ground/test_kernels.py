@@ -139,7 +139,7 @@ def test_what_a_wheel_brings_is_copied_whole_and_not_compiled(tmp_path: Path) ->
     source = tmp_path / "processing" / "ground" / "seam.py"
     source.write_text(source.read_text() + "\n")
     assert _misses(tmp_path, tmp_path / "other") == "0"
-    source = tmp_path / "processing" / "room" / "outline.py"
+    source = tmp_path / "processing" / "pictures" / "writing.py"
     source.write_text(source.read_text() + "\n")
     assert _misses(tmp_path, tmp_path / "third") == "1"
 
@@ -150,28 +150,19 @@ import sys
 sys.path.insert(0, sys.argv[1])
 from processing.ground import kernels
 kernels.LIST = kernels.ROOT / "one.json"
-kernels.LIST.write_text('{"processing.room.outline:_walk": ' + sys.argv[2] + "}")
+kernels.LIST.write_text('{"processing.pictures.writing:_round_bits": ' + sys.argv[2] + "}")
 print(kernels.load_kernels())
 """
-    listed = json.dumps(json.loads(kernels.LIST.read_text("utf-8"))["processing.room.outline:_walk"])
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(root), listed],
-        env={"DAYLIT_KERNELS": str(kept), "PATH": "/usr/bin:/bin"},
-        cwd=root,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.strip()
+    listed = json.dumps(json.loads(kernels.LIST.read_text("utf-8"))["processing.pictures.writing:_round_bits"])
+    return _printed(code, kept, root, str(root), listed)
 
 
 def _place(root: Path, tmp_path: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", CODE, str(root)],
-        env={"DAYLIT_KERNELS": str(tmp_path / "kept"), "PATH": "/usr/bin:/bin"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout
+    return _printed(CODE, tmp_path / "kept", tmp_path, str(root))
+
+
+def _printed(code: str, kept: Path, cwd: Path, *given: str) -> str:
+    environment = {"DAYLIT_KERNELS": str(kept), "PATH": "/usr/bin:/bin"}
+    command = [sys.executable, "-c", code, *given]
+    done = subprocess.run(command, env=environment, cwd=cwd, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
