@@ -22,7 +22,6 @@ from station.session.session import (
     MANIFEST_NAME,
     BracketRecord,
     DeviceRecord,
-    FrameRecord,
     ReadingRecord,
     RejectedFrame,
     SessionManifest,
@@ -31,12 +30,12 @@ from station.session.session import (
     WarningRecord,
 )
 from station.session.store import SessionStore
+from tests.station.session.sessions import STOPS_S, frame_record
 
 T = TypeVar("T")
 Ack = dict[str, object]
 Acknowledge = Callable[[Ack], None]
 
-STOPS_S = (4.0, 1 / 4, 1 / 60)
 SKIPPED = 1
 FRAME_BYTES = 5000
 UTC_TIME = datetime(2023, 5, 19, 15, 54, tzinfo=UTC)
@@ -129,17 +128,7 @@ def _frame(store: SessionStore, side: Side, stop: int) -> None:
         stored = part.commit()
     finally:
         part.abort()
-    store.add_frame(
-        FrameRecord(
-            side=side,
-            stop=stop,
-            file=stored.file,
-            size_bytes=stored.size_bytes,
-            sha256=stored.sha256,
-            asked_s=STOPS_S[stop],
-            camera_s=STOPS_S[stop],
-        )
-    )
+    store.add_frame(frame_record(side, stop, stored))
 
 
 def _after(store: SessionStore, acknowledge: Acknowledge) -> None:

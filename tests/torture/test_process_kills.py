@@ -19,6 +19,7 @@ import pytest
 from processing.running.fingerprint import DigestMemory
 from processing.running.result_store import ResultStore
 from station.session.folder import Folder
+from tests.processing.running.toy_stages import contents
 from tests.station.session.sessions import complete_session
 from tests.torture.ledger import record
 
@@ -47,13 +48,6 @@ def ask(tmp_path: Path) -> Iterator[Ask]:
 
         yield answer
         server.stdin.close()
-
-
-def contents(session: Path) -> dict[str, bytes]:
-    """Every file of the results but what a run costs and the memory of digests."""
-    folder = session / "stages"
-    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name not in ("run.json", ".digests.json")]
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
 def differences(got: dict[str, bytes], want: dict[str, bytes]) -> list[str]:

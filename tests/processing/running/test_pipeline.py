@@ -22,7 +22,7 @@ from processing.stages.contract import Quality, StageContext, StageOutput
 from processing.stages.parameters import StageParameters, path_field
 from station.session.session import SessionManifest
 from tests.processing.running import toy_stages
-from tests.processing.running.toy_stages import BROKEN_LAST, FRAMES, HALF, TOTAL, TOYS
+from tests.processing.running.toy_stages import BROKEN_LAST, FRAMES, HALF, TOTAL, TOYS, contents
 from tests.station.session.sessions import complete_session
 
 RAN, SKIPPED, GIVEN, NOTHING = Action.RAN, Action.SKIPPED, Action.GIVEN, Action.NOTHING_TO_DO
@@ -57,13 +57,6 @@ def reason(report: RunReport, stage: str) -> str:
 
 def result(session: Path, stage: str) -> dict[str, object]:
     return json.loads((session / "stages" / stage / "result.json").read_text())
-
-
-def contents(session: Path) -> dict[str, bytes]:
-    """Every file of the results but run.json and the digest memory."""
-    folder = session / "stages"
-    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name not in ("run.json", ".digests.json")]
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
 def test_first_run_does_all_and_second_nothing(session: Path) -> None:

@@ -25,7 +25,7 @@ from station.errors import DiskFullError, IntegrityError, SessionLockedError, Se
 from station.session import durable
 from station.session.durable import SessionLock
 from station.session.folder import Folder
-from tests.processing.running.toy_stages import TOYS
+from tests.processing.running.toy_stages import TOYS, contents
 from tests.station.session.sessions import complete_session
 from tests.torture.os_faults import Counting, installed
 
@@ -50,12 +50,6 @@ def run(session: Path, **request: object) -> RunReport:
 
 def actions(report: RunReport) -> list[str]:
     return [stage.action.value for stage in report.stages]
-
-
-def contents(session: Path) -> dict[str, bytes]:
-    folder = session / "stages"
-    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name not in ("run.json", ".digests.json")]
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
 def flip(path: Path) -> None:

@@ -130,3 +130,10 @@ HALF = Stage(
 )
 TOYS = (FRAMES, TOTAL, HALF)
 BROKEN_LAST = (FRAMES, TOTAL, replace(HALF, function="tests.processing.running.toy_stages:broken"))
+
+
+def contents(session: Path) -> dict[str, bytes]:
+    """Every file of the results but run.json and the digest memory."""
+    folder = session / "stages"
+    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name not in ("run.json", ".digests.json")]
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
