@@ -4,6 +4,7 @@ Places on a wall are (u, v) in metres of its `Plane`: u to the right, v down fro
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +15,7 @@ from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.segmentation.evidence import SceneEvidence
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Geometry
 from processing.surfaces.maps import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import unwrap
 
@@ -73,19 +74,20 @@ def wall_views(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, r
     shown = luminance[luminance > 0]
     middle = float(np.median(shown)) if shown.size else 1.0
     log = np.log2(luminance + np.float32(0.01 * middle)) - np.float32(math.log2(middle))
-    share = np.ascontiguousarray(np.moveaxis(evidence.probabilities, 0, -1), dtype=np.float32)
+    found = (_wall_view(log, geometry, room, plane) for plane in planes_of(room)[FIRST_WALL:])
+    return shown_by(evidence.probabilities, geometry, room, [view for view in found if view is not None])
+
+
+def shown_by(shares: Floats, geometry: Geometry, room: RoomModel, views: Sequence[WallView]) -> tuple[WallView, ...]:
+    """Return views of a picture of this geometry with these probabilities (len(SceneClass), h, w) of all it shows."""
+    assert isinstance(geometry, Equirectangular)
+    share = np.ascontiguousarray(np.moveaxis(shares, 0, -1), dtype=np.float32)
     coarse = Equirectangular(share.shape[1], share.shape[0], geometry.yaw_rad)
-    found = []
-    for plane in planes_of(room)[FIRST_WALL:]:
-        view = _wall_view(log, geometry, share, coarse, room, plane)
-        if view is not None:
-            found.append(view)
-    return tuple(found)
+    classes = (unwrap(share, coarse, room, view.plane, view.px_per_m).values for view in views)
+    return tuple(replace(view, share=np.moveaxis(one, -1, 0)) for view, one in zip(views, classes, strict=True))
 
 
-def _wall_view(
-    log: Floats, geometry: Equirectangular, share: Floats, coarse: Equirectangular, room: RoomModel, plane: Plane
-) -> WallView | None:
+def _wall_view(log: Floats, geometry: Equirectangular, room: RoomModel, plane: Plane) -> WallView | None:
     to_eye = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
     eye = (float(to_eye @ plane.u_axis), float(to_eye @ plane.v_axis), float(to_eye @ plane.normal))
     if eye[2] <= 0.02:
@@ -94,8 +96,7 @@ def _wall_view(
     light = unwrap(log, geometry, room, plane, px_per_m)
     if light.known.mean() < LEAST_SEEN:
         return None
-    classes = unwrap(share, coarse, room, plane, px_per_m)
-    return WallView(plane, px_per_m, light.values, light.known, np.moveaxis(classes.values, -1, 0), eye)
+    return WallView(plane, px_per_m, light.values, light.known, np.empty((0, 0, 0), np.float32), eye)
 
 
 def _px_per_m(geometry: Equirectangular, eye: Vector, plane: Plane) -> float:
