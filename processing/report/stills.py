@@ -48,6 +48,8 @@ PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1
 AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which a frame after the third is not taken
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
+DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, and mostly open to a dark hall (chosen)
+OPENINGS = ("window", "door")
 
 
 @dataclass(frozen=True)
@@ -88,12 +90,12 @@ class _Thing:
 
 def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) -> tuple[Frame, ...]:
     """Return frames of a room with these pieces, the best first: `FEWEST` to ``most``."""
-    things = _in_sight([*_pieces(items), *_windows(room)], room)
+    things = _in_sight([*_pieces(items), *_openings(room)], room)
     candidates = [
         Frame(math.radians(yaw), lens, drop) for yaw in range(-180, 180, 4) for lens in LENSES_MM for drop in DROPS
     ]
     seen = [_seen(frame, things, room) for frame in candidates]
-    pieces = np.array([thing.name != "window" for thing in things], bool)
+    pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
     bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
     plain = np.array([_plain_share(frame, things, room) for frame in candidates])
     own = np.array([_composition(frame, room) for frame in candidates]) - BARE * bare - PLAIN * plain
@@ -119,7 +121,7 @@ def _in_sight(things: Sequence[_Thing], room: RoomModel) -> list[_Thing]:
 
 
 def _whole_ones(states: Doubles, things: Sequence[_Thing]) -> tuple[str, ...]:
-    return tuple(one.name for one, state in zip(things, states, strict=True) if state == 1 and one.name != "window")
+    return tuple(one.name for one, state in zip(things, states, strict=True) if state == 1 and one.name not in OPENINGS)
 
 
 WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
@@ -165,16 +167,17 @@ def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
     return found
 
 
-def _windows(room: RoomModel) -> list[_Thing]:
+def _openings(room: RoomModel) -> list[_Thing]:
     found = []
     corners = np.array(room.floor)
     for one in room.openings:
-        if one.kind.value == "door":
-            continue
         start, end = corners[one.wall], corners[(one.wall + 1) % len(corners)]
         along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
         places = [(*(start + along * s), z) for s in (one.start_m, one.end_m) for z in (one.sill_m, one.head_m)]
-        found.append(_Thing("window", np.array(places), WINDOW, CUT_WINDOW))
+        if one.kind.value != "door":
+            found.append(_Thing("window", np.array(places), WINDOW, CUT_WINDOW))
+        elif np.hypot(*np.array(places)[:, :2].T).min() < NEAR_DOOR_M:
+            found.append(_Thing("door", np.array(places), -DOOR, DOOR))
     return found
 
 
@@ -208,7 +211,7 @@ def _plain_share(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> flo
     columns, plain = np.linspace(-0.95, 0.95, 39), np.ones(39, bool)
     for thing in things:
         x, _, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
-        if (ahead > 0.05).any():
+        if thing.name != "door" and (ahead > 0.05).any():
             plain &= (columns < x[ahead > 0.05].min()) | (columns > x[ahead > 0.05].max())
     return float(plain.mean())
 

@@ -57,17 +57,13 @@ def _shell(plan: FloorPlan) -> list[Shape]:
         shapes += _window(plan, window)
     for door in plan.doors:
         shapes += _door(plan, door)
-    shapes += [_cross(x, y) for x, y in plan.keep_free]
+    turns = [(0.3 * math.cos(k * math.pi / 12), 0.3 * math.sin(k * math.pi / 12)) for k in range(24)]
+    shapes += [Area([(x + dx, y + dy) for dx, dy in turns], "", GREY, 0.008) for x, y in plan.keep_free]
     return shapes
 
 
 def _ring(coords: object) -> list[Point]:
     return [(float(x), float(y)) for x, y in coords]  # type: ignore[attr-defined]
-
-
-def _cross(x: float, y: float) -> Shape:
-    turns = [k * math.pi / 12 for k in range(24)]
-    return Area([(x + 0.3 * math.cos(t), y + 0.3 * math.sin(t)) for t in turns], "", GREY, 0.008)
 
 
 def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, y0: float, y1: float) -> list[Point]:

@@ -26,9 +26,10 @@ from processing.report.stills import (
     MOST,
     NEAR_M,
     Frame,
+    _openings,
     _pieces,
     _plain_share,
-    _windows,
+    _seen,
     aimed,
     frames_of,
     run,
@@ -71,9 +72,23 @@ def test_frames_are_level_of_the_trades_lenses_apart_and_show_main_pieces_whole(
     assert frames_of(ROOM, ITEMS) == frames
 
 
+def test_a_door_near_the_camera_is_kept_out_of_frames() -> None:
+    """It fills a picture's edge, mostly open to a dark hall; a far one costs nothing."""
+
+    def with_door(wall: int, start_m: float) -> RoomModel:
+        door = Opening(kind=OpeningKind.DOOR, wall=wall, start_m=start_m, end_m=start_m + 0.9, sill_m=0.0, head_m=2.0)
+        return ROOM.model_copy(update={"openings": (*ROOM.openings, door)})
+
+    near, far = with_door(0, 1.8), with_door(3, 2.8)
+    seen = [_seen(frame, _openings(near), near) for frame in frames_of(ROOM, ITEMS, FEWEST)]
+    assert any(states[1] != 0 for states in seen), "a frame would show it"
+    assert not any(_seen(frame, _openings(near), near)[1] for frame in frames_of(near, ITEMS, FEWEST))
+    assert [thing.name for thing in _openings(far)] == ["window"]
+
+
 def test_columns_of_plain_wall_count_against_a_frame() -> None:
     """Pieces and the window are to the left: to the right there is bare wall; the wardrobe's side comes before it."""
-    things = [*_pieces(ITEMS), *_windows(ROOM)]
+    things = [*_pieces(ITEMS), *_openings(ROOM)]
     assert _plain_share(Frame(math.radians(150), 24.0, 0.0), things, ROOM) == 1.0
     shares = [_plain_share(frame, things, ROOM) for frame in frames_of(ROOM, ITEMS)]
     assert shares[0] < 0.35
