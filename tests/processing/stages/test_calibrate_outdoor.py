@@ -118,6 +118,7 @@ def test_a_lux_reading_scales_a_whole_sky_but_not_one_with_a_clipped_sun(picture
     cut = sky_picture(SimpleSky(), WIDTH, clip=1e5)
     with pytest.raises(ScaleError, match="sun is clipped"):
         calibrated(cut, outdoor_lux=50_000.0)
+    assert any("clipped in the shortest stop" in text for text in calibrated(cut, k2=1.0).warnings)
 
 
 def test_clipped_light_makes_a_lower_bound_and_is_reported(in_units):
