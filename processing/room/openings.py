@@ -147,7 +147,7 @@ def find_openings(
 ) -> tuple[Opening, ...]:
     """Return the openings of a room (its own are not looked at) in an upright equirectangular picture.
 
-    Of a mean of two networks' evidence, doors are looked for in ours alone too: on ZInD it misses many of them.
+    Where the evidence is a mean of two networks', doors are looked for in ours alone too: the mean misses many.
     ``outdoor``: the sky's picture of the same moment; windows in a picture in cd/m2 must then be as bright as what it
     shows, through glass, or their confidence is halved. Openings never overlap; those too small are left out.
 

@@ -80,7 +80,7 @@ class SceneEvidence:
         return np.asarray(self.probabilities[list(classes)].sum(axis=0), dtype=np.float32)
 
 
-FORMAT = 2  # raised when the file's arrays change
+FORMAT = 2  # raised when arrays that a reader needs change
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
 _DETAILS = ("reach", "skirting", "own")
 LARGEST_PIXELS = 8 << 20
