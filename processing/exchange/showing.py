@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ProcessingError
-from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.arrays import Bytes, Floats
 from processing.ground.room_model import RoomModel, read_room
+from processing.light.scene.scene import REVEAL_M
 from processing.pictures.display import AS_GIVEN, Display, display_of, spot_colour
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
@@ -21,6 +22,7 @@ from station.session import strict_json
 from station.session.session import SessionManifest
 from station.session.store import load_manifest
 
+FRAME_M = 0.06  # of a sash; chosen
 DISPLAY_FILE = Path("stages", "stills", "display.json")
 """Of a session: the display that its stills were made with, which all else follows."""
 
@@ -40,11 +42,15 @@ class Shown:
 
 
 @lru_cache(maxsize=2)
-def panes_of(room: RoomModel | None, geometry: Geometry) -> Flags | None:
-    """Return where an upright panorama shows windows and doors (H, W), since doors may be glazed; None: none known."""
-    if room is None or not isinstance(geometry, Equirectangular):
+def panes_of(room: RoomModel | None, geometry: Geometry) -> Bytes | None:
+    """Return where an upright panorama shows windows and doors (H, W), since doors may be glazed; None: none known.
+
+    1: an opening's reveal and frame, as deep and wide as they usually are; 2: its glass.
+    """
+    if room is None or not isinstance(geometry, Equirectangular) or not room.openings:
         return None
-    return np.asarray(opening_map(room, geometry) >= 0) if room.openings else None
+    glass = opening_map(room, geometry, REVEAL_M, FRAME_M) >= 0
+    return np.add(opening_map(room, geometry) >= 0, glass, dtype=np.uint8)
 
 
 def shown_as(

@@ -106,8 +106,8 @@ class Display:
     def light(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Floats:
         """Return linear RGB (H, W, 3) as the film gets it, float32 >= 0; see `screen`.
 
-        ``panes`` (H, W), bool or 0 to 1: where one looks out of a window; ``around``: whether it is a whole panorama,
-        whose left edge goes on at the right.
+        ``panes`` (H, W): where one looks out of a window, bool or 2; 1: at its reveal or frame. ``around``: whether it
+        is a whole panorama, whose left edge goes on at the right.
         """
         out = np.empty(rgb.shape, np.float32)
         matrix = np.reshape(np.asarray(self.matrix, np.float32), (3, 3))
@@ -169,15 +169,15 @@ AS_GIVEN = Display((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 1.0, "given")
 
 
 def display_of(
-    rgb: Floats, *, board_rgb: Doubles | None = None, panes: Flags | None = None, balanced: bool = False
+    rgb: Floats, *, board_rgb: Doubles | None = None, panes: npt.NDArray[Any] | None = None, balanced: bool = False
 ) -> Display:
     """Return how a room is shown, from its panorama (H, W, 3), linear, any scale.
 
     ``board_rgb``: colour (3,) of the white board (`spot_colour`), any scale.
-    ``panes`` (H, W): where one looks out of a window; None where no windows are known.
+    ``panes`` (H, W): see `Display.light`; None where no windows are known.
     ``balanced``: the picture is a camera's own, with white as it should be.
     """
-    white, source = (np.ones(3), "given") if balanced else _white(rgb, board_rgb, panes)
+    white, source = (np.ones(3), "given") if balanced else _white(rgb, board_rgb, None if panes is None else panes > 0)
     step = max(1, rgb.shape[1] // 1024)
     sample = rgb[step // 2 :: step, step // 2 :: step]
     weight = np.broadcast_to(row_solid_angles(sample.shape[:2]), sample.shape[:2])
@@ -186,7 +186,7 @@ def display_of(
     gain = (cone @ xyz @ np.ones(3)) / (cone @ xyz @ white)
     adapted = np.asarray(np.asarray(RGB_OF_XYZ) @ np.linalg.inv(cone) @ np.diag(gain) @ cone @ xyz)
     level = luminance_cd_m2(np.maximum(sample @ adapted.T.astype(np.float32), 0))
-    outside = np.zeros(level.shape, bool) if panes is None else panes[step // 2 :: step, step // 2 :: step]
+    outside = np.zeros(level.shape, bool) if panes is None else panes[step // 2 :: step, step // 2 :: step] > 0
     bright = _weighted_quantile(level[~outside], weight[~outside], BRIGHT_SHARE)
     exposure = BRIGHT_LEVEL / bright if bright > 0 else 1.0
     outside = outside & (level * exposure > LEAST_VIEW)
@@ -263,7 +263,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
 
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
-    follows the picture's (guided filter, He et al. 2013). Bars, reveals and furniture before a pane thus stay.
+    follows the picture's (guided filter, He et al. 2013). Bars and furniture before a pane thus stay; a window's reveal
+    and frame are lowered with the view, but balanced by half, as much of their light is the room's.
     """
     margin = max(2, round(_EDGE_RAD / math.pi * len(light))) if around else max(2, len(light) // 150)
     rows = np.flatnonzero(panes.any(axis=1))
@@ -272,7 +273,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
-    mask = np.asarray(panes[top:bottom] * view, np.float32)
+    mask = np.asarray((panes[top:bottom] > 0) & view, np.float32)
+    glass = cv2.blur(panes[top:bottom] * np.float32(1 if panes.dtype == bool else 0.5), (margin, margin))
     mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.float32)
     guide = np.log2(np.maximum(level, np.float32(1e-3)))
     if around:
@@ -285,4 +287,4 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
         seen, share = level[row, columns], np.minimum(soft[row, columns], 1)[:, None]
         lowered = np.hypot(np.minimum(seen, np.float32(PLATEAU)), seen * np.float32(pull))
         lowered = np.minimum(lowered, seen) / np.maximum(seen, np.float32(1e-6))
-        part[row, columns] *= (lowered[:, None] * balanced) ** share
+        part[row, columns] *= (lowered[:, None] * balanced ** glass[row, columns][:, None]) ** share

@@ -92,7 +92,7 @@ class LiveRoom:
         shown = session_shown(session)
         look = Look(shown.display, label="" if staged is None else Look.label)
         sight = self._ready.view.full
-        self._look = replace(look, panes=(sight.label == GLASS).reshape(sight.shape))
+        self._look = replace(look, panes=np.uint8(2) * (sight.label == GLASS).reshape(sight.shape))
         name = "empty" if staged is None else f"staged-{staged}"
         self._state = State("Light", lambda: self.room.picture, staged is not None, name)
         self._page = viewer(self._state, self._look)

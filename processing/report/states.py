@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, PanoramaTags, jpeg_bytes, labelled
-from processing.ground.arrays import Bytes, Flags, Floats, Indices, UInt16s
+from processing.ground.arrays import Bytes, Floats, Indices, UInt16s
 from processing.ground.room_model import RoomModel
 from processing.pictures.display import AS_GIVEN, Display, screen
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
@@ -31,8 +31,8 @@ class Look:
     """How all states of a room are shown."""
 
     display: Display = AS_GIVEN
-    panes: Flags | None = None
-    """(H, W): where one looks out of a window; None: no windows are known."""
+    panes: Bytes | None = None
+    """(H, W): 1 at a window's reveal and frame, 2 where one looks out of it; None: no windows are known."""
     yaw_rad: float = 0.0
     """Where views look first."""
     label: str = TEXT
@@ -46,11 +46,10 @@ class Look:
         """Return linear light (H, W, 3) as the film gets it: of a panorama, or of a ``view``'s pixels."""
         if self.panes is None:
             return self.display.light(rgb, around=view is None)
-        codes = self.panes.astype(np.uint8)
         if view is None:
-            seen = cv2.resize(codes, (rgb.shape[1], rgb.shape[0]), interpolation=cv2.INTER_NEAREST)
+            seen = cv2.resize(self.panes, (rgb.shape[1], rgb.shape[0]), interpolation=cv2.INTER_NEAREST)
         else:
-            seen = cut_view(Panorama(255 * codes), view)[-len(rgb) :] // 128
+            seen = (cut_view(Panorama(127 * self.panes), view)[-len(rgb) :] + 63) // 127
         return self.display.light(rgb, seen, around=view is None)
 
 

@@ -46,7 +46,7 @@ MARGIN = 0.015  # of the picture's width, around a piece that counts as whole
 PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 2.5
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 AGAIN = 0.3  # of the worth of what an earlier frame shows
-ENOUGH = 0.55  # worth below which a frame after the third is not taken
+ENOUGH = 0.55  # worth below which no frame more than the fewest is taken
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
 DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, and mostly open to a dark hall (chosen)
 OPENINGS = ("window", "door")
@@ -88,8 +88,10 @@ class _Thing:
     """What it costs where the picture's edge cuts it."""
 
 
-def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) -> tuple[Frame, ...]:
-    """Return frames of a room with these pieces, the best first: `FEWEST` to ``most``."""
+def frames_of(
+    room: RoomModel, items: Sequence[PlacedItem], most: int = MOST, fewest: int = FEWEST
+) -> tuple[Frame, ...]:
+    """Return frames of a room with these pieces, the best first: ``fewest`` (whatever they are worth) to ``most``."""
     things = _in_sight([*_pieces(items), *_openings(room)], room)
     candidates = [
         Frame(math.radians(yaw), lens, drop) for yaw in range(-180, 180, 4) for lens in LENSES_MM for drop in DROPS
@@ -107,7 +109,7 @@ def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) ->
             turned = [abs(math.remainder(one.yaw_rad - candidates[k].yaw_rad, 2 * math.pi)) for one in candidates]
             worth[np.array(turned) < APART_RAD] = -np.inf
         best = int(np.argmax(worth))
-        if not np.isfinite(worth[best]) or (len(chosen) >= FEWEST and worth[best] < ENOUGH):
+        if not np.isfinite(worth[best]) or (len(chosen) >= fewest and worth[best] < ENOUGH):
             break
         chosen.append(best)
         shown = np.maximum(shown, seen[best] == 1)
@@ -271,7 +273,7 @@ def run(context: StageContext) -> StageOutput:
         if not context.has("render", name):
             continue
         assert room is not None
-        frames = _framed(context, room, one.items, number)
+        frames = _framed(context, room, one.items, number, len(every))
         if number == 1:
             frames = with_aimed(aimed(asked.aim, room, one.items), frames)
         make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
@@ -292,14 +294,17 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _framed(context: StageContext, room: RoomModel, items: Sequence[PlacedItem], number: int) -> tuple[Frame, ...]:
-    """Return the frames of an alternative, which are looked for once: all of the first, the best of others."""
-    most, own = MOST if number == 1 else 1, [item.model_dump(mode="json") for item in items]
+def _framed(
+    context: StageContext, room: RoomModel, items: Sequence[PlacedItem], number: int, alternatives: int
+) -> tuple[Frame, ...]:
+    """Return an alternative's frames, looked for once: the first's good ones, the others' best; `FEWEST` in all."""
+    most, fewest = (MOST, max(2, FEWEST + 1 - alternatives)) if number == 1 else (1, 1)
+    own = [item.model_dump(mode="json") for item in items]
 
     def look() -> list[dict[str, Any]]:
-        return [{**asdict(one), "shows": list(one.shows)} for one in frames_of(room, items, most)]
+        return [{**asdict(one), "shows": list(one.shows)} for one in frames_of(room, items, most, fewest)]
 
-    found = context.part(f"frames-{number}", (), [most, own], look, apart="arrange")
+    found = context.part(f"frames-{number}", (), [most, fewest, own], look, apart="arrange")
     return tuple(Frame(**{**one, "shows": tuple(one["shows"])}) for one in found)
 
 

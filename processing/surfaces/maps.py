@@ -202,10 +202,10 @@ def plane_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
     return _planes(columns_of(room, geometry), latitudes(geometry))
 
 
-def opening_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
-    """Return `SurfaceMaps.opening`, shape (H, W), alone."""
+def opening_map(room: RoomModel, geometry: Equirectangular, behind_m: float = 0, frame_m: float = 0) -> Int16s:
+    """Return `SurfaceMaps.opening`, shape (H, W), alone; or of what is ``behind_m`` its wall's face, less a frame."""
     check_stands(room)
-    return _openings(room, columns_of(room, geometry), latitudes(geometry))
+    return _openings(room, columns_of(room, geometry), latitudes(geometry), behind_m, frame_m)
 
 
 def boundary_rows(room: RoomModel, geometry: Equirectangular) -> tuple[Doubles, Doubles]:
@@ -250,20 +250,23 @@ def _depths(room: RoomModel, columns: Columns, latitude: Doubles, plane: Int16s)
     return np.where(plane == FLOOR, floor[:, None], np.where(plane == CEILING, ceiling[:, None], level))
 
 
-def _openings(room: RoomModel, columns: Columns, latitude: Doubles) -> Int16s:
+def _openings(room: RoomModel, columns: Columns, latitude: Doubles, behind_m: float = 0, frame_m: float = 0) -> Int16s:
     found = np.full((len(latitude), len(columns.wall)), NONE, np.int16)
     floor = np.asarray(room.floor, dtype=np.float64)
     climb = np.tan(latitude)
     for index, opening in enumerate(room.openings):
         start, end = floor[opening.wall], floor[(opening.wall + 1) % len(floor)]
         along = (end - start) / np.hypot(*(end - start))
-        x, y = columns.range_m * np.sin(columns.azimuth_rad), columns.range_m * np.cos(columns.azimuth_rad)
+        away = float(start[0] * along[1] - start[1] * along[0])  # of the wall from the camera
+        reach = columns.range_m * (1 + behind_m / max(away, 1e-9))
+        x, y = reach * np.sin(columns.azimuth_rad), reach * np.cos(columns.azimuth_rad)
         place = (x - start[0]) * along[0] + (y - start[1]) * along[1]
-        within = (columns.wall == opening.wall) & (place >= opening.start_m) & (place <= opening.end_m)
-        seen = np.flatnonzero(within)
-        height = room.camera_height_m + columns.range_m[seen] * climb[:, None]
-        inside = (height >= opening.sill_m) & (height <= opening.head_m)
+        within = (place >= opening.start_m + frame_m) & (place <= opening.end_m - frame_m)
+        seen = np.flatnonzero(within & (columns.wall == opening.wall))
+        height = room.camera_height_m + reach[seen] * climb[:, None]
+        inside = (height >= opening.sill_m + frame_m) & (height <= opening.head_m - frame_m)
         # Floor and ceiling are nearer than what the wall's plane would show below and above.
+        height = room.camera_height_m + columns.range_m[seen] * climb[:, None]
         inside &= (height >= 0) & (height <= room.ceiling_height_m)
         part = found[:, seen]
         part[inside] = index

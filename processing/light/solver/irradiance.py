@@ -230,6 +230,7 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
 EVEN_RAD, EVEN_RANGE = 0.06, 0.9
 """Over which a ratio of two lights is evened out, and by how much (natural logarithm, summed over the channels) it may
 differ there; chosen on the demo's room: contact shadows and half shadows stay, blotches of single texels go."""
+RIM_PX = 5  # of the neighbours that say what light is at a surface's end (chosen: its own and the next two pixels)
 APART = 20.0  # of such a ratio, between places that have nothing to do with each other
 
 
@@ -243,9 +244,26 @@ def evened(after: Floats, before: Floats, sight: Sight, known: Flags) -> Floats:
     label, sigma_px = sight.label.reshape(sight.shape), EVEN_RAD / np.pi * sight.shape[0]
     mine = known & (label >= 0) & (label < FIRST_PART)
     ratio = np.log(np.maximum(after, 1e-9) / np.maximum(before, 1e-9)).clip(-APART / 4, APART / 4)
-    # Values so far apart have no weight in each other's mean.
-    shifted = np.where(mine, APART * label, -APART)[..., None] + np.where(mine[..., None], ratio, 0)
     pad_px = 2 * math.ceil(sigma_px)
-    smooth = cv2.bilateralFilter(wrapped(shifted.astype(np.float32), pad_px), -1, EVEN_RANGE, sigma_px)
+    whose = wrapped(np.where(mine, label, -1).astype(np.float32), pad_px)
+    shifted = wrapped(np.where(mine[..., None], ratio, 0).astype(np.float32), pad_px)
+    _rims_by_inner(shifted, whose, wrapped((label < FIRST_PART).astype(np.uint8), pad_px) > 0)
+    # Values so far apart have no weight in each other's mean.
+    smooth = cv2.bilateralFilter(shifted + np.float32(APART) * whose[..., None], -1, EVEN_RANGE, sigma_px)
     change = np.exp(smooth[:, pad_px:-pad_px] - APART * label[..., None])
     return np.asarray(np.where(mine[..., None] & (ratio != 0), before * change, after), np.float32)
+
+
+def _rims_by_inner(ratio: Floats, label: Floats, room: Flags) -> None:
+    """Replace a ratio (H, W, 3) where a surface of the ``room`` (H, W) ends at another by what it is further in.
+
+    There the denoiser brings a bright sill's light to the wall below it, to one picture more than to the other. Ends at
+    furniture stay: contact shadows are there. ``label`` (H, W) is below 0 where nothing is known.
+    """
+    for one in np.unique(label[label >= 0]):
+        own = label == one
+        beyond = cv2.dilate((~own & room).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        inner = (own & ~beyond)[..., None].astype(np.float32)
+        around = cv2.blur(np.concatenate([ratio * inner, inner], axis=2), (RIM_PX, RIM_PX))
+        rim = own & beyond & (around[..., 3] > 1e-3)
+        ratio[rim] = around[rim, :3] / around[rim, 3:]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.ground.colour import lab_of_linear, linear_of_srgb, srgb_encoded
+from processing.ground.colour import lab_of_linear, linear_of_srgb, luminance_cd_m2, srgb_encoded
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
@@ -100,6 +100,11 @@ def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
     before, after = (float(one[2] / one[0]) for one in (plain, pulled))
     assert 1 < after < before
     assert after == pytest.approx(before ** (1 - DAYLIGHT_SHARE), rel=0.02)
+    # A reveal is as dark as the view beside it, and half as far from the room's white: not yellow.
+    rim = display.light(rgb, panes.astype(np.uint8))[27, 70]
+    assert luminance_cd_m2(rim) == pytest.approx(luminance_cd_m2(pulled), rel=0.02)
+    assert rim[2] / rim[0] == pytest.approx(before ** (1 - DAYLIGHT_SHARE / 2), rel=0.02)
+    np.testing.assert_array_equal(display.light(rgb, 2 * panes.astype(np.uint8)), display.light(rgb, panes))
 
 
 def test_trees_in_the_shade_are_part_of_the_view() -> None:

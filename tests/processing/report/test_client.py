@@ -13,6 +13,7 @@ import pytest
 
 from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
+from processing.report.stills import FEWEST
 from processing.report.stills import run as frame
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters
@@ -38,7 +39,7 @@ def staged(tmp_path_factory: pytest.TempPathFactory) -> StageContext:
 
 def test_pictures_come_with_statement_original_and_full_size(staged: StageContext) -> None:
     data = client_data(staged, report_data(staged))
-    assert len(data.stills) >= 4
+    assert len(data.stills) >= FEWEST
     for still in data.stills:
         assert "virtual" in still.statement
         for link in (still.original, still.file):

@@ -18,6 +18,7 @@ from processing.surfaces.maps import (
     in_sight,
     latitudes,
     longitudes,
+    opening_map,
     plane_map,
     planes_of,
     surface_maps,
@@ -128,6 +129,18 @@ def test_an_opening_is_seen_on_its_wall_only_and_not_through_another() -> None:
     across = (rays * maps.depth_m[..., None])[..., 0][maps.opening == 0]
     assert -0.5 <= across.min() < -0.43
     assert 0.43 < across.max() <= 0.5
+
+
+def test_glass_behind_the_wall_s_face_is_seen_smaller_and_shifted_by_its_reveal() -> None:
+    """By hand: the wall is 5 m away, glass 0.2 m behind it, so that a place on it is seen at 5 / 5.2 of its height."""
+    room, geometry = model(ELL, openings=[window(4, 0.5, 1.5)]), Equirectangular(2048, 1024)
+    rays, _ = directions(geometry)
+    seen = rays[opening_map(room, geometry, 0.2, 0.06) == 0] * 5.2
+    seen /= rays[opening_map(room, geometry, 0.2, 0.06) == 0][:, 1:2]
+    assert np.abs(seen[:, 0]).max() == pytest.approx(0.44, abs=0.02)
+    assert 1.6 + seen[:, 2].min() == pytest.approx(0.96, abs=0.02)
+    assert 1.6 + seen[:, 2].max() == pytest.approx(2.04, abs=0.02)
+    assert np.array_equal(opening_map(room, geometry), surface_maps(room, geometry).opening)
 
 
 def test_camera_close_to_a_wall() -> None:
