@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ from processing.errors import ProcessingError
 from processing.ground.arrays import Bytes, Floats
 from processing.ground.room_model import RoomModel, read_room
 from processing.light.scene.scene import REVEAL_M
-from processing.pictures.display import AS_GIVEN, Display, display_of, spot_colour
+from processing.pictures.display import AS_GIVEN, LEAST_VIEW, Display, display_of, spot_colour
 from processing.pictures.exr import read_exr
-from processing.pictures.images import LuminanceImage
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.sphere import Equirectangular, Geometry
 from processing.surfaces.maps import opening_map
 from station.session import strict_json
@@ -23,6 +23,7 @@ from station.session.session import SessionManifest
 from station.session.store import load_manifest
 
 FRAME_M = 0.06  # of a sash; chosen
+VIEW_OF_IT = 0.05  # share of an opening that is as bright as a view, from which it shows one; chosen
 DISPLAY_FILE = Path("stages", "stills", "display.json")
 """Of a session: the display that its stills were made with, which all else follows."""
 
@@ -37,18 +38,20 @@ class Shown:
 
     def rgb8(self, rgb: Floats, geometry: Geometry) -> Bytes:
         """Return a picture (H, W, 3) from the camera's place, linear, in the session's unit, as sRGB codes."""
-        panes = panes_of(self.room, geometry)
+        panes = panes_of(self.room, geometry, self.display.views)
         return self.display.shown(rgb, panes, around=isinstance(geometry, Equirectangular))
 
 
 @lru_cache(maxsize=2)
-def panes_of(room: RoomModel | None, geometry: Geometry) -> Bytes | None:
+def panes_of(room: RoomModel | None, geometry: Geometry, views: tuple[int, ...] | None = None) -> Bytes | None:
     """Return where an upright panorama shows windows and doors (H, W), since doors may be glazed; None: none known.
 
-    1: an opening's reveal and frame, as deep and wide as they usually are; 2: its glass.
+    1: an opening's reveal and frame, as deep and wide as they usually are; 2: its glass. ``views``: see `Display`.
     """
     if room is None or not isinstance(geometry, Equirectangular) or not room.openings:
         return None
+    if views is not None:
+        room = room.model_copy(update={"openings": tuple(room.openings[i] for i in views)})
     glass = opening_map(room, geometry, REVEAL_M, FRAME_M) >= 0
     return np.add(opening_map(room, geometry) >= 0, glass, dtype=np.uint8)
 
@@ -71,7 +74,19 @@ def shown_as(
         longitude = math.radians(target["longitude_deg"]) - indoor.geometry.yaw_rad
         board = spot_colour(indoor.rgb, longitude, math.radians(target["latitude_deg"]))
     panes = panes_of(room, photograph.geometry)
-    return Shown(display_of(photograph.rgb, board_rgb=board, panes=panes, balanced=mode == "panorama"), room)
+    display = display_of(photograph.rgb, board_rgb=board, panes=panes, balanced=mode == "panorama")
+    return Shown(display if room is None else replace(display, views=_views(display, photograph, room)), room)
+
+
+def _views(display: Display, photograph: LuminanceImage, room: RoomModel) -> tuple[int, ...]:
+    """Return the openings in which the photograph shows something bright: not a wardrobe that was taken for a door, in
+    whose place there will be a bright wall.
+    """
+    step = max(1, photograph.rgb.shape[1] // 1024)
+    level = luminance_cd_m2(display.light(np.ascontiguousarray(photograph.rgb[step // 2 :: step, step // 2 :: step])))
+    opening = opening_map(room, Equirectangular(level.shape[1], level.shape[0]))
+    bright = [(level[opening == number] > LEAST_VIEW).mean() for number in range(len(room.openings))]
+    return tuple(number for number, share in enumerate(bright) if share > VIEW_OF_IT)
 
 
 def session_shown(session: Path) -> Shown:

@@ -65,6 +65,8 @@ class Display:
     """Factor of what is seen through panes, 1 or less."""
     source: str
     """What is taken for white: "board", "windows", "surfaces", each of them also "and ceiling"; "given": as it was."""
+    views: tuple[int, ...] | None = None
+    """Of the room's openings those that show a view in the photograph; None: all."""
 
     @property
     def exposure(self) -> float:
@@ -96,7 +98,9 @@ class Display:
     def read(cls, facts: Mapping[str, Any]) -> Display:
         """Return what `to_dict` gave; raise `ParameterError` for anything else."""
         try:
-            found = cls(tuple(float(v) for v in facts["matrix"]), float(facts["pull"]), str(facts["source"]))
+            views = facts.get("views")
+            given = float(facts["pull"]), str(facts["source"]), None if views is None else tuple(map(int, views))
+            found = cls(tuple(float(v) for v in facts["matrix"]), *given)
         except (KeyError, TypeError, ValueError) as error:
             raise ParameterError("not a display's parameters", advice="process the session again") from error
         if len(found.matrix) != 9 or not 0 < found.pull <= 1 or not np.isfinite(found.matrix).all():

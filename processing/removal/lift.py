@@ -24,6 +24,7 @@ from processing.ground.seam import resized
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
+from processing.removal.plane_fill import LEAST_OPEN
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import opening_map, plane_map
@@ -81,8 +82,12 @@ def lifted(
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
     plane = plane_map(room, geometry)
-    windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
-    glass = np.isin(opening_map(room, geometry), windows)
+    opening, glass = opening_map(room, geometry), np.zeros_like(target)
+    for number, one in enumerate(room.openings):
+        mine = opening == number
+        # A window that is hidden altogether is filled as wall, and lit as one.
+        if one.kind is OpeningKind.WINDOW and (mine & ~target).sum() >= LEAST_OPEN * mine.sum():
+            glass |= mine
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance = np.empty_like(image.rgb)
     change = np.zeros(image.rgb.shape[:2], np.float32)

@@ -24,6 +24,7 @@ PATTERN = 0.012  # roughness about light and profile from which a wall or ceilin
 MOST_GRAIN = 0.06  # roughness above which no wall's grain is seen but curtains and things, not copied (chosen)
 WALL_NCC = 0.72  # of a wall's lattice: what hangs on it imitates one more easily than on a floor
 LITTLE = 0.15  # share of a floor seen under which a lattice must be as strong as on walls (chosen on two real rooms)
+LEAST_OPEN = 0.05  # share of an opening that is seen, from which it is there (chosen)
 LEAST_TEXELS = 30  # known texels of a surface, under which it gets one colour
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
@@ -48,18 +49,24 @@ STRIP_M, STRIP_PX = 0.25, 3.0
 def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Floats:
     """Return a texture (H, W, 3), linear light, whose columns go on in the ``hole`` (H, W) as what is ``known`` ends.
 
-    A column of which nothing is known is as those beside it.
+    They become darker or brighter from row to row as those do that are seen there, so that a curtain's hem runs on. A
+    column of which nothing is known is as those beside it.
     """
     scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
     tall = 2 * round(max(STRIP_M * px_per_m, STRIP_PX) / 2) + 1
     share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
-    tone = cv2.blur(np.where(known[..., None], scale.tone(values), 0).astype(np.float32), (1, tall))
+    tone = scale.tone(values)
+    profile, step, both = np.zeros((len(known), 1, 3), np.float32), np.diff(tone, axis=0), known[1:] & known[:-1]
+    for row in np.flatnonzero(both.sum(axis=1) > ROW_SEEN * (known | hole).any(axis=0).sum()):
+        profile[row + 1, 0] = np.median(step[row, both[row]], axis=0)
+    profile = profile.cumsum(axis=0)
+    tone = cv2.blur(np.where(known[..., None], tone - profile, 0).astype(np.float32), (1, tall))
     above = np.maximum.accumulate(np.where(known, rows, -len(rows)), axis=0)
     below = np.minimum.accumulate(np.where(known, rows, 2 * len(rows))[::-1], axis=0)[::-1]
     nearest = np.where(rows - above <= below - rows, above, below)
     seen = (nearest >= 0) & (nearest < len(rows))
     ends = np.take_along_axis(tone / np.maximum(share, 1e-6), np.where(seen, nearest, 0)[..., None], axis=0)
-    return np.where(hole[..., None], scale.light(spread(ends.astype(np.float32), seen)), values)
+    return np.where(hole[..., None], scale.light(spread(ends.astype(np.float32), seen) + profile), values)
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,7 @@ def fill_plane(
     rest, upright = np.ones_like(hole), np.ones_like(hole)
     for region in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
         inside = hole & region
-        if (sources & region).sum() < 0.05 * region.sum():
+        if (sources & region).sum() < LEAST_OPEN * region.sum():
             # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
             continue
         rest &= ~region

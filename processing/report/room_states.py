@@ -69,9 +69,9 @@ def look_of(context: StageContext, views: Vector, image: LuminanceImage) -> Look
     asked = context.parameters
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
     known, room = context.has("stills", "display"), context.optional_artifact("room", "room")
-    panes = panes_of(room, image.geometry)
-    exposed = image if known else next(room_states(context)).read()
-    return Look(display_in(context, exposed.rgb), panes, views[0], "" if plain else TEXT, views[1], room)
+    display = display_in(context, (image if known else next(room_states(context)).read()).rgb)
+    panes = panes_of(room, image.geometry, display.views)
+    return Look(display, panes, views[0], "" if plain else TEXT, views[1], room)
 
 
 def display_in(context: StageContext, rgb: Floats) -> Display:

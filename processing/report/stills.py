@@ -318,7 +318,8 @@ def _original(context: StageContext, shown: Shown) -> Panorama:
 
 def _whole(shown: Shown, image: LuminanceImage) -> Panorama:
     """Return a panorama in the film's light."""
-    return Panorama(shown.display.light(np.ascontiguousarray(image.rgb), panes_of(shown.room, image.geometry)))
+    panes = panes_of(shown.room, image.geometry, shown.display.views)
+    return Panorama(shown.display.light(np.ascontiguousarray(image.rgb), panes))
 
 
 def _kept(

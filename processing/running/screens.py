@@ -33,7 +33,7 @@ def look_of(session: Path) -> Any:
     from processing.sphere import Equirectangular
 
     found = session_shown(session)
-    return Look(found.display, panes_of(found.room, Equirectangular(SCREEN_PX, SCREEN_PX // 2)))
+    return Look(found.display, panes_of(found.room, Equirectangular(SCREEN_PX, SCREEN_PX // 2), found.display.views))
 
 
 def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
