@@ -110,7 +110,8 @@ def decode_events(stream: bytes) -> tuple[Record, ...]:
             raise _violation(f"an event record of {size} bytes where {len(stream) - at} are left", stream, at)
         if code == 0 and size == RECORD_HEADER_BYTES:
             break
-        records.append(_decode_record(code, stream[at : at + size]))
+        record, decode = stream[at : at + size], _DECODERS.get(code)
+        records.append(decode(code, record) if decode else OtherRecord(code, record[RECORD_HEADER_BYTES:]))
         at += size
     if any(stream[at + RECORD_HEADER_BYTES :]):
         raise _violation("bytes after the end mark of the event stream", stream, at)
@@ -126,13 +127,6 @@ def _violation(message: str, stream: bytes, at: int) -> ProtocolViolationError:
         offset=at,
         bytes_hex=stream[at : at + 32].hex(),
     )
-
-
-def _decode_record(code: int, record: bytes) -> Record:
-    decode = _DECODERS.get(code)
-    if decode is None:
-        return OtherRecord(code, record[RECORD_HEADER_BYTES:])
-    return decode(code, record)
 
 
 def _words(record: bytes, offset: int, count: int) -> tuple[int, ...]:

@@ -177,20 +177,16 @@ class Transactions:
         except DeviceError as error:
             error.where = self.name
             error.details.update(operation=operation, transaction_id=ask.transaction_id)
-            self.broken = self._damage(ask, error)
+            # Nothing is broken where only whole containers, or nothing, had come so far.
+            whole = isinstance(error, DeviceTimeoutError) and self._sent and not self._bulk.in_pieces
+            harmless = whole and len(self._unanswered) < MAX_UNANSWERED
+            self.broken = None if harmless else f"{operation_name(operation)}: {error.message}"
             self._lost = isinstance(error, DeviceLostError)
             raise
         self.broken = None
         if reply.code not in accept:
             raise refusal(operation, reply.code, reply.params, where=self.name)
         return reply
-
-    def _damage(self, ask: _Ask, error: DeviceError) -> str | None:
-        """Say what an error left broken; None where only whole containers, or nothing, had come so far."""
-        whole = isinstance(error, DeviceTimeoutError) and self._sent and not self._bulk.in_pieces
-        if whole and len(self._unanswered) < MAX_UNANSWERED:
-            return None
-        return f"{operation_name(ask.operation)}: {error.message}"
 
     @property
     def last_transaction_id(self) -> int:

@@ -110,16 +110,12 @@ class ThetaZ1:
         self._exposure = None
         self._wake()
         self._wait_until_ready(ready_limit_s)
-        self._wait_until_it_takes_settings(ready_limit_s)
+        if not self._properties.has(RicohProp.EXPOSURE_STATUS):
+            # Older firmware does not report a single exposure, but refuses settings meanwhile.
+            mode = self._properties.number(Prop.STILL_CAPTURE_MODE)
+            self._properties.write(Prop.STILL_CAPTURE_MODE, mode, ready_limit_s)
         self._drain_events()
         self._store.remember()
-
-    def _wait_until_it_takes_settings(self, limit_s: float) -> None:
-        """Wait for a single exposure that older firmware does not report: it refuses settings meanwhile."""
-        if self._properties.has(RicohProp.EXPOSURE_STATUS):
-            return
-        mode = self._properties.number(Prop.STILL_CAPTURE_MODE)
-        self._properties.write(Prop.STILL_CAPTURE_MODE, mode, limit_s)
 
     def _wake(self) -> None:
         """Write "awake" until the camera takes it and answers for properties that a sleeping one keeps to itself."""

@@ -105,7 +105,10 @@ class SimulatedCanon5D2(CanonBody):
         self._focused = bool(fault.number("finds")) if fault else self.options.focus_finds
         self._focusing_until_s += self.timing.focus_s
         points = FOCUS_POINTS_IN_USE if self._focused else 0
-        self.agenda.at(self._focusing_until_s, lambda _due_s: self.queue_records(_focus_info(points)))
+        # C189 of D1D3: a count and the points in focus (its true layout is not published)
+        body = struct.pack("<II", 8 + 4 * points, points) + struct.pack(f"<{points}I", *range(points))
+        record = canon_records.value_changed(codes.CanonProp.FOCUS_INFO_EX, body)
+        self.agenda.at(self._focusing_until_s, lambda _due_s: self.queue_records(record))
 
     def _remote_release(self, _request: Request) -> Answer:
         self.refuse_without_remote()
@@ -227,9 +230,3 @@ class SimulatedCanon5D2(CanonBody):
         self.refresh_settings()
         idle = canon_records.number(codes.CanonEvent.CAMERA_STATUS_CHANGED, 0)
         self.queue_records(self.settings.value_record(codes.CanonProp.AVAILABLE_SHOTS), *announcements, idle)
-
-
-def _focus_info(points: int) -> Record:
-    """Return C189 of D1D3: a count and the points in focus (its true layout is not published)."""
-    body = struct.pack("<II", 8 + 4 * points, points) + struct.pack(f"<{points}I", *range(points))
-    return canon_records.value_changed(codes.CanonProp.FOCUS_INFO_EX, body)

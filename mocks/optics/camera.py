@@ -228,17 +228,13 @@ def _add_disc(light: Floats, rows: range, disc: BrightDisc, scene: _Scene) -> No
     held = float((covered * solid_angle).sum())
     if held == 0:
         return
-    share = visible * np.float32(_seen_sr(disc, optics, size) / held)
+    # Of the disc's solid angle, the part that lies in the lens's field
+    points = spread_over_disc(disc.direction, disc.radius_rad, _FIELD_SAMPLES)
+    within = [optics.lens.pixel_of((float(px), float(py), float(pz)), size) is not None for px, py, pz in points]
+    share = visible * np.float32(disc.solid_angle_sr * sum(within) / len(within) / held)
     mine = (y > rows.start) & (y < rows.stop) & (share > 0)
     row, column = (y[mine] - 0.5 - rows.start).astype(int), (x[mine] - 0.5).astype(int)
     light[row, column] += share[mine, None] * np.array(disc.radiance_rgb, dtype=np.float32)
-
-
-def _seen_sr(disc: BrightDisc, optics: CameraOptics, size: Size) -> float:
-    """Return the solid angle of the part of a disc that lies in the lens's field."""
-    points = spread_over_disc(disc.direction, disc.radius_rad, _FIELD_SAMPLES)
-    seen = [optics.lens.pixel_of((float(x), float(y), float(z)), size) is not None for x, y, z in points]
-    return disc.solid_angle_sr * sum(seen) / len(seen)
 
 
 def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Floats, Floats]:

@@ -180,12 +180,9 @@ class RoomView:
         left = np.ones(len(directions), bool)
         left[surface.ray] = False
         if left.any():
-            out[left] = self._outdoors(directions[left], pixel_rad, components)
+            glass = np.array(self.room.glass_transmittance, np.float32)
+            out[left] = outdoors(self.room.sky, directions[left], pixel_rad, components) * glass
         return out
-
-    def _outdoors(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
-        glass = np.array(self.room.glass_transmittance, np.float32)
-        return np.asarray(outdoors(self.room.sky, directions, pixel_rad, components) * glass, dtype=np.float32)
 
     def _lit(self, surface: Surface, components: tuple[str, ...], share: Floats | None) -> tuple[Floats, Floats]:
         """Return irradiance and gloss by some components."""

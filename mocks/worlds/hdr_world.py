@@ -44,22 +44,20 @@ class HdrWorld(OneLight):
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return the picture's radiance, shape (..., 3), bilinear, averaged over ``pixel_rad`` where coarser."""
-        texture = self._texture(site)
+        path, scale = (self.indoor, self.scale) if site is Site.INDOOR else (self.outdoor, self.outdoor_scale)
+        texture = _texture_of(path, path.stat().st_mtime_ns, scale)
         height, width = texture.shape
         longitude = np.arctan2(directions[..., 0], directions[..., 1])
         latitude = np.arcsin(np.clip(directions[..., 2], -1, 1))
         column = (longitude / (2 * math.pi) + 0.5) * width - 0.5
         row = (0.5 - latitude / math.pi) * height - 0.5
-        level = texture.level_for(pixel_rad * height / math.pi)
-        return texture.sample(column, row, level)
+        # The level whose pixels are just not coarser than what is averaged over
+        level = math.floor(math.log2(max(pixel_rad * height / math.pi, 1.0)))
+        return texture.sample(column, row, min(level, len(texture.levels) - 1))
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 for directions of any shape (..., 3): there is no disc to hide."""
         return np.ones(directions.shape[:-1], dtype=np.float32)
-
-    def _texture(self, site: Site) -> MipTexture:
-        path, scale = (self.indoor, self.scale) if site is Site.INDOOR else (self.outdoor, self.outdoor_scale)
-        return _texture_of(path, path.stat().st_mtime_ns, scale)
 
 
 @lru_cache(maxsize=2)
@@ -159,11 +157,6 @@ class MipTexture:
     def shape(self) -> tuple[int, int]:
         """Height and width of the finest level."""
         return self.levels[0].shape[0] - 2, self.levels[0].shape[1] - 2
-
-    def level_for(self, footprint_px: float) -> int:
-        """Return the level whose pixels are just not coarser than ``footprint_px`` finest pixels."""
-        level = math.floor(math.log2(max(footprint_px, 1.0)))
-        return min(level, len(self.levels) - 1)
 
     def sample(self, column: Reals, row: Reals, level: int = 0) -> Floats:
         """Return bilinear values at finest-level coordinates of any shape (0 is the centre of the first pixel).

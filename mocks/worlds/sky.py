@@ -49,11 +49,13 @@ class SimpleSky:
         sky = self._sky(directions, np.maximum(z, 0.01))
         ground_gain = self.ground_luminance_cd_m2 * (0.75 + 0.25 * np.clip(-4 * z, 0, 1))
         ground = _colour((0.95, 1.03, 0.70)) * ground_gain[..., None]
+        # Hedges reach from the horizon to about 6 degrees; ``skyline`` is their height as the z of a direction.
         azimuth = np.arctan2(x, y)
+        wave = 0.5 + 0.3 * np.sin(3 * azimuth + 1.1) + 0.15 * np.sin(11 * azimuth)
+        skyline = np.asarray(0.02 + 0.08 * np.clip(wave + 0.05 * np.sin(43 * azimuth), 0, 1), dtype=np.float32)
         hedge = _colour((0.80, 1.10, 0.55)) * (0.28 * self.ground_luminance_cd_m2)
-        below_skyline = z < _skyline(azimuth)
         over_ground = np.where((z < -0.02)[..., None], ground, hedge)
-        return np.where(below_skyline[..., None], over_ground, sky).astype(np.float32)
+        return np.where((z < skyline)[..., None], over_ground, sky).astype(np.float32)
 
     def _sky(self, directions: Floats, z: Floats) -> Floats:
         cos_sun = np.clip(directions @ np.array(self.sun_direction, dtype=np.float32), -1, 1)
@@ -76,12 +78,6 @@ def _gradation(cos_zenith: Floats | np.float32) -> Floats:
 def _indicatrix(cos_sun: Floats | np.float32, angle_rad: Floats | np.float32) -> Floats:
     peak = 10 * (np.exp(-3 * angle_rad) - math.exp(-3 * math.pi / 2))
     return np.asarray(1 + peak + 0.45 * cos_sun**2, dtype=np.float32)
-
-
-def _skyline(azimuth_rad: Floats) -> Floats:
-    """Height of the hedges as the z of a direction: nowhere below the horizon, up to about 6 degrees."""
-    wave = 0.5 + 0.3 * np.sin(3 * azimuth_rad + 1.1) + 0.15 * np.sin(11 * azimuth_rad)
-    return np.asarray(0.02 + 0.08 * np.clip(wave + 0.05 * np.sin(43 * azimuth_rad), 0, 1), dtype=np.float32)
 
 
 def _colour(rgb: Vector) -> Floats:

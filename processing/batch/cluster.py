@@ -97,7 +97,10 @@ def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]
     # First of all: it brings its own settings, which would go with ours if ours were there before.
     import distributed
 
-    _quiet(distributed.__name__)
+    # Dask's own log lines stay off the terminal: what becomes of sessions is reported by us.
+    library = distributed.__name__
+    for name in (library, *(f"{library}.{part}" for part in ("nanny", "scheduler", "worker")), "tornado"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     import dask
 
     with dask.config.set(_SETTINGS):
@@ -162,9 +165,3 @@ def _here(workers: int, scratch: Path) -> Any:
         local_directory=str(scratch),
         silence_logs=logging.CRITICAL,
     )
-
-
-def _quiet(library: str) -> None:
-    """Keep Dask's own log lines off the terminal: what becomes of sessions is reported by us."""
-    for name in (library, *(f"{library}.{part}" for part in ("nanny", "scheduler", "worker")), "tornado"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -12,7 +12,7 @@ import posixpath
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -218,7 +218,10 @@ def _pull(store: Store, here: Path, former: dict[str, Any] | None) -> None:
 def _published(store: Store, here: Path, key: str, outcome: Outcome, former: dict[str, Any] | None) -> Outcome:
     prefix = f"{RESULTS}/{uuid4().hex}"
     results = store.below(prefix)
-    files = dict(_results(here))
+    # The results' files by their names in the session; not what only this machine can use, which is hidden
+    found = {path.relative_to(here): path for path in sorted((here / "stages").rglob("*")) if path.is_file()}
+    shown = {name: path for name, path in found.items() if not any(part.startswith(".") for part in name.parts)}
+    files = {name.as_posix(): path for name, path in shown.items()}
     for name, path in files.items():
         results.push(path, name)
     stored, made = results.sizes(), {name: path.stat().st_size for name, path in files.items()}
@@ -238,11 +241,3 @@ def _published(store: Store, here: Path, key: str, outcome: Outcome, former: dic
         for name in former["objects"]:
             store.remove(f"{former['prefix']}/{name}")
     return outcome
-
-
-def _results(here: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the files of the results by their names in the session; not what only this machine can use."""
-    for path in sorted((here / "stages").rglob("*")):
-        name = path.relative_to(here).as_posix()
-        if path.is_file() and not any(part.startswith(".") for part in path.relative_to(here).parts):
-            yield name, path

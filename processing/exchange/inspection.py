@@ -153,7 +153,8 @@ def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg
         )
     if not (-180 <= lon_deg <= 360 and -90 <= lat_deg <= 90 and 0 < radius_deg <= 90):
         raise ParameterError("longitude -180 to 360, latitude -90 to 90, radius up to 90 degrees")
-    ray = _direction(math.radians(lon_deg), math.radians(lat_deg))
+    lon, lat = math.radians(lon_deg), math.radians(lat_deg)
+    ray = np.array([math.cos(lat) * math.sin(lon), math.cos(lat) * math.cos(lon), math.sin(lat)])
     x, y, seen = pixels(picture.geometry, ray)
     if not bool(seen):
         raise ParameterError(f"the picture does not show longitude {lon_deg:g}, latitude {lat_deg:g}")
@@ -221,7 +222,3 @@ def _named(picture: OpenPicture) -> str:
         degrees = math.degrees(2 * picture.geometry.half_field_rad)
         return f"{picture.geometry.mapping.value} fisheye of {degrees:.1f} degrees, looking up"
     return f"perspective view of {math.degrees(picture.geometry.fov_x_rad):.1f} degrees"
-
-
-def _direction(lon: float, lat: float) -> Doubles:
-    return np.array([math.cos(lat) * math.sin(lon), math.cos(lat) * math.cos(lon), math.sin(lat)])

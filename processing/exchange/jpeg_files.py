@@ -13,6 +13,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes
+from processing.pictures.preview import check_rgb8
 from processing.pictures.writing import write_bytes
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
     """
     from PIL import Image
 
-    _check_8bit(rgb8)
+    check_rgb8(rgb8)
     if not text.strip() or len(text) > 60 or not text.isprintable():
         raise ParameterError("a label is 1 to 60 printable characters")
     height, width = rgb8.shape[:2]
@@ -55,11 +56,6 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
     margin = min(max(LEAST_LETTERS_PX, height // 60), width - plate.width, height - plate.height)
     picture.alpha_composite(plate, (max(margin, 0), height - plate.height - max(margin, 0)))
     return np.asarray(picture.convert("RGB"), dtype=np.uint8)
-
-
-def _check_8bit(rgb8: Bytes) -> None:
-    if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
-        raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
 
 
 def _at_the_poles(rgb8: Bytes, text: str) -> Bytes:
@@ -247,7 +243,7 @@ def jpeg_bytes(rgb8: Bytes, *, quality: int = 92, **said: Unpack[Said]) -> bytes
     """
     from PIL import Image
 
-    _check_8bit(rgb8)
+    check_rgb8(rgb8)
     if max(rgb8.shape[:2]) > LONGEST_SIDE_PX:
         raise ParameterError(f"a JPEG is at most {LONGEST_SIDE_PX} pixels wide and high", advice="make it smaller")
     if not 1 <= quality <= 95:

@@ -73,13 +73,6 @@ def find_board(rgb: Floats, luminance: Floats, usable: Flags) -> Board:
     return best
 
 
-def _even(level: Floats, usable: Flags, step_stops: float) -> Flags:
-    """Return the pixels that differ from their right and lower neighbours by less than a step."""
-    across = np.abs(np.diff(level, axis=1, append=level[:, -1:]))
-    down = np.abs(np.diff(level, axis=0, append=level[-1:]))
-    return (np.maximum(across, down) < step_stops) & usable
-
-
 def on_tangent_plane(longitude: Doubles, latitude: Doubles, centre_rad: float) -> tuple[Doubles, Doubles, Doubles]:
     """Return gnomonic coordinates u, v about (0, centre), in which straight edges are straight, and the cosine from it.
 
@@ -110,7 +103,11 @@ def _reduced(rgb: Floats, luminance: Floats, usable: Flags) -> _Scene:
 
 def _boards(scene: _Scene, step_stops: float) -> Iterator[Board]:
     """Yield each even region that can be a board at all, with the confidence that it is one."""
-    even = cv2.erode(_even(scene.level, scene.usable, step_stops).astype(np.uint8), np.ones((2, 2), np.uint8))
+    # The pixels that differ from their right and lower neighbours by less than a step
+    across = np.abs(np.diff(scene.level, axis=1, append=scene.level[:, -1:]))
+    down = np.abs(np.diff(scene.level, axis=0, append=scene.level[-1:]))
+    like = (np.maximum(across, down) < step_stops) & scene.usable
+    even = cv2.erode(like.astype(np.uint8), np.ones((2, 2), np.uint8))
     _, labels, facts, _ = cv2.connectedComponentsWithStats(even, connectivity=4)
     for number in np.flatnonzero(facts[:, cv2.CC_STAT_AREA] >= LEAST_PX):
         board = _judged(scene, np.asarray(labels, np.int32), int(number)) if number else None

@@ -213,7 +213,9 @@ ZSTD_LEVEL = 3
 
 def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halves: dict[str, type]) -> None:
     library = _library()
-    planes = _planes(image)
+    planes: Channels = {"RGB": image.rgb, "uncertainty": image.uncertainty, "validity": image.validity}
+    if image.ghost is not None:
+        planes["ghost"] = image.ghost
     # Our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)
     luminance = isinstance(image, LuminanceImage)
     try:
@@ -306,11 +308,6 @@ _TEXTS = ("daylitKind", "daylitGeometry", "daylitScaleUncertainty", "daylitProve
 
 def _in_cd_m2(image: RelativeImage | LuminanceImage) -> bool:
     return isinstance(image, LuminanceImage) and image.absolute
-
-
-def _planes(image: RelativeImage | LuminanceImage) -> Channels:
-    planes: Channels = {"RGB": image.rgb, "uncertainty": image.uncertainty, "validity": image.validity}
-    return planes if image.ghost is None else planes | {"ghost": image.ghost}
 
 
 def _digest(texts: dict[str, str], planes: Channels) -> int:

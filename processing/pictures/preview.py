@@ -54,7 +54,7 @@ def jpeg_bytes(rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = No
     """Return a JPEG (4:4:4) of an 8-bit picture (H, W, 3); of the whole sphere with Google's GPano tags for viewers."""
     from PIL import Image
 
-    _check_rgb8(rgb8)
+    check_rgb8(rgb8)
     out = io.BytesIO()
     xmp = _gpano(geometry) if isinstance(geometry, Equirectangular) else b""
     Image.fromarray(np.ascontiguousarray(rgb8)).save(out, "JPEG", quality=quality, subsampling=0, xmp=xmp)
@@ -66,7 +66,7 @@ def png_bytes(array: Bytes) -> bytes:
     from PIL import Image
 
     if array.ndim == 3:
-        _check_rgb8(array)
+        check_rgb8(array)
     out = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(array)).save(out, "PNG", compress_level=6)
     return out.getvalue()
@@ -82,7 +82,8 @@ def write_png(path: Path, array: Bytes) -> None:
     write_bytes(path, png_bytes(array))
 
 
-def _check_rgb8(rgb8: Bytes) -> None:
+def check_rgb8(rgb8: Bytes) -> None:
+    """Raise `ParameterError` for what is no 8-bit picture (H, W, 3)."""
     if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
         raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from processing.ground.arrays import Doubles, Flags, Floats, Indices
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import known_mean
 
 # How well a texture fits itself when shifted: normalised cross-correlation of the known pixels, by FFT.
@@ -132,17 +132,13 @@ def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CAN
     half = ((dy > 0) | ((dy == 0) & (dx > 0))) & (np.hypot(dx, dy) > 4)
     dx, dy, y, x = dx[half], dy[half], y[half], x[half]
     value = ncc[y, x].astype(np.float64)
-    prominence = value - _valley(ncc, correlation.centre, dx, dy)
+    # The least NCC on the way from zero to each shift: a true period climbs out of a valley.
+    t = np.linspace(0.1, 0.9, 33)
+    on_x = np.clip(np.rint(cx + dx[:, None] * t).astype(np.intp), 0, ncc.shape[1] - 1)
+    on_y = np.clip(np.rint(cy + dy[:, None] * t).astype(np.intp), 0, ncc.shape[0] - 1)
+    prominence = value - ncc[on_y, on_x].min(axis=1).astype(np.float64)
     order = np.argsort(-(value + 0.5 * prominence))[:count]
     return np.stack([dx, dy], axis=-1)[order].astype(np.float64), value[order]
-
-
-def _valley(ncc: Floats, centre: tuple[int, int], dx: Indices, dy: Indices) -> Doubles:
-    """Return the least NCC on the way from zero to each shift: a true period climbs out of a valley."""
-    t = np.linspace(0.1, 0.9, 33)
-    x = np.clip(np.rint(centre[1] + dx[:, None] * t).astype(np.intp), 0, ncc.shape[1] - 1)
-    y = np.clip(np.rint(centre[0] + dy[:, None] * t).astype(np.intp), 0, ncc.shape[0] - 1)
-    return np.asarray(ncc[y, x].min(axis=1), np.float64)
 
 
 def find_lattice(correlation: SelfCorrelation, least: float = LATTICE_NCC) -> Lattice | None:

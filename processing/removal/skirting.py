@@ -85,7 +85,11 @@ def find_skirting(
     strongest = int(np.abs(middle).mean(axis=1).argmax())
     height = float(np.abs(middle[strongest]).mean())
     relative = profiles[:, strongest]
-    tones = relative + paint if _own_alike(relative, paint, seen) else relative
+    # Skirting's own tone, where that is more alike on walls than that against them. White boards before white and red
+    # walls are white before both: so much lighter than each they are not.
+    both = relative, relative + paint
+    apart = [np.average(np.abs(one - _weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
+    tones = both[1] if apart[1] < ALIKE * apart[0] else relative
     usual = _weighted_median(tones, columns)
     spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
     if by_network is not None and np.abs(by_network.tone).mean(axis=1).max() > STANDS_OUT * height:
@@ -153,16 +157,6 @@ def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> 
     high_m = float(np.median(seen[:, columns].sum(axis=0) * row_m))
     cover = np.clip(high_m * SKIRTING_PX_PER_M - np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)), 0, 1)
     return Skirting((cover[:, None] * usual).astype(np.float32))
-
-
-def _own_alike(tones: Floats, paint: Floats, seen: np.ndarray) -> bool:
-    """Return whether skirting's own tone is more alike on walls than that against them (N, 3); ``paint`` (N, 3).
-
-    White boards before white and red walls are white before both: so much lighter than each they are not.
-    """
-    both = tones, tones + paint
-    apart = [np.average(np.abs(one - _weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
-    return bool(apart[1] < ALIKE * apart[0])
 
 
 def _profile(texture: Texture, mixed: int) -> tuple[Floats, int, Floats] | None:

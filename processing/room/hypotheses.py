@@ -11,7 +11,6 @@ from processing.room.outline import (
     ALONG_X,
     ALONG_Y,
     FREE,
-    Costs,
     Outline,
     divide,
     outline_of,
@@ -232,8 +231,9 @@ def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> 
     found: dict[tuple[object, ...], Hypothesis] = {}
     for name, kinds in menus.items():
         for price in PRICES:
-            outline = _divided(columns, costs, turned_rad, price, kinds)
-            if outline is None:
+            _, stretches = divide(costs, columns.corner, price, kinds)
+            outline = outline_of(stretches, columns.azimuth_rad, turned_rad, columns.ratio) if stretches else None
+            if outline is None or len(outline.walls) > MOST_WALLS:
                 continue
             key = _key(outline)
             if key in found:
@@ -243,14 +243,6 @@ def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> 
                 found[key] = Hypothesis(name, fit, price_of(outline))
     found.update({(f"polygon {t}",): h for t in SIMPLIFIED if (h := _bare(columns, turned_rad, t)) is not None})
     return sorted(found.values(), key=lambda h: h.total)
-
-
-def _divided(
-    columns: Columns, costs: Costs, turned_rad: float, price: float, kinds: dict[int, float]
-) -> Outline | None:
-    _, stretches = divide(costs, columns.corner, price, kinds)
-    outline = outline_of(stretches, columns.azimuth_rad, turned_rad, columns.ratio) if stretches else None
-    return outline if outline is not None and len(outline.walls) <= MOST_WALLS else None
 
 
 def _key(outline: Outline) -> tuple[object, ...]:

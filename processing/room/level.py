@@ -15,7 +15,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
-from processing.room.vanishing import Axes, find_arcs, find_axes, rotation_about, rotation_vector
+from processing.room.vanishing import find_arcs, find_axes, rotation_about, rotation_vector
 from processing.sphere import Equirectangular, directions, pixels
 from processing.sphere.resampling import PAD_PX, cubic_samples, linear_samples, padded_sphere
 
@@ -66,7 +66,10 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
     vertical = axes.rows[2]
     tilt = math.atan2(math.hypot(vertical[0], vertical[1]), vertical[2])
     sigma = math.hypot(math.sqrt(axes.covariance[0, 0] + axes.covariance[1, 1]), MODEL_SIGMA_RAD)
-    support, squareness = _support(axes)
+    # How surely the axes are a room's: rooms have 0.4 to 0.85 of their edges' length along them, trees 0.2.
+    enough = _ramp(axes.length_rad, 3.0, 12.0)
+    together = _ramp(float(axes.excess.sum()), 0.2, 0.4)
+    support = enough * together * _ramp(axes.excess[2], 0.01, 0.07)
     rotation, note = _decided(vertical, tilt, sigma, support) if turn else (np.eye(3), "left as it is: as asked")
     ahead = rotation @ axes.rows[1]
     return Upright(
@@ -75,7 +78,7 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
         manhattan_rad=_quarter(math.atan2(ahead[0], ahead[1])),
         sigma_rad=sigma,
         support=support,
-        manhattan_support=squareness,
+        manhattan_support=enough * _ramp(axes.excess[:2].sum(), 0.1, 0.25),
         note=note,
     )
 
@@ -88,13 +91,6 @@ def _decided(vertical: Doubles, tilt: float, sigma: float, support: float) -> tu
         return np.eye(3), f"left as it is: {tilted}"
     axis = np.cross(vertical, [0.0, 0.0, 1.0])
     return rotation_about(axis / np.linalg.norm(axis) * tilt), f"turned: {tilted}"
-
-
-def _support(axes: Axes) -> tuple[float, float]:
-    """Return how surely the axes are a room's: rooms have 0.4 to 0.85 of their edges' length along them, trees 0.2."""
-    enough = _ramp(axes.length_rad, 3.0, 12.0)
-    together = _ramp(float(axes.excess.sum()), 0.2, 0.4)
-    return enough * together * _ramp(axes.excess[2], 0.01, 0.07), enough * _ramp(axes.excess[:2].sum(), 0.1, 0.25)
 
 
 def _ramp(value: float, none: float, full: float) -> float:
@@ -153,18 +149,15 @@ def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any
         at_x, at_y = (x + (PAD_PX - 0.5)).astype(np.float32), (y + (PAD_PX - 0.5)).astype(np.float32)
         sampled = cubic_samples(light, at_x, at_y)
         if some:
+            # Elsewhere linear samples of what the picture holds, whatever lies outside it; 0 where it holds nothing
             whole = linear_samples(far, at_x, at_y) == 1
-            sampled = np.where(whole[..., None], sampled, _of_seen(shown, seen, at_x, at_y))
+            share = linear_samples(seen, at_x, at_y)[..., None]
+            held = linear_samples(shown, at_x, at_y) / np.maximum(share, 1e-6)
+            sampled = np.where(whole[..., None], sampled, np.where(share > 0, held, np.float32(0)))
         rgb[part] = sampled
         rows[part] = np.minimum(y.astype(np.int32), shape[0] - 1)
         columns[part] = np.minimum(x.astype(np.int32), shape[1] - 1)
     return rgb, rows, columns
-
-
-def _of_seen(light: Any, seen: Any, at_x: Any, at_y: Any) -> Any:
-    """Return linear samples of what the picture holds, whatever lies outside it; 0 where it holds nothing."""
-    share = linear_samples(seen, at_x, at_y)[..., None]
-    return np.where(share > 0, linear_samples(light, at_x, at_y) / np.maximum(share, 1e-6), np.float32(0))
 
 
 def _check(image: RelativeImage | LuminanceImage) -> Equirectangular:

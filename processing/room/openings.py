@@ -34,7 +34,12 @@ SHARED_COST = 0.8  # of the score, that a common head or sill may cost
 
 def uncovered(windows: Sequence[Candidate]) -> list[Candidate]:
     """Return windows with what cloth hides of them added, and with common heads and sills."""
-    return _shared([_behind_blind(_between_curtains(one)) for one in windows])
+    whole = [_behind_blind(_between_curtains(one)) for one in windows]
+    done: list[Candidate] = []
+    # Heads and sills are those of the surest one, where that costs little.
+    for one in sorted(whole, key=lambda each: -each.score):
+        done.append(_aligned(_aligned(one, done, 1), done, 3))
+    return done
 
 
 def _cloth(one: Candidate, rows: tuple[float, float], columns: tuple[float, float], axis: int) -> Doubles:
@@ -94,14 +99,6 @@ def _behind_blind(one: Candidate) -> Candidate:
     tried = np.arange(max(1.5 / p, above_m - HEAD_REACH_M), above_m + HEAD_REACH_M, 0.5 / p)
     edge = np.array([one.field.level_edge(float(v), one.box[0], one.box[2]) for v in tried])
     return replace(one, box=(u0, float(tried[int(edge.argmax())]) if edge.size and edge.max() > 0 else above_m, u1, v1))
-
-
-def _shared(windows: list[Candidate]) -> list[Candidate]:
-    """Return windows whose head and sill are those of the surest one, where that costs little."""
-    done: list[Candidate] = []
-    for one in sorted(windows, key=lambda each: -each.score):
-        done.append(_aligned(_aligned(one, done, 1), done, 3))
-    return done
 
 
 def _aligned(one: Candidate, surer: list[Candidate], side: int) -> Candidate:
@@ -243,19 +240,14 @@ def proposals(field: Field) -> list[Box]:
         u0, u1 = (int(value) for value in np.percentile(columns, [2, 98]))
         v0, v1 = (int(value) for value in np.percentile(rows, [2, 98]))
         if field.cloth:
-            v1 = _lowest_glimpse(field, (u0, v0, u1 + 1, v1 + 1))
+            # What hangs below the lowest glimpse of a window is a radiator or a curtain's end.
+            glimpsed = np.flatnonzero(field.share[field.kind.shown][v0 : v1 + 1, u0 : u1 + 1].max(axis=1) > GLIMPSE)
+            v1 = v0 + (int(glimpsed[-1]) if glimpsed.size else 0)
             if not _is_blind(field, labels == label, (u0, v0, u1 + 1, v1 + 1)):
                 continue
         bottom = view.plane.height_m if field.kind.to_floor else (v1 + 1) / p
         found.append((u0 / p, v0 / p, (u1 + 1) / p, bottom))
     return found
-
-
-def _lowest_glimpse(field: Field, texels: tuple[int, int, int, int]) -> int:
-    """Return the lowest row in which a window is glimpsed: what hangs lower is a radiator or a curtain's end."""
-    u0, v0, u1, v1 = texels
-    rows = np.flatnonzero(field.share[field.kind.shown][v0:v1, u0:u1].max(axis=1) > GLIMPSE)
-    return v0 + (int(rows[-1]) if rows.size else 0)
 
 
 def _is_blind(field: Field, there: Flags, texels: tuple[int, int, int, int]) -> bool:

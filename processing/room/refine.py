@@ -278,13 +278,6 @@ def _moves(sight: _Sight, walls: int) -> _Moves:
     return _Moves(SHIFTS[chosen], ratio_shift, strength / np.maximum(clear, 1.0), above >= SKIRTING_SEEN)
 
 
-def _distances(fit: Fit) -> Doubles:
-    """Return the distances (WALLS,) of the polygon's walls from the camera, along their normals."""
-    start, end = fit.polygon, np.roll(fit.polygon, -1, axis=0)
-    area = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
-    return np.asarray(area / np.maximum(np.hypot(*(end - start).T), 1e-9))
-
-
 def _below(floor: Doubles) -> Doubles:
     """Return (WALLS, SHIFTS) the strongest edge that a skirting's lower edge would make, were this its upper one."""
     step = SHIFTS[1] - SHIFTS[0]
@@ -308,7 +301,11 @@ def _measured(sight: _Sight, moves: _Moves, fit: Fit, columns: Columns) -> tuple
         name: np.interp(sight.azimuth_rad, columns.azimuth_rad, getattr(columns, name), period=2 * math.pi)
         for name in ("floor", "floor_sigma", "ceiling", "ceiling_sigma")
     }
-    proud = SKIRTING_DEPTH * moves.skirting / np.maximum(np.abs(_distances(fit)), 0.3)
+    # How far the polygon's walls are from the camera, along their normals
+    start, end = fit.polygon, np.roll(fit.polygon, -1, axis=0)
+    area = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+    distance = area / np.maximum(np.hypot(*(end - start).T), 1e-9)
+    proud = SKIRTING_DEPTH * moves.skirting / np.maximum(np.abs(distance), 0.3)
     floor_edge = np.tan(-(sight.floor_rad + floor_at)) * (1 - proud[sight.wall])
     floor = np.where(floor_found, floor_edge, around["floor"])
     ceiling = np.where(ceiling_found, np.tan(sight.ceiling_rad + ceiling_at), around["ceiling"])

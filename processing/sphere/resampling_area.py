@@ -36,17 +36,11 @@ def area_resample(
     """
     if isinstance(source, Equirectangular) and isinstance(target, Equirectangular):
         return _by_intervals(picture, source, target, weights)
-    if _target_is_plane(source, target):
+    # The plane is never the equirectangular picture, rather a fisheye than a view, else the source.
+    if isinstance(source, Equirectangular) or (isinstance(target, Fisheye) and not isinstance(source, Fisheye)):
         light, weight = _scattered(picture, source, target, weights)
         return _finished(light, weight, solid_angles(target))
     return _gathered(picture, source, target, weights, np.ones(weights.shape, bool) if near is None else near)
-
-
-def _target_is_plane(source: Geometry, target: Geometry) -> bool:
-    """Choose the plane: never the equirectangular picture, rather a fisheye than a view, else the source."""
-    if isinstance(source, Equirectangular):
-        return True
-    return isinstance(target, Fisheye) and not isinstance(source, Fisheye)
 
 
 def _finished(light: Doubles, weight: Doubles, solid: Doubles) -> tuple[Floats, Floats]:

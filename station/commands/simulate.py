@@ -63,18 +63,13 @@ def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:
     from station.simulate.plan import DatasetRequest
     from station.simulate.run import simulate as make
 
-    with _view(as_json) as view:
+    kind = SilentView if as_json else _Bars if sys.stdout.isatty() else _Lines
+    with kind() as view:
         summary = make(DatasetRequest(folder, **options), view.show)
     lines = [f"failed: {name}: {error['message']}" for name, error in summary.failed.items()]
     parts = f"{len(summary.made)} made, {len(summary.kept)} kept, {len(summary.failed)} failed"
     lines.append(f"{summary.planned} sessions in {summary.into}: {parts}, in {summary.seconds:.0f} s")
     return answer(summary.to_dict(), lines, as_json=as_json, exit_code=4 if summary.failed else 0)
-
-
-def _view(as_json: bool) -> SilentView:
-    if as_json:
-        return SilentView()
-    return _Bars() if sys.stdout.isatty() else _Lines()
 
 
 class _Lines(SilentView):

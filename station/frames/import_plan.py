@@ -78,7 +78,9 @@ def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candida
     sieve = _Sieve(side, list(candidates), [])
     for candidate in candidates:
         if candidate.time_s is None:
-            sieve.refuse(candidate, _no_time(candidate))
+            why = f"no exposure time: {candidate.facts.exif_problem or 'its EXIF has no exposure time'}"
+            advice = "give the times with --shutter"
+            sieve.refuse(candidate, rejection(candidate.facts.name, Reason.EXIF_MISSING, why, advice))
     _keep_most(sieve, Reason.WRONG_SIZE, lambda c: f"{c.facts.width_px}x{c.facts.height_px}", "pixels")
     _keep_most(sieve, Reason.WRONG_CAMERA, _camera, "taken by")
     _keep_most(sieve, Reason.WRONG_ISO, lambda c: c.exif.iso, "ISO")
@@ -91,13 +93,6 @@ def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candida
 def _time(candidate: Candidate) -> float:
     assert candidate.time_s is not None
     return candidate.time_s
-
-
-def _no_time(candidate: Candidate) -> FrameRejectedError:
-    why = candidate.facts.exif_problem or "its EXIF has no exposure time"
-    return rejection(
-        candidate.facts.name, Reason.EXIF_MISSING, f"no exposure time: {why}", "give the times with --shutter"
-    )
 
 
 def _camera(candidate: Candidate) -> str:

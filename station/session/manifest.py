@@ -37,11 +37,6 @@ def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
     return data
 
 
-def _reasons(exc: ValidationError) -> str:
-    faults = strict_json.faults_of(exc)
-    return "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
-
-
 def manifest_of(data: Any, where: str) -> SessionManifest:
     """Return the manifest that JSON data describe; `ManifestError` or `SchemaTooNewError` name ``where``."""
     if not isinstance(data, dict):
@@ -49,7 +44,9 @@ def manifest_of(data: Any, where: str) -> SessionManifest:
     try:
         manifest = SessionManifest.model_validate(_migrate(data, where))
     except ValidationError as exc:
-        raise ManifestError(f"not of the schema: {_reasons(exc)}", where=where, advice=_REMAKE) from exc
+        faults = strict_json.faults_of(exc)
+        reasons = "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
+        raise ManifestError(f"not of the schema: {reasons}", where=where, advice=_REMAKE) from exc
     # Refuse what the types allow but no station writes: shared files, a frame in the other side's folder
     files = [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
     keys = [(f.side, f.stop, f.format) for f in manifest.frames]

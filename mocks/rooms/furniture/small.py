@@ -150,18 +150,13 @@ def _hills(b: Build, low: tuple[float, float], high: tuple[float, float], paints
 
 def _discs(b: Build, low: tuple[float, float], high: tuple[float, float], paints: list[Material]) -> None:
     wide, tall = high[0] - low[0], high[1] - low[1]
+    a = np.linspace(0.0, 2 * math.pi, 41)[:-1]
     for k, paint in enumerate(paints[1:]):
         r = float(b.rng.uniform(0.12, 0.26)) * min(wide, tall)
         x = float(b.rng.uniform(low[0] + r, high[0] - r))
         z = float(b.rng.uniform(low[1] + r, high[1] - r))
-        b.add(_dot(x, -0.0015 - 0.0005 * k, z, r), paint)
-
-
-def _dot(x: float, y: float, z: float, radius: float) -> Mesh:
-    """Return a flat disc that looks towards -y."""
-    a = np.linspace(0.0, 2 * math.pi, 41)[:-1]
-    rim = np.stack([x + radius * np.cos(a), np.full(40, y), z + radius * np.sin(a)], axis=1)
-    return disc(rim, np.array([0.0, -1.0, 0.0]))
+        rim = np.stack([x + r * np.cos(a), np.full(40, -0.0015 - 0.0005 * k), z + r * np.sin(a)], axis=1)
+        b.add(disc(rim, np.array([0.0, -1.0, 0.0])), paint)
 
 
 def _blocks(b: Build, low: tuple[float, float], high: tuple[float, float], paints: list[Material]) -> None:

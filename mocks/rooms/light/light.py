@@ -108,7 +108,11 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | out | spoilt
     # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
     noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
-    irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
+    irradiance = denoised(_filled(noisy, guide, unusable), guide)
+    # A bar too thin for any pixel's middle finds its light in the pixels that look outside.
+    for face in range(6):
+        inside = guide.part[face] >= 0
+        irradiance[face][~inside] = _spread(irradiance[face], inside, ~inside)
     glossy = np.array([p.material.roughness is not None for p in geometry.parts] + [False])[guide.part]
     faces = [face for face in range(6) if glossy[face].any()]
     if not faces:
@@ -195,14 +199,6 @@ def _filled(picture: Floats, guide: Guide, unusable: Flags) -> Floats:
             holes = (guide.part[face] == part) & unusable[face]
             out[face][holes] = _spread(picture[face], mine & ~unusable[face], holes)
     return out
-
-
-def _beyond(picture: Floats, guide: Guide) -> Floats:
-    """Spread the light over pixels that look outside: a bar too thin for any pixel's middle finds its light there."""
-    for face in range(6):
-        inside = guide.part[face] >= 0
-        picture[face][~inside] = _spread(picture[face], inside, ~inside)
-    return picture
 
 
 def _spread(picture: Floats, known: Flags, holes: Flags) -> Floats:

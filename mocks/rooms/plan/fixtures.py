@@ -170,7 +170,10 @@ def _with_spots(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:
     longest = max(range(len(plan.polygon)), key=plan.wall_length_m)
     clear = Polygon(plan.polygon).buffer(-0.45)
     length = plan.wall_length_m(longest)
-    away = max(_away(plan, longest, p) for p in plan.polygon)
+    # How far the room reaches from that wall's line
+    (x0, y0), _ = plan.wall_ends(longest)
+    _, inward = plan.wall_axes(longest)
+    away = max((x - x0) * inward[0] + (y - y0) * inward[1] for x, y in plan.polygon)
     across, up = max(2, round(length / float(rng.uniform(1.3, 1.9)))), max(2, round(away / 1.6))
     seed = _seed(rng)
     for i in range(across):
@@ -184,10 +187,3 @@ def _with_spots(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:
 def _ceiling(plan: Plan, kind: str, place: Point, width_m: float, height_m: float, lit: bool, seed: int) -> Fixture:
     bottom = plan.height_m - height_m
     return Fixture(kind, -1, 0.0, width_m, bottom, height_m, width_m, centre=place, lit=lit, seed=seed)
-
-
-def _away(plan: Plan, wall: int, point: Point) -> float:
-    """Return the distance of a point from a wall's line, into the room."""
-    (x0, y0), _ = plan.wall_ends(wall)
-    _, inward = plan.wall_axes(wall)
-    return (point[0] - x0) * inward[0] + (point[1] - y0) * inward[1]

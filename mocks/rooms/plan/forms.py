@@ -56,7 +56,10 @@ def draw_outline(rng: np.random.Generator, use: Use) -> Outline:
         outline = _bay(rng, width, depth)
     else:
         outline = rectangle(width, depth)
-    return _mirrored(outline) if rng.random() < 0.5 else outline
+    if rng.random() >= 0.5:
+        return outline
+    points = tuple((-x, y) for x, y in reversed(outline.points))
+    return Outline(points, tuple(sorted((len(points) - 2 - edge) % len(points) for edge in outline.bay)))
 
 
 def rectangle(width_m: float, depth_m: float) -> Outline:
@@ -155,12 +158,6 @@ def _bay(rng: np.random.Generator, w: float, d: float) -> Outline:
     end = start + span
     bay = [(start, 0.0), (start + slant, -out), (end - slant, -out), (end, 0.0)]
     return Outline(((0.0, 0.0), *bay, (w, 0.0), (w, d), (0.0, d)), (1, 2, 3))
-
-
-def _mirrored(outline: Outline) -> Outline:
-    n = len(outline.points)
-    points = tuple((-x, y) for x, y in reversed(outline.points))
-    return Outline(points, tuple(sorted((n - 2 - edge) % n for edge in outline.bay)))
 
 
 TRIM_M = 0.07  # width of a door's architrave, on both sides and above

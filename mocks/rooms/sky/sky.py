@@ -230,7 +230,10 @@ class Sky:
                 luminance = luminance * (1 + np.float32(0.16 * self.cloud_cover) * relief)
             return daylight.daylight(OVERCAST_K) * luminance[..., None]
         air = daylight.clear_sky(luminance)
-        warm = _warmth(directions[..., 2], cos_sun)[..., None] * daylight.low_sun(self.sun_elevation_rad)
+        # The air has the sun's own colour near the horizon, most below the sun.
+        low = np.exp(-np.maximum(directions[..., 2], np.float32(0)) / np.float32(0.16))
+        share = np.asarray(low * (0.35 + 0.65 * np.square(np.maximum(cos_sun, 0))), dtype=np.float32)
+        warm = share[..., None] * daylight.low_sun(self.sun_elevation_rad)
         air = daylight.at_luminance_1(air + warm * daylight.sun(self.sun_elevation_rad, self.turbidity))
         light = np.asarray(air * luminance[..., None], dtype=np.float32)
         return self._with_clouds(light, directions, cos_sun, pixel_rad) if self.cloud_cover > 0 else light
@@ -261,12 +264,6 @@ class Sky:
             light = self.radiance(directions, pixel_rad / fine, component).reshape(fine, 2 * rows, fine, 3)
             out[row] = (light * weight).sum(axis=(0, 2)) / (weight.sum() * fine)
         return out
-
-
-def _warmth(sine: Floats, cos_sun: Floats) -> Floats:
-    """Return how much of the sun's own colour the air has: near the horizon, most below the sun."""
-    low = np.exp(-np.maximum(sine, np.float32(0)) / np.float32(0.16))
-    return np.asarray(low * (0.35 + 0.65 * np.square(np.maximum(cos_sun, 0))), dtype=np.float32)
 
 
 @lru_cache(maxsize=64)

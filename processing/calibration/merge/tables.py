@@ -234,8 +234,10 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
         if found <= 1.3 * assumed:
             break
         assumed = found
+    # Each frame's offset is from the median of all; where a pair's difference is unknown, it is taken as 0.
+    down = np.concatenate([[0.0], np.cumsum([-(pair.offset or 0.0) for pair in pairs])])
     return Consistency(
-        _offsets([pair.offset for pair in pairs]),
+        np.asarray(down - np.median(down)),
         max((p.curve_error for p in pairs), default=0.0),
         found,
         correlation,
@@ -351,12 +353,6 @@ def _by_level(stops: Doubles, level: Doubles) -> float:
     if len(medians) < 2:
         return 0.0
     return max(0.0, max(medians) - min(medians) - 3.0 * float(np.hypot(max(doubts), max(doubts))))
-
-
-def _offsets(pairs: Sequence[float | None]) -> Doubles:
-    """Return each frame's offset from the median of all, given each pair's difference (None: unknown, taken as 0)."""
-    down = np.concatenate([[0.0], np.cumsum([-(p or 0.0) for p in pairs])])
-    return np.asarray(down - np.median(down))
 
 
 def _noise(scatter: Sequence[Doubles]) -> tuple[float, float]:

@@ -63,7 +63,8 @@ class NdFilter:
         passed = float(matrix.sum(axis=0) @ np.array(LUMINANCE_WEIGHTS)) / sum(LUMINANCE_WEIGHTS)
         if passed <= 0:
             raise LensError("a filter that passes no white light", likely="the matrix is a correction of another kind")
-        return cls(_rows(matrix / passed), -math.log10(passed), relative_uncertainty, source)
+        a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in matrix / passed)
+        return cls((a, b, c), -math.log10(passed), relative_uncertainty, source)
 
     @property
     def transmittance(self) -> float:
@@ -162,8 +163,3 @@ def _spread(patches: Doubles) -> float:
 
 def _times(rgb: Floats, matrix: Doubles) -> Floats:
     return np.asarray(rgb @ matrix.astype(np.float32), dtype=np.float32)
-
-
-def _rows(matrix: Doubles) -> Matrix:
-    a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
-    return a, b, c

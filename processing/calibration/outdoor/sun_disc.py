@@ -200,7 +200,10 @@ def _fit_disc(window: Window, start: Doubles, shape: Doubles, *, free_radius: bo
     """Return the centre of the disc that best explains a spot of which a part lies outside the field."""
     from scipy.optimize import least_squares
 
-    side, other = _tangent(start)
+    # Two unit vectors across the start
+    side = np.cross(start, (0.0, 0.0, 1.0) if abs(start[2]) < 0.9 else (1.0, 0.0, 0.0))
+    side = side / np.linalg.norm(side)
+    other = np.cross(start, side)
     pixel_rad = math.sqrt(float(np.median(window.pixel_sr[window.inside])))
     level = float(np.percentile(shape[shape > 0], 75)) if (shape > 0).any() else 1.0
     scale = np.array([SUN_RADIUS_RAD, SUN_RADIUS_RAD, 1.0, SUN_RADIUS_RAD])
@@ -256,13 +259,6 @@ def _pixel_sr(ways: Doubles, seen: Flags) -> Doubles:
             whole &= np.roll(seen, step, axis)
     typical = float(np.median(area[whole])) if whole.any() else 0.0
     return np.where(whole, area, np.where(seen, typical, 0.0))
-
-
-def _tangent(direction: Doubles) -> tuple[Doubles, Doubles]:
-    """Return two unit vectors across a direction."""
-    side = np.cross(direction, (0.0, 0.0, 1.0) if abs(direction[2]) < 0.9 else (1.0, 0.0, 0.0))
-    side = side / np.linalg.norm(side)
-    return side, np.cross(direction, side)
 
 
 def _unit(vector: Doubles) -> Doubles:

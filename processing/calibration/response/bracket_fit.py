@@ -193,11 +193,12 @@ def fit_round(
     ``log2_times``: (F,) log2 of seconds.
     """
     basis = spline_basis()
-    log2, noise, coefficients = prior.start, PatchNoise(), np.zeros(N_BASIS)
+    start, coefficients = (prior.start, np.zeros(N_BASIS)) if before is None else (before.log2, before.coefficients)
+    fine, noise = FineCurve.of(start), PatchNoise()
     if before is not None:
-        log2, coefficients = before.log2, before.coefficients
-        noise = _noise(data, FineCurve.of(log2), log2_times, before.noise, pixels=5 if final else 1)
-    fine = FineCurve.of(log2)
+        mean = fit_noise(data, fine, log2_times, least_code_variance=_MEAN_LEAST)
+        pixel = fit_noise(data, fine, log2_times, least_code_variance=_PIXEL_LEAST, pixels=5 if final else 1)
+        noise = PatchNoise(mean or before.noise.mean, pixel or before.noise.pixel)
     found = weigh(data, fine, log2_times, noise)
     weight, kept = _robust(data, found, final=final)
     if final:
@@ -300,14 +301,6 @@ def check_enough(data: ChannelSamples, name: str) -> None:
         likely="one frame, all frames clipped or all dark, or stops too far apart",
         advice="give a bracket of at least three exposures, at most four stops apart, of a scene with light and shade",
     )
-
-
-def _noise(
-    data: ChannelSamples, fine: FineCurve, log2_times: Doubles, before: PatchNoise, *, pixels: int
-) -> PatchNoise:
-    mean = fit_noise(data, fine, log2_times, least_code_variance=_MEAN_LEAST)
-    pixel = fit_noise(data, fine, log2_times, least_code_variance=_PIXEL_LEAST, pixels=pixels)
-    return PatchNoise(mean or before.mean, pixel or before.pixel)
 
 
 def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubles, Flags]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from processing.calibration.response.samples import ChannelSamples
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Flags, Int64s, Rgb
+from processing.ground.arrays import Doubles, Flags, Rgb
 
 T = TypeVar("T", int, float)
 
@@ -195,7 +195,10 @@ def fit_noise(
 
     None where too few patches are usable. ``log2_times``: (F,) log2 of seconds.
     """
-    longer, shorter = _pairs(data, log2_times)
+    # Observations of the same patch in neighbouring exposures: the longer, and the next shorter one
+    order = np.lexsort((-log2_times[data.frame], data.sample))
+    same = data.sample[order[1:]] == data.sample[order[:-1]]
+    longer, shorter = order[:-1][same], order[1:][same]
     step = log2_times[data.frame[shorter]] - log2_times[data.frame[longer]]
     if pixels == 0:
         short_codes = data.mean[shorter]
@@ -212,13 +215,6 @@ def fit_noise(
     if use.sum() < _LEAST:
         return None
     return _solve_noise((short_codes - predicted)[use], terms[use], predicted[use], least_code_variance)
-
-
-def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[Int64s, Int64s]:
-    """Return observations of the same patch in neighbouring exposures: the longer, and the next shorter one."""
-    order = np.lexsort((-log2_times[data.frame], data.sample))
-    same = data.sample[order[1:]] == data.sample[order[:-1]]
-    return order[:-1][same], order[1:][same]
 
 
 def _predicted(long_codes: Doubles, step: Doubles, fine: FineCurve) -> tuple[Doubles, Flags, Doubles]:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from processing.calibration.scale.luminance import NEIGHBOURS
 from processing.errors import ChartError
-from processing.ground.arrays import Bytes, Doubles, Flags, Indices
+from processing.ground.arrays import Doubles, Flags, Indices
 from processing.ground.colour import srgb_decoded
 from processing.ground.tables import table_of
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
@@ -190,9 +190,11 @@ def candidates(view: RelativeImage) -> Iterator[Doubles]:
     import cv2
 
     for percentile in _WHITE_PERCENTILES:
-        tones = _tone_mapped(view, percentile)
-        if tones is None:
+        # An 8-bit copy with the percentile at white, a channel at a time (as white balance)
+        whites = np.percentile(view.rgb.reshape(-1, 3), percentile, axis=0)
+        if not np.all(whites > 0):
             return
+        tones = np.asarray(255 * np.clip(view.rgb / whites.astype(np.float32), 0, 1) ** (1 / 2.2), dtype=np.uint8)
         for width_px in _WORK_PX:
             scale = width_px / tones.shape[1]
             way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
@@ -248,11 +250,3 @@ def _sampled(plane: Doubles, points: Doubles) -> Doubles:
     above = plane[top, left] * (1 - u) + plane[top, right] * u
     below = plane[low, left] * (1 - u) + plane[low, right] * u
     return np.asarray(above * (1 - v) + below * v)
-
-
-def _tone_mapped(view: RelativeImage, percentile: float) -> Bytes | None:
-    """Return an 8-bit copy with the percentile at white, a channel at a time (as white balance); None if black."""
-    whites = np.percentile(view.rgb.reshape(-1, 3), percentile, axis=0)
-    if not np.all(whites > 0):
-        return None
-    return np.asarray(255 * np.clip(view.rgb / whites.astype(np.float32), 0, 1) ** (1 / 2.2), dtype=np.uint8)

@@ -113,7 +113,10 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKe
     validity = validity[step // 2 :: step, step // 2 :: step][:height, :width]
     centre = (lens.axis_px[0] / step, lens.axis_px[1] / step)
     lens = replace(lens, width_px=width, height_px=height, radius_px=lens.radius_px / step, centre_px=centre)
-    radius, luminance = _radii(lens), luminance_cd_m2(rgb)
+    # How many radii of the image circle each pixel's middle is from its axis
+    across, down = np.arange(width) + 0.5 - lens.axis_px[0], np.arange(height) + 0.5 - lens.axis_px[1]
+    radius = np.asarray(np.hypot(across[None], down[:, None]) / lens.radius_px, dtype=np.float32)
+    luminance = luminance_cd_m2(rgb)
     surround = (radius > RIM_GAP) & (validity != Validity.CLIPPED)
     _check_surround(surround, surround & (validity != Validity.DARK), radius < 1)
     cells = _plane(lens)
@@ -362,13 +365,6 @@ def _around(geometry: Geometry, rows: int) -> _Cells:
     rays, seen = directions(small)
     area = np.where(seen, solid_angles(small), 0)
     return _Cells((rows, columns), rays.reshape(-1, 3).astype(np.float64), area.reshape(-1), seen.reshape(-1))
-
-
-def _radii(lens: Fisheye) -> Floats:
-    """Return how many radii of the image circle each pixel's middle is from its axis, (H, W)."""
-    x, y = lens.axis_px
-    across, down = np.arange(lens.width_px) + 0.5 - x, np.arange(lens.height_px) + 0.5 - y
-    return np.asarray(np.hypot(across[None], down[:, None]) / lens.radius_px, dtype=np.float32)
 
 
 def _means(picture: Floats | Flags, shape: tuple[int, int]) -> Floats:

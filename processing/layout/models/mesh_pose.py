@@ -40,8 +40,10 @@ def repaired(part: RawPart, scale: float) -> Sound | None:
     lost = int((~keep).sum())
     if not len(faces):
         return None
-    vertices, place = _merged(vertices, 1e-6 * scale)
-    faces = place[faces]
+    # Vertices that agree to a millionth of the extent are one.
+    key = np.rint(vertices / max(1e-6 * scale, 1e-300)).astype(np.int64)
+    _, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    vertices, faces = vertices[first], place.ravel()[faces]
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     solid = distinct & (np.linalg.norm(crosses(vertices, faces), axis=1) > 1e-14 * scale**2)
     flat = int((~solid).sum())
@@ -55,12 +57,6 @@ def repaired(part: RawPart, scale: float) -> Sound | None:
     if uv is not None:
         uv = np.where(turn[:, None, None], uv[:, ::-1], uv)
     return Sound(vertices, faces, uv, closed, lost, flat, int(turn.sum()))
-
-
-def _merged(vertices: Doubles, step: float) -> tuple[Doubles, Int64s]:
-    key = np.rint(vertices / max(step, 1e-300)).astype(np.int64)
-    _, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return vertices[first], place.ravel()
 
 
 def _winding(vertices: Doubles, faces: Int64s) -> tuple[Flags, bool]:

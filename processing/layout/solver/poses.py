@@ -298,15 +298,11 @@ def with_reached_sides(placed: Sequence[Stand], judge: Judge, rules: RuleSet) ->
         if stand.item.spec.sides_needed is None:
             continue
         for zones in (stand.zones, *zone_choices(stand.item, rules)):
-            needed = [*known[:n], _all_needed(known[n], stand, zones, rules), *known[n + 1 :]]
+            # The piece needs just these zones.
+            kept = tuple(zone for zone in stand.item.spec.zones if zone_rect(stand.item, zone, rules) in zones)
+            piece = replace(known[n], spec=replace(known[n].spec, zones=kept, sides_needed=None))
+            needed = [*known[:n], piece, *known[n + 1 :]]
             if judge.passes(needed, fits=True):
                 served[n], known = replace(stand, zones=zones), needed
                 break
     return tuple(served)
-
-
-def _all_needed(piece: Piece, stand: Stand, zones: Sequence[Rect], rules: RuleSet) -> Piece:
-    """Return a piece that needs just these zones."""
-    item = stand.item
-    kept = tuple(zone for zone in item.spec.zones if zone_rect(item, zone, rules) in zones)
-    return replace(piece, spec=replace(piece.spec, zones=kept, sides_needed=None))
