@@ -44,6 +44,7 @@ def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
 
 STRIP_M, STRIP_PX = 0.25, 3.0
 """Beside the hole, of which a column's tone is the mean; at least (chosen)."""
+COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say by how much columns change there
 
 
 def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Floats:
@@ -57,7 +58,7 @@ def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Float
     share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
     tone = scale.tone(values)
     profile, step, both = np.zeros((len(known), 1, 3), np.float32), np.diff(tone, axis=0), known[1:] & known[:-1]
-    for row in np.flatnonzero(both.sum(axis=1) > ROW_SEEN * (known | hole).any(axis=0).sum()):
+    for row in np.flatnonzero(both.sum(axis=1) > COLUMNS_SEEN * (known | hole).any(axis=0).sum()):
         profile[row + 1, 0] = np.median(step[row, both[row]], axis=0)
     profile = profile.cumsum(axis=0)
     tone = cv2.blur(np.where(known[..., None], tone - profile, 0).astype(np.float32), (1, tall))

@@ -161,6 +161,18 @@ def test_a_pane_gives_the_camera_what_the_camera_sees_on_it(
     assert given[glass].mean() == pytest.approx(luminance_cd_m2(dark[0].rgb).ravel()[glass].mean(), rel=0.05)
 
 
+def test_a_window_that_is_hidden_altogether_is_lit_as_the_wall_that_it_is_filled_as() -> None:
+    """Nobody saw it; in the room's mean light it would stand out of its dark wall as a bright rectangle."""
+    maps = surface_maps(box_room(), GEOMETRY)
+    mine = maps.plane == maps.plane[maps.opening >= 0][0]
+    light = np.where(mine, 100, 2000)[..., None] * np.ones(3, np.float32)
+    hidden = grown(maps.opening >= 0, math.radians(3))
+    everywhere = np.ones(mine.shape, bool)
+    shade = Shade(np.zeros_like(light), light.astype(np.float32), everywhere)
+    done, _ = lifted(image((0.5 * light / math.pi).astype(np.float32)), hidden, box_room(), shade, quality="draft")
+    assert luminance_cd_m2(done.image.rgb)[hidden & mine] == pytest.approx(50 / math.pi, rel=0.05)
+
+
 def test_a_darker_thing_takes_more(found: FurnishedLight) -> None:
     white = light_of(*pictured((cabinet(0.9),)), (cabinet(0.35),))
     gains = [float(np.median(one.log_change.mean(axis=-1)[one.seen])) for one in (white, found)]

@@ -253,6 +253,12 @@ def test_a_curtain_goes_on_as_it_hangs() -> None:
     done = hanging(np.where(hole[..., None], 0, curtain).astype(np.float32), ~hole, hole, 40.0)
     np.testing.assert_allclose(done, curtain, rtol=0.02)
     np.testing.assert_array_equal(done[~hole], curtain[~hole])
+    # It is darker from its middle on, and has a hem; a quarter of its width is seen down there.
+    rows = np.arange(60)
+    curtain *= np.where(rows > 56, 0.3, 1 - 0.01 * np.maximum(rows - 30, 0)).astype(np.float32)[:, None, None]
+    hole[35:, 5:35] = True
+    done = hanging(np.where(hole[..., None], 0, curtain).astype(np.float32), ~hole, hole, 40.0)
+    np.testing.assert_allclose(done, curtain, rtol=0.05)
 
 
 def test_a_piece_of_skirting_that_stands_on_furniture_goes_and_one_on_the_floor_stays() -> None:
