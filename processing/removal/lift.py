@@ -20,14 +20,15 @@ from processing.ground.arrays import Flags, Floats, Int16s
 from processing.ground.colour import largest_channel
 from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.ground.seam import resized
+from processing.ground.seam import resized, wrapped
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
+from processing.removal.illumination import grey, known_mean
 from processing.removal.plane_fill import LEAST_OPEN
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import opening_map, plane_map
+from processing.surfaces.maps import FIRST_WALL, opening_map, plane_map
 
 BAND_ROWS, MOST_BANDS = 128, 4  # rows lifted at once, and so many times side by side; chosen, 20 MB each at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
@@ -117,6 +118,10 @@ def lifted(
     _in_bands(partial(_lit_again, (image.rgb, rgb), change, target, stays), planes, plane, glass)
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
+    even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
+    _in_bands(
+        partial(_evened_out, rgb, change, target | (stays & (change != 0))), {0: even}, np.zeros_like(plane), glass
+    )
     change[~stays] = 0
     uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
@@ -146,6 +151,50 @@ def _lit_again(
     lit = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
     rgb[rows] = np.where(changed[..., None], lit, before[rows])
     change[rows] *= much[..., 0]
+
+
+HALO_ROWS, HALO_RAD = 512, (math.radians(0.5), math.radians(3.0), math.radians(2.0))
+"""Working size; from and up to how wide a line beside a filling is no detail and no light of the room; how far from the
+filling's rim it may lie. These and the next chosen by looking at five real rooms."""
+MOST_HALO, HALO_THING = 0.12, 0.25
+"""Natural logarithm by which a line is taken away at most, twice which it is none; from which a pixel is no wall."""
+
+
+def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) -> Floats:
+    """Return log gains (h, w + 2, 7), laid out as those of `_by_plane`, that take lines off walls beside the target.
+
+    A wall's own rim stays somewhat darker or brighter than what is further away, however well shade is lifted, and its
+    filling is neither: where both meet there is a line along the outline of what was there. ``apart`` (H, W): what is
+    no part of its wall.
+    """
+    rows = min(HALO_ROWS, len(rgb))
+    narrow, wide, reach = (angle / math.pi * rows for angle in HALO_RAD)
+    light, *flags = (resized(np.asarray(one, np.float32), (rows, 2 * rows)) for one in (rgb, target, apart))
+    pad_px = math.ceil(3 * wide)
+    tone, plane = wrapped(np.log(np.maximum(light, 1e-6)), pad_px), plane_map(room, Equirectangular(2 * rows, rows))
+    (gone, other), plane = (wrapped(flag, pad_px) > 0.5 for flag in flags), wrapped(plane, pad_px)
+    rim = cv2.morphologyEx(gone.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    near = np.exp(-((cv2.distanceTransform(1 - rim, cv2.DIST_L2, 5) / np.float32(reach)) ** 2))
+    gain = np.zeros_like(tone)
+    for number in np.unique(plane[(plane >= FIRST_WALL) & (rim > 0)]):
+        fit = (plane == number) & ~other
+        for _ in range(2):
+            slow = known_mean(tone, fit, wide)[0]
+            fit &= np.abs(grey(tone - slow)) < HALO_THING
+        off = slow - known_mean(tone, fit, narrow)[0]
+        off = np.clip(off, -MOST_HALO, MOST_HALO) * np.clip(2 - np.abs(off) / MOST_HALO, 0, 1)
+        gain[fit] = off[fit]
+    gain = (cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None])[:, pad_px - 1 : pad_px + 2 * rows + 1]
+    return np.concatenate([gain, np.zeros((*gain.shape[:2], 4), np.float32)], axis=2)
+
+
+def _evened_out(
+    rgb: Floats, change: Floats, where: Flags, rows: slice, lift: Floats, _light: Floats, _much: Floats
+) -> None:
+    """Multiply a band of a picture (H, W, 3) by its gain, and add that to the log change (H, W) of luminance."""
+    own = where[rows] & (lift != 0).any(axis=-1)
+    rgb[rows][own] *= np.exp(lift[own])
+    change[rows][own] += lift[own].mean(axis=-1)
 
 
 def _put_on(image: LuminanceImage, rows: int) -> Floats:

@@ -56,12 +56,12 @@ def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Float
     scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
     tall = 2 * round(max(STRIP_M * px_per_m, STRIP_PX) / 2) + 1
     share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
-    tone = scale.tone(values)
-    profile, step, both = np.zeros((len(known), 1, 3), np.float32), np.diff(tone, axis=0), known[1:] & known[:-1]
+    seen_tone = scale.tone(values)
+    profile, step, both = np.zeros((len(known), 1, 3), np.float32), np.diff(seen_tone, axis=0), known[1:] & known[:-1]
     for row in np.flatnonzero(both.sum(axis=1) > COLUMNS_SEEN * (known | hole).any(axis=0).sum()):
         profile[row + 1, 0] = np.median(step[row, both[row]], axis=0)
-    profile = profile.cumsum(axis=0)
-    tone = cv2.blur(np.where(known[..., None], tone - profile, 0).astype(np.float32), (1, tall))
+    profile = np.cumsum(profile, axis=0, dtype=np.float32)
+    tone = cv2.blur(np.where(known[..., None], seen_tone - profile, 0).astype(np.float32), (1, tall))
     above = np.maximum.accumulate(np.where(known, rows, -len(rows)), axis=0)
     below = np.minimum.accumulate(np.where(known, rows, 2 * len(rows))[::-1], axis=0)[::-1]
     nearest = np.where(rows - above <= below - rows, above, below)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -171,6 +172,41 @@ def test_a_window_that_is_hidden_altogether_is_lit_as_the_wall_that_it_is_filled
     shade = Shade(np.zeros_like(light), light.astype(np.float32), everywhere)
     done, _ = lifted(image((0.5 * light / math.pi).astype(np.float32)), hidden, box_room(), shade, quality="draft")
     assert luminance_cd_m2(done.image.rgb)[hidden & mine] == pytest.approx(50 / math.pi, rel=0.05)
+
+
+def test_a_line_along_what_was_removed_fades_on_walls_and_what_is_no_line_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Rims of a hole on a wall darker by 8 %, as imperfectly lifted shade leaves them; a stripe of 40 % is a thing."""
+    rows = 256
+    geometry = Equirectangular(2 * rows, rows)
+    maps, everywhere = surface_maps(box_room(), geometry), np.ones((rows, 2 * rows), bool)
+    bare = np.full((rows, 2 * rows, 3), 50, np.float32)
+    hole, stripe = np.zeros((2, rows, 2 * rows), bool)
+    middle = int(np.median(np.flatnonzero((maps.plane == 3).any(axis=0) & ~(maps.opening >= 0).any(axis=0))))
+    hole[120:150, middle - 30 : middle + 30] = True
+    stripe[122:148, middle + 34 : middle + 37] = True
+    rim = grown(hole, math.radians(1.2)) & ~hole
+    assert (maps.plane[rim | stripe] == 3).all()
+    dark = bare * np.where(rim, 0.92, np.where(stripe, 0.6, 1)).astype(np.float32)[..., None]
+    picture = replace(image(dark), geometry=geometry)
+    light = np.full_like(bare, 200)
+    shade = Shade(np.full_like(light, 0.01), light, everywhere)
+    done, change = lifted(picture, hole, box_room(), shade, quality="draft")
+    with monkeypatch.context() as without:
+        without.setattr("processing.removal.lift.MOST_HALO", 1e-9)
+        left = lifted(picture, hole, box_room(), shade, quality="draft")[0].image.rgb
+
+    def steep(rgb: Floats) -> float:
+        """Return how much luminance changes from pixel to pixel across the rim's outer half."""
+        across = np.abs(np.diff(np.log(cv2.GaussianBlur(rgb[..., 1], (0, 0), 1.5)), axis=0))
+        return float(across[:, middle - 20 : middle + 20].max(axis=0).mean())
+
+    assert steep(done.image.rgb) < 0.7 * steep(left)
+    np.testing.assert_allclose(done.image.rgb[stripe], left[stripe], rtol=0.02)
+    far = ~grown(hole, math.radians(6))
+    np.testing.assert_allclose(done.image.rgb[far], left[far], rtol=1e-4)
+    np.testing.assert_allclose(np.log(done.image.rgb / dark).mean(axis=-1)[~hole], change[~hole], atol=1e-5)
 
 
 def test_a_darker_thing_takes_more(found: FurnishedLight) -> None:
