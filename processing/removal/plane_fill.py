@@ -11,7 +11,7 @@ from scipy import ndimage
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.illumination import ToneScale, known_mean, spread
+from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
 from processing.removal.skirting import Skirting
@@ -45,22 +45,21 @@ def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
 STRIP_M, STRIP_PX = 0.25, 3.0
 """Beside the hole, of which a column's tone is the mean; at least (chosen)."""
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say by how much columns change there
+ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 
 
-def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Floats:
+def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float, *, even: bool = False) -> Floats:
     """Return a texture (H, W, 3), linear light, whose columns go on in the ``hole`` (H, W) as what is ``known`` ends.
 
-    They become darker or brighter from row to row as those do that are seen there, so that a curtain's hem runs on. A
-    column of which nothing is known is as those beside it.
+    They become darker or brighter from row to row as those do that are seen there, as far as they do so where they are
+    seen themselves: a curtain's hem runs on, a frame beside a pane does not change. ``even``: nothing does. A column of
+    which nothing is known is as those beside it.
     """
     scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
     tall = 2 * round(max(STRIP_M * px_per_m, STRIP_PX) / 2) + 1
     share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
     seen_tone = scale.tone(values)
-    profile, step, both = np.zeros((len(known), 1, 3), np.float32), np.diff(seen_tone, axis=0), known[1:] & known[:-1]
-    for row in np.flatnonzero(both.sum(axis=1) > COLUMNS_SEEN * (known | hole).any(axis=0).sum()):
-        profile[row + 1, 0] = np.median(step[row, both[row]], axis=0)
-    profile = np.cumsum(profile, axis=0, dtype=np.float32)
+    profile = np.zeros_like(seen_tone) if even else _downwards(seen_tone, known, (known | hole).any(axis=0).sum())
     tone = cv2.blur(np.where(known[..., None], seen_tone - profile, 0).astype(np.float32), (1, tall))
     above = np.maximum.accumulate(np.where(known, rows, -len(rows)), axis=0)
     below = np.minimum.accumulate(np.where(known, rows, 2 * len(rows))[::-1], axis=0)[::-1]
@@ -68,6 +67,20 @@ def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float) -> Float
     seen = (nearest >= 0) & (nearest < len(rows))
     ends = np.take_along_axis(tone / np.maximum(share, 1e-6), np.where(seen, nearest, 0)[..., None], axis=0)
     return np.where(hole[..., None], scale.light(spread(ends.astype(np.float32), seen) + profile), values)
+
+
+def _downwards(tone: Floats, known: Flags, columns: int) -> Floats:
+    """Return (H, W, 3): by how much the tones (H, W, 3) of each of so many columns change from the first row on."""
+    step, both, usual = np.diff(tone, axis=0), known[1:] & known[:-1], np.zeros((len(known), 1, 3), np.float32)
+    for row in np.flatnonzero(both.sum(axis=1) > COLUMNS_SEEN * columns):
+        usual[row + 1] = np.median(step[row, both[row]], axis=0)
+    change = grey(usual[1:])
+    alike, much = (change * grey(step) * both).sum(axis=0), (change**2 * both).sum(axis=0)
+    sure = np.flatnonzero(much > ENOUGH * much.max())
+    if not len(sure) or not much.any():
+        return np.zeros_like(tone)
+    share = np.interp(np.arange(known.shape[1]), sure, np.clip(alike[sure] / much[sure], 0, 1))
+    return np.asarray(np.cumsum(usual, axis=0) * share[:, None], np.float32)
 
 
 @dataclass(frozen=True)
@@ -156,7 +169,7 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
     if not region[-1].any():
         rail[rows[-wide:]] = True
     rail &= (known.sum(axis=1) > RAIL_SEEN * region.sum(axis=1))[:, None]
-    level = hanging(values.swapaxes(0, 1), (known & rail).T, (hole & rail).T, px_per_m).swapaxes(0, 1)
+    level = hanging(values.swapaxes(0, 1), (known & rail).T, (hole & rail).T, px_per_m, even=True).swapaxes(0, 1)
     return np.where(rail[..., None], level, found)
 
 
