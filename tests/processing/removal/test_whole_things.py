@@ -16,7 +16,7 @@ from processing.removal.furniture import (
 )
 from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
 from processing.removal.plane_fill import _opening, hanging
-from processing.removal.rests import with_things
+from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
@@ -301,3 +301,22 @@ def test_crumbs_within_what_is_removed_go_and_a_picture_stays() -> None:
     found = with_islands(target & ~crumb & ~picture, NONE, CRUMB_SR)
     assert found[crumb].all()
     assert not found[box(102, 123, 252, 283)].any()
+
+
+def test_crumbs_on_a_wall_near_what_goes_go_and_plates_patterns_and_what_is_far_stay() -> None:
+    light, vase = np.full((ROWS, 2 * ROWS, 3), 0.5, np.float32), box(125, 150, 240, 272)
+    specks, stem = [box(119, 122, 242, 245), box(128, 131, 274, 277)], NONE.copy()
+    plate, far, frame = box(118, 123, 262, 267), box(110, 113, 320, 323), box(130, 133, 234, 237)
+    for k in range(7):
+        stem[116 + k, 248 + k] = stem[122 - k, 250 + k] = True
+    for one in (*specks, plate, far, frame, stem):
+        light[one] = (0.2, 0.1, 0.3)
+    found = crumbs_on_walls(vase, light, MAPS, frame)
+    assert all(found[one].all() for one in specks)
+    assert found[stem].mean() > 0.9, "thin, and larger than a speck"
+    assert not found[plate | far | frame].any()
+    assert not crumbs_on_walls(vase, np.zeros_like(light), MAPS, frame).any()
+    light[::10, ::10] = 0.05
+    light[1::10, ::10] = 0.05
+    light[2::10, ::10] = 0.05
+    assert not crumbs_on_walls(vase, light, MAPS, frame).any(), "a pattern"
