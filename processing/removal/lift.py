@@ -82,13 +82,8 @@ def lifted(
     """
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
-    plane = plane_map(room, geometry)
-    opening, glass = opening_map(room, geometry), np.zeros_like(target)
-    for number, one in enumerate(room.openings):
-        mine = opening == number
-        # A window that is hidden altogether is filled as wall, and lit as one.
-        if one.kind is OpeningKind.WINDOW and (mine & ~target).sum() >= LEAST_OPEN * mine.sum():
-            glass |= mine
+    plane, opening = plane_map(room, geometry), opening_map(room, geometry)
+    glass = _seen_windows(opening, target, room)
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance = np.empty_like(image.rgb)
     change = np.zeros(image.rgb.shape[:2], np.float32)
@@ -113,8 +108,7 @@ def lifted(
         filler=filler,
         own=True,
     )
-    rgb = done.image.rgb
-    stays = ~target & (image.validity == Validity.VALID)
+    rgb, stays = done.image.rgb, ~target & (image.validity == Validity.VALID)
     _in_bands(partial(_lit_again, (image.rgb, rgb), change, target, stays), planes, plane, glass)
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
@@ -127,8 +121,18 @@ def lifted(
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
 
 
+def _seen_windows(opening: Int16s, target: Flags, room: RoomModel) -> Flags:
+    """Return the windows (H, W), but those that are hidden altogether: these are filled as wall, and lit as one."""
+    found = np.zeros_like(target)
+    for number, one in enumerate(room.openings):
+        mine = opening == number
+        if one.kind is OpeningKind.WINDOW and (mine & ~target).sum() >= LEAST_OPEN * mine.sum():
+            found |= mine
+    return found
+
+
 def _unlit(
-    rgb: Floats, reflectance: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, _much: Floats
+    rgb: Floats, reflectance: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, *_: Floats
 ) -> None:
     """Fill a band's reflectance (H, W, 3) and log change (H, W) of luminance."""
     reflectance[rows] = math.pi * rgb[rows] * np.exp(lift) / light
@@ -188,9 +192,7 @@ def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) ->
     return np.concatenate([gain, np.zeros((*gain.shape[:2], 4), np.float32)], axis=2)
 
 
-def _evened_out(
-    rgb: Floats, change: Floats, where: Flags, rows: slice, lift: Floats, _light: Floats, _much: Floats
-) -> None:
+def _evened_out(rgb: Floats, change: Floats, where: Flags, rows: slice, lift: Floats, *_: Floats) -> None:
     """Multiply a band of a picture (H, W, 3) by its gain, and add that to the log change (H, W) of luminance."""
     own = where[rows] & (lift != 0).any(axis=-1)
     rgb[rows][own] *= np.exp(lift[own])

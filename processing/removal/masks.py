@@ -149,8 +149,7 @@ def _find(
 ) -> _Found:
     """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
     shown = preview_rgb8(rgb)
-    geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
-    luminance = luminance_cd_m2(rgb)
+    geometry, luminance = Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
     tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(tripod, mask=tripod.mask | board)

@@ -153,9 +153,9 @@ Part: TypeAlias = tuple[tuple[slice, slice], Flags]
 """A box of a picture, and the part of it."""
 
 CRUMB_TONE, CRUMB_LIGHT_RAD, CRUMB_SR, SPARSE_SR, CRUMB_PX = 0.2, math.radians(1.5), 1.5e-3, 6e-3, 3
-"""Natural logarithm by which a crumb differs from its wall's light, over what that is taken; largest size, and of one
-that fills less than half of its box (a plate or a switch fills it); least pixels. These and the next chosen by looking
-at eight furnished real rooms."""
+"""Natural logarithm by which a crumb differs from its wall's light, over what that is taken; largest size, and of a
+dark one that fills less than half of its box (a plate or a socket is bright and fills it: it stays); least pixels.
+These and the next chosen by looking at eight furnished real rooms."""
 CRUMB_NEAR_RAD, CRUMB_APART_PX, CRUMB_TIMES = math.radians(5), 2, 2.0
 """How near to what goes most of a crumb lies; how far from other surfaces; and how many times as many of them there are
 than elsewhere on that wall: else they are its pattern."""
@@ -171,17 +171,19 @@ def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> 
     near, found, apart_px = grown(gone, CRUMB_NEAR_RAD), np.zeros_like(gone), 2 * CRUMB_APART_PX + 1
     for number in np.unique(maps.plane[near & (maps.plane >= FIRST_WALL)]):
         wall = (maps.plane == number) & (maps.opening < 0) & ~bar
-        fit, off = wall & ~gone, np.zeros(gone.shape, np.float32)
+        fit, off, more = wall & ~gone, np.zeros(gone.shape, np.float32), np.zeros_like(tone)
         for _ in range(3):
-            off = np.abs(tone - known_mean(tone, fit, CRUMB_LIGHT_RAD / math.pi * len(gone))[0]).max(axis=-1)
+            more = tone - known_mean(tone, fit, CRUMB_LIGHT_RAD / math.pi * len(gone))[0]
+            off = np.abs(more).max(axis=-1)
             fit &= off < CRUMB_TONE
         odd = (wall & ~gone & (off > CRUMB_TONE)).astype(np.uint8)
         odd = cv2.morphologyEx(odd, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         inner = cv2.erode((wall | gone).astype(np.uint8), np.ones((apart_px, apart_px), np.uint8)).astype(bool)
         parts: tuple[list[Part], list[Part]] = ([], [])
         for box, part in _parts(odd > 0):
-            most_sr = CRUMB_SR if part.mean() > 0.5 else SPARSE_SR
-            if part.sum() >= CRUMB_PX and weight[box][part].sum() < most_sr and inner[box][part].all():
+            solid, bright = part.mean() > 0.5, more[box][part].mean() > 0
+            small = weight[box][part].sum() < (CRUMB_SR if solid or bright else SPARSE_SR)
+            if small and part.sum() >= CRUMB_PX and inner[box][part].all() and not (solid and bright):
                 parts[int(near[box][part].mean() > 0.5)].append((box, part))
         room = [float(weight[wall & ~gone & side].sum()) for side in (~near, near)]
         if len(parts[1]) * room[0] > CRUMB_TIMES * len(parts[0]) * room[1]:

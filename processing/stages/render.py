@@ -115,7 +115,7 @@ def run(context: StageContext) -> StageOutput:
     return StageOutput(
         artifacts={"staged": staged} | dict.fromkeys(made, True),
         metrics={"method": asked.method, "alternatives": alternatives},
-        warnings=(*_method_warnings(asked), *_warnings(context, alternatives)),
+        warnings=_warnings(context, asked, alternatives),
         left_out=dict.fromkeys(missing, NO_SUCH),
         honoured=_honoured(context, asked, effort, alternatives),
         unfinished=len(alternatives) < len(every),
@@ -235,17 +235,10 @@ def _honoured(
     return found
 
 
-def _method_warnings(asked: RenderParameters) -> tuple[StageWarning, ...]:
-    """Return what limits a picture of this method."""
+def _warnings(context: StageContext, asked: RenderParameters, alternatives: list[Any]) -> tuple[StageWarning, ...]:
+    worst, found = max(one["error"] for one in alternatives), []
     if asked.method == "ibl":
-        text = "ibl: furniture is lit as if the room lay infinitely far away; it throws no shadow"
-        return (StageWarning(code="method", message=text),)
-    return ()
-
-
-def _warnings(context: StageContext, alternatives: list[Any]) -> tuple[StageWarning, ...]:
-    worst = max(one["error"] for one in alternatives)
-    if context.max_error is None or worst <= context.max_error:
-        return ()
-    text = f"an error of {context.max_error:g} was asked for, {worst:.3f} reached"
-    return (StageWarning(code="error", message=text),)
+        found.append(("method", "ibl: furniture is lit as if the room lay infinitely far away; it throws no shadow"))
+    if context.max_error is not None and worst > context.max_error:
+        found.append(("error", f"an error of {context.max_error:g} was asked for, {worst:.3f} reached"))
+    return tuple(StageWarning(code=code, message=text) for code, text in found)

@@ -315,6 +315,8 @@ def test_crumbs_on_a_wall_near_what_goes_go_and_plates_patterns_and_what_is_far_
     assert all(found[one].all() for one in specks)
     assert found[stem].mean() > 0.9, "thin, and larger than a speck"
     assert not found[plate | far | frame].any()
+    light[specks[1]] = 0.9
+    assert not crumbs_on_walls(vase, light, MAPS, frame)[specks[1]].any(), "a socket"
     assert not crumbs_on_walls(vase, np.zeros_like(light), MAPS, frame).any()
     light[::10, ::10] = 0.05
     light[1::10, ::10] = 0.05
