@@ -108,7 +108,7 @@ def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = 
     return float(np.linalg.norm(off))
 
 
-UNSURE, SHARD_SR, SLIT_RAD, BARRED_RAD = 0.4, 4e-3, math.radians(1.0), math.radians(0.75)
+UNSURE, SHARD_SR, SLIT_RAD, BARRED_RAD = 0.4, 8e-3, math.radians(1.0), math.radians(0.75)
 """Probability of things, or of walls, from which floor beside furniture goes; largest shard of a wall; half the width
 of slits between what goes; how near to what stays floor stays (chosen by looking at furnished real rooms)."""
 SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
