@@ -28,7 +28,7 @@ AROUND_RAD = math.radians(1.0)
 BIAS = -1.1  # on validation rooms 0.80 of what is taken is furniture, and 0.88 of the furniture is taken
 CUT_SHARE = 0.4
 """Of the graph cut's vote beside the probability's: a cut alone loses whole pieces that have the wall's colour."""
-LEAST_ON_WALL, LEAST_AT_SILL, SILL_RAD = 0.2, 0.35, math.radians(2)
+LEAST_ON_WALL, LEAST_AT_SILL, SILL_RAD = 0.2, 0.5, math.radians(2)
 """Probability below which the cut adds nothing on walls; the same within this angle of windows and doors, whose frames
 have the colours of a wardrobe beside them (chosen by looking; masks of validation rooms score the same)."""
 AGREED, FLOOR_DOUBTFUL = 0.55, 0.45

@@ -125,7 +125,7 @@ def fill_plane(
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
     rest, upright = np.ones_like(hole), np.ones_like(hole)
-    for region in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
+    for region in _with_seen_sills(opening_regions(texture.plane, room, hole.shape, texture.px_per_m), known, texture):
         inside = hole & region
         if (sources & region).sum() < LEAST_OPEN * region.sum():
             # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
@@ -155,6 +155,16 @@ def fill_plane(
 
 
 RAIL_SEEN = 0.25  # of a row of a frame's head or sill, from which the row goes on as it is seen (chosen by looking)
+
+
+def _with_seen_sills(regions: Iterator[Flags], known: Flags, texture: Texture) -> Iterator[Flags]:
+    """Yield the ``regions`` (H, W) of openings without sills of which little is ``known`` (H, W): below the pane the
+    wall goes on, not what is seen through it."""
+    for region in regions:
+        sill = np.flatnonzero(region.any(axis=1))[-max(1, math.ceil(FRAME_M * texture.px_per_m)) :]
+        if not region[-1].any():
+            region[sill[(known & region)[sill].sum(axis=1) <= RAIL_SEEN * region[sill].sum(axis=1)]] = False
+        yield region
 
 
 def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m: float) -> Floats:

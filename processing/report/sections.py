@@ -105,8 +105,11 @@ def remove_section(
     text = "Pixels outside the outlines are the captured ones"
     if log_lift is not None:
         text += ", lit as they are without the furniture's shade."
+        share = np.clip(np.expm1(log_lift[rows, rows]) / MOST_SHOWN, -1, 1)[..., None]
+        towards = np.where(share > 0, np.array([178, 24, 43]), np.array([33, 102, 172]))
+        as_colours = np.asarray(np.round(255 + (towards - 255) * np.abs(share)), np.uint8)
         note = f"brighter (red) or darker (blue) by up to {100 * MOST_SHOWN:.0f} % than captured"
-        pictures.append(Picture("Shade lifted", jpeg_bytes(_change_rgb8(log_lift[rows, rows])), note, wide=True))
+        pictures.append(Picture("Shade lifted", jpeg_bytes(as_colours), note, wide=True))
         quantities.append(Quantity("Median pixel brightened by", float(facts["lifted_median_pct"]), "%"))
     elif relit:
         text += f", but for soft shadows of furniture: {relit:.1%} of all directions, made as bright as around."
@@ -116,13 +119,6 @@ def remove_section(
 
 
 MOST_SHOWN = 0.5  # relative change of luminance at the ends of the colour scale; chosen
-
-
-def _change_rgb8(log_change: Floats) -> Bytes:
-    """Return a change (H, W) as white, red where brighter and blue where darker: (H, W, 3)."""
-    share = np.clip(np.expm1(log_change) / MOST_SHOWN, -1, 1)[..., None]
-    towards = np.where(share > 0, np.array([178, 24, 43]), np.array([33, 102, 172]))
-    return np.asarray(np.round(255 + (towards - 255) * np.abs(share)), np.uint8)
 
 
 EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)

@@ -15,12 +15,13 @@ from processing.removal.furniture import (
     without_skirting,
 )
 from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
-from processing.removal.plane_fill import _opening, hanging
+from processing.removal.plane_fill import _opening, _with_seen_sills, hanging
 from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import CEILING, FLOOR, surface_maps
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, planes_of, surface_maps
+from processing.surfaces.textures import Texture
 from tests.processing.removal.painted_room import box_room
 
 ROWS = 256
@@ -243,6 +244,18 @@ def test_a_sill_goes_on_level_and_what_is_below_it_is_wall() -> None:
         np.where(hidden[..., None], 0, seen).astype(np.float32), region & ~hidden, hole & region, region, 100.0
     )
     np.testing.assert_allclose(done[72:80, 60:90], 2.0, rtol=0.02, err_msg="what is above a hidden rail goes on")
+
+
+def test_below_a_pane_whose_sill_is_hidden_the_wall_goes_on() -> None:
+    region, known = np.zeros((2, 100, 160), bool)
+    region[20:80, 20:140] = known[:76, :60] = True  # at 100 px/m: 8 rows of sill, of which four are seen in a third
+    dense = known.astype(np.float32)
+    texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, np.zeros((100, 160, 3), np.float32), known, dense)
+    (found,) = _with_seen_sills(iter([region.copy()]), known, texture)
+    assert np.array_equal(found[:76], region[:76])
+    assert not found[76:].any()
+    door = region | (np.arange(100) >= 80)[:, None] & region[50]
+    assert np.array_equal(next(_with_seen_sills(iter([door.copy()]), known, texture)), door), "it has no sill"
 
 
 def test_a_curtain_goes_on_as_it_hangs() -> None:
