@@ -50,8 +50,8 @@ def panes_of(room: RoomModel | None, geometry: Geometry, views: tuple[int, ...] 
     """
     if room is None or not isinstance(geometry, Equirectangular) or not room.openings:
         return None
-    if views is not None:
-        room = room.model_copy(update={"openings": tuple(room.openings[i] for i in views)})
+    if views is not None:  # as the room was when its stills were made: it may have been corrected since
+        room = room.model_copy(update={"openings": tuple(o for i, o in enumerate(room.openings) if i in views)})
     glass = opening_map(room, geometry, REVEAL_M, FRAME_M) >= 0
     return np.add(opening_map(room, geometry) >= 0, glass, dtype=np.uint8)
 

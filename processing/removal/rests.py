@@ -166,6 +166,7 @@ def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> 
 
     ``rgb`` (H, W, 3), linear, of any unit; ``bar`` (H, W): what is no wall, or stays.
     """
+    rgb = np.nan_to_num(rgb, nan=0, posinf=0)
     tone = np.log(np.clip(rgb, 1e-3 * float(np.median(rgb)) + 1e-9, 1e20)).astype(np.float32)
     weight = np.broadcast_to(row_solid_angles((gone.shape[0], gone.shape[1])), gone.shape)
     near, found, apart_px = grown(gone, CRUMB_NEAR_RAD), np.zeros_like(gone), 2 * CRUMB_APART_PX + 1

@@ -45,4 +45,5 @@ def test_glass_lies_within_its_opening_and_its_reveal_around_it() -> None:
     assert ((panes > 0) == (opening == 0)).all()
     assert 0.3 < (panes == 2).sum() / (panes > 0).sum() < 0.9
     assert panes_of(model(BOX), GEOMETRY) is None
+    np.testing.assert_array_equal(panes_of(ROOM, GEOMETRY, (0, 5)), panes)  # a room with fewer openings than it had
     assert panes_of(None, GEOMETRY) is None

@@ -20,7 +20,7 @@ from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import FIRST_PART, GLASS, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
-from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.removal.lift import Shade, lifted, light_without
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FLOOR, surface_maps
@@ -160,6 +160,23 @@ def test_a_pane_gives_the_camera_what_the_camera_sees_on_it(
     glass = sight.label == GLASS
     given = luminance_cd_m2(seen_outdoors(Stage.of(found.scene, 0.5), sight).reshape(ROWS, 2 * ROWS, 3)).ravel()
     assert given[glass].mean() == pytest.approx(luminance_cd_m2(dark[0].rgb).ravel()[glass].mean(), rel=0.05)
+
+
+def test_what_the_lens_did_not_see_spoils_nothing_around(
+    dark: tuple[LuminanceImage, Flags], found: FurnishedLight
+) -> None:
+    picture, furniture = dark
+    rgb, hole = picture.rgb.copy(), np.zeros_like(furniture)
+    rim = grown(furniture, math.radians(6)) & ~furniture & (surface_maps(box_room(), GEOMETRY).plane > 1)
+    hole.ravel()[np.flatnonzero(rim)[::9]] = True
+    rgb[hole] = np.nan
+    rgb[30, 40] = np.inf
+    broken = replace(picture, rgb=rgb, validity=np.where(hole, np.uint8(Validity.OUTSIDE), picture.validity))
+    done, change = lifted(broken, furniture, box_room(), shade_of(found), quality="draft")
+    seen = ~hole
+    seen[30, 40] = False
+    assert np.isfinite(done.image.rgb[seen]).all()
+    assert np.isfinite(change).all()
 
 
 def test_a_window_that_is_hidden_altogether_is_lit_as_the_wall_that_it_is_filled_as() -> None:

@@ -331,6 +331,8 @@ def test_crumbs_on_a_wall_near_what_goes_go_and_plates_patterns_and_what_is_far_
     light[specks[1]] = 0.9
     assert not crumbs_on_walls(vase, light, MAPS, frame)[specks[1]].any(), "a socket"
     assert not crumbs_on_walls(vase, np.zeros_like(light), MAPS, frame).any()
+    light[200:210, 100:120], light[60, 10] = np.nan, np.inf
+    assert crumbs_on_walls(vase, light, MAPS, frame)[specks[0]].all(), "what the lens did not see changes nothing"
     light[::10, ::10] = 0.05
     light[1::10, ::10] = 0.05
     light[2::10, ::10] = 0.05
