@@ -22,7 +22,7 @@ from station.session import strict_json
 from station.session.session import SessionManifest
 from station.session.store import load_manifest
 
-FRAME_M = 0.06  # of a sash; chosen
+SASH_M = 0.06  # width of a sash's frame, seen within its opening; chosen
 VIEW_OF_IT = 0.05  # share of an opening that is as bright as a view, from which it shows one; chosen
 DISPLAY_FILE = Path("stages", "stills", "display.json")
 """Of a session: the display that its stills were made with, which all else follows."""
@@ -52,7 +52,7 @@ def panes_of(room: RoomModel | None, geometry: Geometry, views: tuple[int, ...] 
         return None
     if views is not None:  # as the room was when its stills were made: it may have been corrected since
         room = room.model_copy(update={"openings": tuple(o for i, o in enumerate(room.openings) if i in views)})
-    glass = opening_map(room, geometry, REVEAL_M, FRAME_M) >= 0
+    glass = opening_map(room, geometry, REVEAL_M, SASH_M) >= 0
     return np.add(opening_map(room, geometry) >= 0, glass, dtype=np.uint8)
 
 
@@ -85,8 +85,8 @@ def _views(display: Display, photograph: LuminanceImage, room: RoomModel) -> tup
     step = max(1, photograph.rgb.shape[1] // 1024)
     level = luminance_cd_m2(display.light(np.ascontiguousarray(photograph.rgb[step // 2 :: step, step // 2 :: step])))
     opening = opening_map(room, Equirectangular(level.shape[1], level.shape[0]))
-    bright = [(level[opening == number] > LEAST_VIEW).mean() for number in range(len(room.openings))]
-    return tuple(number for number, share in enumerate(bright) if share > VIEW_OF_IT)
+    every = [level[opening == number] for number in range(len(room.openings))]
+    return tuple(number for number, own in enumerate(every) if (own > LEAST_VIEW).sum() > VIEW_OF_IT * own.size)
 
 
 def session_shown(session: Path) -> Shown:

@@ -44,7 +44,7 @@ def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
 
 STRIP_M, STRIP_PX = 0.25, 3.0
 """Beside the hole, of which a column's tone is the mean; at least (chosen)."""
-COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say by how much columns change there
+COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 
 
@@ -77,7 +77,7 @@ def _downwards(tone: Floats, known: Flags, columns: int) -> Floats:
     change = grey(usual[1:])
     alike, much = (change * grey(step) * both).sum(axis=0), (change**2 * both).sum(axis=0)
     sure = np.flatnonzero(much > ENOUGH * much.max())
-    if not len(sure) or not much.any():
+    if not len(sure):
         return np.zeros_like(tone)
     share = np.interp(np.arange(known.shape[1]), sure, np.clip(alike[sure] / much[sure], 0, 1))
     return np.asarray(np.cumsum(usual, axis=0) * share[:, None], np.float32)

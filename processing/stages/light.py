@@ -180,9 +180,8 @@ def light_outdoors(
         return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
     if context.session.heading_rad is not None:
         return found, "outdoor picture", []
-    # The sun, where its light in the room shows it.
-    seen, names = context.summary("detect")["metrics"], ("sun_azimuth_deg", "sun_elevation_deg")
-    azimuth_rad, elevation_rad = (math.radians(seen.get(name, 0)) for name in names)
-    sun = (azimuth_rad, elevation_rad) if names[0] in seen else None
+    metrics, sun = context.summary("detect")["metrics"], None
+    if "sun_azimuth_deg" in metrics:  # its light in the room shows where it stands
+        sun = math.radians(metrics["sun_azimuth_deg"]), math.radians(metrics["sun_elevation_deg"])
     facing, how = facing_without_heading(found, image, room, sun)
     return facing, "outdoor picture", [f"the panorama's heading is not recorded: {how} {HEADING_ADVICE}"]

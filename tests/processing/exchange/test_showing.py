@@ -30,6 +30,10 @@ def test_a_bright_wall_in_the_place_of_a_wardrobe_is_not_lowered_like_a_view() -
     image = photograph()
     shown = shown_as(image, image, {}, ROOM, "panorama")
     assert shown.display.views == (0,)
+    nothing = window(2, 0.5, 0.5001)  # so narrow that no pixel shows it
+    assert shown_as(image, image, {}, model(BOX, openings=[nothing, ROOM.openings[0]]), "panorama").display.views == (
+        1,
+    )
     opening, emptied = opening_map(ROOM, GEOMETRY), image.rgb.copy()
     emptied[opening == 1] = 3
     light = shown.display.light(emptied, panes_of(ROOM, GEOMETRY, shown.display.views))
