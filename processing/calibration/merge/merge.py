@@ -250,7 +250,7 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
         )
     if job.options.allow_contradiction:
         return named
-    if apart > (REFUSE_OWN_STOPS if job.options.own_curve else REFUSE_STOPS):
+    if apart > REFUSE_STOPS and (agreement.firm > REFUSE_OWN_STOPS or not job.options.own_curve):
         raise BracketError(
             f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
             where=job.order.frames[place].name,

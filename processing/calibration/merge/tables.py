@@ -187,6 +187,7 @@ def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error
 Seen = tuple[Floats, Floats]
 GRID_SAMPLES = 12_000  # pixels compared; chosen
 MIN_SAMPLES = 120  # chosen: a median to a tenth of the scatter
+FIRM_SHARE = 0.02  # of the pixels compared; chosen: two frames that share less say little about each other
 MARGIN_SIGMAS = 3.0  # clear of clipping and of dark; chosen
 MAX_SIGMA = 0.25  # relative, of a sample that is compared; chosen
 BINS = 5  # of the level; chosen
@@ -217,6 +218,8 @@ class Consistency:
     """Correlation of the noise of two pixels side by side: demosaicing, denoising and coding leave some."""
     wander: float = 0.0
     """Relative standard deviation by which parts of the picture change from frame to frame: clouds, flicker."""
+    firm: float = 0.0
+    """The largest offset by pairs of frames that share much of the picture: what a small part says may be its own."""
 
 
 def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
@@ -235,7 +238,9 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
             break
         assumed = found
     # Each frame's offset is from the median of all; where a pair's difference is unknown, it is taken as 0.
-    down = np.concatenate([[0.0], np.cumsum([-(pair.offset or 0.0) for pair in pairs])])
+    steps = np.array([-(pair.offset or 0.0) for pair in pairs])
+    shared = np.array([pair.count > FIRM_SHARE * 3 * height * width for pair in pairs])
+    down, firm = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, steps * shared))
     return Consistency(
         np.asarray(down - np.median(down)),
         max((p.curve_error for p in pairs), default=0.0),
@@ -243,6 +248,7 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
         correlation,
         _neighbours(frames, tables, (sparse[0], slice(step // 2, -1, step)), assumed),
         math.log(2) * math.sqrt(sum(p.wander2 for p in pairs) / max(sum(p.in_parts for p in pairs), 1)),
+        float(np.max(np.abs(firm - np.median(firm)))),
     )
 
 
@@ -279,6 +285,8 @@ class _Pair:
     """Squared stops by which parts of the picture changed apart from the whole, summed over `in_parts`."""
     in_parts: int = 0
     """Samples."""
+    count: int = 0
+    """Samples of all channels behind the offset."""
 
 
 def _pair(longer: Seen, shorter: Seen, tables: Samples, assumed: tuple[int, float], part: Int64s) -> _Pair:
@@ -303,7 +311,7 @@ def _pair(longer: Seen, shorter: Seen, tables: Samples, assumed: tuple[int, floa
     scatter = (apart - np.median(apart, axis=0)) / np.sqrt(expected) if whole.any() else np.empty((0, 3))
     green = good[:, 1]
     parts = _wander2(stops[green, 1], mean[green, 1], part[green])
-    return _Pair(float(np.median(stops[good])), _by_level(stops[good], mean[good]), scatter, *parts)
+    return _Pair(float(np.median(stops[good])), _by_level(stops[good], mean[good]), scatter, *parts, int(good.sum()))
 
 
 def _wander2(stops: Doubles, level: Doubles, part: Int64s) -> tuple[float, int]:

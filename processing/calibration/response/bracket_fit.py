@@ -26,8 +26,6 @@ from processing.errors import ResponseError
 from processing.ground.arrays import Doubles, Flags
 
 _QUICK_PATCHES = 1000  # how many patches the first rounds use: they need only come near
-SLOPPY_STOPS = 0.67
-"""Of single times, by a shutter that is off in most frames; chosen: four times a bad one's sixth of a stop."""
 _MOST_WRONG = 3  # frames of a bracket; chosen
 _CLEAR_OF_BLACK = 12.0  # codes; chosen: above cut-off noise
 _LEAST_CLEAR_PATCHES = 60
@@ -94,15 +92,21 @@ def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrio
     priors = priors or [published_prior()] * 3
     given = samples.log2_times
     times, wrong = given.copy(), dict[int, float]()
+    nominal = tuple(float(t) for t in np.exp2(given))
     fits, evidence = _quick(samples, times, priors)
+    for _ in range(_REFINE if free_times else 0):
+        estimate = shutter.estimate_times(evidence, nominal, fitted=times)
+        if not estimate.off_rule:
+            break
+        times = np.log2(np.array(estimate.times_s))
+        fits, evidence = _quick(samples, times, priors)
     while len(wrong) < _MOST_WRONG and (found := shutter.find_wrong_time(evidence, wrong)) is not None:
         wrong[found[0]] = 0.0
         times[found[0]] += found[1]
         for _ in range(_REFINE):
             fits, evidence = _quick(samples, times, priors)
             times += shutter.refine_times(evidence, tuple(wrong))
-    check_consistent(evidence, wrong, times - given, sloppy=SLOPPY_STOPS if free_times else 0.0)
-    nominal = tuple(float(t) for t in np.exp2(given))
+    check_consistent(evidence, wrong, times - given, sloppy=shutter.SLOPPY_STOPS if free_times else 0.0)
     estimate = shutter.estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
     if free_times:
         times = np.log2(np.array(estimate.times_s))

@@ -20,7 +20,10 @@ WRONG_STOPS = 0.12
 _CLEAR_CHI2 = 100.0
 """Gain in chi2 that a wrong time must explain: patches are many, the curve is smooth, small misfits are certain."""
 _DECISIVE_CHI2 = 10.0  # chosen: odds of 150 to 1
-_CLEAR_SIGMAS, _CLEAR_TOLERANCES = 3.0, 6.0  # chosen: by which times must be off their rule to be changed
+_TOLERANCES_STOPS = (RULE_SIGMA_STOPS, 0.05, 0.1, 0.17, 0.3)  # chosen: of good shutters to worn ones
+_SCATTERED = 5.0  # natural log of the odds that a scatter needs, 150 to 1; chosen
+SLOPPY_STOPS = 0.67
+"""Of single times, by a shutter that is off in most frames; chosen: four times a bad one's sixth of a stop."""
 _STIFF = 1e3  # chosen: holds what frames cannot show
 _LITTLE = 0.05  # of the largest information on a time; chosen
 _SAME_STOPS = 1e-6  # rounding error
@@ -107,7 +110,7 @@ class TimeEstimate:
     decided: bool
     """Whether the frames distinguish the rules; where not, ``rule`` is the prior one."""
     off_rule: bool
-    """Whether times differ from the rule's by more than the frames' noise explains, and are the estimated ones."""
+    """Whether the shutter scatters by more than its tolerance; then all times are the estimated ones."""
 
 
 def estimate_times(
@@ -128,51 +131,68 @@ def estimate_times(
     for change in by_rule.values():
         change[list(known)] = 0.0
     chi2 = {rule: -evidence.gain(change) for rule, change in by_rule.items()}
-    best = min(chi2, key=lambda rule: chi2[rule])
+    best_rule = min(chi2, key=lambda rule: chi2[rule])
     # Rules that give these frames the same times are one.
-    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best]).max() > _SAME_STOPS]
-    decided = bool(others) and min(chi2[r] for r in others) - chi2[best] > _DECISIVE_CHI2
+    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best_rule]).max() > _SAME_STOPS]
+    decided = bool(others) and min(chi2[r] for r in others) - chi2[best_rule] > _DECISIVE_CHI2
     decided &= bool(np.bincount(evidence.bracket_of_frame).max() >= _LEAST_FRAMES)
-    rule = best if decided and chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
-    extra, covariance = _off_rule(evidence, by_rule[rule], now)
-    gain = evidence.gain(by_rule[rule] + extra) - evidence.gain(by_rule[rule])
-    # Beyond both the shutter's tolerance and the evidence's own doubt: textures and JPEG move times that are right.
-    doubt = np.maximum(_CLEAR_SIGMAS * np.sqrt(np.diag(covariance)), _CLEAR_TOLERANCES * RULE_SIGMA_STOPS)
-    off_rule = bool(gain > len(now) + 6 * math.sqrt(2 * len(now)) and np.any(np.abs(extra) > doubt))
+    rule = best_rule if decided and chi2[prior] - chi2[best_rule] > _DECISIVE_CHI2 else prior
+    tight = np.full(len(now), RULE_SIGMA_STOPS)
+    extra, covariance, likely = _off_rule(evidence, by_rule[rule], now, tight)
+    # One time that is wrong by any amount is an entry's fault, and no shutter's.
+    ones = np.where(np.eye(len(now), dtype=bool), SLOPPY_STOPS, tight)
+    likely = max(likely, *(_off_rule(evidence, by_rule[rule], now, one)[2] for one in ones))
+    scattered = [_off_rule(evidence, by_rule[rule], now, np.full(len(now), t)) for t in _TOLERANCES_STOPS]
+    best = int(np.argmax([one[2] for one in scattered]))
+    most = np.abs(scattered[best][0] - np.median(scattered[best][0])).max()
+    off_rule = bool(scattered[best][2] - likely > _SCATTERED and most < SLOPPY_STOPS)
+    if off_rule:
+        extra, covariance, _ = scattered[best]
     total = now + by_rule[rule] + (extra if off_rule else 0.0)
-    # What the frames would change and is not changed is doubt.
-    sigma = np.hypot(np.sqrt(np.diag(covariance)), 0.0 if off_rule else extra) * math.log(2.0)
+    # What the frames would change and is not changed is doubt; so is the slope that times by chance may have.
+    slope = _TOLERANCES_STOPS[best] / max(float(np.linalg.norm(now - now.mean())), 1.0) * (now - np.median(now))
+    sigma = np.hypot(np.sqrt(np.diag(covariance)), slope if off_rule else extra) * math.log(2.0)
     return TimeEstimate(
         tuple(float(t) for t in np.exp2(total)),
         tuple(float(s) for s in sigma),
         rule,
-        {name: round(value - chi2[best], 3) for name, value in chi2.items()},
+        {name: round(value - chi2[best_rule], 3) for name, value in chi2.items()},
         decided,
         off_rule,
     )
 
 
-def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles) -> tuple[Doubles, Doubles]:
-    """Return the most probable further change under a shutter's tolerance, middle frames fixed, and its covariance."""
+def _off_rule(
+    evidence: TimeEvidence, change: Doubles, now: Doubles, tolerance: Doubles
+) -> tuple[Doubles, Doubles, float]:
+    """Return the most probable further change under the shutter's tolerance (F,), its covariance, and log-likelihood.
+
+    Middle frames are fixed. The likelihood is that of the tolerance, the change itself integrated out.
+    """
     count = len(now)
-    free = np.ones(count, dtype=bool)
+    free, every = np.ones(count, dtype=bool), np.diag(tolerance**-2.0)
     for bracket in np.unique(evidence.bracket_of_frame):
         mine = np.flatnonzero(evidence.bracket_of_frame == bracket)
         free[mine[np.argsort(now[mine])[mine.size // 2]]] = False
+        # The middle one may be off as well: then all others are so against it.
+        part = tolerance[mine] ** -2.0
+        every[np.ix_(mine, mine)] -= np.outer(part, part) / part.sum()
     extra, covariance = np.zeros(count), np.zeros((count, count))
-    if free.any():
-        right = (evidence.right - evidence.matrix @ change)[free]
-        inside = np.ix_(free, free)
-        # All times to a common power with the curve stretched to fit look the same: that much is the rule's to say.
-        # A frame that shows little counts little here, or it would make up for the stretch of all others.
-        known = np.diag(evidence.matrix) / max(_LITTLE * float(np.diag(evidence.matrix).max()), 1e-300)
-        known = np.clip(known, 1e-9, 1.0)
-        stretch = (known * (now + change - np.average(now + change, weights=known)))[free]
-        prior = np.eye(int(free.sum())) / RULE_SIGMA_STOPS**2
-        prior += np.outer(stretch, stretch) * (_STIFF * max(float(np.diag(evidence.matrix).max()), 1.0))
-        covariance[inside] = np.linalg.inv(evidence.matrix[inside] + prior)
-        extra[free] = covariance[inside] @ right
-    return extra, covariance
+    if not free.any():
+        return extra, covariance, 0.0
+    right = (evidence.right - evidence.matrix @ change)[free]
+    inside = np.ix_(free, free)
+    # All times to a common power with the curve stretched to fit look the same: that much is the rule's to say.
+    # A frame that shows little counts little here, or it would make up for the stretch of all others.
+    known = np.diag(evidence.matrix) / max(_LITTLE * float(np.diag(evidence.matrix).max()), 1e-300)
+    known = np.clip(known, 1e-9, 1.0)
+    stretch = (known * (now + change - np.average(now + change, weights=known)))[free]
+    prior = every[inside] + np.outer(stretch, stretch) * (_STIFF * max(float(np.diag(evidence.matrix).max()), 1.0))
+    whole = evidence.matrix[inside] + prior
+    covariance[inside] = np.linalg.inv(whole)
+    extra[free] = covariance[inside] @ right
+    likely = right @ extra[free] - np.linalg.slogdet(whole)[1] + np.linalg.slogdet(prior)[1]
+    return extra, covariance, float(likely) / 2
 
 
 def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:
