@@ -8,6 +8,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -131,23 +132,17 @@ def estimate_times(
     for change in by_rule.values():
         change[list(known)] = 0.0
     chi2 = {rule: -evidence.gain(change) for rule, change in by_rule.items()}
-    best_rule = min(chi2, key=lambda rule: chi2[rule])
+    fits = min(chi2, key=lambda rule: chi2[rule])
     # Rules that give these frames the same times are one.
-    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best_rule]).max() > _SAME_STOPS]
-    decided = bool(others) and min(chi2[r] for r in others) - chi2[best_rule] > _DECISIVE_CHI2
+    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[fits]).max() > _SAME_STOPS]
+    decided = bool(others) and min(chi2[r] for r in others) - chi2[fits] > _DECISIVE_CHI2
     decided &= bool(np.bincount(evidence.bracket_of_frame).max() >= _LEAST_FRAMES)
-    rule = best_rule if decided and chi2[prior] - chi2[best_rule] > _DECISIVE_CHI2 else prior
-    tight = np.full(len(now), RULE_SIGMA_STOPS)
-    extra, covariance, likely = _off_rule(evidence, by_rule[rule], now, tight)
-    # One time that is wrong by any amount is an entry's fault, and no shutter's.
-    ones = np.where(np.eye(len(now), dtype=bool), SLOPPY_STOPS, tight)
-    likely = max(likely, *(_off_rule(evidence, by_rule[rule], now, one)[2] for one in ones))
-    scattered = [_off_rule(evidence, by_rule[rule], now, np.full(len(now), t)) for t in _TOLERANCES_STOPS]
-    best = int(np.argmax([one[2] for one in scattered]))
-    most = np.abs(scattered[best][0] - np.median(scattered[best][0])).max()
-    off_rule = bool(scattered[best][2] - likely > _SCATTERED and most < SLOPPY_STOPS)
-    if off_rule:
-        extra, covariance, _ = scattered[best]
+    rule = fits if decided and chi2[prior] - chi2[fits] > _DECISIVE_CHI2 else prior
+    tried = [_off_rule(evidence, by_rule[rule], now, tolerance) for tolerance in _TOLERANCES_STOPS]
+    best = int(np.argmax([one.likely for one in tried]))
+    most = np.abs(tried[best].extra - np.median(tried[best].extra)).max()
+    off_rule = bool(tried[best].likely - tried[0].likely > _SCATTERED and most < SLOPPY_STOPS)
+    extra, covariance, _ = tried[best if off_rule else 0]
     total = now + by_rule[rule] + (extra if off_rule else 0.0)
     # What the frames would change and is not changed is doubt; so is the slope that times by chance may have.
     slope = _TOLERANCES_STOPS[best] / max(float(np.linalg.norm(now - now.mean())), 1.0) * (now - np.median(now))
@@ -156,30 +151,33 @@ def estimate_times(
         tuple(float(t) for t in np.exp2(total)),
         tuple(float(s) for s in sigma),
         rule,
-        {name: round(value - chi2[best_rule], 3) for name, value in chi2.items()},
+        {name: round(value - chi2[fits], 3) for name, value in chi2.items()},
         decided,
         off_rule,
     )
 
 
-def _off_rule(
-    evidence: TimeEvidence, change: Doubles, now: Doubles, tolerance: Doubles
-) -> tuple[Doubles, Doubles, float]:
-    """Return the most probable further change under the shutter's tolerance (F,), its covariance, and log-likelihood.
+class _OffRule(NamedTuple):
+    """How far times are off their rule, in stops."""
 
-    Middle frames are fixed. The likelihood is that of the tolerance, the change itself integrated out.
-    """
+    extra: Doubles
+    covariance: Doubles
+    likely: float
+    """Logarithm of the tolerance's likelihood, the times integrated out (restricted maximum likelihood)."""
+
+
+def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles, tolerance_stops: float) -> _OffRule:
+    """Return the most probable further change under a shutter's tolerance, middle frames fixed."""
     count = len(now)
-    free, every = np.ones(count, dtype=bool), np.diag(tolerance**-2.0)
+    free, every = np.ones(count, dtype=bool), np.eye(count)
     for bracket in np.unique(evidence.bracket_of_frame):
         mine = np.flatnonzero(evidence.bracket_of_frame == bracket)
         free[mine[np.argsort(now[mine])[mine.size // 2]]] = False
         # The middle one may be off as well: then all others are so against it.
-        part = tolerance[mine] ** -2.0
-        every[np.ix_(mine, mine)] -= np.outer(part, part) / part.sum()
+        every[np.ix_(mine, mine)] -= 1 / mine.size
     extra, covariance = np.zeros(count), np.zeros((count, count))
     if not free.any():
-        return extra, covariance, 0.0
+        return _OffRule(extra, covariance, 0.0)
     right = (evidence.right - evidence.matrix @ change)[free]
     inside = np.ix_(free, free)
     # All times to a common power with the curve stretched to fit look the same: that much is the rule's to say.
@@ -187,12 +185,14 @@ def _off_rule(
     known = np.diag(evidence.matrix) / max(_LITTLE * float(np.diag(evidence.matrix).max()), 1e-300)
     known = np.clip(known, 1e-9, 1.0)
     stretch = (known * (now + change - np.average(now + change, weights=known)))[free]
-    prior = every[inside] + np.outer(stretch, stretch) * (_STIFF * max(float(np.diag(evidence.matrix).max()), 1.0))
+    prior = every[inside] / tolerance_stops**2 + np.outer(stretch, stretch) * (
+        _STIFF * max(float(np.diag(evidence.matrix).max()), 1.0)
+    )
     whole = evidence.matrix[inside] + prior
     covariance[inside] = np.linalg.inv(whole)
     extra[free] = covariance[inside] @ right
     likely = right @ extra[free] - np.linalg.slogdet(whole)[1] + np.linalg.slogdet(prior)[1]
-    return extra, covariance, float(likely) / 2
+    return _OffRule(extra, covariance, float(likely) / 2)
 
 
 def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:

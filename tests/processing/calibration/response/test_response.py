@@ -118,6 +118,21 @@ def test_a_wrong_time_is_named_and_put_right(frame: int, factor: float) -> None:
     assert rms(fit.curve) < 0.006
 
 
+def test_one_wrong_time_is_an_entry_and_several_a_shutter_that_scatters() -> None:
+    times = np.array(made().true_s)
+    one = times * np.where(np.arange(9) == 3, 2**0.4, 1)
+    fit = recover_response([Bracket8(made().frames, tuple(one))], estimate_times=True)
+    assert list(fit.wrong_times) == [3]
+    assert np.log2(np.array(fit.times_s) / times) == pytest.approx(np.zeros(9), abs=0.02)
+    scattered = times * np.exp2([0.15, -0.2, 0.25, -0.3, 0.1, 0.3, -0.25, 0.2, -0.15])
+    fit = recover_response([Bracket8(made().frames, tuple(scattered))], estimate_times=True)
+    left = np.log2(np.array(fit.times_s) / times)
+    assert left - np.median(left) == pytest.approx(np.zeros(9), abs=0.12)
+    assert rms(fit.curve) < 0.06
+    assert min(np.abs(fit.time_sigma)) == 0
+    assert max(fit.time_sigma) > 0.01
+
+
 def test_true_times_behind_nominal_ones_are_found() -> None:
     source = made(34, TrueShutter.THIRDS_OF_STOPS)
     nominal = Bracket8(source.frames, source.nominal_s)

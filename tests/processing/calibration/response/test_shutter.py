@@ -101,6 +101,20 @@ def test_a_shutter_clearly_off_its_rule_is_followed_for_the_most_part() -> None:
     assert moved[1] - moved[0] == pytest.approx(0.2, abs=0.03)
 
 
+@pytest.mark.parametrize("middle", [0.0, 0.5])
+def test_a_shutter_that_scatters_is_estimated_whichever_frame_is_off_most(middle: float) -> None:
+    given_log2 = np.log2(NOMINAL)
+    off = np.array([0.1, -0.2, 0.15, middle, -0.1, 0.2, -0.15])
+    # What frames leave open, a common slope, is not asked for.
+    slope = given_log2 - given_log2.mean()
+    off -= slope * (off @ slope) / (slope @ slope)
+    found = estimate_times(evidence(given_log2 + off, given_log2), NOMINAL)
+    assert found.off_rule
+    left = np.log2(np.array(found.times_s) / NOMINAL) - off
+    assert left - left[3] == pytest.approx(np.zeros(len(NOMINAL)), abs=0.03)
+    assert 0.01 < max(found.sigma) < 0.15
+
+
 def test_a_frame_that_shows_nothing_does_not_make_up_for_all_the_others_stretch() -> None:
     """A curve's prior pulls at the slope that frames do not show; the times given hold it."""
     given_log2 = np.log2(NOMINAL)
