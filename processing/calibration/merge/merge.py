@@ -250,7 +250,8 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
         )
     if job.options.allow_contradiction:
         return named
-    if apart > REFUSE_STOPS and (agreement.firm > REFUSE_OWN_STOPS or not job.options.own_curve):
+    beyond = np.max(np.abs(agreement.firm) - 2 * job.order.time_sigma / math.log(2))
+    if apart > REFUSE_STOPS and (beyond > REFUSE_OWN_STOPS or not job.options.own_curve):
         raise BracketError(
             f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
             where=job.order.frames[place].name,

@@ -218,8 +218,8 @@ class Consistency:
     """Correlation of the noise of two pixels side by side: demosaicing, denoising and coding leave some."""
     wander: float = 0.0
     """Relative standard deviation by which parts of the picture change from frame to frame: clouds, flicker."""
-    firm: float = 0.0
-    """The largest offset by pairs of frames that share much of the picture: what a small part says may be its own."""
+    firm: float | Doubles = 0.0
+    """(F,): `offset` by pairs of frames that share much of the picture: what a small part says may be its own."""
 
 
 def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
@@ -248,7 +248,7 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
         correlation,
         _neighbours(frames, tables, (sparse[0], slice(step // 2, -1, step)), assumed),
         math.log(2) * math.sqrt(sum(p.wander2 for p in pairs) / max(sum(p.in_parts for p in pairs), 1)),
-        float(np.max(np.abs(firm - np.median(firm)))),
+        np.asarray(firm - np.median(firm)),
     )
 
 

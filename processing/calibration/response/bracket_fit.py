@@ -93,24 +93,23 @@ def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrio
     given = samples.log2_times
     times, wrong = given.copy(), dict[int, float]()
     nominal = tuple(float(t) for t in np.exp2(given))
-    first = _quick(samples, times, priors)
-    fits, evidence = first
+    fits, evidence = _quick(samples, times, priors)
+    for _ in range(_REFINE if free_times else 0):
+        estimate = shutter.estimate_times(evidence, nominal, fitted=times)
+        if not estimate.off_rule:
+            break
+        times = np.log2(np.array(estimate.times_s))
+        fits, evidence = _quick(samples, times, priors)
     while len(wrong) < _MOST_WRONG and (found := shutter.find_wrong_time(evidence, wrong)) is not None:
         wrong[found[0]] = 0.0
         times[found[0]] += found[1]
         for _ in range(_REFINE):
             fits, evidence = _quick(samples, times, priors)
             times += shutter.refine_times(evidence, tuple(wrong))
-    # Several wrong times may be one shutter that scatters.
-    if free_times and len(wrong) > 1 and shutter.estimate_times(first[1], nominal).off_rule:
-        (fits, evidence), times, wrong = first, given.copy(), {}
-    for _ in range(_REFINE if free_times else 0):
-        estimate = shutter.estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
-        times = np.log2(np.array(estimate.times_s))
-        if not estimate.off_rule:
-            break
-        fits, evidence = _quick(samples, times, priors)
     check_consistent(evidence, wrong, times - given, sloppy=shutter.SLOPPY_STOPS if free_times else 0.0)
+    estimate = shutter.estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+    if free_times:
+        times = np.log2(np.array(estimate.times_s))
     for number in range(3):
         fits = [_settled(data, times, priors[c], fits[c], c) for c, data in enumerate(samples.channels)]
         evidence = _evidence(fits, samples.channels, samples)

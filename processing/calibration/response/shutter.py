@@ -132,28 +132,27 @@ def estimate_times(
     for change in by_rule.values():
         change[list(known)] = 0.0
     chi2 = {rule: -evidence.gain(change) for rule, change in by_rule.items()}
-    fits = min(chi2, key=lambda rule: chi2[rule])
+    best = min(chi2, key=lambda rule: chi2[rule])
     # Rules that give these frames the same times are one.
-    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[fits]).max() > _SAME_STOPS]
-    decided = bool(others) and min(chi2[r] for r in others) - chi2[fits] > _DECISIVE_CHI2
+    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best]).max() > _SAME_STOPS]
+    decided = bool(others) and min(chi2[r] for r in others) - chi2[best] > _DECISIVE_CHI2
     decided &= bool(np.bincount(evidence.bracket_of_frame).max() >= _LEAST_FRAMES)
-    rule = fits if decided and chi2[prior] - chi2[fits] > _DECISIVE_CHI2 else prior
-    tried = [_off_rule(evidence, by_rule[rule], now, tolerance) for tolerance in _TOLERANCES_STOPS]
-    best = int(np.argmax([one.likely for one in tried]))
-    most = np.abs(tried[best].extra - np.median(tried[best].extra)).max()
-    off_rule = bool(tried[best].likely - tried[0].likely > _SCATTERED and most < SLOPPY_STOPS)
-    extra, covariance, _ = tried[best if off_rule else 0]
-    total = now + by_rule[rule] + (extra if off_rule else 0.0)
-    # What the frames would change and is not changed is doubt; so is the slope that times by chance may have.
-    slope = _TOLERANCES_STOPS[best] / max(float(np.linalg.norm(now - now.mean())), 1.0) * (now - np.median(now))
-    sigma = np.hypot(np.sqrt(np.diag(covariance)), slope if off_rule else extra) * math.log(2.0)
+    rule = best if decided and chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
+    extra, covariance, _ = _off_rule(evidence, by_rule[rule], now, np.full(len(now), RULE_SIGMA_STOPS))
+    total, doubt = now + by_rule[rule], extra  # what the frames would change and is not changed
+    if scatter := _scatter(evidence, now, by_rule.values()):
+        change, (extra, covariance, _), tolerance = scatter
+        total = now + change + extra
+        # The slope that scattered times have by chance
+        doubt = tolerance / max(float(np.linalg.norm(now - now.mean())), 1.0) * (now - np.median(now))
+    sigma = np.hypot(np.sqrt(np.diag(covariance)), doubt) * math.log(2.0)
     return TimeEstimate(
         tuple(float(t) for t in np.exp2(total)),
         tuple(float(s) for s in sigma),
         rule,
-        {name: round(value - chi2[fits], 3) for name, value in chi2.items()},
+        {name: round(value - chi2[best], 3) for name, value in chi2.items()},
         decided,
-        off_rule,
+        scatter is not None,
     )
 
 
@@ -163,36 +162,56 @@ class _OffRule(NamedTuple):
     extra: Doubles
     covariance: Doubles
     likely: float
-    """Logarithm of the tolerance's likelihood, the times integrated out (restricted maximum likelihood)."""
+    """Logarithm of the likelihood of rule and tolerance, the times integrated out (restricted maximum likelihood)."""
 
 
-def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles, tolerance_stops: float) -> _OffRule:
-    """Return the most probable further change under a shutter's tolerance, middle frames fixed."""
+def _scatter(
+    evidence: TimeEvidence, now: Doubles, rules: Collection[Doubles]
+) -> tuple[Doubles, _OffRule, float] | None:
+    """Return the rule's change, what times are off it, and the scatter in stops of a shutter that clearly scatters.
+
+    Changes by the ``rules`` (F,) are all tried: what scatters may look like any. One time that is off by any amount is
+    an entry's fault, and no shutter's.
+    """
     count = len(now)
-    free, every = np.ones(count, dtype=bool), np.eye(count)
+    tried = [
+        (change, _off_rule(evidence, change, now, np.full(count, t)), t) for change in rules for t in _TOLERANCES_STOPS
+    ]
+    best = max(tried, key=lambda one: one[1].likely)
+    ones = np.where(np.eye(count, dtype=bool), SLOPPY_STOPS, RULE_SIGMA_STOPS)
+    single = max(_off_rule(evidence, change, now, one).likely for change in rules for one in ones)
+    within = max(one.likely for _, one, t in tried if t == RULE_SIGMA_STOPS)
+    apart = np.abs(best[1].extra - np.median(best[1].extra)).max()
+    return best if best[1].likely - max(single, within) > _SCATTERED and apart < SLOPPY_STOPS else None
+
+
+def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles, tolerance: Doubles) -> _OffRule:
+    """Return the most probable further change under each time's tolerance (F,) in stops, middle frames fixed."""
+    count = len(now)
+    free, every = np.ones(count, dtype=bool), np.diag(tolerance**-2.0)
     for bracket in np.unique(evidence.bracket_of_frame):
         mine = np.flatnonzero(evidence.bracket_of_frame == bracket)
         free[mine[np.argsort(now[mine])[mine.size // 2]]] = False
         # The middle one may be off as well: then all others are so against it.
-        every[np.ix_(mine, mine)] -= 1 / mine.size
+        part = tolerance[mine] ** -2.0
+        every[np.ix_(mine, mine)] -= np.outer(part, part) / part.sum()
     extra, covariance = np.zeros(count), np.zeros((count, count))
     if not free.any():
-        return _OffRule(extra, covariance, 0.0)
+        return _OffRule(extra, covariance, evidence.gain(change) / 2)
     right = (evidence.right - evidence.matrix @ change)[free]
     inside = np.ix_(free, free)
     # All times to a common power with the curve stretched to fit look the same: that much is the rule's to say.
     # A frame that shows little counts little here, or it would make up for the stretch of all others.
     known = np.diag(evidence.matrix) / max(_LITTLE * float(np.diag(evidence.matrix).max()), 1e-300)
-    known = np.clip(known, 1e-9, 1.0)
+    known = np.where(tolerance > tolerance.min(), 0.0, np.clip(known, 1e-9, 1.0))
     stretch = (known * (now + change - np.average(now + change, weights=known)))[free]
-    prior = every[inside] / tolerance_stops**2 + np.outer(stretch, stretch) * (
-        _STIFF * max(float(np.diag(evidence.matrix).max()), 1.0)
-    )
+    stiff = _STIFF * max(float(np.diag(evidence.matrix).max()), 1.0)
+    prior = every[inside] + stiff * np.outer(stretch, stretch)
     whole = evidence.matrix[inside] + prior
     covariance[inside] = np.linalg.inv(whole)
     extra[free] = covariance[inside] @ right
     likely = right @ extra[free] - np.linalg.slogdet(whole)[1] + np.linalg.slogdet(prior)[1]
-    return _OffRule(extra, covariance, float(likely) / 2)
+    return _OffRule(extra, covariance, (evidence.gain(change) + float(likely)) / 2)
 
 
 def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:

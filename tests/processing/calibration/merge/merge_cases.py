@@ -48,6 +48,7 @@ def merged(
     times_s: Sequence[float],
     curve: ResponseCurve | None = None,
     noise: NoiseModel = NOISE,
+    time_sigma: Sequence[float] | None = None,
     **options: Any,
 ) -> Merged:
     """Merge arrays named frame 0, frame 1, ..."""
@@ -55,9 +56,8 @@ def merged(
     height, width = frames[0].shape[:2]
     if curve is None and frames[0].dtype == np.uint8:
         curve = true_curve()
-    return merge(
-        sources, times_s, curve, noise, geometry=Equirectangular(width, height), options=MergeOptions(**options)
-    )
+    options_, shape = MergeOptions(**options), Equirectangular(width, height)
+    return merge(sources, times_s, curve, noise, geometry=shape, options=options_, time_sigma=time_sigma)
 
 
 @dataclass(frozen=True)

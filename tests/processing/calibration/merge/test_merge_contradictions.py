@@ -40,6 +40,29 @@ def test_a_slightly_wrong_time_is_warned_of_and_its_doubt_is_stated(place: int, 
     assert errors(result, shot.luminance).covered(1.96) > 0.9
 
 
+def test_with_a_curve_of_its_own_a_bracket_is_refused_only_for_what_it_shows_much_of_beyond_its_times_doubt() -> None:
+    shot = bracket()
+    times = list(shot.true_s)
+    times[4] *= 2.0
+    with pytest.raises(BracketError, match="contradict"):
+        merged(shot.frames, times, own_curve=True)
+    sigma = [0.3 if k == 4 else 0.0 for k in range(9)]
+    doubted = merged(shot.frames, times, own_curve=True, quality="reference", time_sigma=sigma)
+    assert any(w.startswith("frame 4 says") for w in doubted.report.warnings)
+    # All but a small lamp is black in the last frame: what that says of its time may be the lamp's own.
+    scene = np.full((180, 360, 3), 20, np.float32) * np.linspace(0.5, 2, 360, dtype=np.float32)[:, None]
+    for rows, refused in ((5, False), (40, True)):
+        scene[80 : 80 + rows, 100:160] = np.geomspace(5e3, 8e4, 60)[:, None]
+        frames = [expose(scene, t, REFERENCE_SENSOR, k) for k, t in enumerate(shot.nominal_s)]
+        times = [*shot.true_s[:8], 2 * shot.true_s[8]]
+        if refused:
+            with pytest.raises(BracketError, match="frame 8 says"):
+                merged(frames, times, own_curve=True, quality="reference")
+        else:
+            result = merged(frames, times, own_curve=True, quality="reference")
+            assert any(w.startswith("frame 8 says") for w in result.report.warnings)
+
+
 def test_nominal_times_of_a_camera_that_keeps_others_are_noticed() -> None:
     sensor = replace(REFERENCE_SENSOR, true_shutter=TrueShutter.THIRDS_OF_STOPS)
     shot = synthetic_bracket(SIZE, 900_005, sensor=sensor)

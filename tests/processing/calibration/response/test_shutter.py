@@ -21,11 +21,16 @@ from processing.errors import ParameterError
 NOMINAL = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000)
 
 
-def evidence(true_log2: np.ndarray, given_log2: np.ndarray, weight: float = 1e6) -> TimeEvidence:
-    """Frames whose neighbours are compared with the precision ``weight``; no curve to hide behind."""
+def evidence(
+    true_log2: np.ndarray, given_log2: np.ndarray, weight: float = 1e6, *, curve: bool = False
+) -> TimeEvidence:
+    """Frames whose neighbours are compared with the precision ``weight``; behind a ``curve`` times' slope hides."""
     count = len(true_log2)
     step = np.diff(np.eye(count), axis=0)
     matrix = weight * step.T @ step
+    if curve:
+        slope = matrix @ (given_log2 - given_log2.mean())
+        matrix -= np.outer(slope, slope) / (slope @ (given_log2 - given_log2.mean()))
     return TimeEvidence(matrix, matrix @ (true_log2 - given_log2), np.zeros(count, dtype=np.int64))
 
 
@@ -94,7 +99,7 @@ def test_a_shutter_clearly_off_its_rule_is_followed_for_the_most_part() -> None:
     given_log2 = np.log2(NOMINAL)
     off = np.zeros(len(NOMINAL))
     off[[1, 5]] = 0.2, -0.2
-    found = estimate_times(evidence(given_log2 + off, given_log2), NOMINAL)
+    found = estimate_times(evidence(given_log2 + off, given_log2, curve=True), NOMINAL)
     assert found.off_rule
     moved = np.log2(np.array(found.times_s) / NOMINAL)
     assert (moved[[1, 5]] / off[[1, 5]] > 0.6).all()
@@ -108,11 +113,18 @@ def test_a_shutter_that_scatters_is_estimated_whichever_frame_is_off_most(middle
     # What frames leave open, a common slope, is not asked for.
     slope = given_log2 - given_log2.mean()
     off -= slope * (off @ slope) / (slope @ slope)
-    found = estimate_times(evidence(given_log2 + off, given_log2), NOMINAL)
+    found = estimate_times(evidence(given_log2 + off, given_log2, curve=True), NOMINAL)
     assert found.off_rule
     left = np.log2(np.array(found.times_s) / NOMINAL) - off
     assert left - left[3] == pytest.approx(np.zeros(len(NOMINAL)), abs=0.03)
     assert 0.01 < max(found.sigma) < 0.15
+
+
+@pytest.mark.parametrize("frame", [1, 2, 4])
+def test_one_wrong_time_is_no_scatter_of_the_shutter(frame: int) -> None:
+    given_log2 = np.log2(NOMINAL)
+    wrong = given_log2 + 0.5 * (np.arange(len(NOMINAL)) == frame)
+    assert not estimate_times(evidence(wrong, given_log2, curve=True), NOMINAL).off_rule
 
 
 def test_a_frame_that_shows_nothing_does_not_make_up_for_all_the_others_stretch() -> None:
