@@ -46,7 +46,7 @@ def test_with_a_curve_of_its_own_a_bracket_is_refused_only_for_what_it_shows_muc
     times[4] *= 2.0
     with pytest.raises(BracketError, match="contradict"):
         merged(shot.frames, times, own_curve=True)
-    sigma = [0.3 if k == 4 else 0.0 for k in range(9)]
+    sigma = [0.15 if k == 4 else 0.0 for k in range(9)]
     doubted = merged(shot.frames, times, own_curve=True, quality="reference", time_sigma=sigma)
     assert any(w.startswith("frame 4 says") for w in doubted.report.warnings)
     # All but a small lamp is black in the last frame: what that says of its time may be the lamp's own.
