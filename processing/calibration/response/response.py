@@ -199,6 +199,9 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
             f"{implied:.6g} s is used"
         )
     estimate = fit.estimate
+    if free_times and estimate.off_rule:
+        off = float(np.std(fit.log2_times - np.log2(samples.given_s)))
+        found.append(f"the shutter scatters about its times by {off:.2f} stops: all are estimated from the frames")
     if not free_times and estimate.decided and estimate.rule is not ShutterRule.NOMINAL:
         chi2 = estimate.chi2[ShutterRule.NOMINAL]
         found.append(f"the frames fit the shutter rule '{estimate.rule}' better than the times given (chi2 {chi2:.0f})")

@@ -129,6 +129,7 @@ def test_one_wrong_time_is_an_entry_and_several_a_shutter_that_scatters() -> Non
     left = np.log2(np.array(fit.times_s) / times)
     assert left - np.median(left) == pytest.approx(np.zeros(9), abs=0.12)
     assert rms(fit.curve) < 0.06
+    assert any("the shutter scatters" in warning for warning in fit.warnings)
     assert min(np.abs(fit.time_sigma)) == 0
     assert max(fit.time_sigma) > 0.01
 
