@@ -80,15 +80,17 @@ def sheets(upper: Doubles, lower: Doubles) -> Solid:
     return solids.cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), faces)
 
 
-def pillow(
-    width_m: float, height_m: float, thick_m: float, *, seed: int = 0, grid: int = 13, ears: float = 0.07
-) -> Solid:
-    """Return a pillow lying around the origin, x its width, y its height: two sheets sewn at the rim, with ears."""
+def pillow(width_m: float, height_m: float, thick_m: float, *, seed: int = 0, grid: int = 13) -> Solid:
+    """Return a pillow lying around the origin, x its width, y its height: two sheets sewn at a rim with round corners.
+
+    It is as full as down is, and fuller at -y, its foot where it stands.
+    """
     s = np.sin(np.pi / 2 * np.linspace(-1, 1, grid))
     u, v = np.meshgrid(s, s, indexing="ij")
-    x = width_m / 2 * u * (1 - ears * (1 - np.abs(v) ** 2) * np.abs(u) ** 3)
-    y = height_m / 2 * v * (1 - ears * (1 - np.abs(u) ** 2) * np.abs(v) ** 3)
-    z = thick_m / 2 * ((1 - u**2) * (1 - v**2)) ** 0.42
+    corner = 1 - 0.1 * np.square(u * v)
+    x = width_m / 2 * u * (1 - 0.04 * (1 - v**2) * np.abs(u) ** 3) * corner
+    y = height_m / 2 * v * (1 - 0.04 * (1 - u**2) * np.abs(v) ** 3) * corner
+    z = thick_m / 2 * np.sqrt((1 - u**4) * (1 - v**4)) * (1 - 0.15 * v)
     rng = np.random.default_rng(seed)
     for _ in range(5):
         k = rng.normal(size=2) * 2.5
