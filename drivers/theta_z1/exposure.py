@@ -60,7 +60,11 @@ class ThetaExposure:
 
         Raises `ExposureFailedError, StoreFullError`: no picture long after the shutter has closed.
         """
-        self._take_events(EVENT_WAIT_S if wait else 0.0)
+        for number in range(MAX_EVENTS_A_POLL):
+            event = self._link.session.poll_event(EVENT_WAIT_S if wait and number == 0 else 0.0)
+            if event is None:
+                break
+            self._note(event)
         self._look_at_pending()
         if not self._done and self._clock.monotonic_s() >= self._ask_at_s:
             self._ask_the_camera()
@@ -69,14 +73,6 @@ class ThetaExposure:
     @property
     def _done(self) -> bool:
         return self._complete and self._expected.complete
-
-    def _take_events(self, wait_s: float) -> None:
-        for _ in range(MAX_EVENTS_A_POLL):
-            event = self._link.session.poll_event(wait_s)
-            if event is None:
-                return
-            self._note(event)
-            wait_s = 0.0
 
     def _note(self, event: PtpEvent) -> None:
         first = event.params[0] if event.params else None

@@ -139,7 +139,12 @@ class RigProfile(Model):
 
 def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()) -> CameraState:
     """Return what a session says of one camera; f-number and ISO as its frames have them, None where they differ."""
-    temperature = _setting_number(device, ("colour temperature", "color temperature"))
+    named = [
+        s.got
+        for s in (device.settings if device else ())
+        if s.name.casefold() in ("colour temperature", "color temperature")
+    ]
+    temperature = next((float(n[0]) for got in named if (n := re.search(r"[0-9]+(\.[0-9]+)?", got))), None)
     f_numbers = {f.f_number for f in frames if f.f_number}
     isos = {f.iso for f in frames if f.iso}
     names = ("kind", "model", "serial", "lens", "nd_filter")
@@ -257,12 +262,3 @@ def _equal(mine: object, theirs: object) -> bool:
     if isinstance(mine, str) and isinstance(theirs, str):
         return " ".join(mine.casefold().split()) == " ".join(theirs.casefold().split())
     return mine == theirs
-
-
-def _setting_number(device: DeviceRecord | None, names: tuple[str, ...]) -> float | None:
-    """Return the number in a setting as it was read back."""
-    for setting in device.settings if device else ():
-        number = re.search(r"[0-9]+(\.[0-9]+)?", setting.got)
-        if setting.name.casefold() in names and number:
-            return float(number[0])
-    return None

@@ -57,7 +57,14 @@ def emptied_as_shown(context: StageContext) -> LuminanceImage:
 def views_of(context: StageContext) -> Vector:
     """Return the longitudes of the two views, and 0: towards the furniture, else towards what emptying changes most."""
     arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
-    if arranged and (places := furniture_places(arranged)) and context.has("render", "staged-1"):
+    # x, y from the camera, and size of the footprint, in metres
+    places = [
+        (item.t_m[0], item.t_m[1], math.sqrt(item.size_m[0] * item.size_m[1]))
+        for arrangement in (arranged.arrangements[:LOOKED_AT] if arranged else ())
+        for item in arrangement.items
+        if item.category != "rug"
+    ]
+    if places and context.has("render", "staged-1"):
         return (*towards_furniture(places), 0.0)
     *_, last = states = tuple(room_states(context))
     yaw = towards(states[0].read(), last.read())
@@ -78,16 +85,6 @@ def display_in(context: StageContext, rgb: Floats) -> Display:
     """Return the session's display, as its stills have it; without stills, one that exposes a picture (H, W, 3)."""
     facts = context.optional_artifact("stills", "display")
     return AS_GIVEN.exposed(rgb) if facts is None else Display.read(facts)
-
-
-def furniture_places(arranged: Arrangements) -> list[Vector]:
-    """Return the pieces of the first alternatives: x, y in metres from the camera, size of the footprint in metres."""
-    return [
-        (item.t_m[0], item.t_m[1], math.sqrt(item.size_m[0] * item.size_m[1]))
-        for arrangement in arranged.arrangements[:LOOKED_AT]
-        for item in arrangement.items
-        if item.category != "rug"
-    ]
 
 
 def towards_furniture(places: Sequence[Vector]) -> tuple[float, float]:

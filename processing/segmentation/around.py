@@ -69,7 +69,12 @@ def segment_around(
     coarse = first.probabilities if first else None
     # To a network of one size wide views cost as much as fine ones, as many as they could save.
     if plan.skip and first is None and not segmenter.fixed_size:
-        wide_views = _wide_views(max(size_px // 2, 64))
+        half_px = max(size_px // 2, 64)
+        ends = [
+            view_at(fov_rad=COARSE_FOV_RAD, theta_rad=0.0, phi_rad=phi, height_px=half_px, width_px=half_px)
+            for phi in (math.pi / 2, -math.pi / 2)
+        ]
+        wide_views = [*view_ring(4, size_px=half_px, fov_rad=COARSE_FOV_RAD), *ends]
         segmented = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in wide_views]
         coarse = _stitched(segmented, target, None)
     chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else views
@@ -123,15 +128,6 @@ def _srgb(image: LuminanceImage | RelativeImage | Bytes) -> Bytes:
     if not isinstance(image.geometry, Equirectangular):
         raise ParameterError("views are cut from whole panoramas", advice="give an equirectangular picture")
     return preview_rgb8(image.rgb)
-
-
-def _wide_views(size_px: int) -> tuple[Perspective, ...]:
-    """Return six views of 110 degrees that together see everything."""
-    up, down = (
-        view_at(fov_rad=COARSE_FOV_RAD, theta_rad=0.0, phi_rad=phi, height_px=size_px, width_px=size_px)
-        for phi in (math.pi / 2, -math.pi / 2)
-    )
-    return (*view_ring(4, size_px=size_px, fov_rad=COARSE_FOV_RAD), up, down)
 
 
 def _asked(panorama: Panorama, segmenter: Segmenter, view: Perspective, worth: float) -> tuple[Floats, float]:

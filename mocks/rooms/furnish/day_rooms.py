@@ -13,8 +13,13 @@ from mocks.worlds.light import Vector
 
 def living_essentials(a: Arrangement, finish: Finish) -> bool:
     """Place the sofa, its table and rug, and the television."""
-    sofa = _sofa(a)
-    if sofa is None:
+    # Against a wall, facing across the room; a smaller one where a large one does not fit
+    for width in (a.draw(1.9, 2.4), a.draw(1.5, 1.8)):
+        solid = (width, a.draw(0.86, 0.98), a.draw(0.78, 0.88))
+        sofa = a.against_wall("sofa", solid, lambda item: towards(item, (0.0, 0.0)) + 0.5 * float(a.rng.random()))
+        if sofa:
+            break
+    else:
         return False
     reach = a.draw(0.72, 0.95)
     middle = beside(sofa, 0.0, -sofa.size_m[1] / 2 - reach)
@@ -49,16 +54,6 @@ def living_extras(a: Arrangement, finish: Finish) -> None:
     clutter.plants(a, 3)
     clutter.wall_things(a, int(a.rng.integers(1, 4)))
     clutter.on_the_floor(a, toys=a.chance(0.4))
-
-
-def _sofa(a: Arrangement) -> Item | None:
-    """Place the sofa against a wall, facing across the room; smaller ones where a large one does not fit."""
-    for width in (a.draw(1.9, 2.4), a.draw(1.5, 1.8)):
-        size = (width, a.draw(0.86, 0.98), a.draw(0.78, 0.88))
-        sofa = a.against_wall("sofa", size, lambda item: towards(item, (0.0, 0.0)) + 0.5 * float(a.rng.random()))
-        if sofa:
-            return sofa
-    return None
 
 
 def _coffee_table(a: Arrangement, sofa: Item, middle: Point) -> None:

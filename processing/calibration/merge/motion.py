@@ -62,13 +62,6 @@ class _Range:
         """
         return _looked_up(window[..., 1], self.codes, self.longer)
 
-    def shorter_log2(self, window: Codes) -> Floats:
-        """Return log2 of the green radiance of a window (..., 3) of the shorter frame.
-
-        Of shape (H, W) for codes (H, W, 3).
-        """
-        return _looked_up(window[..., 1], self.codes, self.shorter)
-
 
 def frame_shifts(frames: Sequence[Codes], tables: Samples) -> list[Shift]:
     """Return the shifts between neighbours that are surely there; too little detail counts as none.
@@ -127,7 +120,7 @@ def _looked_up(codes: npt.NDArray[np.unsignedinteger[Any]], known: Int64s, value
 
 def _shift(before: Codes, after: Codes, both: _Range) -> tuple[float, float] | None:
     """Return (right, down) between two windows, or None where they hold too little in common."""
-    a, b = both.longer_log2(before), both.shorter_log2(after)
+    a, b = both.longer_log2(before), _looked_up(after[..., 1], both.codes, both.shorter)
     if min(np.std(a), np.std(b)) < MIN_DETAIL_STOPS:
         return None
     hanning = cv2.createHanningWindow((a.shape[1], a.shape[0]), cv2.CV_32F)

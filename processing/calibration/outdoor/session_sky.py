@@ -104,7 +104,12 @@ def calibrate_outdoor(
     north, north_warnings = _north(sky, session, asked)
     image = _turned(sky.image, north, session, asked)
     if k2 is not None:
-        warnings += _other_curves(k2, responses or {})
+        # Cameras merged with another curve than k2 was measured with: each has a scale of its own.
+        warnings += [
+            f"{side}: k2 was measured with another response curve than the session was merged with: k2 may not hold"
+            for side, digest in k2.responses.items()
+            if responses and side in responses and responses[side].digest() != digest
+        ]
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
@@ -188,15 +193,6 @@ def _k2(session: SessionManifest, profile: RigProfile) -> K2Record:
         device = next((d for d in session.devices if d.role == side.value), None)
         states[side] = camera_state(device, [f for f in session.frames if f.side is side])
     return require_k2(profile, states, session.name)
-
-
-def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> list[str]:
-    """Return which cameras were merged with another curve than k2 was measured with: each has a scale of its own."""
-    return [
-        f"{side}: k2 was measured with another response curve than the session was merged with: k2 may not hold"
-        for side, digest in k2.responses.items()
-        if side in responses and responses[side].digest() != digest
-    ]
 
 
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:

@@ -82,7 +82,12 @@ def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int
     label, pane = np.empty(count, np.int32), np.empty(count, np.int32)
     point, normal = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
     _see(rays, triangle, distance, eye, (p.owner, p.item, p.part, p.normals), (label, pane), point, normal)
-    _round(stage, label, triangle, point, normal)
+    # Normals of round furniture turn as its shape does, never beyond the edge of what faces the eye.
+    for number, chosen in by_label(label, FIRST_PART).items():
+        shown = stage.scene.parts[number - FIRST_PART]
+        if shown.normals is not None:
+            face, places = stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64)
+            _turn(on_faces(shown, np.asarray(shown.normals, np.float64), face, places), chosen, normal)
     return Sight(shape, rays, label, pane, distance, point, normal, triangle)
 
 
@@ -113,15 +118,6 @@ def by_label(label: Int32s, least: int | None = None) -> dict[int, Indices]:
     order = chosen[np.argsort(label[chosen], kind="stable")]
     first = np.flatnonzero(np.diff(label[order], prepend=np.iinfo(np.int32).min))
     return {int(label[part[0]]): part for part in np.split(order, first[1:]) if len(part)}
-
-
-def _round(stage: Stage, label: Int32s, triangle: Int32s, point: Floats, normal: Floats) -> None:
-    """Turn the normals of round furniture as its shape turns, never beyond the edge of what faces the eye."""
-    for number, chosen in by_label(label, FIRST_PART).items():
-        part = stage.scene.parts[number - FIRST_PART]
-        if part.normals is not None:
-            face, places = stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64)
-            _turn(on_faces(part, np.asarray(part.normals, np.float64), face, places), chosen, normal)
 
 
 @compiled
