@@ -76,21 +76,17 @@ def find_holder(node: str, proc: Path = PROC, *, suspects: tuple[str, ...] = ())
     Elsewhere nobody is named.
     """
     target, perhaps = os.path.realpath(node), ""
-    for process in _other_processes(proc):
+    try:
+        others = [path for path in proc.iterdir() if path.name.isdigit() and path.name != str(os.getpid())]
+    except OSError:
+        others = []
+    for process in sorted(others, key=lambda path: int(path.name)):
         name = _name(process)
         if _has_open(process, target):
             return f"{name} (pid {process.name})"
         if not perhaps and name in {suspect[:COMM_CHARACTERS] for suspect in suspects}:
             perhaps = f"perhaps {name} (pid {process.name})"
     return perhaps
-
-
-def _other_processes(proc: Path) -> list[Path]:
-    try:
-        found = [path for path in proc.iterdir() if path.name.isdigit() and path.name != str(os.getpid())]
-    except OSError:
-        return []
-    return sorted(found, key=lambda path: int(path.name))
 
 
 def _name(process: Path) -> str:

@@ -217,7 +217,18 @@ def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[
 
 def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
     candidate, by_id = chosen.candidate, {item.id: item for item in task.items}
-    refused = [_too_tall(item, task.plan) for item in task.too_tall]
+    ceiling_m = task.plan.ceiling_height_m
+    refused = [
+        NotPlaced(
+            id=item.id,
+            category=item.spec.category,
+            rule="under the ceiling",
+            obstacle="ceiling",
+            missing_m=round(item.spec.top_m - ceiling_m, 4),
+            reason=f"its top is at {item.spec.top_m:.2f} m, the ceiling at {ceiling_m:.2f} m",
+        )
+        for item in task.too_tall
+    ]
     inner = [poses.in_frame(s, task.frame) for s in candidate.placed]
     stood = {s.item.spec.category for s in candidate.placed}
     asked = {item.spec.category for item in task.items}
@@ -235,18 +246,6 @@ def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
         meets=tuple(meets),
         not_placed=tuple(refused),
         differs_by=chosen.differs_by,
-    )
-
-
-def _too_tall(item: Item, plan: FloorPlan) -> NotPlaced:
-    top_m, ceiling_m = item.spec.top_m, plan.ceiling_height_m
-    return NotPlaced(
-        id=item.id,
-        category=item.spec.category,
-        rule="under the ceiling",
-        obstacle="ceiling",
-        missing_m=round(top_m - ceiling_m, 4),
-        reason=f"its top is at {top_m:.2f} m, the ceiling at {ceiling_m:.2f} m",
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -202,8 +203,8 @@ class PipelineRun:
                 self._inputs,
                 stage,
                 folder,
-                fetch=self._fetcher(stage, reads),
-                summary=self._summaries(stage, reads),
+                fetch=partial(self._fetch, stage, reads),
+                summary=partial(self._summary, stage, reads),
                 progress=self._progress(stage, later, meter),
                 reads=reads,
                 parts=parts,
@@ -242,20 +243,13 @@ class PipelineRun:
         if other not in stage.needs:
             raise ProcessingError(f"{stage.name} asks for {other}, which its row does not name among its needs")
 
-    def _fetcher(self, stage: Stage, reads: Reads) -> Any:
-        def fetch(other: str, name: str) -> object | None:
-            self._check_need(stage, other)
-            found: object | None = reads.noted(self._shelf.get(other, name), other, name)
-            return found
+    def _fetch(self, stage: Stage, reads: Reads, other: str, name: str) -> Any:
+        self._check_need(stage, other)
+        return reads.noted(self._shelf.get(other, name), other, name)
 
-        return fetch
-
-    def _summaries(self, stage: Stage, reads: Reads) -> Any:
-        def summary(other: str) -> Any:
-            self._check_need(stage, other)
-            return reads.noted(self._earlier.results[other].summary(), other, SUMMARY)
-
-        return summary
+    def _summary(self, stage: Stage, reads: Reads, other: str) -> Any:
+        self._check_need(stage, other)
+        return reads.noted(self._earlier.results[other].summary(), other, SUMMARY)
 
     def _key(self, stage: Stage) -> str:
         quality = requests.quality_of(stage, self._request) if "quality" in stage.trades else ""

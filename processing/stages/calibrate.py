@@ -42,12 +42,7 @@ def run(context: StageContext) -> StageOutput:
     room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
     indoor: Calibrated | None = None
     if room is None:
-        if asked.k1 is None and asked.outdoor_lux is None:
-            raise ScaleError(
-                "a session without a room has no reading of its own to scale the sky by",
-                advice="give --outdoor-lux, or --k1 and --k2",
-            )
-        left_out["indoor"] = "the stage merge made no indoor picture"
+        left_out["indoor"] = _without_room(asked)
     else:
         indoor, room = calibrate_indoor(room, context.session, asked, profile), None
     context.let_go()
@@ -60,12 +55,7 @@ def run(context: StageContext) -> StageOutput:
     else:
         context.progress(0.3, "outdoor chain")
         try:
-            found = context.optional_artifact("merge", "response") or {}
-            merged_with = {
-                Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"], default=dict))
-                for name, one in found.items()
-            }
-            outdoor = calibrate_outdoor(sky, context.session, asked, profile, k1, merged_with)
+            outdoor = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(context))
         except LensError as error:
             left_out["outdoor"] = str(error)
     sides = {name: side for name, side in (("indoor", indoor), ("outdoor", outdoor)) if side is not None}
@@ -82,6 +72,24 @@ def run(context: StageContext) -> StageOutput:
         warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
         left_out=left_out,
     )
+
+
+def _without_room(asked: CalibrateParameters) -> str:
+    if asked.k1 is None and asked.outdoor_lux is None:
+        raise ScaleError(
+            "a session without a room has no reading of its own to scale the sky by",
+            advice="give --outdoor-lux, or --k1 and --k2",
+        )
+    return "the stage merge made no indoor picture"
+
+
+def _responses(context: StageContext) -> dict[Side, ResponseRecord]:
+    """Return the curves that the brackets were merged with."""
+    found = context.optional_artifact("merge", "response") or {}
+    return {
+        Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"], default=dict))
+        for name, one in found.items()
+    }
 
 
 def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:

@@ -23,7 +23,7 @@ from station.frames.check import FrameChecker
 from station.frames.facts import ExpectedFrame, FrameFacts
 from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import FrameRecord, ReadingRecord, RejectedFrame, Side, shutter_label
-from station.session.store import FramePart, SessionStore
+from station.session.store import FramePart, SessionStore, StoredFrame
 
 When = Literal["before", "after", "extra"]
 TYPED_RANGE_CD_M2 = (1e-3, 1e7)
@@ -225,26 +225,7 @@ class Intake:
             for frame in self._store.manifest.frames:
                 if (frame.side, frame.stop) == (shot.side, shot.stop) and frame.taken_utc != shot.released_utc:
                     self._store.withdraw_frame(frame.side, frame.stop, frame.format, "taken anew")
-            frame = FrameRecord(
-                side=shot.side,
-                stop=shot.stop,
-                file=stored.file,
-                format=shot.frame.format.value,
-                size_bytes=stored.size_bytes,
-                sha256=stored.sha256,
-                asked_s=shot.asked_s,
-                camera_s=shot.shutter.nominal_s,
-                exif_s=facts.exif.exposure_s,
-                iso=facts.exif.iso,
-                f_number=facts.exif.f_number,
-                width_px=facts.width_px,
-                height_px=facts.height_px,
-                taken_utc=shot.released_utc,
-                release_monotonic_s=shot.released_s,
-                camera_name=shot.frame.name[:200],
-                statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
-                retakes=shot.retakes,
-            )
+            frame = _frame_record(shot, facts, stored)
             self._store.add_frame(frame)
             self.notices.put(Saved(self.side, shot.stop, frame))
         self.on_safe(Safe(shot.frame, acknowledged=counts))
@@ -301,6 +282,29 @@ class Intake:
             light_expected=self.side is Side.INDOOR and not self._table.nd_filter,
             image_circle=self._table.image_circle,
         )
+
+
+def _frame_record(shot: Shot, facts: FrameFacts, stored: StoredFrame) -> FrameRecord:
+    return FrameRecord(
+        side=shot.side,
+        stop=shot.stop,
+        file=stored.file,
+        format=shot.frame.format.value,
+        size_bytes=stored.size_bytes,
+        sha256=stored.sha256,
+        asked_s=shot.asked_s,
+        camera_s=shot.shutter.nominal_s,
+        exif_s=facts.exif.exposure_s,
+        iso=facts.exif.iso,
+        f_number=facts.exif.f_number,
+        width_px=facts.width_px,
+        height_px=facts.height_px,
+        taken_utc=shot.released_utc,
+        release_monotonic_s=shot.released_s,
+        camera_name=shot.frame.name[:200],
+        statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
+        retakes=shot.retakes,
+    )
 
 
 def doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> dict[tuple[Side, int], str]:

@@ -52,7 +52,11 @@ def lamp(fixture: Fixture, ceiling_m: float, finish: Finish) -> list[Part]:
         shown = replace(material, name=f"lit {material.name}", emission_cd_m2=(r, g, b)) if fixture.lit else material
         parts.append(_part(moved(mesh, top), shown))
     if fixture.kind == "pendant lamp":
-        parts.append(_part(moved(_cord(fixture.height_m), top), finish.metal))
+        drop = fixture.height_m
+        rose = cylinder((0.0, 0.0, -0.028), 0.045, 0.029, 0.006)
+        cord = tube([(0.0, 0.0, -0.02), (0.0, 0.0, -drop + 0.2)], 0.0035, 8)
+        holder = cylinder((0.0, 0.0, -drop + 0.14), 0.019, 0.06, 0.004)
+        parts.append(_part(moved(merge([rose, cord, holder]), top), finish.metal))
     return parts
 
 
@@ -77,15 +81,6 @@ def _ring(outer: float, inner: float, height: float) -> Mesh:
     return lathe(
         [(inner, -0.002), (inner, -height * 0.6), (inner + 0.004, -height), (outer - 0.003, -height), (outer, 0.0)]
     )
-
-
-def _cord(drop: float) -> Mesh:
-    """Return rose and cord down to the lamp holder."""
-    rose, holder = (
-        cylinder((0.0, 0.0, -0.028), 0.045, 0.029, 0.006),
-        cylinder((0.0, 0.0, -drop + 0.14), 0.019, 0.06, 0.004),
-    )
-    return merge([rose, tube([(0.0, 0.0, -0.02), (0.0, 0.0, -drop + 0.2)], 0.0035, 8), holder])
 
 
 def _pendant(

@@ -132,7 +132,13 @@ def take_samples(brackets: Sequence[Bracket8], seed: int = 0) -> Samples:
     for number, bracket in enumerate(brackets):
         bracket.check(f"bracket {number}")
         found = _patches(bracket, max(CANDIDATES // len(brackets), 1), rng)
-        duplicates += [first + j for j in _duplicates(found, bracket.times_s)]
+        # Frames that show exactly the codes of an earlier one with the same time: their noise is no news.
+        each_s = bracket.times_s
+        duplicates += [
+            first + j
+            for j in range(1, len(each_s))
+            if any(each_s[i] == each_s[j] and np.array_equal(found[i], found[j]) for i in range(j))
+        ]
         patches.append((found, first))
         first += len(bracket.frames)
     channels = tuple(_channel(patches, c, frozenset(duplicates)) for c in range(3))
@@ -168,15 +174,6 @@ def _grid(height: int, width: int, count: int, rng: np.random.Generator) -> tupl
     row = (np.arange(n_rows)[:, None] + rng.random((n_rows, n_columns))) * usable_h / n_rows
     column = (np.arange(n_columns)[None] + rng.random((n_rows, n_columns))) * usable_w / n_columns
     return row.astype(np.int64).ravel(), column.astype(np.int64).ravel()
-
-
-def _duplicates(patches: Bytes, times_s: Sequence[float]) -> list[int]:
-    """Return frames that show exactly the codes of an earlier one with the same time: their noise is no news."""
-    return [
-        j
-        for j in range(1, len(times_s))
-        if any(times_s[i] == times_s[j] and np.array_equal(patches[i], patches[j]) for i in range(j))
-    ]
 
 
 def _channel(brackets: Sequence[tuple[Bytes, int]], channel: int, left_out: frozenset[int]) -> ChannelSamples:

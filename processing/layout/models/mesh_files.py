@@ -158,7 +158,9 @@ class FolderFiles:
         asked = self._inside(str(name))
         if asked is None:
             raise self._refused(f"'{_shown(name)}' leads out of the folder and was not read")
-        path = asked if asked.is_file() else _any_case(asked)
+        beside = asked.parent.iterdir() if asked.parent.is_dir() else ()
+        other_case = (p for p in beside if p.name.lower() == asked.name.lower() and p.is_file())
+        path = asked if asked.is_file() else next(other_case, None)
         if path is None or not path.resolve().is_relative_to(self.root.resolve()):
             raise self._refused(f"'{_shown(name)}' is missing")
         if path.stat().st_size > MAX_FILE_BYTES:
@@ -211,13 +213,6 @@ def picture_fault(data: bytes) -> str:
 
 def _shown(name: object) -> str:
     return "".join(c if c.isprintable() else "?" for c in str(name))[:80]
-
-
-def _any_case(path: Path) -> Path | None:
-    """Return the file whose name differs in case only."""
-    if not path.parent.is_dir():
-        return None
-    return next((p for p in path.parent.iterdir() if p.name.lower() == path.name.lower() and p.is_file()), None)
 
 
 def read_model_file(path: Path, root: Path) -> RawModel:
