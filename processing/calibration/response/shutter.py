@@ -171,9 +171,11 @@ def _scatter(
     """Return the rule's change, what times are off it, and the scatter in stops of a shutter that clearly scatters.
 
     Changes by the ``rules`` (F,) are all tried: what scatters may look like any. One time that is off by any amount is
-    an entry's fault, and no shutter's.
+    an entry's fault, and no shutter's. Two or three frames of a bracket that say something fit any times with a curve.
     """
     count = len(now)
+    if np.bincount(evidence.bracket_of_frame, np.diag(evidence.matrix) > 0).max() < _LEAST_FRAMES:
+        return None
     tried = [
         (change, _off_rule(evidence, change, now, np.full(count, t)), t) for change in rules for t in _TOLERANCES_STOPS
     ]

@@ -120,6 +120,15 @@ def test_a_shutter_that_scatters_is_estimated_whichever_frame_is_off_most(middle
     assert 0.01 < max(found.sigma) < 0.15
 
 
+def test_three_frames_show_no_scatter() -> None:
+    given_log2 = np.log2(NOMINAL)
+    full = evidence(given_log2 + np.array([0.1, -0.2, 0.3, 0, -0.3, 0.2, -0.1]), given_log2, curve=True)
+    assert estimate_times(full, NOMINAL).off_rule
+    silent = np.arange(len(NOMINAL)) >= 3
+    full.matrix[silent], full.matrix[:, silent], full.right[silent] = 0, 0, 0
+    assert not estimate_times(full, NOMINAL).off_rule
+
+
 @pytest.mark.parametrize("frame", [1, 2, 4])
 def test_one_wrong_time_is_no_scatter_of_the_shutter(frame: int) -> None:
     given_log2 = np.log2(NOMINAL)
