@@ -5,28 +5,21 @@ import errno
 import os
 from pathlib import Path
 
-from drivers.errors import (
-    DeviceClaimedError,
-    DeviceError,
-    DeviceLostError,
-    DeviceNotFoundError,
-    DevicePermissionError,
-    DeviceTimeoutError,
-    LinkStallError,
-    ProtocolViolationError,
-)
+from drivers import errors
 
 
-def typed_error(number: int | None, message: str, where: str) -> DeviceError:
+def typed_error(number: int | None, message: str, where: str) -> errors.DeviceError:
     """Return our error for an error number (``errno``) that a USB call ended with."""
     if number in (errno.ETIMEDOUT, errno.EAGAIN):
-        return DeviceTimeoutError(message, where=where, errno=number)
+        return errors.DeviceTimeoutError(message, where=where, errno=number)
     if number == errno.EPIPE:
-        return LinkStallError(message, where=where, errno=number)
+        return errors.LinkStallError(message, where=where, errno=number)
     if number == errno.EOVERFLOW:
-        return ProtocolViolationError(message, where=where, likely="the camera sent more than a packet", errno=number)
+        return errors.ProtocolViolationError(
+            message, where=where, likely="the camera sent more than a packet", errno=number
+        )
     if number in (errno.EACCES, errno.EPERM):
-        return DevicePermissionError(
+        return errors.DevicePermissionError(
             message,
             where=where,
             likely="no udev rule gives you the camera",
@@ -34,7 +27,7 @@ def typed_error(number: int | None, message: str, where: str) -> DeviceError:
             errno=number,
         )
     # EIO is what Linux gives while a cable is being pulled; only opening the link anew helps against any of the rest.
-    return DeviceLostError(
+    return errors.DeviceLostError(
         message,
         where=where,
         likely="the cable was pulled or the camera switched off",
@@ -43,13 +36,13 @@ def typed_error(number: int | None, message: str, where: str) -> DeviceError:
     )
 
 
-def open_error(error: Exception, name: str) -> DeviceError:
+def open_error(error: Exception, name: str) -> errors.DeviceError:
     """Return what it means that the port ``name`` does not open."""
     number = getattr(error, "errno", None)
     text = str(error)
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         holder = find_holder(name)
-        return DeviceClaimedError(
+        return errors.DeviceClaimedError(
             f"{holder or 'another program'} holds the port",
             where=name,
             advice=f"stop {holder or 'it'} (ModemManager? see the udev rule)",
@@ -57,10 +50,10 @@ def open_error(error: Exception, name: str) -> DeviceError:
         )
     if number in (errno.EACCES, errno.EPERM):
         advice = "install the udev rule, or join the group dialout and log in anew"
-        return DevicePermissionError("the system refuses the port", where=name, advice=advice)
+        return errors.DevicePermissionError("the system refuses the port", where=name, advice=advice)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
-        return DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
-    return DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
+        return errors.DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
+    return errors.DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
 
 
 PROC = Path("/proc")

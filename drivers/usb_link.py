@@ -15,16 +15,8 @@ import usb.backend.libusb1
 import usb.core
 import usb.util
 
+from drivers import errors
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceClaimedError,
-    DeviceError,
-    DeviceLostError,
-    DeviceNotFoundError,
-    DevicePermissionError,
-    DeviceTimeoutError,
-    UnsupportedError,
-)
 from drivers.link_errors import SUSPECTS, find_holder, typed_error
 from drivers.ptp.codes import STILL_IMAGE_CLASS
 from drivers.ptp.pipes import Pipe
@@ -81,7 +73,7 @@ def list_cameras(backend: Any | None = None) -> list[UsbDeviceInfo]:
 def _require_backend(backend: Any | None) -> Any:
     backend = backend or real_backend()
     if backend is None:
-        raise DeviceNotFoundError(
+        raise errors.DeviceNotFoundError(
             "no USB library can be loaded", likely="libusb is not installed", advice="pip install libusb-package"
         )
     return backend
@@ -108,7 +100,7 @@ def _text(device: Any, index: int) -> str:
         return ""
 
 
-def _ours(error: Exception, where: str, doing: str) -> DeviceError:
+def _ours(error: Exception, where: str, doing: str) -> errors.DeviceError:
     """Return our error for what pyusb raised while ``doing``."""
     number = errno.ETIMEDOUT if isinstance(error, usb.core.USBTimeoutError) else getattr(error, "errno", None)
     return typed_error(number, f"{doing}: {getattr(error, 'strerror', None) or error}", where)
@@ -168,7 +160,7 @@ class UsbLink:
         if self._serial is not None:
             serials = [_text(device, device.iSerialNumber) for device in found]
             if found and not any(serials):
-                raise DevicePermissionError(
+                raise errors.DevicePermissionError(
                     "its serial number cannot be read",
                     where=self.name,
                     likely="no udev rule gives you the camera, or it has no serial number on USB",
@@ -178,12 +170,12 @@ class UsbLink:
         if len(found) == 1:
             return found[0]
         if found:
-            raise DeviceNotFoundError(
+            raise errors.DeviceNotFoundError(
                 f"{len(found)} such cameras are plugged in",
                 where=self.name,
                 advice="name one of them by its serial number in the rig file",
             )
-        raise DeviceNotFoundError(
+        raise errors.DeviceNotFoundError(
             "not found on USB" + (f" with serial number {self._serial}" if self._serial else ""),
             where=self.name,
             likely="it is switched off, asleep, or not plugged in",
@@ -202,7 +194,7 @@ class UsbLink:
         for interface in configuration:
             if _is_still_image(interface) and interface.bAlternateSetting == 0:
                 return self._sort_endpoints(interface)
-        raise UnsupportedError(
+        raise errors.UnsupportedError(
             "no still-image interface",
             where=self.name,
             likely="the camera is in another USB mode (live streaming, mass storage)",
@@ -219,7 +211,7 @@ class UsbLink:
             bulk_out = found[usb.util.ENDPOINT_TYPE_BULK, usb.util.ENDPOINT_OUT]
             event = found[usb.util.ENDPOINT_TYPE_INTR, usb.util.ENDPOINT_IN]
         except KeyError:
-            raise UnsupportedError("its still-image interface lacks an endpoint", where=self.name) from None
+            raise errors.UnsupportedError("its still-image interface lacks an endpoint", where=self.name) from None
         return _Endpoints(
             interface.bInterfaceNumber,
             bulk_in.bEndpointAddress,
@@ -243,7 +235,7 @@ class UsbLink:
                 raise _ours(error, self.name, "claiming the camera") from error
             node = f"/dev/bus/usb/{device.bus or 0:03d}/{device.address or 0:03d}"
             holder = find_holder(node, suspects=SUSPECTS)
-            raise DeviceClaimedError(
+            raise errors.DeviceClaimedError(
                 f"held by {holder or 'another program'}",
                 where=self.name,
                 likely="the desktop has opened the camera by itself",
@@ -253,7 +245,7 @@ class UsbLink:
 
     def _require_open(self) -> tuple[Any, _Endpoints]:
         if self._device is None or self._endpoints is None:
-            raise DeviceLostError("the link is closed", where=self.name, advice="open it anew")
+            raise errors.DeviceLostError("the link is closed", where=self.name, advice="open it anew")
         return self._device, self._endpoints
 
     def write(self, data: bytes, timeout_s: float) -> None:
@@ -269,7 +261,7 @@ class UsbLink:
                 return
             # libusb reports a time-out with a part sent by the count alone.
             if not sent or deadline.expired:
-                raise DeviceTimeoutError(f"sending: {len(rest)} bytes were not taken", where=self.name)
+                raise errors.DeviceTimeoutError(f"sending: {len(rest)} bytes were not taken", where=self.name)
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Return one bulk-in transfer of at most ``max_bytes``, a multiple of `max_packet_bytes`."""
@@ -286,7 +278,7 @@ class UsbLink:
             # One packet a read: a longer read would wait for more after an event that fills its last packet.
             size = endpoints.event_packet_bytes
             packet = self._guard("waiting for an event", device.read, endpoints.event, size, limit_ms)
-        except DeviceTimeoutError:
+        except errors.DeviceTimeoutError:
             return None
         return bytes(packet)
 

@@ -9,17 +9,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from typing import Literal
 
-from drivers.camera import (
-    BodySetting,
-    CameraIdentity,
-    CameraSettings,
-    CameraStatus,
-    ExposureProgress,
-    FrameFormat,
-    FrameRef,
-    SettingReadback,
-    ShutterReadback,
-)
+from drivers import camera
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
 from drivers.canon_5d2 import settings as canon_settings
 from drivers.canon_5d2.body import read_body
@@ -97,18 +87,18 @@ class Canon5D2:
         self._held: set[int] = set()
         self._stuck = False
         self._kept: tuple[CanonSetting, ...] = ()
-        self._formats: tuple[FrameFormat, ...] = (FrameFormat.JPEG,)
+        self._formats: tuple[camera.FrameFormat, ...] = (camera.FrameFormat.JPEG,)
         self._shutter_s = 0.0
         self._one_step_release = False
         self._exposure: CanonExposure | None = None
         self._read_since_poll = False
 
-    def connect(self) -> CameraIdentity:
+    def connect(self) -> camera.CameraIdentity:
         """Open the session, enter remote mode, take over the camera's state, and learn its shutter times."""
         info = self._link.open()
         self._start_over(new_session=True)
         self._one_step_release = CanonOperation.REMOTE_RELEASE_ON not in info.operations
-        return CameraIdentity(info.manufacturer, info.model, info.serial, info.device_version)
+        return camera.CameraIdentity(info.manufacturer, info.model, info.serial, info.device_version)
 
     def _start_over(self, *, new_session: bool) -> None:
         running_s = self._shutter_s if self._exposure is not None else 0.0
@@ -140,7 +130,7 @@ class Canon5D2:
     def _learn_shutter_times(self) -> None:
         self.shutter_times_s = tuple(canon_settings.SHUTTER_S[code] for code in self._shutter_codes())
 
-    def status(self) -> CameraStatus:
+    def status(self) -> camera.CameraStatus:
         """Return battery, space, clock, and what stands wrong on the camera's controls."""
         self._remote.drain()
         free_bytes = self._free_bytes()
@@ -153,7 +143,7 @@ class Canon5D2:
         if self._remote.number(CanonProp.FOCUS_MODE) is None:
             warnings += ("the camera does not report whether its lens is on MF: it must be",)
         battery = self._remote.number(CanonProp.BATTERY_POWER)
-        return CameraStatus(
+        return camera.CameraStatus(
             battery_frac=None if battery is None else canon_settings.BATTERY_FRAC.get(battery),
             free_bytes=free_bytes,
             free_frames=self._remote.number(CanonProp.AVAILABLE_SHOTS),
@@ -178,7 +168,7 @@ class Canon5D2:
         except (OperationRefusedError, StoreFullError, DeviceBusyError):
             return None
 
-    def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
+    def prepare(self, settings: camera.CameraSettings) -> tuple[camera.SettingReadback, ...]:
         """Check the controls and make all fixed settings, each as the camera then reports it.
 
         Raises `SettingRefusedError`: A control on the camera stands wrong (all are named at once), or a setting does
@@ -192,14 +182,14 @@ class Canon5D2:
         self.recover()
         return self._prepare(settings)
 
-    def _prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
+    def _prepare(self, settings: camera.CameraSettings) -> tuple[camera.SettingReadback, ...]:
         self._remote.let_go()
         self._remote.wait_idle()
         canon_settings.require_controls(self._remote)
         kept = canon_settings.fixed_settings(settings, self._remote, sizes_px=self._sizes_px, to_card=self._to_card)
         with self._noticing_a_held_picture():
             raw = self._remote.values.get(CanonProp.AUTO_EXPOSURE_MODE, b"")
-            dial = SettingReadback("exposure mode (dial)", "M", canon_settings.ae_mode_words(raw), raw.hex())
+            dial = camera.SettingReadback("exposure mode (dial)", "M", canon_settings.ae_mode_words(raw), raw.hex())
             readbacks = (dial, *(canon_settings.make(self._remote, setting) for setting in kept))
         if not self._to_card:
             self._remote.offer_space()
@@ -211,16 +201,18 @@ class Canon5D2:
             except OperationRefusedError:
                 self._store_known = False  # then a lost announcement cannot be made good
         self._kept = kept
-        self._formats = (FrameFormat.JPEG, FrameFormat.CR2) if settings.keep_raw else (FrameFormat.JPEG,)
+        self._formats = (
+            (camera.FrameFormat.JPEG, camera.FrameFormat.CR2) if settings.keep_raw else (camera.FrameFormat.JPEG,)
+        )
         self._learn_shutter_times()
         return readbacks
 
-    def body_settings(self) -> tuple[BodySetting, ...]:
+    def body_settings(self) -> tuple[camera.BodySetting, ...]:
         """Read the settings of the body that no rig file sets; set those with one right value."""
         self._remote.drain()
         return read_body(self._remote)
 
-    def set_shutter(self, shutter_s: float) -> ShutterReadback:
+    def set_shutter(self, shutter_s: float) -> camera.ShutterReadback:
         """Set the nearest exposure time and read it back, after checking that nobody touched the camera."""
         self._remote.let_go()
         self._remote.wait_idle()
@@ -238,7 +230,7 @@ class Canon5D2:
             )
         self._remote.wait_idle()
         self._shutter_s = canon_settings.SHUTTER_S[code]
-        return ShutterReadback(asked_s=shutter_s, nominal_s=self._shutter_s, raw=f"{code:#04x}")
+        return camera.ShutterReadback(asked_s=shutter_s, nominal_s=self._shutter_s, raw=f"{code:#04x}")
 
     def arm(self) -> None:
         """Take in old events, keep the camera on, and press the button half-way."""
@@ -299,7 +291,7 @@ class Canon5D2:
             result=result,
         )
 
-    def poll_exposure(self) -> ExposureProgress:
+    def poll_exposure(self) -> camera.ExposureProgress:
         """Look for the frames of the running exposure."""
         if self._exposure is None:
             raise ExposureFailedError("no exposure is running", where=canon_settings.WHERE, advice="release first")
@@ -311,7 +303,7 @@ class Canon5D2:
             self._exposure = None
         return progress
 
-    def read_chunk(self, frame: FrameRef, offset: int, max_bytes: int) -> bytes:
+    def read_chunk(self, frame: camera.FrameRef, offset: int, max_bytes: int) -> bytes:
         """Return a part of a frame; a camera that is busy exposing is not asked again during exposures."""
         self._read_since_poll = True
         operations = self._link.info.operations
@@ -324,18 +316,18 @@ class Canon5D2:
                 self.can_transfer_while_exposing = False
             raise
 
-    def finish_frame(self, frame: FrameRef) -> None:
+    def finish_frame(self, frame: camera.FrameRef) -> None:
         """Let the camera forget a picture that it held in its memory for us; nothing to do for one on the card."""
         if frame.handle in self._held:
             self._remote.transfer_complete(frame.handle)
             self._held.discard(frame.handle)
 
-    def delete(self, frame: FrameRef) -> None:
+    def delete(self, frame: camera.FrameRef) -> None:
         """Delete the frame from the card; one held in memory is gone with `finish_frame`."""
         if frame.storage_id:
             self._remote.patiently(lambda: self._store.delete(frame))
 
-    def list_frames(self) -> tuple[FrameRef, ...]:
+    def list_frames(self) -> tuple[camera.FrameRef, ...]:
         """Return the pictures on the card, oldest first."""
         return self._remote.patiently(self._store.list_frames)
 

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from drivers.camera import CameraSettings, SettingReadback
+from drivers.canon_5d2 import operations
 from drivers.canon_5d2.codes import (
     AE_MANUAL,
     APERTURE_CODES,
@@ -25,14 +26,6 @@ from drivers.canon_5d2.codes import (
     SHUTTER_CODES_HALF,
     WB_COLOR_TEMPERATURE,
     CanonProp,
-)
-from drivers.canon_5d2.operations import (
-    JPEG_LARGE_FINE,
-    RAW_FULL,
-    ImageFile,
-    decode_image_format,
-    encode_image_format,
-    encode_number,
 )
 from drivers.canon_5d2.remote import CanonRemote
 from drivers.errors import OperationRefusedError, ProtocolViolationError, SettingRefusedError
@@ -102,7 +95,7 @@ def iso_text(code: int) -> str:
     return str(ISO_CODES[code]) if code in ISO_CODES else "auto" if code == 0 else f"code {code:#x}"
 
 
-def image_format_text(files: Iterable[ImageFile]) -> str:
+def image_format_text(files: Iterable[operations.ImageFile]) -> str:
     """Return an image format in words: ``JPEG L fine + RAW L``."""
     kinds = {IMAGE_TYPE_JPEG: "JPEG", IMAGE_TYPE_RAW: "RAW"}
     sizes = {IMAGE_SIZE_LARGE: "L", IMAGE_SIZE_MEDIUM: "M", IMAGE_SIZE_SMALL: "S"}
@@ -161,7 +154,7 @@ def _table_words(table: Mapping[int, str]) -> Callable[[bytes], str]:
 
 def _format_words(raw: bytes) -> str:
     try:
-        return image_format_text(decode_image_format(raw))
+        return image_format_text(operations.decode_image_format(raw))
     except ProtocolViolationError:
         return f"bytes {raw[:40].hex()}"
 
@@ -182,27 +175,29 @@ def fixed_settings(
         raise refused("ISO", settings.iso, "not among the camera's ISO speeds")
     if aperture is None:
         raise refused("aperture", f"f/{settings.f_number:g}", "not among the camera's apertures")
-    kelvin = encode_number(settings.color_temperature_k)
+    kelvin = operations.encode_number(settings.color_temperature_k)
     # The files a shot is to make, in the order in which the camera itself lists them
     asked = (settings.width_px, settings.height_px)
     size = next((code for code, size_px in sizes_px.items() if size_px == asked), None)
     if size is None:
         offered = ", ".join(f"{w}x{h}" for w, h in sizes_px.values())
         raise refused("picture size", f"{asked[0]}x{asked[1]}", offered)
-    jpeg = ImageFile(JPEG_LARGE_FINE.file_type, size, JPEG_LARGE_FINE.compression)
-    wanted = (RAW_FULL, jpeg) if settings.keep_raw else (jpeg,)
+    jpeg = operations.ImageFile(operations.JPEG_LARGE_FINE.file_type, size, operations.JPEG_LARGE_FINE.compression)
+    wanted = (operations.RAW_FULL, jpeg) if settings.keep_raw else (jpeg,)
     listed = remote.lists.get(CanonProp.IMAGE_FORMAT)
     formats = listed.formats if listed is not None else ()
-    image_format = encode_image_format(next((f for f in formats if sorted(f) == sorted(wanted)), wanted))
-    white_balance, destination = encode_number(WB_COLOR_TEMPERATURE), _destination(remote, to_card=to_card)
+    image_format = operations.encode_image_format(next((f for f in formats if sorted(f) == sorted(wanted)), wanted))
+    white_balance, destination = operations.encode_number(WB_COLOR_TEMPERATURE), _destination(remote, to_card=to_card)
     kelvin_words = number_words(lambda k: f"{k} K")
     return (
-        CanonSetting("drive mode", CanonProp.DRIVE_MODE, encode_number(DRIVE_SINGLE), _table_words(DRIVE_MODES)),
+        CanonSetting(
+            "drive mode", CanonProp.DRIVE_MODE, operations.encode_number(DRIVE_SINGLE), _table_words(DRIVE_MODES)
+        ),
         CanonSetting("image format", CanonProp.IMAGE_FORMAT, image_format, _format_words),
         CanonSetting("white balance", CanonProp.WHITE_BALANCE, white_balance, _table_words(WHITE_BALANCES)),
         CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, kelvin_words),
-        CanonSetting("ISO", CanonProp.ISO_SPEED, encode_number(iso), number_words(iso_text)),
-        CanonSetting("aperture", CanonProp.APERTURE, encode_number(aperture), number_words(aperture_text)),
+        CanonSetting("ISO", CanonProp.ISO_SPEED, operations.encode_number(iso), number_words(iso_text)),
+        CanonSetting("aperture", CanonProp.APERTURE, operations.encode_number(aperture), number_words(aperture_text)),
         CanonSetting("destination", CanonProp.CAPTURE_DESTINATION, destination, _table_words(DESTINATIONS)),
     )
 
@@ -210,13 +205,13 @@ def fixed_settings(
 def _destination(remote: CanonRemote, *, to_card: bool) -> bytes:
     """Return where pictures go: the computer, or the first value listed that is not (also) the computer's."""
     if not to_card:
-        return encode_number(DESTINATION_PC)
+        return operations.encode_number(DESTINATION_PC)
     listed = remote.lists.get(CanonProp.CAPTURE_DESTINATION)
     codes = (*(listed.numbers if listed else ()), remote.number(CanonProp.CAPTURE_DESTINATION) or DESTINATION_PC)
     code = next((c for c in codes if not c & DESTINATION_PC), None)
     if code is None:
         raise refused("destination", "card", "only: computer (is there a card in the camera?)")
-    return encode_number(code)
+    return operations.encode_number(code)
 
 
 def refused(name: str, asked: object, got: object, **details: Any) -> SettingRefusedError:
@@ -252,8 +247,8 @@ def make(remote: CanonRemote, setting: CanonSetting) -> SettingReadback:
 
 def _require_listed(remote: CanonRemote, setting: CanonSetting) -> None:
     listed = remote.lists.get(setting.prop)
-    values = [encode_number(n) for n in listed.numbers] if listed else []
-    values += [encode_image_format(f) for f in listed.formats] if listed else []
+    values = [operations.encode_number(n) for n in listed.numbers] if listed else []
+    values += [operations.encode_image_format(f) for f in listed.formats] if listed else []
     if setting.raw not in values:
         offered = ", ".join(setting.describe(v) for v in values) or "no values at all just now"
         raise refused(setting.name, setting.text, f"only: {offered}")

@@ -5,16 +5,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
+from drivers import errors
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceBusyError,
-    DeviceError,
-    DeviceLostError,
-    DeviceTimeoutError,
-    OperationRefusedError,
-    ProtocolViolationError,
-    StoreFullError,
-)
 from drivers.ptp.codes import HEADER_BYTES, ContainerType, Operation, Response
 from drivers.ptp.container import MAX_RESPONSE_BYTES, Container, Header, pack_params, violation
 from drivers.ptp.pipes import BulkPipe, EventPipe, PtpTransport
@@ -52,16 +44,16 @@ def response_name(code: int) -> str:
         return f"response {code:04X}"
 
 
-def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: str = "") -> DeviceError:
+def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: str = "") -> errors.DeviceError:
     """Return the error for a response that the caller did not want."""
     likely, advice = _LIKELY.get(code, ("", ""))
     message = f"{operation_name(operation)} was answered with: {response_name(code)}"
     facts = {"operation": operation, "params": list(params)}
     if code == Response.DEVICE_BUSY:
-        return DeviceBusyError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
+        return errors.DeviceBusyError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
     if code in STORE_CODES:
-        return StoreFullError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
-    return OperationRefusedError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
+        return errors.StoreFullError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
+    return errors.OperationRefusedError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
 
 
 # Bounds of one transaction: chosen.
@@ -163,7 +155,7 @@ class Transactions:
         if data_in and data_out is not None:
             raise ValueError("PTP has one data phase an operation: data_in or data_out")
         if self.broken is not None:
-            raise ProtocolViolationError(
+            raise errors.ProtocolViolationError(
                 f"{operation_name(operation)} refused: the exchange is out of step ({self.broken})",
                 where=self.name,
                 advice="resynchronise first",
@@ -174,14 +166,14 @@ class Transactions:
         self.broken = f"{operation_name(operation)} was interrupted"
         try:
             reply = self._exchange(ask, packed, data_out)
-        except DeviceError as error:
+        except errors.DeviceError as error:
             error.where = self.name
             error.details.update(operation=operation, transaction_id=ask.transaction_id)
             # Nothing is broken where only whole containers, or nothing, had come so far.
-            whole = isinstance(error, DeviceTimeoutError) and self._sent and not self._bulk.in_pieces
+            whole = isinstance(error, errors.DeviceTimeoutError) and self._sent and not self._bulk.in_pieces
             harmless = whole and len(self._unanswered) < MAX_UNANSWERED
             self.broken = None if harmless else f"{operation_name(operation)}: {error.message}"
-            self._lost = isinstance(error, DeviceLostError)
+            self._lost = isinstance(error, errors.DeviceLostError)
             raise
         self.broken = None
         if reply.code not in accept:
@@ -256,7 +248,7 @@ class Transactions:
         """
         try:
             event = self._events.poll(timeout_s)
-        except DeviceLostError as error:
+        except errors.DeviceLostError as error:
             self.broken, self._lost = error.message, True
             raise
         return None if event is None else PtpEvent(event.code, event.transaction_id, event.params)
@@ -272,7 +264,7 @@ class Transactions:
         while True:
             try:
                 return call()
-            except DeviceBusyError as error:
+            except errors.DeviceBusyError as error:
                 if deadline.expired:
                     error.details["limit_s"] = limit_s
                     raise

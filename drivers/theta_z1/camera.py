@@ -6,17 +6,7 @@ Source: Ricoh USB API specification, libgphoto2, and scripts that work with the 
 from collections.abc import Callable
 from datetime import UTC, datetime
 
-from drivers.camera import (
-    BodySetting,
-    CameraIdentity,
-    CameraSettings,
-    CameraStatus,
-    ExposureProgress,
-    FrameFormat,
-    FrameRef,
-    SettingReadback,
-    ShutterReadback,
-)
+from drivers import camera
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
 from drivers.clock import Clock, Deadline
 from drivers.errors import (
@@ -50,7 +40,10 @@ MODEL = CameraModel(
         Operation.INITIATE_CAPTURE,
     ),
 )
-FORMATS: dict[int, FrameFormat] = {ObjectFormat.EXIF_JPEG: FrameFormat.JPEG, ObjectFormat.DNG: FrameFormat.DNG}
+FORMATS: dict[int, camera.FrameFormat] = {
+    ObjectFormat.EXIF_JPEG: camera.FrameFormat.JPEG,
+    ObjectFormat.DNG: camera.FrameFormat.DNG,
+}
 # Waking and working take the camera a few seconds (Ricoh names none): limits chosen.
 WAKE_LIMIT_S = 10.0
 WAKE_PAUSE_S = 1.0  # chosen
@@ -91,20 +84,20 @@ class ThetaZ1:
         self._store = FrameStore(self._link, FORMATS)
         self._fractions: tuple[Fraction32, ...] = ()
         self._kept: tuple[Setting, ...] = ()
-        self._formats: tuple[FrameFormat, ...] = (FrameFormat.JPEG,)
+        self._formats: tuple[camera.FrameFormat, ...] = (camera.FrameFormat.JPEG,)
         self._sleep_before: dict[int, int] = {}
         self._shutter_s = 0.0
         self._exposure: ThetaExposure | None = None
         self._past_captures: set[int] = set()
         self._read_since_poll = False
 
-    def connect(self) -> CameraIdentity:
+    def connect(self) -> camera.CameraIdentity:
         """Open the session, wake the camera, wait for what it still does, and learn its shutter times."""
         info = self._link.open()
         self._past_captures.clear()
         self._start_over(READY_LIMIT_S)
         self._learn_shutter_times()
-        return CameraIdentity(info.manufacturer, info.model, info.serial, info.device_version)
+        return camera.CameraIdentity(info.manufacturer, info.model, info.serial, info.device_version)
 
     def _start_over(self, ready_limit_s: float) -> None:
         self._exposure = None
@@ -170,7 +163,7 @@ class ThetaZ1:
         self._fractions = tuple(sorted(times, key=lambda f: -f.seconds))
         self.shutter_times_s = tuple(f.seconds for f in self._fractions)
 
-    def status(self) -> CameraStatus:
+    def status(self) -> camera.CameraStatus:
         """Return battery, space, clock and what forbids shooting."""
         read = self._properties.number_or_none
         problems, warnings = theta_settings.error_texts(read(RicohProp.ERROR_INFO) or 0)
@@ -181,7 +174,7 @@ class ThetaZ1:
             problems = (*problems, "the camera sleeps: wake it")
         battery = read(Prop.BATTERY_LEVEL)
         free_bytes, free_frames = self._free_space()
-        return CameraStatus(
+        return camera.CameraStatus(
             battery_frac=None if battery is None else min(battery, FULL_BATTERY) / FULL_BATTERY,
             free_bytes=free_bytes,
             free_frames=free_frames,
@@ -209,7 +202,7 @@ class ThetaZ1:
         frames = sum(i.free_images for i in infos) if all(i.free_images != UNKNOWN_COUNT for i in infos) else None
         return sum(i.free_bytes for i in infos), frames
 
-    def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
+    def prepare(self, settings: camera.CameraSettings) -> tuple[camera.SettingReadback, ...]:
         """Make all fixed settings, each read back; see `drivers.theta_z1.settings` for which and why."""
         self._wake()
         self._wait_until_ready(READY_LIMIT_S)
@@ -224,23 +217,25 @@ class ThetaZ1:
         )
         readbacks += self._apply(pictures)
         self._kept = tuple(s for s in (*modes, *pictures) if s.prop in WITNESSES)
-        self._formats = (FrameFormat.JPEG, FrameFormat.DNG) if settings.keep_raw else (FrameFormat.JPEG,)
+        self._formats = (
+            (camera.FrameFormat.JPEG, camera.FrameFormat.DNG) if settings.keep_raw else (camera.FrameFormat.JPEG,)
+        )
         self._learn_shutter_times()
         self._store.remember()
         return readbacks
 
-    def body_settings(self) -> tuple[BodySetting, ...]:
+    def body_settings(self) -> tuple[camera.BodySetting, ...]:
         """Judge the firmware; all else that a bracket depends on is set by `prepare`."""
         return theta_settings.read_body(self._properties, self._link.info.device_version)
 
-    def _apply(self, settings: tuple[Setting, ...]) -> tuple[SettingReadback, ...]:
+    def _apply(self, settings: tuple[Setting, ...]) -> tuple[camera.SettingReadback, ...]:
         readbacks = []
         for setting in settings:
             readbacks.append(self._properties.apply(setting))
             self._clock.sleep(theta_settings.PROPERTY_PAUSE_S)
         return tuple(readbacks)
 
-    def set_shutter(self, shutter_s: float) -> ShutterReadback:
+    def set_shutter(self, shutter_s: float) -> camera.ShutterReadback:
         """Set the nearest exposure time and read it back, after checking that the camera kept its other settings."""
         self.keep_alive()
         self._wait_until_ready(READY_LIMIT_S)
@@ -253,7 +248,7 @@ class ThetaZ1:
             raise SettingRefusedError(f"no exposure time: {error}", where=self._link.name, asked=shutter_s) from error
         self._properties.write_and_compare("shutter", RicohProp.SHUTTER_SPEED, fraction.to_u64())
         self._shutter_s = fraction.seconds
-        return ShutterReadback(asked_s=shutter_s, nominal_s=fraction.seconds, raw=str(fraction))
+        return camera.ShutterReadback(asked_s=shutter_s, nominal_s=fraction.seconds, raw=str(fraction))
 
     def arm(self) -> None:
         """Wait until the camera is ready and take in old events."""
@@ -274,7 +269,7 @@ class ThetaZ1:
         shot = ThetaShot(self._shutter_s, self._formats, session.last_transaction_id, earlier_ids)
         self._exposure = ThetaExposure(self._link, self._store, self._clock, shot)
 
-    def poll_exposure(self) -> ExposureProgress:
+    def poll_exposure(self) -> camera.ExposureProgress:
         """Look for the frames of the running exposure."""
         if self._exposure is None:
             raise ExposureFailedError("no exposure is running", where=self._link.name, advice="release first")
@@ -284,7 +279,7 @@ class ThetaZ1:
             self._exposure = None
         return progress
 
-    def read_chunk(self, frame: FrameRef, offset: int, max_bytes: int) -> bytes:
+    def read_chunk(self, frame: camera.FrameRef, offset: int, max_bytes: int) -> bytes:
         """Return a part of a frame; a camera that is busy exposing is not asked again during exposures."""
         self._read_since_poll = True
         try:
@@ -296,14 +291,14 @@ class ThetaZ1:
                 self.keep_alive()  # a sleeping camera answers "busy" for ever
             raise
 
-    def finish_frame(self, frame: FrameRef) -> None:
+    def finish_frame(self, frame: camera.FrameRef) -> None:
         """Nothing to do: the frame stays on the camera's store."""
 
-    def delete(self, frame: FrameRef) -> None:
+    def delete(self, frame: camera.FrameRef) -> None:
         """Delete the frame from the camera's store."""
         self._store.delete(frame)
 
-    def list_frames(self) -> tuple[FrameRef, ...]:
+    def list_frames(self) -> tuple[camera.FrameRef, ...]:
         """Return the pictures on the camera, oldest first."""
         return self._store.list_frames()
 

@@ -14,16 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AwareDatetime, Field, ValidationError
 
-from processing.calibration.profile_records import (
-    LensRecord,
-    NdRecord,
-    NoiseRecord,
-    NonNegative,
-    Positive,
-    ResponseRecord,
-    ShutterRecord,
-    VignettingRecord,
-)
+from processing.calibration import profile_records
 from processing.errors import ProfileError
 from station.errors import IntegrityError
 from station.session import strict_json
@@ -58,7 +49,7 @@ class CameraState(Model):
     serial: SafeText = ""
     lens: SafeText = ""
     nd_filter: SafeText = ""
-    f_number: Positive | None = None
+    f_number: profile_records.Positive | None = None
     iso: Annotated[int, Field(gt=0)] | None = None
     color_temperature_k: Annotated[int, Field(gt=0)] | None = None
     body: dict[SafeText, SafeText] = Field(default={})
@@ -87,37 +78,37 @@ class CameraProfile(Model):
     created_utc: AwareDatetime
     sessions: tuple[SafeText, ...] = ()
     """Ids of the sessions that it comes from."""
-    response: ResponseRecord | None = None
-    noise: NoiseRecord | None = None
-    shutter: ShutterRecord = ShutterRecord()
-    vignetting: VignettingRecord | None = None
-    lens: LensRecord | None = None
-    nd: NdRecord | None = None
+    response: profile_records.ResponseRecord | None = None
+    noise: profile_records.NoiseRecord | None = None
+    shutter: profile_records.ShutterRecord = profile_records.ShutterRecord()
+    vignetting: profile_records.VignettingRecord | None = None
+    lens: profile_records.LensRecord | None = None
+    nd: profile_records.NdRecord | None = None
 
 
 class PatchRecord(Model):
     """A chart patch in both pictures: relative luminances, ratio residual (stops) and colour difference."""
 
     name: SafeText
-    indoor: NonNegative
-    outdoor: NonNegative
+    indoor: profile_records.NonNegative
+    outdoor: profile_records.NonNegative
     residual_stops: float
-    color_difference: NonNegative
+    color_difference: profile_records.NonNegative
 
 
 class K2Record(Model):
     """The constant between the two cameras: outdoor values times ``value`` are on the indoor scale (eq. 2)."""
 
-    value: Positive
-    relative_uncertainty: NonNegative
+    value: profile_records.Positive
+    relative_uncertainty: profile_records.NonNegative
     measured_utc: AwareDatetime
     session: SafeText = ""
     indoor: CameraState
     outdoor: CameraState
-    white_ratio: Positive
+    white_ratio: profile_records.Positive
     """From the white patch alone, as in the paper."""
     n_patches: Annotated[int, Field(ge=1)]
-    residual_stops: NonNegative
+    residual_stops: profile_records.NonNegative
     """Robust rms of the neutral patches about the fit."""
     patches: tuple[PatchRecord, ...] = ()
     corrections: tuple[Correction, ...] = ()

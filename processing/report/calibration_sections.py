@@ -16,20 +16,8 @@ from processing.pictures.frames import frame_of
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.pictures.preview import jpeg_bytes
+from processing.report import plots
 from processing.report.data import Picture, Quantity, Section, Table, number_text
-from processing.report.plots import (
-    cct_picture,
-    contact_sheet,
-    empty_figure,
-    every_nth,
-    frame_usage_plot,
-    luminance_picture,
-    residual_plot,
-    response_plot,
-    spot_picture,
-    svg_bytes,
-    uncertainty_map,
-)
 from processing.sphere import Equirectangular
 from station.session.session import FrameRecord, Side, shutter_label
 
@@ -105,7 +93,7 @@ def camera_section(
     pictures = [
         Picture(
             "Response curve",
-            response_plot(log2_exposure, sigma, curve["low"], curve["high"]),
+            plots.response_plot(log2_exposure, sigma, curve["low"], curve["high"]),
             f"response curves of the {side} camera by channel",
             f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops",
         )
@@ -115,7 +103,7 @@ def camera_section(
         pictures.append(
             Picture(
                 "Residuals of the fit",
-                residual_plot(np.array(residuals["codes"]), rms),
+                plots.residual_plot(np.array(residuals["codes"]), rms),
                 f"what frames of the {side} camera say of one light apart from each other, by code",
             )
         )
@@ -123,11 +111,15 @@ def camera_section(
     labels = [shutter_label(frame.camera_s) for frame in ordered]
     shares = [float(frame["used_share"]) for frame in metrics["frames"]]
     pictures.append(
-        Picture("What each frame served", frame_usage_plot(labels, shares, [share == 0 for share in shares]), "bars")
+        Picture(
+            "What each frame served", plots.frame_usage_plot(labels, shares, [share == 0 for share in shares]), "bars"
+        )
     )
     thumbnails = [thumbnail(folder / frame.file) for frame in ordered]
     pictures.append(
-        Picture("Bracket", contact_sheet(thumbnails, labels), f"frames of the {side} bracket, histograms", wide=True)
+        Picture(
+            "Bracket", plots.contact_sheet(thumbnails, labels), f"frames of the {side} bracket, histograms", wide=True
+        )
     )
     text = f"Exposure times: {response['times_source']}."
     if (error := metrics.get("error95")) is not None:
@@ -148,26 +140,26 @@ def thumbnail(path: Path) -> Bytes:
 
 def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Picture]:
     luminance = luminance_cd_m2(image.rgb)
-    rows = every_nth(image.rgb)
+    rows = plots.every_nth(image.rgb)
     small = display.shown(image.rgb[rows, rows])
     wide = isinstance(image.geometry, Equirectangular)
     found = [
         Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),
         Picture(
             f"{name}: luminance",
-            luminance_picture(luminance, image.unit if image.absolute else "relative"),
+            plots.luminance_picture(luminance, image.unit if image.absolute else "relative"),
             "false colours of luminance",
             wide=wide,
         ),
         Picture(
             f"{name}: relative standard uncertainty",
-            uncertainty_map(image.uncertainty),
+            plots.uncertainty_map(image.uncertainty),
             "false colours of uncertainty",
             f"of each pixel by itself; the common scale adds {100 * image.scale_uncertainty:.2f} %",
             wide=wide,
         ),
     ]
-    temperature = cct_picture(image.rgb)
+    temperature = plots.cct_picture(image.rgb)
     found.append(Picture(f"{name}: correlated colour temperature", temperature, "false colours of CCT", wide=wide))
     marked = (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any())
     if marked:
@@ -182,7 +174,7 @@ def _spot(image: LuminanceImage, geometry: Equirectangular, target: Mapping[str,
     y = (0.5 - target["latitude_deg"] / 180) * geometry.height_px
     radius_px = SPOT_RAD / 2 / (2 * math.pi) * geometry.width_px
     return Picture(
-        "Where the meter looked", spot_picture(image.rgb, (x, y), radius_px), "the target and the meter's spot"
+        "Where the meter looked", plots.spot_picture(image.rgb, (x, y), radius_px), "the target and the meter's spot"
     )
 
 
@@ -199,7 +191,7 @@ def illuminance_rose(values: Sequence[float], unit: str) -> bytes:
     """Return an SVG of values (0 or more) evenly around from straight ahead, clockwise as seen from above."""
     if not values or not all(math.isfinite(value) and value >= 0 for value in values):
         raise ParameterError("a rose shows one value or more, all finite and from 0")
-    figure = empty_figure(4.6, 4.6)
+    figure = plots.empty_figure(4.6, 4.6)
     axes: Any = figure.add_subplot(projection="polar")
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -212,7 +204,7 @@ def illuminance_rose(values: Sequence[float], unit: str) -> bytes:
     axes.spines["polar"].set_visible(False)
     axes.grid(linewidth=0.4, alpha=0.6)
     axes.set_title(unit, fontsize=9, color="#5c6269", loc="right")
-    return svg_bytes(figure)
+    return plots.svg_bytes(figure)
 
 
 _AROUND = ("ahead", "ahead right", "right", "back right", "back", "back left", "left", "ahead left")

@@ -14,15 +14,8 @@ from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
+from processing.calibration.scale import chart_patches
 from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
-from processing.calibration.scale.chart_patches import (
-    WHITE,
-    WINDOW,
-    FoundChart,
-    chart_points,
-    check_corners,
-    homography,
-)
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError
@@ -73,7 +66,7 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
         raise ParameterError("the chart session has no frames", where=str(request.chart))
     for side, corners in request.corners.items():
         if side in charts:
-            check_corners(np.reshape(corners, (-1, 2)), charts[side].size_px)
+            chart_patches.check_corners(np.reshape(corners, (-1, 2)), charts[side].size_px)
     cameras, views = {}, {}
     for side, taken in charts.items():
         report(f"{side}: response, noise, shutter times")
@@ -156,7 +149,7 @@ def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] 
         raise
 
 
-def one_colour(inside: FoundChart, seen: ChartView) -> tuple[NdFilter, ChartView]:
+def one_colour(inside: chart_patches.FoundChart, seen: ChartView) -> tuple[NdFilter, ChartView]:
     """Return what brings the outdoor camera's chart to the indoor's colours (filter, sensor, white), and its view then.
 
     Luminance of white is left to k2, of which the filter's density is a part here.
@@ -204,7 +197,7 @@ def _k2(
     return record, found
 
 
-_CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * WINDOW / 2
+_CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * chart_patches.WINDOW / 2
 
 
 def chart_png(found: ChartView) -> bytes:
@@ -213,16 +206,16 @@ def chart_png(found: ChartView) -> bytes:
     White stands at 90 %; the windows that were averaged are outlined, the white patch's in red.
     """
     picture = _shown(found)
-    mapping = homography(found.chart.corners_px)
+    mapping = chart_patches.homography(found.chart.corners_px)
     width = max(1, picture.shape[1] // 600)
-    middles = chart_points(mapping, 0.0, 1)[:, 0]
+    middles = chart_patches.chart_points(mapping, 0.0, 1)[:, 0]
     for number in range(24):
         window = np.array((number % 6 + 0.5, number // 6 + 0.5)) + _CORNER
         flat = np.column_stack([window, np.ones(4)]) @ mapping.T
         outline = np.rint(flat[:, :2] / flat[:, 2:]).astype(np.int32)
-        colour = (0, 0, 255) if number == WHITE else (0, 255, 0)
+        colour = (0, 0, 255) if number == chart_patches.WHITE else (0, 255, 0)
         cv2.polylines(picture, [outline[:, None]], True, colour, width, cv2.LINE_AA)
-    x, y = middles[WHITE]
+    x, y = middles[chart_patches.WHITE]
     cv2.putText(picture, "white", (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, 0.4 * width, (0, 0, 255), width)
     done, data = cv2.imencode(".png", picture)
     assert done
@@ -231,6 +224,6 @@ def chart_png(found: ChartView) -> bytes:
 
 def _shown(found: ChartView) -> Bytes:
     """Return the view in 8 bits, blue first as cv2 wants it."""
-    white = max(float(found.chart.rgb[WHITE].mean()), 1e-30)
+    white = max(float(found.chart.rgb[chart_patches.WHITE].mean()), 1e-30)
     values = 0.9 * np.clip(found.view.rgb / np.float32(white), 0, 1 / 0.9)
     return np.ascontiguousarray((255 * values ** (1 / 2.2))[..., ::-1].astype(np.uint8))

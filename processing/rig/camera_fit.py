@@ -7,20 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from processing.calibration import profile_records
 from processing.calibration.merge.merge import merge
 from processing.calibration.optics import stated_circle
 from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
 from processing.calibration.profile import CameraProfile, CameraState, camera_state
-from processing.calibration.profile_records import (
-    LensRecord,
-    NdRecord,
-    NoiseRecord,
-    ResponseRecord,
-    ShutterRecord,
-    VignettingRecord,
-)
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, camera_rule
@@ -55,7 +48,7 @@ class SessionSide:
         """Return the times the camera was set to."""
         return tuple(record.camera_s for record in self.records)
 
-    def true_times_s(self, shutter: ShutterRecord) -> tuple[float, ...]:
+    def true_times_s(self, shutter: profile_records.ShutterRecord) -> tuple[float, ...]:
         """Return the times that the frames were open."""
         return tuple(shutter.true_s(nominal) for nominal in self.nominal_s)
 
@@ -131,7 +124,7 @@ class CameraFit:
 
     side: Side
     response: ResponseFit
-    shutter: ShutterRecord
+    shutter: profile_records.ShutterRecord
     lens: LensModel | None = None
     """Of the outdoor camera."""
     vignetting: Vignetting | None = None
@@ -160,12 +153,12 @@ class CameraFit:
             state=chart.state,
             created_utc=now,
             sessions=self.sessions,
-            response=ResponseRecord.of(self.response.curve),
-            noise=NoiseRecord.of(self.response.noise),
+            response=profile_records.ResponseRecord.of(self.response.curve),
+            noise=profile_records.NoiseRecord.of(self.response.noise),
             shutter=self.shutter,
-            vignetting=VignettingRecord.of(self.vignetting) if self.vignetting else None,
-            lens=LensRecord.of(self.lens) if self.lens else None,
-            nd=NdRecord.of(self.filter) if self.filter else None,
+            vignetting=profile_records.VignettingRecord.of(self.vignetting) if self.vignetting else None,
+            lens=profile_records.LensRecord.of(self.lens) if self.lens else None,
+            nd=profile_records.NdRecord.of(self.filter) if self.filter else None,
         )
 
     def _geometry(self, taken: SessionSide) -> Geometry:
@@ -196,7 +189,7 @@ def fit_camera(
     return CameraFit(
         side=takes[0].side,
         response=response,
-        shutter=ShutterRecord(rule=rule),
+        shutter=profile_records.ShutterRecord(rule=rule),
         lens=lens,
         sessions=tuple(t.session_id for t in takes),
         warnings=(*warnings, *(f"{takes[0].side}: {w}" for w in response.warnings)),
@@ -241,7 +234,7 @@ def _patches(camera: CameraFit, taken: SessionSide) -> Doubles:
 
 
 def _response(takes: Sequence[SessionSide], rule: ShutterRule) -> ResponseFit:
-    shutter = ShutterRecord(rule=rule)
+    shutter = profile_records.ShutterRecord(rule=rule)
     return recover_response([take.bracket(take.true_times_s(shutter)) for take in takes])
 
 

@@ -15,17 +15,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from processing.running import results
 from processing.running.fingerprint import DigestMemory
-from processing.running.results import (
-    MAX_RESULT_BYTES,
-    RESULT_NAME,
-    RUN_NAME,
-    FileRecord,
-    RunRecord,
-    StageResult,
-    parse_result,
-    result_bytes,
-)
 from station.errors import IntegrityError
 from station.session import durable
 from station.session.folder import PART_PREFIX, Folder, write_file
@@ -38,7 +29,7 @@ _OLD_PREFIX = ".old-"
 class Stored:
     """What is on disk of a stage: nothing, a damaged result (``problem``), or a result whose files are intact."""
 
-    result: StageResult | None = None
+    result: results.StageResult | None = None
     problem: str = ""
 
 
@@ -86,20 +77,20 @@ class ResultStore:
             return Stored()
         with self._folder.sub(stage) as folder:
             try:
-                raw = folder.read_file(RESULT_NAME, MAX_RESULT_BYTES)
+                raw = folder.read_file(results.RESULT_NAME, results.MAX_RESULT_BYTES)
                 if raw is None:
-                    return Stored(problem=f"{RESULT_NAME} is missing")
-                result = parse_result(raw)
+                    return Stored(problem=f"{results.RESULT_NAME} is missing")
+                result = results.parse_result(raw)
                 if result.stage != stage:
-                    return Stored(problem=f"{RESULT_NAME} is of another stage")
+                    return Stored(problem=f"{results.RESULT_NAME} is of another stage")
                 damaged = [
                     name for name, record in result.files.items() if not self._intact(folder, stage, name, record)
                 ]
             except (IntegrityError, ValueError) as exc:
-                return Stored(problem=f"{RESULT_NAME}: {exc}"[:400])
+                return Stored(problem=f"{results.RESULT_NAME}: {exc}"[:400])
         return Stored(problem=f"damaged or missing: {', '.join(damaged)}"[:400]) if damaged else Stored(result)
 
-    def _intact(self, folder: Folder, stage: str, name: str, record: FileRecord) -> bool:
+    def _intact(self, folder: Folder, stage: str, name: str, record: results.FileRecord) -> bool:
         info = folder.lstat(name)
         if info is None or not stat.S_ISREG(info.st_mode) or info.st_size != record.size_bytes:
             return False
@@ -133,13 +124,13 @@ class ResultStore:
             if parent.lstat(name) is not None:
                 _clear(parent, name)
 
-    def commit(self, building: Building, result: StageResult, run: RunRecord) -> StageResult:
+    def commit(self, building: Building, result: results.StageResult, run: results.RunRecord) -> results.StageResult:
         """Put a built result in the place of the old one; when this returns no crash loses it."""
         parent, stage = self._open(), building.stage
         name = building.folder.path.name
-        write_file(building.folder, RUN_NAME, result_bytes(run))
+        write_file(building.folder, results.RUN_NAME, results.result_bytes(run))
         sealed = result.sealed()
-        write_file(building.folder, RESULT_NAME, result_bytes(sealed))
+        write_file(building.folder, results.RESULT_NAME, results.result_bytes(sealed))
         with durable.disk_errors(parent.path / stage, "putting the result in its place"):
             if parent.lstat(stage) is None:
                 durable.os_calls.rename(name, stage, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
@@ -151,7 +142,7 @@ class ResultStore:
         _clear(parent, f"{_OLD_PREFIX}{stage}")
         return sealed
 
-    def known_again(self, stage: str, files: Mapping[str, FileRecord]) -> None:
+    def known_again(self, stage: str, files: Mapping[str, results.FileRecord]) -> None:
         """Remember the digests of files that were taken over from the former result: their change times are new."""
         if files:
             with self._open().sub(stage) as folder:
@@ -171,7 +162,7 @@ class Building:
         self.folder = folder
         self.stage = stage
 
-    def sync_files(self, names: list[str], memory: DigestMemory) -> dict[str, FileRecord]:
+    def sync_files(self, names: list[str], memory: DigestMemory) -> dict[str, results.FileRecord]:
         """Make the named files durable and return their records."""
         records = {}
         for name in names:
@@ -183,7 +174,7 @@ class Building:
             finally:
                 os.close(fd)
             sha256 = memory.sha256(self.folder, name, f"{STAGES}/{self.stage}/{name}")
-            records[name] = FileRecord(size_bytes=size_bytes, sha256=sha256)
+            records[name] = results.FileRecord(size_bytes=size_bytes, sha256=sha256)
         return records
 
 

@@ -24,15 +24,7 @@ from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
 from processing.pictures.images import Validity
 from processing.pictures.mosaic import FULL, PEDESTAL
-from processing.stages.brackets import (
-    DECODERS,
-    SideBracket,
-    coarse,
-    decoded,
-    is_panorama_camera,
-    merge_geometry,
-    side_bracket,
-)
+from processing.stages import brackets
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
@@ -79,7 +71,7 @@ def run(context: StageContext) -> StageOutput:
             continue
         covered = profile and (camera := profile.cameras.get(side)) and camera.response
         asked = "jpeg" if covered and parameters.frames == "auto" else parameters.frames
-        bracket = side_bracket(context.session, context.session_path, side, asked)
+        bracket = brackets.side_bracket(context.session, context.session_path, side, asked)
         if bracket is None:
             gathered.left_out[side.value] = f"the session has no {side} frames"
             continue
@@ -105,7 +97,7 @@ def run(context: StageContext) -> StageOutput:
 
 
 def _merge_or_jpegs(
-    context: StageContext, bracket: SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
+    context: StageContext, bracket: brackets.SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
 ) -> None:
     """Merge a side; by its JPEGs, with a warning, where raw files that nobody insists on break or contradict."""
     try:
@@ -115,13 +107,13 @@ def _merge_or_jpegs(
         beside = any(not frame.is_raw for frame in context.session.pictures(bracket.side))
         if asked != "auto" or not bracket.records[0].is_raw or not beside:
             raise
-        jpegs = side_bracket(context.session, context.session_path, bracket.side, "jpeg")
+        jpegs = brackets.side_bracket(context.session, context.session_path, bracket.side, "jpeg")
         assert jpegs is not None
         _merge_side(context, replace(jpegs, raw_refused=str(error)), profile, gathered, step)
 
 
 def _merge_side(
-    context: StageContext, bracket: SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
+    context: StageContext, bracket: brackets.SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
 ) -> None:
     side = bracket.side.value
     context.progress((step + 0.1) / _STEPS, f"{side}: response curve")
@@ -132,7 +124,7 @@ def _merge_side(
         response.times_s,
         None if bracket.linear else response.curve,
         response.noise,
-        geometry=merge_geometry(bracket, context.session.rig),
+        geometry=brackets.merge_geometry(bracket, context.session.rig),
         options=MergeOptions(
             quality=context.quality.value,
             max_error=context.max_error,
@@ -147,7 +139,7 @@ def _merge_side(
 
 
 def _gather(
-    context: StageContext, bracket: SideBracket, response: CameraResponse, merged: Merged, gathered: _Gathered
+    context: StageContext, bracket: brackets.SideBracket, response: CameraResponse, merged: Merged, gathered: _Gathered
 ) -> None:
     side, report = bracket.side.value, merged.report
     attributes = {**merged.image.attributes, "side": side, "session_id": context.session.session_id}
@@ -157,7 +149,7 @@ def _gather(
     gathered.warnings += response.warnings
     if bracket.raw_refused:
         gathered.left_out[f"{side} raw files"] = bracket.raw_refused[:500]
-        if not is_panorama_camera(bracket.device):
+        if not brackets.is_panorama_camera(bracket.device):
             text = f"{side}: merged from its JPEGs, for its raw files cannot be used: {bracket.raw_refused}"
             gathered.warnings.append(StageWarning(code="raw-files", message=text[:500]))
     gathered.warnings += (StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings)
@@ -219,7 +211,7 @@ class CameraResponse:
     """What remains by code: see `code_residuals`."""
     warnings: tuple[StageWarning, ...] = ()
 
-    def to_dict(self, bracket: SideBracket) -> dict[str, Any]:
+    def to_dict(self, bracket: brackets.SideBracket) -> dict[str, Any]:
         """Return the side's part of response.json."""
         rows = zip(bracket.records, self.times_s, self.time_sigma, strict=True)
         return {
@@ -236,7 +228,9 @@ class CameraResponse:
         }
 
 
-def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
+def camera_response(
+    bracket: brackets.SideBracket, profile: RigProfile | None
+) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
     """Return the profile's response where it has this camera's, else one recovered from the bracket; and the frames.
 
     The frames are in memory already where all of them were looked at. Raises `ResponseError` where no response can
@@ -248,14 +242,14 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
     if profile and camera and camera.response:
         return _from_profile(bracket, profile, camera), bracket.frames
 
-    codes = decoded(bracket.frames)
+    codes = brackets.decoded(bracket.frames)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
     return _recovered(bracket, codes), held
 
 
-def _linear(bracket: SideBracket) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
+def _linear(bracket: brackets.SideBracket) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
     """Take noise, black level and times from linear frames; their rule's times where the camera's rule is known."""
-    with ThreadPoolExecutor(DECODERS) as pool:
+    with ThreadPoolExecutor(brackets.DECODERS) as pool:
         codes = [np.asarray(code, np.uint16) for code in pool.map(lambda frame: frame.decode(), bracket.frames)]
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule or ShutterRule.NOMINAL) for nominal in bracket.nominal_s]
@@ -269,7 +263,7 @@ def _linear(bracket: SideBracket) -> tuple[CameraResponse, tuple[FrameSource, ..
     return found, held
 
 
-def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
+def _recovered(bracket: brackets.SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
     """Recover the response from the bracket; its times too, unless the camera's rule is known."""
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
@@ -282,7 +276,7 @@ def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
     )
 
 
-def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
+def _from_profile(bracket: brackets.SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     assert camera.response
     curve = camera.response.curve()
@@ -297,10 +291,10 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
     if camera.noise:
         noise = camera.noise.model()
     else:
-        noise = estimate_noise([Bracket8(decoded(bracket.frames), times_s)], curve)
+        noise = estimate_noise([Bracket8(brackets.decoded(bracket.frames), times_s)], curve)
     warnings = _warnings("profile", bracket, profile_matches(profile, bracket.side, bracket.device, bracket.records))
     check: dict[str, Any] = {}
-    small = decoded(bracket.frames, coarse(bracket.frames))
+    small = brackets.decoded(bracket.frames, brackets.coarse(bracket.frames))
     try:
         checked = check_response(curve, noise, Bracket8(small, times_s))
     except ResponseError as error:
@@ -329,7 +323,7 @@ def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: Resp
     return {"codes": [float(code) for code in found.codes], "rms_stops": rms}
 
 
-def _warnings(code: str, bracket: SideBracket, texts: Iterable[str]) -> tuple[StageWarning, ...]:
+def _warnings(code: str, bracket: brackets.SideBracket, texts: Iterable[str]) -> tuple[StageWarning, ...]:
     side = bracket.side.value
     named = (text if text.startswith(f"{side}:") else f"{side}: {text}" for text in texts)
     return tuple(StageWarning(code=code, message=text[:500]) for text in named)

@@ -13,20 +13,9 @@ from uuid import uuid4
 from drivers.clock import Clock, SystemClock
 from station.capture.intake import drift_frac
 from station.errors import FrameRejectedError, IncompleteBracketError, UsageError, software_versions
+from station.frames import import_plan
 from station.frames.check import FrameChecker, picture_format
 from station.frames.facts import FrameFacts
-from station.frames.import_plan import (
-    Candidate,
-    Refusal,
-    inspect_files,
-    join_stops,
-    list_folder,
-    plan_side,
-    raw_only,
-    refusal,
-    sort_entries,
-    stop_of,
-)
 from station.frames.problems import Reason
 from station.frames.rules import rejection
 from station.session.session import (
@@ -88,7 +77,7 @@ class ImportReport:
 
     session: Path
     manifest: SessionManifest
-    refused: tuple[Refusal, ...]
+    refused: tuple[import_plan.Refusal, ...]
     ignored: tuple[str, ...]
 
 
@@ -96,8 +85,8 @@ class ImportReport:
 class _Sorted:
     """The files of all folders, sorted into frames, refusals and files of no interest."""
 
-    frames: Mapping[Side, Sequence[Candidate]]
-    refused: tuple[Refusal, ...]
+    frames: Mapping[Side, Sequence[import_plan.Candidate]]
+    refused: tuple[import_plan.Refusal, ...]
     ignored: tuple[str, ...]
     stops_s: tuple[float, ...]
 
@@ -127,7 +116,7 @@ def import_session(
         return ImportReport(store.path, manifest, refused, found.ignored)
 
 
-def _strict_error(refused: Sequence[Refusal]) -> FrameRejectedError:
+def _strict_error(refused: Sequence[import_plan.Refusal]) -> FrameRejectedError:
     others = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
     error = rejection(refused[0].name, Reason.DAMAGED, refused[0].message + others, "import without --strict")
     error.details["reason"] = refused[0].reason
@@ -156,23 +145,23 @@ def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
         raise UsageError("nothing to import", where="import", advice="give --indoor FOLDER")
     if len(request.room) > MAX_ROOM_CHARACTERS:
         raise UsageError("the room's name is too long", where="import", advice="its folder takes 60 characters")
-    frames: dict[Side, Sequence[Candidate]] = {}
-    refused: list[Refusal] = []
+    frames: dict[Side, Sequence[import_plan.Candidate]] = {}
+    refused: list[import_plan.Refusal] = []
     ignored: list[str] = []
     for side, folder in request.folders.items():
-        entries = sorted(request.files[side]) if side in request.files else list_folder(folder)
-        files, raws, others = sort_entries(entries, folder, raw=request.raw)
+        entries = sorted(request.files[side]) if side in request.files else import_plan.list_folder(folder)
+        files, raws, others = import_plan.sort_entries(entries, folder, raw=request.raw)
         ignored += [f"{side}/{name}" for name in others]
-        candidates, unreadable = inspect_files(side, files, _times(request, side, files), checker, raws)
-        unreadable += raw_only(side, files, raws, checker)
+        candidates, unreadable = import_plan.inspect_files(side, files, _times(request, side, files), checker, raws)
+        unreadable += import_plan.raw_only(side, files, raws, checker)
         if len(request.lost_s) == len(files):
             said = dict(zip(files, request.lost_s, strict=True))
             candidates = [replace(c, time_s=c.time_s or said[c.path]) for c in candidates]
-        frames[side], misfits = plan_side(side, candidates)
+        frames[side], misfits = import_plan.plan_side(side, candidates)
         refused += [*unreadable, *misfits]
     known_s = [c.time_s for c in itertools.chain(*frames.values()) if c.time_s is not None]
     known_s += [r.time_s for r in refused if r.time_s is not None]
-    return _Sorted(frames, tuple(refused), tuple(ignored), join_stops(known_s))
+    return _Sorted(frames, tuple(refused), tuple(ignored), import_plan.join_stops(known_s))
 
 
 def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequence[float | None]:
@@ -211,23 +200,23 @@ def _manifest(request: ImportRequest, found: _Sorted, clock: Clock) -> SessionMa
     )
 
 
-def _device(side: Side, frames: Sequence[Candidate], request: ImportRequest) -> DeviceRecord:
+def _device(side: Side, frames: Sequence[import_plan.Candidate], request: ImportRequest) -> DeviceRecord:
     exif, kind = frames[0].exif, request.kinds.get(frames[0].exif.model, "imported")
     found = {"kind": kind, "manufacturer": exif.make, "model": exif.model, "serial": exif.serial}
     return DeviceRecord.model_validate({"role": side.value, **found, **request.devices.get(side, {})})
 
 
-def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Clock) -> list[Refusal]:
+def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Clock) -> list[import_plan.Refusal]:
     """Copy and record everything; return the files that changed under the import."""
-    changed: list[Refusal] = []
+    changed: list[import_plan.Refusal] = []
     for side, frames in found.frames.items():
         for candidate in frames:
             try:
                 _copy(store, side, candidate, found.stops_s, request.camera_zone_min)
             except FrameRejectedError as error:
-                changed.append(refusal(side, candidate.facts.name, error, candidate.time_s))
+                changed.append(import_plan.refusal(side, candidate.facts.name, error, candidate.time_s))
     for refused in (*found.refused, *changed):
-        stop = stop_of(found.stops_s, refused.time_s)
+        stop = import_plan.stop_of(found.stops_s, refused.time_s)
         reason = f"{refused.name}: {refused.message}"[:500]
         store.add_rejected(RejectedFrame(side=refused.side, stop=stop, reason=reason))
     for skipped in _other_side_only(found):
@@ -243,12 +232,12 @@ def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Cl
 
 
 def _copy(
-    store: SessionStore, side: Side, candidate: Candidate, stops_s: Sequence[float], zone_min: int | None
+    store: SessionStore, side: Side, candidate: import_plan.Candidate, stops_s: Sequence[float], zone_min: int | None
 ) -> None:
     """Copy a JPEG and its raw file into the session, make sure that they are what was checked, and acknowledge them."""
     facts, time_s = candidate.facts, candidate.time_s
     assert time_s is not None
-    stop = stop_of(stops_s, time_s)
+    stop = import_plan.stop_of(stops_s, time_s)
     shot = {
         "side": side,
         "stop": stop,
@@ -290,7 +279,7 @@ def _chunks(path: Path, name: str) -> Iterator[bytes]:
         raise rejection(name, Reason.NOT_A_FILE, f"cannot be read any more: {error.strerror}") from error
 
 
-def _taken_utc(candidate: Candidate, zone_min: int | None) -> datetime | None:
+def _taken_utc(candidate: import_plan.Candidate, zone_min: int | None) -> datetime | None:
     """Return the moment of the frame by the camera's clock, where its zone is known."""
     taken, own_min = candidate.exif.taken_local, candidate.exif.offset_min
     zone_min = own_min if zone_min is None else zone_min
@@ -303,7 +292,7 @@ def _other_side_only(found: _Sorted) -> Iterator[SkippedStop]:
     """Yield the stops that only the other folder has: nothing of them was lost, unless a file is unreadable."""
     for side, frames in found.frames.items():
         times_s = [c.time_s for c in frames] + [r.time_s for r in found.refused if r.side == side]
-        have = {stop_of(found.stops_s, time_s) for time_s in times_s}
+        have = {import_plan.stop_of(found.stops_s, time_s) for time_s in times_s}
         for stop in range(len(found.stops_s)):
             if stop not in have and -1 not in have:
                 yield SkippedStop(side=side, stop=stop, reason="the folder has no such exposure time")

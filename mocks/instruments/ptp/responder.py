@@ -16,17 +16,8 @@ from drivers.clock import Clock
 from drivers.ptp.codes import Operation, Response
 from mocks.instruments.exposures import CameraTiming, ExposureRecord
 from mocks.instruments.faults import CONDITIONS, Fault, FaultKind, FaultRunner, FaultSchedule, Moment
+from mocks.instruments.ptp import wire
 from mocks.instruments.ptp import wire as ptp_wire
-from mocks.instruments.ptp.wire import (
-    Answer,
-    DeviceIdentity,
-    OperationRecord,
-    PendingEvent,
-    Refusal,
-    Request,
-    ResponderStats,
-    Rule,
-)
 
 # What a simulated device has still to do, and when: no threads, the device catches up whenever it is looked at.
 
@@ -132,7 +123,7 @@ class PtpResponder:
     """What every simulated camera shares; a camera adds rules, properties and manners."""
 
     def __init__(
-        self, identity: DeviceIdentity, clock: Clock, timing: CameraTiming, faults: FaultSchedule | None, seed: int
+        self, identity: wire.DeviceIdentity, clock: Clock, timing: CameraTiming, faults: FaultSchedule | None, seed: int
     ) -> None:
         self.identity = identity
         self.clock = clock
@@ -141,10 +132,10 @@ class PtpResponder:
         self.random = random.Random(seed)
         self.lock = threading.RLock()
         self.agenda = Agenda()
-        self.stats = ResponderStats()
+        self.stats = wire.ResponderStats()
         self.exposure_log: list[ExposureRecord] = []
-        self.events: deque[PendingEvent] = deque()
-        self.rules: dict[int, Rule] = self.standard_rules()
+        self.events: deque[wire.PendingEvent] = deque()
+        self.rules: dict[int, wire.Rule] = self.standard_rules()
         self.attachment = 0
         self._away_until_s = 0.0
         self._session_id = 0
@@ -196,12 +187,14 @@ class PtpResponder:
 
     # ---- transactions
 
-    def standard_rules(self) -> dict[int, Rule]:
+    def standard_rules(self) -> dict[int, wire.Rule]:
         """Return the operations every responder has."""
         return {
-            Operation.GET_DEVICE_INFO: Rule(lambda _: Answer(data=self.identity.device_info()), sessionless=True),
-            Operation.OPEN_SESSION: Rule(self._open_session, 1, 1, sessionless=True),
-            Operation.CLOSE_SESSION: Rule(self._close_session),
+            Operation.GET_DEVICE_INFO: wire.Rule(
+                lambda _: wire.Answer(data=self.identity.device_info()), sessionless=True
+            ),
+            Operation.OPEN_SESSION: wire.Rule(self._open_session, 1, 1, sessionless=True),
+            Operation.CLOSE_SESSION: wire.Rule(self._close_session),
         }
 
     def expects_data(self, operation: int) -> bool:
@@ -209,20 +202,20 @@ class PtpResponder:
         rule = self.rules.get(operation)
         return rule is not None and rule.data_out
 
-    def handle(self, request: Request, faults: Sequence[Fault] = ()) -> Answer:
+    def handle(self, request: wire.Request, faults: Sequence[Fault] = ()) -> wire.Answer:
         """Carry out a request; ``faults`` are those its arrival triggered."""
         with self.lock:
             self.advance()
             try:
                 answer = self._carry_out(request, faults)
-            except Refusal as refusal:
-                answer = Answer(refusal.code, refusal.params)
+            except wire.Refusal as refusal:
+                answer = wire.Answer(refusal.code, refusal.params)
             except ptp_wire.BadBytesError:
-                answer = Answer(Response.INVALID_DATASET)
+                answer = wire.Answer(Response.INVALID_DATASET)
             self._log(request, answer)
             return answer
 
-    def _carry_out(self, request: Request, faults: Sequence[Fault]) -> Answer:
+    def _carry_out(self, request: wire.Request, faults: Sequence[Fault]) -> wire.Answer:
         for fault in faults:
             if fault.kind is FaultKind.SESSION_ALREADY_OPEN and request.operation == Operation.OPEN_SESSION:
                 self.faults.note(fault)
@@ -240,37 +233,37 @@ class PtpResponder:
                 self._held_until_s = self.clock.monotonic_s() + fault.number("delay_s")
             if fault.kind is FaultKind.BUSY:
                 self.faults.note(fault)
-                raise Refusal(Response.DEVICE_BUSY)
+                raise wire.Refusal(Response.DEVICE_BUSY)
             if fault.kind is FaultKind.ACCESS_DENIED:
                 self.faults.note(fault)
-                raise Refusal(Response.ACCESS_DENIED)
+                raise wire.Refusal(Response.ACCESS_DENIED)
         if self.clock.monotonic_s() < self._held_until_s:
-            raise Refusal(Response.DEVICE_BUSY)
+            raise wire.Refusal(Response.DEVICE_BUSY)
         self.before(request)
         return rule.handler(request)
 
-    def before(self, request: Request) -> None:
+    def before(self, request: wire.Request) -> None:
         """Refuse what the camera's state forbids (asleep, busy); cameras override this."""
 
     def fall_asleep(self) -> None:
         """Go to sleep, in the camera's own way."""
         raise NotImplementedError
 
-    def _check(self, request: Request) -> Rule:
+    def _check(self, request: wire.Request) -> wire.Rule:
         rule = self.rules.get(request.operation)
         sessionless = rule is not None and rule.sessionless
         if not self._session_id and not sessionless:
-            raise Refusal(Response.SESSION_NOT_OPEN)
+            raise wire.Refusal(Response.SESSION_NOT_OPEN)
         self._check_transaction_id(request)
         if rule is None:
-            raise Refusal(Response.OPERATION_NOT_SUPPORTED)
+            raise wire.Refusal(Response.OPERATION_NOT_SUPPORTED)
         if len(request.params) < rule.least_params:
-            raise Refusal(Response.INVALID_PARAMETER)
+            raise wire.Refusal(Response.INVALID_PARAMETER)
         if any(request.params[rule.most_params :]):
-            raise Refusal(Response.PARAMETER_NOT_SUPPORTED)
+            raise wire.Refusal(Response.PARAMETER_NOT_SUPPORTED)
         return rule
 
-    def _check_transaction_id(self, request: Request) -> None:
+    def _check_transaction_id(self, request: wire.Request) -> None:
         got = request.transaction_id
         if not self._session_id or request.operation == Operation.OPEN_SESSION:
             expected = 0
@@ -280,32 +273,32 @@ class PtpResponder:
                 expected = 1
         if got != expected and not self._any_transaction_id:
             self.stats.violations.append(f"transaction id {got} instead of {expected} in {request.operation:04x}")
-            raise Refusal(Response.INVALID_TRANSACTION_ID)
+            raise wire.Refusal(Response.INVALID_TRANSACTION_ID)
         if request.operation != Operation.OPEN_SESSION:
             self._any_transaction_id = False
             self._last_transaction_id = got
 
-    def _log(self, request: Request, answer: Answer) -> None:
+    def _log(self, request: wire.Request, answer: wire.Answer) -> None:
         if len(self.stats.operations) < MAX_OPERATION_LOG:
             now_s, sent = self.clock.monotonic_s(), len(answer.data or b"")
-            entry = OperationRecord(
+            entry = wire.OperationRecord(
                 now_s, request.operation, request.transaction_id, request.params, answer.code, len(request.data), sent
             )
             self.stats.operations.append(entry)
 
-    def _open_session(self, request: Request) -> Answer:
+    def _open_session(self, request: wire.Request) -> wire.Answer:
         if request.params[0] == 0:
-            raise Refusal(Response.INVALID_PARAMETER)
+            raise wire.Refusal(Response.INVALID_PARAMETER)
         if self._session_id:
-            raise Refusal(Response.SESSION_ALREADY_OPEN, self._session_id)
+            raise wire.Refusal(Response.SESSION_ALREADY_OPEN, self._session_id)
         self._session_id = request.params[0]
         self._last_transaction_id = 0
         self._any_transaction_id = False
-        return Answer()
+        return wire.Answer()
 
-    def _close_session(self, _request: Request) -> Answer:
+    def _close_session(self, _request: wire.Request) -> wire.Answer:
         self.forget_session()
-        return Answer()
+        return wire.Answer()
 
     # ---- events
 
@@ -313,4 +306,4 @@ class PtpResponder:
         """Send an event on the interrupt pipe of an open session, unless a fault says otherwise."""
         if not self._session_id:
             return
-        self.gate.deliver(code, PendingEvent(code, transaction_id, params), self.events.append)
+        self.gate.deliver(code, wire.PendingEvent(code, transaction_id, params), self.events.append)

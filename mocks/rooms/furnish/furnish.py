@@ -7,17 +7,8 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry import Polygon
 
-from mocks.rooms.furnish import day_rooms
+from mocks.rooms.furnish import clutter, day_rooms
 from mocks.rooms.furnish.check import check_items, hides_board, sees_window
-from mocks.rooms.furnish.clutter import (
-    floor_lamp_by,
-    on_the_floor,
-    picture_over,
-    plants,
-    rug_under,
-    things_on,
-    wall_things,
-)
 from mocks.rooms.furnish.space import Arrangement, beside, towards
 from mocks.rooms.model import Finish, Item, Plan, Role, Use
 
@@ -58,7 +49,7 @@ def bedroom_extras(a: Arrangement, finish: Finish) -> None:
     """Place what else a bedroom may hold."""
     bed = next(item for item in a.items if item.kind == "bed")
     if a.chance(0.85):
-        picture_over(a, bed)
+        clutter.picture_over(a, bed)
     if a.chance(0.6):
         chest = a.against_wall(
             "chest of drawers", (a.draw(0.75, 1.3), a.draw(0.42, 0.5), a.draw(0.72, 1.0)), front_m=0.4
@@ -79,9 +70,9 @@ def bedroom_extras(a: Arrangement, finish: Finish) -> None:
         a.against_wall("chair", (0.45, 0.53, a.draw(0.8, 0.88)))
     if a.chance(0.25):
         a.against_wall("bookcase", (a.draw(0.4, 0.8), 0.3, a.draw(1.2, 1.95)))
-    plants(a, 2)
-    wall_things(a, int(a.rng.integers(0, 3)))
-    on_the_floor(a, toys=bed.size_m[0] < 1.3)
+    clutter.plants(a, 2)
+    clutter.wall_things(a, int(a.rng.integers(0, 3)))
+    clutter.on_the_floor(a, toys=bed.size_m[0] < 1.3)
 
 
 def _bed(a: Arrangement) -> Item | None:
@@ -128,12 +119,12 @@ def _rug(a: Arrangement, bed: Item, finish: Finish) -> None:
     if a.chance(0.7):
         x, y = beside(bed, 0.0, -0.55)
         size = (bed.size_m[0] + a.draw(0.7, 1.2), a.draw(1.5, 2.1))
-        if rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
+        if clutter.rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
             return
     for side in (-1, 1):
         size = (a.draw(0.6, 0.8), a.draw(1.2, 1.6))
         x, y = beside(bed, side * (bed.size_m[0] / 2 + 0.08 + size[0] / 2), a.draw(-0.3, 0.0))
-        if rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
+        if clutter.rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
             return
 
 
@@ -142,10 +133,10 @@ def _on_chest(a: Arrangement, chest: Item) -> None:
         w = a.draw(0.75, 0.9)
         a.put_on(chest, "television", (w, 0.2, round(0.6 * w + 0.06, 3)), at=(0.0, 0.2), turn_rad=0.0)
     elif a.chance(0.5):
-        picture_over(a, chest)
+        clutter.picture_over(a, chest)
     if a.chance(0.4):
         a.put_on(chest, "table lamp", (0.26, 0.26, 0.45), at=(0.8, 0.3))
-    things_on(a, chest, 5)
+    clutter.things_on(a, chest, 5)
 
 
 # Fill large rooms as people do: a second place to eat or work, more along the walls, pictures where they are bare.
@@ -172,13 +163,13 @@ def fill(a: Arrangement, finish: Finish) -> None:
         for sofa in [item for item in a.items if item.kind == "sofa"]:
             a.keep_free(sofa, 1.7, 0.3)
         if day_rooms.dining_essentials(a, finish):
-            things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
+            clutter.things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
     elif a.plan.use is Use.BEDROOM and floor.area > 13.0 and a.chance(0.45):
         day_rooms.workplace(a, finish)
     for _ in range(int(a.rng.poisson(max(spare_m2, 0.0) / PIECE_M2 * a.draw(0.4, 1.4)))):
         kind = str(a.rng.choice(PIECES[a.plan.use]))
         _piece(a, kind)
-    wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
+    clutter.wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
 
 
 def _piece(a: Arrangement, kind: str) -> None:
@@ -187,10 +178,10 @@ def _piece(a: Arrangement, kind: str) -> None:
     if placed is None:
         return
     if kind in ("cabinet", "chest of drawers"):
-        things_on(a, placed, 5)
-        picture_over(a, placed)
+        clutter.things_on(a, placed, 5)
+        clutter.picture_over(a, placed)
     elif kind == "armchair" and a.chance(0.6):
-        floor_lamp_by(a, placed)
+        clutter.floor_lamp_by(a, placed)
 
 
 def _stood(a: Arrangement, kind: str) -> Item | None:
