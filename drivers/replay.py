@@ -111,20 +111,18 @@ class ReplayedTransport:
             self._answer(self._sent)
 
     def _answer(self, sent: bytes) -> None:
-        operation, params, transaction_id = self._asked
+        operation, params, number = self._asked
         found = self._find((operation, params, sent))
         if found is None:
             if operation == GET_EVENT:
-                self._answers.extend(_containers(operation, transaction_id, NO_RECORDS))
+                self._answers.extend(_containers(operation, number, NO_RECORDS))
                 return
             self.unknown += 1
-            self._answers.append(
-                struct.pack("<IHHI", HEADER_BYTES, RESPONSE, Response.INVALID_PARAMETER, transaction_id)
-            )
+            self._answers.append(struct.pack("<IHHI", HEADER_BYTES, RESPONSE, Response.INVALID_PARAMETER, number))
             return
         found.used = True
-        self._ids[found.transaction_id] = transaction_id
-        self._answers.extend(_with_id(found.transfers, transaction_id))
+        self._ids[found.transaction_id] = number
+        self._answers.extend(_with_id(found.transfers, number))
         if not found.is_question:
             now_s = self._clock.monotonic_s()
             self._events += [(now_s + after_s, data) for after_s, data in found.events]

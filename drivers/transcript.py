@@ -86,15 +86,10 @@ def read_transcript(path: Path) -> Iterator[Entry]:
 
 
 def _entry(line: str) -> Entry:
-    found = json.loads(line)
-    t_s, info = float(found["t"]), dict(found.get("info", {}))
+    raw = json.loads(line)
+    t_s, info = float(raw["t"]), dict(raw.get("info", {}))
     return Entry(
-        t_s,
-        str(found["who"]),
-        str(found["way"]),
-        bytes.fromhex(found.get("hex", "")),
-        str(found.get("error", "")),
-        info,
+        t_s, str(raw["who"]), str(raw["way"]), bytes.fromhex(raw.get("hex", "")), str(raw.get("error", "")), info
     )
 
 

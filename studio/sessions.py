@@ -99,9 +99,7 @@ def save(session: Path, name: str, data: bytes, base: str) -> str:
     ``base`` names the state that it was made on; raises `StaleError` where that is not the current one any more.
     """
     if base != digest(current(session, name)[0]):
-        raise StaleError(
-            "somebody else has changed this meanwhile", where=name, advice="look at what it is now, then try again"
-        )
+        raise StaleError("somebody changed this meanwhile", where=name, advice="look at what it is now, then try again")
     with open_session(session) as root:
         write_file(root, name, data)
     remember(session, {Path(name).stem: session / name}, by=BY)

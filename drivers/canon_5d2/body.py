@@ -103,24 +103,17 @@ def _on_off(name: str, value: int | None, why_not: str) -> BodySetting:
 
 def _optimiser(mode: int | None, function: int | None) -> BodySetting:
     """The lighting optimiser: a property of later bodies, a custom function of those before."""
-    name, why_not = "lighting optimiser", "it brightens each frame by its own content"
+    name, why = "lighting optimiser", "it brightens each frame by its own content"
     value = _first(mode, function)
     if value is None:
         return BodySetting(name, NOT_REPORTED, "", Verdict.RECORDED)
     off = value & 0xFF == OPTIMISER_OFF or (mode is not None and not mode & OPTIMISER_WHEN_MANUAL)
-    return BodySetting(
-        name, *(("off", hex(value), Verdict.OK) if off else ("on", hex(value), Verdict.REFUSED, why_not))
-    )
+    return BodySetting(name, *(("off", hex(value), Verdict.OK) if off else ("on", hex(value), Verdict.REFUSED, why)))
 
 
 def _noise(functions: Mapping[int, int]) -> Iterator[BodySetting]:
     for name, function, words, why in (
-        (
-            "long-exposure noise reduction",
-            LONG_EXPOSURE_NR,
-            NR_WORDS,
-            "exposures of a second and more take twice as long",
-        ),
+        ("long-exposure noise reduction", LONG_EXPOSURE_NR, NR_WORDS, "exposures from a second take twice as long"),
         ("high-ISO noise reduction", HIGH_ISO_NR, HIGH_ISO_WORDS, ""),
     ):
         value = functions.get(function)

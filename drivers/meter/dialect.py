@@ -164,8 +164,6 @@ def load_dialect(name_or_path: str) -> Dialect:
         ) from error
     except ValidationError as error:
         keys = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
-        raise DialectError(
-            keys, where=name_or_path, advice="docs/reference/meter-dialects.md describes the form"
-        ) from error
+        raise DialectError(keys, where=name_or_path, advice="its form: docs/reference/meter-dialects.md") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise DialectError(f"cannot be read: {error}", where=name_or_path) from error

@@ -170,10 +170,8 @@ class Dialogue:
         self._in_step = False
         self.line.drain(QUIET_S, DRAIN_LIMIT_S)
         self.line.write(self._encode(step), WRITE_LIMIT_S)
-        limit, patience = (
-            Deadline.after(self._clock, min(step.timeout_s, deadline.remaining_s)),
-            self._patience(deadline),
-        )
+        limit = Deadline.after(self._clock, min(step.timeout_s, deadline.remaining_s))
+        patience = self._patience(deadline)
         best = Answer(ReadingStatus.NO_ANSWER, detail="no time left", ask_again=True)
         while True:
             answer = self._listen(step, limit)

@@ -47,9 +47,7 @@ class DatasetReader:
     def take(self, count: int) -> bytes:
         """Return the next ``count`` bytes."""
         if count > self.left_bytes:
-            raise violation(
-                f"{self._what} ends after {len(self._data)} bytes where {self._at + count} are needed", self._data
-            )
+            raise violation(f"{self._what} ends after {len(self._data)} of {self._at + count} bytes", self._data)
         piece = self._data[self._at : self._at + count]
         self._at += count
         return piece

@@ -170,12 +170,8 @@ class SimulatedThetaZ1(SimulatedCamera):
         self._last_active_s = now_s
         if not self.asleep and now_s >= self._waking_until_s:
             return
-        prop_operations = (
-            Operation.GET_DEVICE_PROP_DESC,
-            Operation.GET_DEVICE_PROP_VALUE,
-            Operation.SET_DEVICE_PROP_VALUE,
-        )
-        readable = request.operation in prop_operations and request.param(0) in READABLE_WHILE_BUSY
+        about_one = (Operation.GET_DEVICE_PROP_DESC, Operation.GET_DEVICE_PROP_VALUE, Operation.SET_DEVICE_PROP_VALUE)
+        readable = request.operation in about_one and request.param(0) in READABLE_WHILE_BUSY
         always = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION, Operation.CLOSE_SESSION)
         if not readable and request.operation not in always:
             raise Refusal(Response.DEVICE_BUSY)

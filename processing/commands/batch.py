@@ -204,10 +204,7 @@ def check(folder: Path, *, as_json: bool) -> int:
     report = compare(folder)
     facts = {name: getattr(report, name) for name in ("files", "missing", "changed", "new", "problems")}
     lines = [f"{word}: {name}" for word in ("missing", "changed", "new") for name in facts[word]]
-    lines += [
-        *report.problems,
-        f"{report.files} files compared: {'all as it was built' if report.ok else 'not as it was built'}",
-    ]
+    lines += [*report.problems, f"{report.files} files compared: {'all' if report.ok else 'not'} as it was built"]
     return answer({"ok": report.ok, **facts}, lines, as_json=as_json, exit_code=0 if report.ok else 1)
 
 

@@ -53,9 +53,7 @@ GENERATED = "bedroom-7-clear"
     metavar="FILE",
     help="HDR panorama of a real sky: simulated cameras then photograph --room and --sky, in cd/m2.",
 )
-@click.option(
-    "--size", type=click.Choice(["full", "half", "quarter", "small"]), help="Of the pictures (default: full)."
-)
+@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), help="Of pictures (default: full).")
 @click.option("--quick", is_flag=True, help="In a hurry: quarter size, faster than life, draft quality.")
 @click.option("--set", "furniture", metavar="NAME", help="Furniture to stage: bedroom, living, ..., none; else auto.")
 @click.option("--into", type=FOLDER, default=Path("demo"), help="Folder of sessions.")

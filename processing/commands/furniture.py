@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 _FOLDER = click.option(
     "--furniture", "catalogue", type=FILE, metavar="FOLDER", help="Of glTF, GLB or OBJ files, or 3D-FUTURE's."
 )
-_STYLE = click.option(
-    "--style", metavar="NAME", help="scandinavian, mid-century, classic or industrial (built-in furniture)."
-)
+_STYLE = click.option("--style", metavar="NAME", help="Built-in: scandinavian, mid-century, classic or industrial.")
 
 
 @click.group()

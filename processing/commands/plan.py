@@ -34,12 +34,7 @@ class Moment(NamedTuple):
 @click.option("--heading", type=float, required=True, metavar="DEG", help="Compass azimuth of the panorama's middle.")
 @click.option("--date", metavar="DATE", help="Such as 2023-06-21; default: today.")
 @click.option(
-    "--window",
-    "windows",
-    type=float,
-    multiple=True,
-    metavar="DEG",
-    help="Compass azimuth a window faces, besides walls.",
+    "--window", "windows", type=float, multiple=True, metavar="DEG", help="Compass azimuth of a window, besides walls."
 )
 @click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")

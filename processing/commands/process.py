@@ -65,10 +65,7 @@ def _run_options() -> tuple[click.Option, ...]:
     return (
         click.Option(["--until"], metavar="STAGE", help="Run this stage and what it needs, no more."),
         click.Option(
-            ["--force"],
-            metavar="STAGE",
-            multiple=True,
-            help="Run this stage although nothing has changed (repeatable).",
+            ["--force"], metavar="STAGE", multiple=True, help="Run this stage although nothing changed (repeatable)."
         ),
         click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting size and times."),
         click.Option(
@@ -141,9 +138,7 @@ def given_now(asked: Mapping[str, Any]) -> dict[str, Any]:
     metavar="FILE",
     help="Instead of SESSION: one panorama (JPEG, PNG, EXR, HDR; equirectangular). Without a meter, in relative units.",
 )
-@click.option(
-    "--into", type=FOLDER, metavar="FOLDER", help="With --panorama: where its session is made (default: sessions)."
-)
+@click.option("--into", type=FOLDER, metavar="FOLDER", help="With --panorama: where it is made (default: sessions).")
 @click.option("--dry-run", is_flag=True, help="Say what would run and why; change nothing.")
 @click.option("--explain", is_flag=True, help="Say of every stage which input or parameter changed, old and new.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")

@@ -18,9 +18,7 @@ ROOM_FILE = "room.json"
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option(
-    "--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; where it is missing, the estimated room."
-)
+@click.option("--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; without one, the estimated room.")
 @click.option("--from", "start", type=FILE, help="With --edit: begin with this room.")
 @click.option(
     "--import",
@@ -102,9 +100,7 @@ def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
     from processing.ground.room_model import write_room
 
     if start and path.exists() and start.resolve() != path.resolve():
-        raise ParameterError(
-            "--from: there is a room already", where=str(path), advice="move it away, or leave out --from"
-        )
+        raise ParameterError("--from: there is a room already", where=str(path), advice="move it, or leave out --from")
     if start or not path.exists():
         write_room(path, begin)
 

@@ -159,9 +159,7 @@ def signed_jpeg(jpeg: bytes, signer: Signer, title: str, proof: Mapping[str, Any
             info = c2pa.C2paSignerInfo(signer.algorithm.encode(), signer.chain, signer.key, None)
             builder.sign(c2pa.Signer.from_info(info), "image/jpeg", io.BytesIO(jpeg), out)
     except c2pa.C2paError as error:
-        raise ParameterError(
-            f"C2PA refuses to sign: {error}", where=title, advice="look at certificate and key"
-        ) from error
+        raise ParameterError(f"C2PA refuses to sign: {error}", where=title, advice="check the certificate") from error
     return out.getvalue()
 
 

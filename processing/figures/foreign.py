@@ -237,9 +237,7 @@ def by_reading(image: LuminanceImage, level: float, place: tuple[float, float], 
     spot = (slice(max(row - _SPOT_PX, 0), row + _SPOT_PX + 1), slice(max(column - _SPOT_PX, 0), column + _SPOT_PX + 1))
     shown = float(luminance_map(image)[spot].mean(dtype=np.float64))
     if not shown > 0 or np.any(image.validity[spot] != Validity.VALID):
-        raise ScaleError(
-            "the reading's place is black, clipped or outside", advice="read a place that the picture shows"
-        )
+        raise ScaleError("the reading's place is black, clipped or outside", advice="read a place in the picture")
     found = rescaled(image, level / shown, sigma)
     modes = [mode.moved(0.0, math.log2(level)) for mode in modes_of(found)]
     return replace(found, attributes=with_modes(found.attributes, modes))

@@ -228,9 +228,7 @@ def _task_threshold(rays: Doubles, level: np.ndarray, area: Doubles, task: Task)
     towards = np.array([math.sin(right) * math.cos(up), math.cos(right) * math.cos(up), math.sin(up)])
     inside = (rays @ towards >= math.cos(across / 2)) & (area > 0)
     if not inside.any():
-        raise ParameterError(
-            "the picture does not show the task's zone", advice="give --task RIGHT,UP,ACROSS in degrees"
-        )
+        raise ParameterError("the picture lacks the task's zone", advice="give --task RIGHT,UP,ACROSS in degrees")
     return TASK_FACTOR * float(np.sum(level[inside] * area[inside]) / np.sum(area[inside]))
 
 

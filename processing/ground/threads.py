@@ -26,9 +26,7 @@ def threads() -> int:
     asked = os.environ.get(ASKED, "")
     if asked:
         if not asked.isdecimal() or int(asked) < 1:
-            raise ParameterError(
-                f"{ASKED} is {asked!r}", advice=f"give a whole number from 1 to {MOST}, or leave it unset"
-            )
+            raise ParameterError(f"{ASKED} is {asked!r}", advice=f"give a whole number from 1 to {MOST}, or unset it")
         return min(int(asked), MOST)
     if given.isdecimal() and int(given) > 0:
         return min(int(given), MOST)

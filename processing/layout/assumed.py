@@ -34,9 +34,7 @@ def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
     where = f"--arrangement, alternative {arrangement.rank}"
     unknown = sorted({item.category for item in arrangement.items} - set(KINDS))
     if unknown:
-        raise LayoutError(
-            f"no such furniture: {', '.join(unknown)}", where=where, advice="`daylit furniture` lists the kinds"
-        )
+        raise LayoutError(f"no such furniture: {', '.join(unknown)}", where=where, advice="see `daylit furniture`")
     places = np.array([item.t_m[:2] for item in arrangement.items], np.float64).reshape(-1, 2)
     within = shapely.contains_xy(shapely.Polygon(plan.corners), places[:, 0], places[:, 1])
     outside = [item.id for item, fits in zip(arrangement.items, within, strict=True) if not fits]
@@ -131,9 +129,7 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
         head_m=min(2.0, room.ceiling_height_m),
         confidence=0.0,
     )
-    text = (
-        f"no door was found in this room: one is assumed at the start of wall {wall} (correct it: daylit room --edit)"
-    )
+    text = f"no door was found here: one is assumed at the start of wall {wall} (correct it: daylit room --edit)"
     return room.model_copy(update={"openings": (*room.openings, door)}), text
 
 

@@ -81,9 +81,7 @@ class ItemSpec:
     def checked(self) -> Self:
         """Return itself; raise `ItemError` where a size cannot be right."""
         if not all(math.isfinite(v) and 0 < v <= MAX_SIZE_M for v in self.size_m):
-            raise ItemError(
-                f"size {self.size_m} m: each must be over 0 and at most {MAX_SIZE_M:g} m", where=self.category
-            )
+            raise ItemError(f"size {self.size_m} m: each must be over 0, at most {MAX_SIZE_M:g} m", where=self.category)
         if not (math.isfinite(self.base_m) and 0 <= self.base_m < 5):
             raise ItemError(f"its underside at {self.base_m} m", where=self.category)
         return self

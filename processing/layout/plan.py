@@ -257,9 +257,7 @@ def _placed(plan: FloorPlan, opening: OpeningT, moved: dict[int, int], turned: b
     if turned:
         start_m, end_m = length_m - end_m, length_m - start_m
     if start_m < -SLACK_M or end_m > length_m + SLACK_M:
-        raise PlanError(
-            f"from {start_m:.3f} to {end_m:.3f} m on edge {edge}, which is {length_m:.3f} m long", where=where
-        )
+        raise PlanError(f"from {start_m:.3f} to {end_m:.3f} m on edge {edge}, of {length_m:.3f} m", where=where)
     cut = max(0.0, start_m), min(length_m, end_m)
     if max(cut[0] - start_m, end_m - cut[1]) > 1e-3:
         notes.append(f"{kind} on edge {edge} cut at the edge's end")

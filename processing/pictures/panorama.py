@@ -72,9 +72,7 @@ def check_tags(path: Path) -> PhotoTags:
     tags = read_tags(path)
     kind = tags.gpano.get("ProjectionType", "equirectangular")
     if kind.lower() != "equirectangular":
-        raise PanoramaError(
-            f"its tags say that its projection is {kind!r}", where=path.name, advice="export it equirectangular"
-        )
+        raise PanoramaError(f"projection {kind!r} by its tags", where=path.name, advice="export it equirectangular")
     for side in ("Width", "Height"):
         whole, part = (tags.gpano.get(name.format(side), "").strip() for name in _SIZES)
         if whole.isdecimal() and part.isdecimal() and 0 < int(part) < int(whole):

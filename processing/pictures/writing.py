@@ -54,9 +54,7 @@ def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> Non
 def check_size(width: int, height: int, where: Path | str) -> None:
     """Raise unless the size is one that a picture can have."""
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
-        raise refused(
-            where, f"is {width} x {height} pixels; 1 to {MAX_SIDE_PX} a side and {MAX_PIXELS} in all are taken"
-        )
+        raise refused(where, f"is {width} x {height} pixels; 1 to {MAX_SIDE_PX} a side, {MAX_PIXELS} in all are taken")
 
 
 def check_array(

@@ -55,9 +55,7 @@ class Outside:
 
         Raises `DaylightError` where the place or the heading is not known.
         """
-        site = asked["site"] and numbers(
-            "--site", asked["site"], 2, "LATITUDE,LONGITUDE in degrees, such as 40.44,-79.94"
-        )
+        site = asked["site"] and numbers("--site", asked["site"], 2, "LATITUDE,LONGITUDE in degrees, say 40.44,-79.94")
         place = sessions.place_of(room, site)
         given = None if asked["heading"] is None else math.radians(asked["heading"])
         heading, source = sessions.heading_of(room, given, place)

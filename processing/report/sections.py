@@ -135,17 +135,13 @@ def room_section(
     area = floor_area_m2(room)
     quantities = [
         Quantity("Floor", area, "m2"),
-        Quantity(
-            "Ceiling's height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: the scale"
-        ),
+        Quantity("Ceiling's height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: scale"),
         Quantity("Confidence", room.confidence, "", note="estimated probability of a 3D IoU of 0.85 or more"),
     ]
     if "tilt_deg" in facts:
         quantities.append(Quantity("Tilt of the panorama", facts["tilt_deg"], "degrees", facts.get("tilt_sigma_deg")))
     pictures = (
-        Picture(
-            "Layout", jpeg_bytes(drawn(image, room, display)), "panorama with the room's edges and openings", wide=True
-        ),
+        Picture("Layout", jpeg_bytes(drawn(image, room, display)), "panorama with its edges and openings", wide=True),
         Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
     )
     source = "given by the user" if room.source == "given" else f"estimated from the panorama ({room.note})"

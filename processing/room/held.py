@@ -92,9 +92,7 @@ class Held(NamedTuple):
         for k in self.corners:
             away = [math.dist(self.room.floor[k], place) for place in room.floor]
             if min(away) > CORNER_M:
-                raise NoRoomError(
-                    f"no room fits around corner {k}", advice="hold fewer corners, or place the rest, too"
-                )
+                raise NoRoomError(f"no room fits around corner {k}", advice="hold fewer corners, or place the rest")
             found = int(np.argmin(away))
             for one in (found - 1, found):
                 if f"wall {one % len(lines)}" not in names:

@@ -121,9 +121,7 @@ def zind_picture(data: Any, panorama: str | None) -> dict[str, Any]:
     chosen = exact if len(exact) == 1 else chosen
     if len(chosen) != 1:
         names = ", ".join(sorted(pictures)[:12])
-        raise LayoutFileError(
-            f"{len(chosen)} pictures fit {panorama!r}", advice=f"name one with --panorama; there are: {names}"
-        )
+        raise LayoutFileError(f"{len(chosen)} pictures fit {panorama!r}", advice=f"choose with --panorama: {names}")
     return pictures[chosen[0]]
 
 

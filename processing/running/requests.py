@@ -81,9 +81,7 @@ def _check_together(request: RunRequest, own: Mapping[str, Option]) -> None:
     for flag in request.options:
         missing = [other for other in own[flag].beside if other not in request.options]
         if missing:
-            raise ParameterError(
-                f"{flag}: of no effect without {', '.join(missing)}", advice=f"give {', '.join(missing)} too"
-            )
+            raise ParameterError(f"{flag}: of no effect without {', '.join(missing)}", advice="give that too")
         idle = [other for other in own[flag].excludes if other in request.options]
         if idle:
             raise ParameterError(

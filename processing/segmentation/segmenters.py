@@ -84,10 +84,7 @@ class _ByContract(ABC):
             self.probabilities(grey)
         except SegmenterError as error:
             raise SegmenterError(
-                f"does not keep its contract: {error.message}",
-                where=str(path),
-                likely=error.likely,
-                advice=error.advice,
+                f"breaks its contract: {error.message}", where=str(path), likely=error.likely, advice=error.advice
             ) from error
 
     @property

@@ -63,9 +63,7 @@ class Perspective:
             _check_finite(name, getattr(self, name))
         if not 0 < self.fov_x_rad < math.pi:
             raise ParameterError(
-                f"a perspective view of {self.fov_x_rad} rad",
-                advice="give a field above 0 and below pi",
-                fov_x_rad=True,
+                f"a perspective view of {self.fov_x_rad} rad", advice="give a field between 0 and pi", fov_x_rad=True
             )
 
     @property

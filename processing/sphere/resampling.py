@@ -245,9 +245,7 @@ def _checked(rgb: npt.ArrayLike, source: Geometry) -> tuple[Floats, bool]:
             f"a picture of shape {np.shape(rgb)} for {source}", advice="give (H, W) or (H, W, C) of the source's size"
         )
     if not np.isfinite(picture).all():
-        raise ParameterError(
-            "a picture with NaN or Inf", advice="mark such pixels invalid by weights, and set them to 0"
-        )
+        raise ParameterError("a picture with NaN or Inf", advice="mark these invalid by weights, and set them to 0")
     return picture, flat
 
 

@@ -223,9 +223,7 @@ def _checked_pictures(pictures: Sequence[npt.ArrayLike], views: Sequence[Perspec
                 f"a picture of shape {picture.shape} for {view}", advice="give (h, w) or (h, w, C) of the view's size"
             )
         if picture.ndim > 3 or not np.isfinite(picture).all():
-            raise ParameterError(
-                "a view with NaN or Inf, or of more than 3 axes", advice="mark invalid pixels by weights"
-            )
+            raise ParameterError("a view with NaN or Inf, or over 3 axes", advice="mark invalid pixels by weights")
     return light
 
 

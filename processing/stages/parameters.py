@@ -130,9 +130,7 @@ def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 Profile = Annotated[Path | None, path_field("file", "Rig profile of `daylit rig calibrate`.")]
 Seed = Annotated[int, Field(ge=0, description="Another number gives other arrangements, and another draw of rays")]
-FurnitureFolder = Annotated[
-    Path | None, path_field("folder", "Folder of models (glTF, OBJ, 3D-FUTURE) to furnish with.")
-]
+FurnitureFolder = Annotated[Path | None, path_field("folder", "Folder of models (glTF, OBJ, 3D-FUTURE) to place.")]
 
 
 class MergeParameters(StageParameters):
@@ -168,8 +166,7 @@ class CalibrateParameters(StageParameters):
     )
     outdoor_top_deg: float | None = Field(
         None,
-        description="Compass azimuth of the outdoor picture's top; without it from the sun, else the panorama's "
-        "heading.",
+        description="Compass azimuth of the outdoor picture's top; else from the sun or the panorama's heading.",
     )
     falloff: Literal["auto", "off"] = Field(
         "auto", description="Vignetting correction; auto: the profile's, else the published one of the camera"
@@ -240,9 +237,7 @@ class DetectParameters(StageParameters):
     mask_add: Path | None = path_field("file", "Picture: white is to be removed, beside what is detected.")
     mask_keep: Path | None = path_field("file", "Picture: white stays, whatever is detected.")
     mask_sunlight: Path | None = path_field("file", "Picture: white is direct sunlight, whatever else is detected.")
-    margin_deg: float = Field(
-        0.6, ge=0, le=10, description="Degrees by which the target extends beyond what was detected"
-    )
+    margin_deg: float = Field(0.6, ge=0, le=10, description="Degrees by which the target exceeds what was detected")
     sunlight: Literal["auto", "off"] = Field("auto", description="off: direct sunlight is neither detected nor removed")
 
 
@@ -299,12 +294,8 @@ class MaterialsParameters(_Furnished):
 class ArrangeParameters(_Furnished):
     """What is to stand in the room."""
 
-    arrangement: Path | None = path_field(
-        "answer", "arrangement.json of `daylit arrange`, instead.", artifact="arrangement"
-    )
-    pin: str | None = Field(
-        None, description='Pieces whose place is given, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".'
-    )
+    arrangement: Path | None = path_field("answer", "arrangement.json of `daylit arrange`.", artifact="arrangement")
+    pin: str | None = Field(None, description='Pieces placed by you, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".')
     furniture: FurnitureFolder = None
     rules: str = Field("standard", description="Rule set: comfort, standard, tight, accessible")
     alternatives: int = Field(3, ge=1, le=MOST_STAGED, description=f"How many arrangements, 1 to {MOST_STAGED}")
@@ -327,9 +318,7 @@ class RenderParameters(StageParameters):
         "full",
         description="What dresses it: light adds curtains, rugs, art and lamps, full small things and plants too",
     )
-    lamps: Literal["off", "on"] = Field(
-        "off", description="Whether the lamps that are put in shine (their lumens: staged.json)"
-    )
+    lamps: Literal["off", "on"] = Field("off", description="Whether the lamps put in shine (their lumens: staged.json)")
     seed: Seed = 0
 
 

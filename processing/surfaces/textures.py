@@ -341,9 +341,7 @@ def _seen(room: RoomModel, plane: Plane, px_per_m: float) -> Flags:
 
 def _checked(picture: Floats, geometry: Equirectangular) -> Floats:
     if picture.ndim not in (2, 3) or picture.shape[:2] != (geometry.height_px, geometry.width_px):
-        raise ParameterError(
-            f"a picture of shape {picture.shape} for {geometry}", advice="give (H, W) or (H, W, C) of its size"
-        )
+        raise ParameterError(f"a picture of shape {picture.shape} for {geometry}", advice="give (H, W) or (H, W, C)")
     if not all(np.isfinite(row).all() for row in picture):  # row by row: little memory
         raise ParameterError("a picture with NaN or Inf", advice="set such pixels to 0 and mask them")
     return np.ascontiguousarray(picture.reshape(*picture.shape[:2], -1), dtype=np.float32)
@@ -351,9 +349,7 @@ def _checked(picture: Floats, geometry: Equirectangular) -> Floats:
 
 def _checked_mask(mask: Flags, geometry: Equirectangular) -> Flags:
     if mask.shape != (geometry.height_px, geometry.width_px) or mask.dtype != np.bool_:
-        raise ParameterError(
-            f"a mask of shape {mask.shape} and type {mask.dtype}", advice="give booleans of the picture's size"
-        )
+        raise ParameterError(f"a mask {mask.shape} of {mask.dtype}", advice="give booleans of the picture's size")
     return mask
 
 

@@ -192,9 +192,7 @@ def load_rig(path: Path) -> RigFile:
         raise RigError(f"cannot be read: {error}", where=str(path), advice="correct the file") from error
     except ValidationError as error:
         keys = "; ".join(f"[{'.'.join(map(str, e['loc']))}] {e['msg']}" for e in error.errors())
-        raise RigError(
-            keys, where=str(path), advice="correct these keys; an example: daylit doctor --write-rig FILE"
-        ) from error
+        raise RigError(keys, where=str(path), advice="correct them; example: daylit doctor --write-rig FILE") from error
 
 
 def example_text() -> str:

@@ -101,9 +101,7 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
 
     if _is_replay(options) and (given := [name for name in ("rig_path", "record") if options[name]]):
         names = ", ".join("--rig" if name == "rig_path" else f"--{name}" for name in given)
-        raise UsageError(
-            f"a transcript has its own rig, and is one: {names}", where="--simulate", advice="leave it out"
-        )
+        raise UsageError(f"a transcript has its own rig and is one: {names}", where="--simulate", advice="leave it out")
     for name, usual in (("size", "full"), ("rate", 1.0)):
         simulated = options["simulate"] and not _is_replay(options)
         if options[name] != usual and not (simulated or (name == "rate" and options["resume_path"])):
@@ -117,9 +115,7 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
     given = [name for name in taken if options[name]]
     if given:
         names_given = ", ".join("ROOM" if n in ("rooms", "rooms_path") else f"--{n.replace('_', '-')}" for n in given)
-        raise UsageError(
-            f"--resume takes them from the session: {names_given}", where="capture", advice="leave them out"
-        )
+        raise UsageError(f"--resume takes these from the session: {names_given}", where="capture", advice="omit them")
 
 
 def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
@@ -132,9 +128,7 @@ def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
     if not rooms:
         raise UsageError("which room?", where="capture", advice="daylit capture ROOM")
     if options["every"] and len(rooms) > 1:
-        raise UsageError(
-            "--every takes one room", where="capture", advice="one tripod: a queue of rooms, or one by the hour"
-        )
+        raise UsageError("--every takes one room", where="capture", advice="one tripod: a queue, or one by the hour")
     if options["readings"] and (options["every"] or len(rooms) > 1):
         advice = "--no-meter, or the rig's meter"
         raise UsageError("a reading typed in is of one bracket", where="--reading", advice=advice)

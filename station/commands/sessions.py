@@ -223,17 +223,13 @@ def _advice(report: VerifyReport) -> list[str]:
     elif "manifest" in codes:
         lines.append(f"daylit verify --repair {path} writes session.json anew from the journal")
     if codes & CUT_SHORT:
-        lines.append(
-            "a capture is running, or was cut short; nothing saved is lost. If it is not running, resume: " + resume
-        )
+        lines.append("a capture is running, or was cut short; nothing saved is lost. If none runs, resume: " + resume)
     if "journal" in codes:
         lines.append("restore journal.jsonl from a copy; the frames and session.json may still be whole")
     if codes & _LOST:
         lines.append("restore the files from a copy, or take them anew: " + resume)
     if codes & {"digest", "content", "unreadable"}:
-        lines.append(
-            "restore the files from a copy; without one, move them out of the session and take them anew: " + resume
-        )
+        lines.append("restore the files from a copy; without one, move them out and take them anew: " + resume)
     if codes & {"extra", "irregular"}:
         lines.append("move what is not the session's out of its folder")
     if report.missing and not codes:

@@ -23,10 +23,7 @@ if TYPE_CHECKING:
     help="Scenes, times, headings and lux, a row a session, local time in Pittsburgh (default: rooms by seed).",
 )
 @click.option(
-    "--sessions",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="How many (default: as many as the conditions, else 137).",
+    "--sessions", type=click.IntRange(min=1), metavar="N", help="How many (default: one per condition, else 137)."
 )
 @click.option(
     "--use",
@@ -43,10 +40,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Other rooms.")
 @click.option("--truth/--no-truth", default=True, help="Save what is true of each room.")
 @click.option(
-    "--truth-rows",
-    type=click.IntRange(min=16, max=4096),
-    default=512,
-    help="Height of its pictures; they are twice as wide.",
+    "--truth-rows", type=click.IntRange(min=16, max=4096), default=512, help="Height of its pictures, twice as wide."
 )
 @click.option("--clouds", is_flag=True, help="Clouds pass while the brackets are taken.")
 @click.option("--json", "as_json", is_flag=True, help="One summary object.")

@@ -74,9 +74,7 @@ def plan_dataset(request: DatasetRequest, checker: FrameChecker) -> DatasetPlan:
     table = read_table(request.table) if request.table else []
     found, doubts = find_brackets(request.root)
     if not found and not doubts:
-        raise IncompleteBracketError(
-            "no folder holds frames", where=str(request.root), advice="name the unpacked data set"
-        )
+        raise IncompleteBracketError("no folder holds frames", where=str(request.root), advice="name the unpacked set")
     brackets: list[Bracket] = []
     for bracket in found:
         parts = _parts(bracket, request, checker)

@@ -201,9 +201,7 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
     # Allow zero padding, and previews that a multi-picture (MPF) segment announces; nothing else
     tail = data[end:].strip(b"\0")
     if tail and not (walk.has_previews and tail.startswith(b"\xff\xd8\xff")):
-        raise FrameProblemError(
-            Reason.TRAILING_DATA, f"{len(data) - end} bytes behind the end-of-image mark at byte {end}"
-        )
+        raise FrameProblemError(Reason.TRAILING_DATA, f"{len(data) - end} bytes behind the end-of-image mark at {end}")
     if len(data) > end:
         walk.notes.append(f"{len(data) - end} bytes of {'previews' if tail else 'padding'} behind the picture")
     frame = walk.frame

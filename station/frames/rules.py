@@ -88,9 +88,7 @@ def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:
         )
     said = (facts.exif.width_px or facts.width_px, facts.exif.height_px or facts.height_px)
     if expected.require_exif and said != size:
-        raise rejection(
-            facts.name, Reason.WRONG_SIZE, f"{size[0]}x{size[1]} pixels, while its EXIF says {said[0]}x{said[1]}"
-        )
+        raise rejection(facts.name, Reason.WRONG_SIZE, f"{size[0]}x{size[1]} pixels; its EXIF says {said[0]}x{said[1]}")
 
 
 def _judge_value(

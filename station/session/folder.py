@@ -166,9 +166,7 @@ def open_session(path: Path) -> Folder:
         return Folder.open(path)
     except (OSError, ValueError) as exc:
         reason = getattr(exc, "strerror", None) or exc
-        raise SessionNotFoundError(
-            f"cannot be opened: {reason}", where=str(path), advice="name a session folder"
-        ) from exc
+        raise SessionNotFoundError(f"cannot open: {reason}", where=str(path), advice="name a session folder") from exc
 
 
 def part_name(name: str) -> str:

@@ -26,9 +26,7 @@ def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
         raise ManifestError(f"schema_version is {version!r:.40}", where=where)
     if version > SCHEMA_VERSION:
         raise SchemaTooNewError(
-            f"written with schema {version}; this daylit knows up to {SCHEMA_VERSION}",
-            where=where,
-            advice="update daylit",
+            f"of schema {version}; this daylit knows up to {SCHEMA_VERSION}", where=where, advice="update daylit"
         )
     while version < SCHEMA_VERSION:
         data = MIGRATIONS[version](data)

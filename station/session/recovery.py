@@ -229,9 +229,7 @@ def _merge(state: SessionState, manifest: SessionManifest) -> tuple[tuple[str, A
                 try:
                     state.check(record)
                 except ValueError as exc:
-                    raise SessionError(
-                        f"{MANIFEST_NAME} and {JOURNAL_NAME} disagree: {exc}", where=manifest.name
-                    ) from exc
+                    raise SessionError(f"{MANIFEST_NAME}, {JOURNAL_NAME} disagree: {exc}", where=manifest.name) from exc
                 state.add(kind, record)
                 restored.append((kind, record))
     return tuple(restored)

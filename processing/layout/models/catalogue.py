@@ -190,9 +190,7 @@ class Catalogue:
         limits = " and ".join(
             f"{word} {limit}" for word, limit in (("at least", smallest_m), ("at most", largest_m)) if limit
         )
-        raise CatalogueError(
-            f"none of {len(names)} models of category {category} is {limits or 'readable'}", where=self.name
-        )
+        raise CatalogueError(f"none of {len(names)} models of {category} is {limits or 'readable'}", where=self.name)
 
     def mesh(self, model_id: str, size_m: Size | None = None) -> FurnitureModel:
         """Return a model, made (or, from a file, stretched within limits) to a size.
