@@ -24,7 +24,7 @@ from drivers.ptp.datasets import (
 )
 from drivers.ptp.pipes import MIN_CALL_S, PtpTransport
 from drivers.ptp.resync import CANCEL_LIMIT_S, DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
-from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions, refusal
+from drivers.ptp.transactions import USUAL_TIMEOUT_S, PtpEvent, Reply, Transactions, refusal
 
 __all__ = ["PtpEvent", "PtpSession", "Reply"]
 
@@ -46,9 +46,7 @@ class PtpSession(Transactions):
     that were set in the session before. ``last_remedy`` names the rung of the ladder that helped last.
     """
 
-    def __init__(
-        self, transport: PtpTransport, clock: Clock, *, name: str, timeout_s: float = DEFAULT_TIMEOUT_S
-    ) -> None:
+    def __init__(self, transport: PtpTransport, clock: Clock, *, name: str, timeout_s: float = USUAL_TIMEOUT_S) -> None:
         super().__init__(transport, clock, name=name, timeout_s=timeout_s)
         self.generation = 0
         self.last_remedy: str | None = None

@@ -57,7 +57,7 @@ def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: s
 
 
 # Bounds of one transaction: chosen.
-DEFAULT_TIMEOUT_S = 20.0
+USUAL_TIMEOUT_S = 20.0
 MAX_DATA_BYTES = 4 * 1024 * 1024
 MAX_UNANSWERED = 8  # chosen: late answers that are still recognised
 LAST_TRANSACTION_ID = 0xFFFFFFFE  # PIMA 15740: 0xFFFFFFFF is reserved
@@ -110,9 +110,7 @@ class Transactions:
     answer come after all, its id gives it away and it is dropped.
     """
 
-    def __init__(
-        self, transport: PtpTransport, clock: Clock, *, name: str, timeout_s: float = DEFAULT_TIMEOUT_S
-    ) -> None:
+    def __init__(self, transport: PtpTransport, clock: Clock, *, name: str, timeout_s: float = USUAL_TIMEOUT_S) -> None:
         self.name = name
         self.timeout_s = timeout_s
         self.broken: str | None = None

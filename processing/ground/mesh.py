@@ -101,7 +101,7 @@ def band_faces(upper: npt.NDArray[np.integer], lower: npt.NDArray[np.integer]) -
     return np.concatenate([np.stack([upper, lower, after_lower], 1), np.stack([upper, after_lower, after_upper], 1)])
 
 
-def carried_frames(tangents: Doubles, first: Doubles) -> Doubles:
+def carried(tangents: Doubles, first: Doubles) -> Doubles:
     """Return two unit directions (N, 2, 3) across each unit tangent (N, 3) of a path, turning as little as they can.
 
     ``first`` (3,) is any direction not along the path's beginning; each frame is the one before, made normal again.
@@ -126,7 +126,7 @@ def smooth(mesh: Mesh) -> Mesh:
     return replace(mesh, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-def without_slivers(mesh: Mesh) -> Mesh:
+def no_slivers(mesh: Mesh) -> Mesh:
     """Return the mesh without triangles of no area."""
     return replace(mesh, faces=mesh.faces[np.linalg.norm(crosses(mesh.vertices, mesh.faces), axis=1) > 1e-12])
 

@@ -12,17 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from processing.ground.arrays import Doubles, Vector
-from processing.ground.mesh import (
-    Mesh,
-    band_faces,
-    carried_frames,
-    grid_faces,
-    grid_rim,
-    merge,
-    moved,
-    smooth,
-    without_slivers,
-)
+from processing.ground.mesh import Mesh, band_faces, carried, grid_faces, grid_rim, merge, moved, no_slivers, smooth
 
 CREASE_RAD = math.radians(35.0)  # a turned profile that bends more than this has a sharp edge there
 
@@ -101,7 +91,7 @@ def tube(points: Sequence[Vector], radius_m: float | Sequence[float], sides: int
     # Rings of points around a path and the directions outwards, carried along without twist
     angles = np.linspace(0.0, 2 * math.pi, sides + 1)[:, None]
     first = np.cross(tangent[0], (1.0, 0.0, 0.0) if abs(tangent[0, 0]) < 0.7 else (0.0, 1.0, 0.0))
-    frames = carried_frames(tangent, first)
+    frames = carried(tangent, first)
     out = np.cos(angles) * frames[:, :1] + np.sin(angles) * frames[:, 1:]
     rings, normals = path[:, None, :] + radii[:, None, None] * out, out
     slope = np.gradient(radii, np.concatenate([[0.0], np.cumsum(lengths)]))
@@ -156,7 +146,7 @@ def _turned_strip(points: Doubles, outwards: Doubles, way: Doubles, sides: int) 
     around = angles * float(points[:, 0].max())
     uv = np.stack(np.meshgrid(way, around, indexing="ij")[::-1], -1).reshape(-1, 2)
     faces = grid_faces(len(points), sides + 1)[:, ::-1].astype(np.int32)
-    return without_slivers(Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), uv, faces))
+    return no_slivers(Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), uv, faces))
 
 
 def cylinder(bottom: Vector, radius_m: float, height_m: float, edge_m: float = 0.0, sides: int = 24) -> Mesh:

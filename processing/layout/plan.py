@@ -105,9 +105,9 @@ Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""
 Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
 
-DEFAULT_HEIGHT_M = 2.4  # chosen: usual in homes
-DEFAULT_SILL_M = 0.9  # chosen: usual in homes
-DEFAULT_HEAD_M = 2.1  # chosen: usual in homes
+HEIGHT_M = 2.4  # chosen: usual in homes
+SILL_M = 0.9  # chosen: usual in homes
+HEAD_M = 2.1  # chosen: usual in homes
 DOOR_HEAD_M = 2.1  # chosen: usual in homes
 SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
 
@@ -139,8 +139,8 @@ class Door(_OnEdge):
 class Window(_OnEdge):
     """A window from sill to head above the floor."""
 
-    sill_m: float = DEFAULT_SILL_M
-    head_m: float = DEFAULT_HEAD_M
+    sill_m: float = SILL_M
+    head_m: float = HEAD_M
     name: str = ""
 
 
@@ -157,7 +157,7 @@ class FloorPlan:
     """(n, 2), counter-clockwise."""
     holes: tuple[Doubles, ...] = ()
     """Columns and shafts, each (m, 2), clockwise."""
-    ceiling_height_m: float = DEFAULT_HEIGHT_M
+    ceiling_height_m: float = HEIGHT_M
     doors: tuple[Door, ...] = ()
     windows: tuple[Window, ...] = ()
     keep_free: tuple[tuple[float, float], ...] = ()
@@ -184,7 +184,7 @@ def make_plan(
     corners: Sequence[Sequence[float]] | Doubles,
     *,
     holes: Sequence[Sequence[Sequence[float]]] = (),
-    ceiling_height_m: float = DEFAULT_HEIGHT_M,
+    ceiling_height_m: float = HEIGHT_M,
     doors: Sequence[Door] = (),
     windows: Sequence[Window] = (),
     keep_free: Sequence[tuple[float, float]] = (),

@@ -9,16 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import PlanError
-from processing.layout.plan import (
-    DEFAULT_HEAD_M,
-    DEFAULT_HEIGHT_M,
-    DEFAULT_SILL_M,
-    Door,
-    FloorPlan,
-    Hung,
-    Window,
-    make_plan,
-)
+from processing.layout.plan import HEAD_M, HEIGHT_M, SILL_M, Door, FloorPlan, Hung, Window, make_plan
 
 MAX_BYTES = 4_000_000  # chosen: beyond any plan
 MAX_CORNERS = 2000  # chosen: beyond any room
@@ -47,7 +38,7 @@ def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
     return make_plan(
         polygon,
         holes=holes,
-        ceiling_height_m=_number(data, "height_m", where, DEFAULT_HEIGHT_M),
+        ceiling_height_m=_number(data, "height_m", where, HEIGHT_M),
         doors=doors,
         windows=windows,
         keep_free=[_point(point, where) for point in keep_free],
@@ -109,12 +100,10 @@ def _door(item: Mapping[str, Any], edge: int, start_m: float, end_m: float, wher
 
 def _window(item: Mapping[str, Any], edge: int, start_m: float, end_m: float, notes: list[str], where: str) -> Window:
     to = str(item.get("to") or "")
-    sill_m = 0.0 if any(word in to for word in TO_THE_FLOOR) else DEFAULT_SILL_M
+    sill_m = 0.0 if any(word in to for word in TO_THE_FLOOR) else SILL_M
     if item.get("sill") is None:
         notes.append(f"window on edge {edge}: sill not given, taken as {sill_m:g} m")
-    return Window(
-        edge, start_m, end_m, _number(item, "sill", where, sill_m), _number(item, "head", where, DEFAULT_HEAD_M), to
-    )
+    return Window(edge, start_m, end_m, _number(item, "sill", where, sill_m), _number(item, "head", where, HEAD_M), to)
 
 
 def _number(data: Mapping[str, Any], key: str, where: str, default: float | None = None) -> float:

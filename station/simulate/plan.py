@@ -235,7 +235,7 @@ def room_world(plan: Planned, request: DatasetRequest) -> RoomWorld:
     return RoomWorld(plan.room, request.quality, *clouds)
 
 
-def ledger_row(plan: Planned, manifest: SessionManifest, request: DatasetRequest) -> Row:
+def row_of(plan: Planned, manifest: SessionManifest, request: DatasetRequest) -> Row:
     """Return the session's row of dataset.csv: what was measured and what is true, not what was asked for."""
     room, outdoor = plan.room, plan.outdoor_local
     reading = next((r.luminance_cd_m2 for r in manifest.readings if r.luminance_cd_m2 is not None), None)

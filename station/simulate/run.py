@@ -19,16 +19,7 @@ from station.errors import ResourceError, SessionError, SessionExistsError
 from station.session.durable import SessionLock
 from station.session.folder import Folder
 from station.session.session import SessionManifest, SessionStatus
-from station.simulate.plan import (
-    DatasetRequest,
-    Draft,
-    Ledger,
-    Planned,
-    ledger_row,
-    plan_sessions,
-    rig_file,
-    room_world,
-)
+from station.simulate.plan import DatasetRequest, Draft, Ledger, Planned, plan_sessions, rig_file, room_world, row_of
 
 if TYPE_CHECKING:
     from station.capture.rig import Rig
@@ -117,7 +108,7 @@ def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, report: Listen
     new = manifest is None
     if manifest is None:
         manifest = _capture(plan, request, report)
-    ledger.put(ledger_row(plan, manifest, request))
+    ledger.put(row_of(plan, manifest, request))
     report(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete since an earlier run"))
     truth = request.into / TRUTH_FOLDER / plan.folder
     if request.truth and not truth.is_dir():
@@ -146,7 +137,7 @@ def _kept(plan: Planned, path: Path, request: DatasetRequest, ledger: Ledger) ->
         manifest.status is not SessionStatus.COMPLETE
         or manifest.name != plan.name
         or manifest.rig.get("indoor", {}).get("size_px") != sizes
-        or (before is not None and before != ledger_row(plan, manifest, request))
+        or (before is not None and before != row_of(plan, manifest, request))
     )
     if other:
         advice = "move it away, or use another folder"

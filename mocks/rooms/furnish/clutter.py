@@ -38,7 +38,7 @@ def plants(a: Arrangement, most: int) -> None:
         a.against_wall("plant", (w, w, h), role=Role.CLUTTER)
 
 
-def floor_lamp_by(a: Arrangement, seat: Item) -> Item | None:
+def lamp_by(a: Arrangement, seat: Item) -> Item | None:
     """Stand a floor lamp beside a seat, a little back."""
     w = a.draw(0.36, 0.46)
     for side in (-1, 1) if a.chance(0.5) else (1, -1):

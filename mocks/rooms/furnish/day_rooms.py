@@ -38,7 +38,7 @@ def living_extras(a: Arrangement, finish: Finish) -> None:
     for _ in range(int(a.rng.integers(0, 3))):
         _armchair(a, sofa, middle)
     if a.chance(0.7):
-        clutter.floor_lamp_by(a, sofa)
+        clutter.lamp_by(a, sofa)
     for _ in range(int(a.rng.integers(1, 3))):
         a.against_wall("bookcase", (a.draw(0.6, 1.2), a.draw(0.27, 0.34), a.draw(1.1, 2.05)), front_m=0.3)
     if a.chance(0.35):
@@ -227,7 +227,7 @@ def office_extras(a: Arrangement, finish: Finish) -> None:
     if a.chance(0.3):
         chair = a.against_wall("armchair", (a.draw(0.72, 0.82), 0.8, 0.8))
         if chair:
-            clutter.floor_lamp_by(a, chair)
+            clutter.lamp_by(a, chair)
     clutter.plants(a, 2)
     clutter.wall_things(a, int(a.rng.integers(1, 4)))
     clutter.on_the_floor(a, toys=False)

@@ -81,7 +81,7 @@ def line_cover(distance: Floats, width: float, pixel: float) -> Floats:
     return np.asarray(np.clip((high - low) / pixel, 0, 1), dtype=np.float32)
 
 
-def to_nearest(position: Floats, period: float) -> Floats:
+def offset(position: Floats, period: float) -> Floats:
     """Return the signed distance to the nearest multiple of ``period``; any shape."""
     return np.asarray((position + period / 2) % period - period / 2, dtype=np.float32)
 

@@ -8,18 +8,7 @@ import math
 import numpy as np
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures.base import (
-    Tile,
-    blurred,
-    centres,
-    clouds,
-    generator,
-    mixed,
-    noise,
-    repeated,
-    to_nearest,
-    toned,
-)
+from mocks.rooms.textures.base import Tile, blurred, centres, clouds, generator, mixed, noise, offset, repeated, toned
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Floats
 
@@ -168,7 +157,7 @@ def rug_medallions(texture: Texture) -> Tile:
 def _medallion(texture: Texture) -> Floats:
     """Return one period: the medallion about the corners, the diamond in the middle."""
     u, v = centres(_CELL)[None, :], centres(_CELL)[:, None]
-    x, y = to_nearest(u, 1.0), to_nearest(v, 1.0)
+    x, y = offset(u, 1.0), offset(v, 1.0)
     octagon = np.maximum(np.maximum(np.abs(x), np.abs(y)), (np.abs(x) + np.abs(y)) * np.float32(math.sqrt(0.5)))
     star = np.hypot(x, y) * (1 + np.float32(0.22) * np.cos(8 * np.arctan2(y, x)))
     steps = np.round((np.abs(u - np.float32(0.5)) + np.abs(v - np.float32(0.5))) * 24) / 24
@@ -193,9 +182,9 @@ def rug_lozenges(texture: Texture) -> Tile:
     u, v = centres(_PIXELS, repeats)[None, :], centres(_PIXELS, max(1, repeats // 2))[:, None]
     shake = np.float32(0.035) * noise(rng, _GRID, (16, 16)) + np.float32(0.012) * noise(rng, _GRID, (128, 128))
     pixel, line = repeats / _PIXELS, line_m / period_m
-    lines = np.minimum(np.abs(to_nearest(u + v + shake, 1.0)), np.abs(to_nearest(u - v + shake, 1.0)))
+    lines = np.minimum(np.abs(offset(u + v + shake, 1.0)), np.abs(offset(u - v + shake, 1.0)))
     cover = _ramp(np.float32(line / 2) - lines, pixel)
-    x, y = to_nearest(u - np.float32(0.5), 1.0) + shake, to_nearest(v, 1.0)
+    x, y = offset(u - np.float32(0.5), 1.0) + shake, offset(v, 1.0)
     cover = np.maximum(cover, _ramp(np.float32(0.11) - np.abs(x) - np.abs(y), pixel))
     albedo = mixed(texture.colours[0], _colour(texture, 1), cover)
     shaggy = 1 + np.float32(0.07) * noise(rng, _GRID, (256, 256))

@@ -166,11 +166,11 @@ def wallpaper_motifs(texture: Texture) -> Tile:
     u, v = base.centres(_CELL)[None, :], base.centres(_CELL)[:, None]
     motif, dot = (np.zeros((_CELL, _CELL), dtype=np.float32) for _ in range(2))
     for shift in (0.0, 0.5):
-        x, y = base.to_nearest(u - np.float32(shift), 1.0), base.to_nearest(v - np.float32(shift), 1.0)
+        x, y = base.offset(u - np.float32(shift), 1.0), base.offset(v - np.float32(shift), 1.0)
         radius, angle = np.hypot(x, y), np.arctan2(y, x)
         leaf = 0.27 * np.abs(np.cos(angle * leaves / 2)) ** 0.6
         motif += np.clip((leaf - radius) * _CELL + 0.5, 0, 1) * np.clip((radius - 0.05) * _CELL + 0.5, 0, 1)
-        y = base.to_nearest(v - np.float32(shift + 0.5), 1.0)
+        y = base.offset(v - np.float32(shift + 0.5), 1.0)
         dot += np.clip((0.06 - np.hypot(x, y)) * _CELL + 0.5, 0, 1)
     covers = base.repeated(np.stack([motif, dot, dot], axis=2), repeats, _PIXELS)
     return Tile(_printed(rng, texture, [covers[..., 0], covers[..., 1]]), (repeats * period_m,) * 2)

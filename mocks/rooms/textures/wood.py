@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
+from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixed, noise, offset, toned
 from processing.ground.arrays import Floats, Int32s, Reals
 
 WARMTH = 0.3  # how much redder the dark grain is than the light
@@ -113,9 +113,9 @@ def planks(texture: Texture) -> Tile:
     for board, (left, right) in enumerate(itertools.pairwise(edges)):
         tone[:, left:right], joints_m = _run(rng, timber, texture, right - left)
         for joint_m in joints_m:
-            distance = to_nearest(centres(_PLANK_PIXELS, _PLANK_TILE_M) - np.float32(joint_m), _PLANK_TILE_M)
+            distance = offset(centres(_PLANK_PIXELS, _PLANK_TILE_M) - np.float32(joint_m), _PLANK_TILE_M)
             ends[:, board] += line_cover(distance, gap_m, pixel_m)
-    sides = line_cover(to_nearest(centres(_PLANK_PIXELS, width_m), board_m), gap_m, width_m / _PLANK_PIXELS)
+    sides = line_cover(offset(centres(_PLANK_PIXELS, width_m), board_m), gap_m, width_m / _PLANK_PIXELS)
     gaps = np.maximum(np.repeat(ends, np.diff(edges), axis=1), sides[None, :])
     return gapped(texture, tone, gaps, (width_m, _PLANK_TILE_M))
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Int64s, Vector
-from processing.ground.mesh import carried_frames, crosses
+from processing.ground.mesh import carried, crosses
 from processing.ground.shapes import rounded_box
 from processing.layout.furniture.model import Material, Part
 
@@ -236,7 +236,7 @@ def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12
     tangents = np.gradient(p, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     first = np.cross(tangents[0], (0.0, 0.0, 1.0))
-    frames = carried_frames(tangents, first if np.linalg.norm(first) >= 1e-6 else np.array((1.0, 0.0, 0.0)))
+    frames = carried(tangents, first if np.linalg.norm(first) >= 1e-6 else np.array((1.0, 0.0, 0.0)))
     a = 2 * np.pi * np.arange(sides) / sides
     wheel = np.stack([np.cos(a), np.sin(a)], axis=1)
     rings = p[:, None, :] + radii[:, None, None] * (wheel @ frames)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Doubles
-from processing.ground.mesh import carried_frames
+from processing.ground.mesh import carried
 from processing.layout.furniture import solids
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import Material, print_picture, rug_pattern
@@ -55,7 +55,7 @@ def sweep(
     line = solids.curve(path, smooth)
     tangents = np.gradient(line, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    frames = carried_frames(tangents, np.cross(tangents[0], np.asarray(side, dtype=np.float64)))
+    frames = carried(tangents, np.cross(tangents[0], np.asarray(side, dtype=np.float64)))
     ring = solids.rounded_rectangle(section[1], section[0], corner * min(section), steps=3)[:, :2]
     if isinstance(scale, tuple | list):
         scale = np.interp(np.linspace(0, 1, len(line)), np.linspace(0, 1, len(scale)), scale)
