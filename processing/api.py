@@ -271,10 +271,8 @@ def simulate(
     from station.simulate.plan import DatasetRequest
     from station.simulate.run import simulate as make
 
-    request = DatasetRequest(
-        Path(folder), sessions=sessions, use=use, size=size, quality=quality, seed=seed, truth=truth
-    )
-    summary = make(request)
+    asked = DatasetRequest(Path(folder), sessions=sessions, use=use, size=size, quality=quality, seed=seed, truth=truth)
+    summary = make(asked)
     if summary.failed:
         name, error = next(iter(summary.failed.items()))
         raise SessionError(str(error["message"]), where=name)

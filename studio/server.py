@@ -226,10 +226,8 @@ class Studio:
     async def judge(self, request: Request) -> Response:
         """Return the rules that an arrangement breaks, while a piece is dragged."""
         session, places = self.session(request), strict_json.loads(await _body(request))
-        found = await run_in_threadpool(corrections.moved, session, places)
-        broken = await run_in_threadpool(
-            lambda: corrections.broken(corrections.plan_of(session), found.arrangements[0])
-        )
+        made = await run_in_threadpool(corrections.moved, session, places)
+        broken = await run_in_threadpool(lambda: corrections.broken(corrections.plan_of(session), made.arrangements[0]))
         return JSONResponse({"broken": broken})
 
     async def live(self, request: Request) -> Response:

@@ -116,15 +116,8 @@ class SimulatedThetaZ1(SimulatedCamera):
         recorded = RECORDING.raw["storage"]
         storage = Storage(recorded["id"], recorded["type"], recorded["capacity_bytes"])
         store = ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100RICOH"))
-        super().__init__(
-            identity,
-            shots,
-            clock,
-            timing=timing,
-            memory=CameraMemory(store, PropertyTable(table)),
-            faults=faults,
-            seed=seed,
-        )
+        memory = CameraMemory(store, PropertyTable(table))
+        super().__init__(identity, shots, clock, timing=timing, memory=memory, faults=faults, seed=seed)
         self.rules |= {
             Operation.INITIATE_CAPTURE: Rule(self._initiate_capture, 0, 2),
             Operation.RESET_DEVICE_PROP_VALUE: Rule(self._reset_prop_value, 1, 1),

@@ -158,9 +158,7 @@ def draw_finish(rng: np.random.Generator, use: Use) -> Finish:
         second_wood=veneer(rng, pick(rng, style.woods), rng.uniform(0.25, 0.5)),
         lacquer=plain("lacquer", scaled(pick(rng, style.lacquers), 0.95), rng.uniform(0.12, 0.4)),
         metal=plain("metal", pick(rng, style.metals), rng.uniform(0.12, 0.3)),
-        fabric=cloth(
-            rng, "fabric", pick(rng, style.fabrics), ("woven", "woven", "woven", "woven", "boucle", "leather")
-        ),
+        fabric=cloth(rng, "fabric", pick(rng, style.fabrics), (*["woven"] * 4, "boucle", "leather")),
         second_fabric=cloth(
             rng, "second fabric", pick(rng, style.second_fabrics), ("woven", "woven", "boucle", "knit")
         ),

@@ -72,13 +72,11 @@ class CubeLookup:
         left, top = np.floor(column).astype(np.int32), np.floor(row).astype(np.int32)
         corner = (face * self.side_px + top) * self.side_px + left
         out = [_bilinear(p, column, row + np.float32(self.side_px) * face) for p in pictures]
-        hard = np.flatnonzero(self._uniform[corner] != seen.part)
-        if hard.size:
-            weights, index = self._weights(
-                seen.only(hard), corner[hard], column[hard] - left[hard], row[hard] - top[hard]
-            )
+        odd = np.flatnonzero(self._uniform[corner] != seen.part)
+        if odd.size:
+            weights, index = self._weights(seen.only(odd), corner[odd], column[odd] - left[odd], row[odd] - top[odd])
             for picture, result in zip(pictures, out, strict=True):
-                result[hard] = np.einsum("nk,nkc->nc", weights, picture.reshape(-1, 3)[index])
+                result[odd] = np.einsum("nk,nkc->nc", weights, picture.reshape(-1, 3)[index])
         return out
 
     def _weights(self, seen: Seen, corner: Int32s, x: Floats, y: Floats) -> tuple[Floats, Int32s]:

@@ -127,9 +127,7 @@ def baked_light(room: Room, geometry: Geometry, quality: str, cache: PictureCach
         with cache.rendering("light"):
             data = cache.read(key, ".light")
             if data is None or not _is_finite(data):
-                made = {
-                    name: bake(room, geometry, light, QUALITIES[quality]) for name, light in lightings(room).items()
-                }
+                made = {name: bake(room, geometry, lit, QUALITIES[quality]) for name, lit in lightings(room).items()}
                 cache.write(key, ".light", _packed(made))
                 return made
     return _unpacked(data)

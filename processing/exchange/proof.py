@@ -137,18 +137,15 @@ def signed_jpeg(jpeg: bytes, signer: Signer, title: str, proof: Mapping[str, Any
     c2pa = _c2pa()
     kind = "original" if original is None else "result"
     made: dict[str, Any] = {"action": "c2pa.created", "digitalSourceType": SOURCES[kind]}
-    actions = [made]
+    steps = [made]
     if original is not None:
         made = {"action": "c2pa.edited", "digitalSourceType": SOURCES[kind], "description": str(proof["statement"])}
-        actions = [{"action": "c2pa.opened", "parameters": {"ingredientIds": ["original"]}}, made]
+        steps = [{"action": "c2pa.opened", "parameters": {"ingredientIds": ["original"]}}, made]
     manifest = {
         "claim_generator_info": [{"name": "daylit"}],
         "title": title,
         "format": "image/jpeg",
-        "assertions": [
-            {"label": "c2pa.actions.v2", "data": {"actions": actions}},
-            {"label": LABEL, "data": dict(proof)},
-        ],
+        "assertions": [{"label": "c2pa.actions.v2", "data": {"actions": steps}}, {"label": LABEL, "data": dict(proof)}],
     }
     out = io.BytesIO()
     try:
@@ -281,9 +278,7 @@ def _changes(stages: Path) -> dict[str, Any]:
     detected = _json(stages / "detect" / "result.json").get("summary", {}).get("metrics", {})
     removed = _json(stages / "remove" / "result.json").get("summary", {}).get("metrics", {})
     added = {
-        f"staged-{number}": [
-            {name: item[name] for name in ("id", "category", "size_m", "t_m")} for item in one["items"]
-        ]
+        f"staged-{number}": [{key: item[key] for key in ("id", "category", "size_m", "t_m")} for item in one["items"]]
         for number, one in enumerate(arranged[: len(rendered)], 1)
     }
     relit = {

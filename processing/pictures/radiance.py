@@ -306,7 +306,7 @@ def read_radiance_hdr(path: Path) -> RadiancePicture:
     try:
         rgbe = decode_rows(data[start:], width, height)
     except RunLengthError as error:
-        raise refused(path, f"is damaged: {error}", likely="cut short, overwritten", advice="copy it again") from error
+        raise refused(path, f"is damaged: {error}", likely="cut off or overwritten", advice="copy it again") from error
     with np.errstate(over="ignore"):
         rgb = from_rgbe(rgbe) * np.float32(WHITE_EFFICACY_LM_W / exposure)
     check_light(rgb, path)

@@ -303,9 +303,7 @@ def _draw(
 ) -> None:
     """Draw a plane's filling into the panorama, its provenance and its confidence; ``seen``: what pixels look at."""
     out, provenance, confidence = into
-    layers = np.concatenate(
-        [done.values, done.confidence[..., None], done.continued[..., None].astype(np.float32)], axis=-1
-    )
+    layers = np.concatenate([done.values, done.confidence[..., None], done.continued[..., None].astype(np.float32)], -1)
     # Texels outside the outline are never right: `wrap` leaves them out.
     values, mask = wrap(layers, done.texture.plane, done.texture.px_per_m, room, seen[0], where, seen[1])
     out[mask] = np.maximum(values[:, :3], 0)

@@ -171,13 +171,8 @@ class _Grid:
         fv, fu = v - i, u - j
         design = np.zeros((len(y), self.rows * self.columns))
         n = np.arange(len(y))
-        for di, dj, share in (
-            (0, 0, (1 - fv) * (1 - fu)),
-            (0, 1, (1 - fv) * fu),
-            (1, 0, fv * (1 - fu)),
-            (1, 1, fv * fu),
-        ):
-            design[n, (i + di) * self.columns + j + dj] += share
+        for di, dj, w in ((0, 0, (1 - fv) * (1 - fu)), (0, 1, (1 - fv) * fu), (1, 0, fv * (1 - fu)), (1, 1, fv * fu)):
+            design[n, (i + di) * self.columns + j + dj] += w
         return design
 
     def bending(self) -> Doubles:

@@ -294,7 +294,7 @@ def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow
         notes.append(f"tripod: {tripod.boards} parts of equipment away from the nadir")
     notes.append(f"sunlight: {sun.reason}")
     if shadow.planes_without_fit:
-        notes.append(f"shadow: {shadow.planes_without_fit} surfaces show little beside furniture: contact bands only")
+        notes.append(f"shadow: {shadow.planes_without_fit} surfaces show too little beside furniture: contact bands")
     return tuple(notes)
 
 

@@ -78,13 +78,8 @@ def build_certificate(title: str, facts: Sequence[tuple[str, str]], data: Mappin
 def _environment() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    loader = FileSystemLoader(TEMPLATES)
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
 
 def write_page(path: Path, page: str) -> None:
@@ -305,10 +300,7 @@ def _measures(room: RoomModel) -> tuple[Quantity, ...]:
 
 def _downloads(session: Path, stills: list[Any]) -> tuple[tuple[str, str], ...]:
     found = [((STILLS / one["file"]).as_posix(), f"picture {k}, full size") for k, one in enumerate(stills, 1)]
-    for stage, name, what in (
-        ("render", "staged-1.glb", "model in three dimensions (glTF)"),
-        ("arrange", "plan-1.svg", "plan"),
-    ):
+    for stage, name, what in (("render", "staged-1.glb", "3D model (glTF)"), ("arrange", "plan-1.svg", "plan")):
         if (session / "stages" / stage / name).is_file():
             found.append((f"../{stage}/{name}", what))
     return (*found, ("lab.html", "figures, uncertainties and methods, for the laboratory"))

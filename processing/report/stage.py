@@ -67,9 +67,7 @@ def report_data(context: StageContext) -> ReportData:
         summary=(*_summary(facts), *_shape(context)),
         stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
         warnings=tuple(
-            WarningLine(one["message"], name, one["code"])
-            for name in BEFORE
-            for one in context.summary(name)["warnings"]
+            WarningLine(w["message"], name, w["code"]) for name in BEFORE for w in context.summary(name)["warnings"]
         ),
         lead=lead,
         sections=(*staging, *details),
@@ -158,10 +156,8 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     found += _remove(context, display)
     for side in Side:
         if side.value in response:
-            frames = context.session.pictures(side)
-            found.append(
-                camera_section(side, response[side.value], metrics[side.value], (context.session_path, frames))
-            )
+            shots = context.session.pictures(side)
+            found.append(camera_section(side, response[side.value], metrics[side.value], (context.session_path, shots)))
     return tuple(found)
 
 

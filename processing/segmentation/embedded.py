@@ -178,9 +178,7 @@ def _back(values: Floats, number: int, turn: int) -> Floats:
 
 def _mean(found: Floats, turns: tuple[int, ...]) -> Floats:
     """Return the mean (C, H, W) of what was found on all turned pictures (N, C, H, W)."""
-    return np.asarray(
-        np.mean([_back(found[k], k, turn) for k, turn in enumerate(turns)], axis=0, dtype=np.float64), "f"
-    )
+    return np.asarray(np.mean([_back(found[k], k, by) for k, by in enumerate(turns)], axis=0, dtype=np.float64), "f")
 
 
 def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> BoundaryEvidence:
@@ -252,9 +250,7 @@ def _loaded(path: Path, _network_changed: int, _page_changed: int) -> _Network:
         name, digest = str(page["name"]), str(page["sha256"])
         scales = float(page["ceiling_sigma_scale"]), float(page["floor_sigma_scale"])
     except (ValueError, KeyError, TypeError) as exc:
-        raise SegmenterError(
-            f"the room network's page cannot be read: {exc!r}", where=str(path.with_suffix(".json"))
-        ) from exc
+        raise SegmenterError(f"the network's page is damaged: {exc!r}", where=str(path.with_suffix(".json"))) from exc
     if hashlib.sha256(data).hexdigest() != digest:
         raise SegmenterError(
             "the room network is not the one that its page names",

@@ -83,11 +83,9 @@ def run(context: StageContext) -> StageOutput:
         target = target & (furniture | ~np.asarray(sunlight, bool))
     context.progress(0.3, "light with and without furniture")
     rows = min(work.rows, image.rgb.shape[0])
-    found = furnished_light(
-        image, room, outdoors, OldFurniture(furniture, target, parts), rows=rows, effort=work.effort
-    )
-    _write(context, found)
-    return _output(found, source, warnings)
+    both = furnished_light(image, room, outdoors, OldFurniture(furniture, target, parts), rows=rows, effort=work.effort)
+    _write(context, both)
+    return _output(both, source, warnings)
 
 
 def _reach_m(context: StageContext, room: RoomModel) -> Floats | None:

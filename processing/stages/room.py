@@ -130,11 +130,9 @@ def _estimate(
         quality=context.quality.value,
     )
     context.progress(0.8, "windows and doors")
-    outdoor = context.optional_artifact("calibrate", "outdoor")
+    sky = context.optional_artifact("calibrate", "outdoor")
     sun = None if sky_shows_sun(context) is False else sun_direction(context.session)
-    openings = find_openings_in_sun(
-        image, evidence if asked.segmenter_contract else seen, found.room, sun, outdoor=outdoor
-    )
+    openings = find_openings_in_sun(image, evidence if asked.segmenter_contract else seen, found.room, sun, outdoor=sky)
     room = found.room.model_copy(update={"openings": openings})
     gathered.artifacts["room"] = room
     gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}

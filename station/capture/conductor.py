@@ -218,13 +218,8 @@ class Conductor:
                 needed.append(side)
                 continue
             self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
-            yield self._event(
-                events.EventKind.SKIPPED,
-                f"{side} {self._label(stop)} left out: {reason}",
-                side=side,
-                stop=stop,
-                reason=reason,
-            )
+            text = f"{side} {self._label(stop)} left out: {reason}"
+            yield self._event(events.EventKind.SKIPPED, text, side=side, stop=stop, reason=reason)
         return tuple(needed)
 
     def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[events.CaptureEvent]:

@@ -61,13 +61,11 @@ SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "
 
 def require_same_camera(rig: Rig, manifest: SessionManifest, side: Side, where: str) -> None:
     """Refuse, with `SessionError`, to mix frames of two settings in one bracket."""
-    before = manifest.rig.get(side.value)
-    if not isinstance(before, dict):
+    was = manifest.rig.get(side.value)
+    if not isinstance(was, dict):
         return  # nothing is known of it
     now = rig.file.cameras()[side].model_dump(mode="json")
-    changed = [
-        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
-    ]
+    changed = [f"{key} was {was[key]}, is {now[key]}" for key in SAME_ON_RESUME if was.get(key, now[key]) != now[key]]
     if changed:
         raise SessionError(
             f"the rig has another {side} camera: {'; '.join(changed)}",

@@ -276,10 +276,8 @@ def check_tiff(data: bytes) -> bytes:
 def _check_strips(reader: TiffReader, directories: Sequence[Directory]) -> None:
     """Refuse directories without strips or tiles, and any that reach beyond the file."""
     end = 0
-    for directory, tags in itertools.product(
-        directories, ((_STRIP_OFFSETS, _STRIP_SIZES), (_TILE_OFFSETS, _TILE_SIZES))
-    ):
-        offsets, sizes = map(directory.entries.get, tags)
+    for one, tags in itertools.product(directories, ((_STRIP_OFFSETS, _STRIP_SIZES), (_TILE_OFFSETS, _TILE_SIZES))):
+        offsets, sizes = map(one.entries.get, tags)
         if offsets is not None and sizes is not None:
             places = zip(reader.integers(offsets, 100_000), reader.integers(sizes, 100_000), strict=False)
             end = max([end, *(at + size for at, size in places)])

@@ -144,9 +144,7 @@ def item_problems(plan: Plan, item: Item) -> list[str]:
     low, high = item.position_m[2], item.position_m[2] + item.size_m[2]
     if high > plan.height_m or low < 0.0:
         found.append("above the ceiling or below the floor")
-    if any(
-        low < door.height_m and swing.intersects(floor) for door, swing in zip(plan.doors, swings(plan), strict=True)
-    ):
+    if any(low < door.height_m and arc.intersects(floor) for door, arc in zip(plan.doors, swings(plan), strict=True)):
         found.append("in the way of a door")
     if any(high > sill and low < head and strip.intersects(floor) for strip, sill, head in window_strips(plan)):
         found.append("in front of a window")

@@ -52,12 +52,12 @@ def outward(pane: Pane) -> Doubles:
 
 def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Flags:
     """Return which points' rays to the sun pass near a window: cheap, and true for all that see the sun."""
-    direction = np.array(sun.direction)
+    beam = np.array(sun.direction)
     out = np.zeros(len(points), bool)
     for corner, u, v in windows_of(panes):
         width, height = np.linalg.norm(u), np.linalg.norm(v)
         normal = np.cross(u, v) / (width * height)
-        steep = float(direction @ normal)
+        steep = float(beam @ normal)
         if abs(steep) < 1e-6:
             continue
         to_pane = (points @ (-normal / steep).astype(np.float32)) + np.float32(corner @ normal / steep)
@@ -65,9 +65,7 @@ def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Flags:
         ahead = to_pane > 0
         margin = np.float32(2.0 * sun.radius_rad / abs(steep)) * to_pane + np.float32(0.01)
         for side, length in ((u / width, width), (v / height, height)):
-            place = (
-                points @ side.astype(np.float32) + to_pane * np.float32(direction @ side) - np.float32(corner @ side)
-            )
+            place = points @ side.astype(np.float32) + to_pane * np.float32(beam @ side) - np.float32(corner @ side)
             ahead &= (place > -margin) & (place < np.float32(length) + margin)
         out |= ahead
     return out

@@ -69,10 +69,8 @@ def opening_problems(plan: Plan) -> list[str]:
     wrong += [f"{name} reaches into the room" for name, space in spaces if space.intersection(room).area > 1e-4]
     wrong += [f"{a} and {b} meet" for (a, one), (b, two) in combinations(spaces, 2) if one.distance(two) < 0.01]
     for window in plan.windows:
-        outlook = forms.reveal_floor(window, plan, window.depth_m + OUTLOOK_M)
-        wrong += [
-            f"a hallway hides {_name(window)}" for d in plan.doors if outlook.intersects(forms.hall_floor(d, plan))
-        ]
+        view = forms.reveal_floor(window, plan, window.depth_m + OUTLOOK_M)
+        wrong += [f"a hallway hides {_name(window)}" for d in plan.doors if view.intersects(forms.hall_floor(d, plan))]
     return wrong + _swing_problems(plan, room)
 
 

@@ -81,11 +81,9 @@ def _opening(window: Window) -> _Rect:
 
 def _casements(window: Window) -> list[_Rect]:
     """Return the casements side by side within the fixed frame."""
-    inner = _opening(window).inset(window.frame_m * 0.5)
-    step = (inner.x1 - inner.x0) / window.panes_across
-    return [
-        _Rect(inner.x0 + i * step, inner.z0, inner.x0 + (i + 1) * step, inner.z1) for i in range(window.panes_across)
-    ]
+    hole = _opening(window).inset(window.frame_m * 0.5)
+    step = (hole.x1 - hole.x0) / window.panes_across
+    return [_Rect(hole.x0 + i * step, hole.z0, hole.x0 + (i + 1) * step, hole.z1) for i in range(window.panes_across)]
 
 
 def _lights(window: Window) -> list[_Rect]:

@@ -220,13 +220,11 @@ def _roof(band: Backdrop, house: House, base: Doubles, n: Doubles, side: Doubles
     eave = base + up * house.eaves_m + n * (half_d + 0.45) - up * house.rise_m * 0.45 / half_d
     ridge = base + up * (house.eaves_m + house.rise_m)
     normal = n * house.rise_m + up * half_d
-    over = side * (house.width_m / 2 + 0.3)
+    out = side * (house.width_m / 2 + 0.3)
     if np.dot(n, eave) < 0:
-        band.polygon([eave - over, eave + over, eave + over - up * 0.22, eave - over - up * 0.22], n, TRIM)
+        band.polygon([eave - out, eave + out, eave + out - up * 0.22, eave - out - up * 0.22], n, TRIM)
     if np.dot(normal, eave) < 0:
-        band.polygon(
-            [eave - over, eave + over, ridge + over, ridge - over], normal / np.linalg.norm(normal), house.roof
-        )
+        band.polygon([eave - out, eave + out, ridge + out, ridge - out], normal / np.linalg.norm(normal), house.roof)
 
 
 def _openings(

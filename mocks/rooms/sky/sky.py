@@ -111,12 +111,7 @@ class CloudDrift:
 def _passing(seed: int, slot: int) -> tuple[float, float, float, float]:
     """Return a slot's cloud: when its middle passes (0..1 of the slot), how long (s), its soft edge (s), its depth."""
     rng = np.random.default_rng([seed, 7302, slot + 2**31])
-    return (
-        float(rng.uniform(0, 1)),
-        float(rng.uniform(20, 120)),
-        float(rng.uniform(5, 15)),
-        float(rng.uniform(0.3, 1.0)),
-    )
+    return float(rng.uniform(0, 1)), float(rng.uniform(20, 120)), float(rng.uniform(5, 15)), float(rng.uniform(0.3, 1))
 
 
 Kind: TypeAlias = Literal["clear", "intermediate", "overcast"]

@@ -130,10 +130,8 @@ def _house(rng: np.random.Generator, street: Street, along_m: float, across_m: f
 def _trees(rng: np.random.Generator, street: Street, houses: list[House]) -> list[Tree]:
     trees: list[Tree] = []
     while len(trees) < 75:
-        distance_m, azimuth = (
-            math.exp(float(rng.uniform(math.log(10), math.log(110)))),
-            float(rng.uniform(0, 2 * math.pi)),
-        )
+        distance_m = math.exp(float(rng.uniform(math.log(10), math.log(110))))
+        azimuth = float(rng.uniform(0, 2 * math.pi))
         x, y = distance_m * math.sin(azimuth), distance_m * math.cos(azimuth)
         across_m = x * math.sin(street.across_rad) + y * math.cos(street.across_rad) - street.offset_m
         on_road = abs(across_m) < PAVEMENT_M + 1

@@ -205,9 +205,7 @@ def laminate(texture: Texture) -> Tile:
     pixel_m = size_m[1] / _PIXELS
     u = centres(_PIXELS, size_m[0])
     column = np.minimum((u / np.float32(board_m)).astype(np.int32), columns - 1)
-    v = (centres(_PIXELS, size_m[1])[:, None] + (column % 3 * np.float32(length_m / 3))[None, :]) % np.float32(
-        size_m[1]
-    )
+    v = (centres(_PIXELS, size_m[1])[:, None] + column % 3 * np.float32(length_m / 3)) % np.float32(size_m[1])
     row = np.minimum((v / np.float32(length_m)).astype(np.int32), 1)
     across = np.broadcast_to(u - column * board_m, v.shape)
     place = row * columns + column[None, :]

@@ -87,10 +87,8 @@ def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[F
         own = _licence(file.parent) if file.parent != path else ""
         said = str(row.get("licence") or row.get("license") or own or licence or "not stated")[:200]
         model_id, notes = _own_id(file.relative_to(path), sources)
-        category, unknown = _category(row, file.stem)
-        sources[model_id] = FileSource(
-            model_id, category, file, path, said, given.checked(file.name), (*notes, *unknown)
-        )
+        kind, unknown = _category(row, file.stem)
+        sources[model_id] = FileSource(model_id, kind, file, path, said, given.checked(file.name), (*notes, *unknown))
     return list(sources.values())
 
 
@@ -212,10 +210,8 @@ def load_model(source: FileSource) -> FurnitureModel:
         raise ModelFileError("it has no extent", where=where)
     matrix, guessed = posed(used, source.category, source.given, y_up=source.path.suffix.lower() != ".obj")
     parts = tuple(_part(material, body, matrix) for material, body in kept)
-    low, high = (
-        np.min([p.vertices.min(axis=0) for p in parts], axis=0),
-        np.max([p.vertices.max(axis=0) for p in parts], axis=0),
-    )
+    low = np.min([p.vertices.min(axis=0) for p in parts], axis=0)
+    high = np.max([p.vertices.max(axis=0) for p in parts], axis=0)
     size = [float(max(v, 1e-3)) for v in high - low]
     if max(size) > MAX_SIZE_M:
         raise ModelFileError(f"{max(size):.4g} m large; at most {MAX_SIZE_M:g}", where=where, advice="give its unit")
@@ -273,11 +269,8 @@ def stretched(model: FurnitureModel, size_m: Size) -> FurnitureModel:
     for part in model.parts:
         normals = part.normals / factor
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        parts.append(
-            replace(
-                part, vertices=np.asarray(part.vertices * factor, np.float32), normals=np.asarray(normals, np.float32)
-            )
-        )
+        vertices = np.asarray(part.vertices * factor, np.float32)
+        parts.append(replace(part, vertices=vertices, normals=np.asarray(normals, np.float32)))
     said = (
         (*model.notes, f"stretched by {', '.join(f'{f:.2f}' for f in factor)}")
         if np.ptp(factor) > 0.01 or abs(factor[0] - 1) > 0.01

@@ -134,13 +134,9 @@ class Given:
 
     def checked(self, where: str) -> Self:
         """Return itself; raise `CatalogueError` where a value is none of those there are."""
-        for value, known, what in (
-            (self.unit, UNITS, "unit"),
-            (self.front, FRONTS, "front"),
-            (self.up, ("y", "z"), "up"),
-        ):
-            if value is not None and value not in known:
-                raise CatalogueError(f"{what} '{value[:20]}'; there are: {', '.join(known)}", where=where)
+        for got, known, key in ((self.unit, UNITS, "unit"), (self.front, FRONTS, "front"), (self.up, ("y", "z"), "up")):
+            if got is not None and got not in known:
+                raise CatalogueError(f"{key} '{got[:20]}'; there are: {', '.join(known)}", where=where)
         return self
 
 

@@ -149,10 +149,8 @@ def _edge_list(plan: FloorPlan) -> list[tuple[object, ...]]:
 
 
 def _frame(side: FloorPlan, first: int, mirrored: bool) -> Frame:
-    corner, along, _ = side.edge(first)
-    return Frame(
-        (float(corner[0]), float(corner[1])), math.atan2(along[1], along[0]), mirrored, first, len(side.corners)
-    )
+    at, along, _ = side.edge(first)
+    return Frame((float(at[0]), float(at[1])), math.atan2(along[1], along[0]), mirrored, first, len(side.corners))
 
 
 def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:

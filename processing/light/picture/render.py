@@ -76,10 +76,8 @@ def shaded(
         flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
         large = sight_along(stage, flat, eye_m, (rows.stop - start, wide))
         places = Places.whole(large.shape, start, high)
-        light, missed = upsampled(
-            found.picture, small, large, wraps=isinstance(geometry, Equirectangular), places=places
-        )
-        chosen = np.flatnonzero(missed & large.solid)
+        light, gaps = upsampled(found.picture, small, large, wraps=isinstance(geometry, Equirectangular), places=places)
+        chosen = np.flatnonzero(gaps & large.solid)
         if len(chosen):
             light[chosen] = directly(stage, large.point[chosen], large.normal[chosen], effort, seed)
         out[rows] = _radiance(stage, large, light, effort, seed + start).reshape(-1, wide, 3)

@@ -139,6 +139,7 @@ def _finished(build: _Builder, frames: list[Doubles], grids: list[list[int]]) ->
     order = np.argsort(patch, kind="stable")
     a, b = np.concatenate(build.side_a)[order], np.concatenate(build.side_b)[order]
     triangular = np.concatenate(build.triangular)[order]
+    corner = np.concatenate(build.corner)[order].astype(np.float32)
     area = np.linalg.norm(np.cross(a, b), axis=1) * np.where(triangular, 0.5, 1.0)
     upto = np.cumsum(area)
     bounds = np.searchsorted(patch[order], np.arange(build.count + 1))
@@ -156,13 +157,7 @@ def _finished(build: _Builder, frames: list[Doubles], grids: list[list[int]]) ->
         normal=np.concatenate(build.normals).astype(np.float32),
         area_m2=np.diff(first),
         first=first,
-        elements=Elements(
-            np.concatenate(build.corner)[order].astype(np.float32),
-            a.astype(np.float32),
-            b.astype(np.float32),
-            triangular,
-            upto,
-        ),
+        elements=Elements(corner, a.astype(np.float32), b.astype(np.float32), triangular, upto),
     )
 
 

@@ -62,9 +62,7 @@ def measured_windows(
     share, measured = _clear_glass(rgb[glass].astype(np.float64), outside)
     gain = _seen_ground(stage, sight, rgb, good, share)
     level = float(gain @ np.asarray(LUMINANCE_WEIGHTS)) if gain is not None else 1.0
-    panes = tuple(
-        _covered(stage, replace(pane, transmittance=share), level, panorama, eye_m) for pane in stage.scene.panes
-    )
+    panes = tuple(_covered(stage, replace(p, transmittance=share), level, panorama, eye_m) for p in stage.scene.panes)
     if gain is not None:
         # The lower half as bright as it is seen through the windows.
         below = (np.arange(outdoors.rgb.shape[0]) >= outdoors.rgb.shape[0] // 2)[:, None, None]

@@ -205,19 +205,14 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     side = round(WRAP * irradiance.shape[1]) if wraps else 0
     padding = ((0, 0), (side, side), (0, 0))
 
-    def padded(picture: Floats) -> Floats:
+    def wider(picture: Floats) -> Floats:
         return np.ascontiguousarray(np.pad(picture, padding, mode="wrap") if side else picture, dtype=np.float32)
 
     guide = np.repeat(nearness[..., None], 3, axis=2).astype(np.float32)
     # The denoiser expects values about 1.
     scale = np.float32(max(float(irradiance.mean()), 1e-20))
     clean = pyoidn.denoise(
-        padded(irradiance / scale),
-        albedo=padded(guide),
-        normal=padded(normal),
-        hdr=True,
-        clean_aux=True,
-        quality=quality,
+        wider(irradiance / scale), albedo=wider(guide), normal=wider(normal), hdr=True, clean_aux=True, quality=quality
     )
     clean = np.maximum(np.asarray(clean)[:, side : side + irradiance.shape[1]], 0) * scale
     there = nearness > 0

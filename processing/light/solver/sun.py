@@ -291,11 +291,8 @@ def _fill_blocks(step, label, normals, points, chosen, sure, tint, todo):  # typ
                     if not chosen[r, k] or sure[r, k]:
                         continue
                     if alike:
-                        tint[r, k, 0], tint[r, k, 1], tint[r, k, 2] = (
-                            tint[top, left, 0],
-                            tint[top, left, 1],
-                            tint[top, left, 2],
-                        )
+                        for c in range(3):
+                            tint[r, k, c] = tint[top, left, c]
                     else:
                         todo[r, k] = True
 

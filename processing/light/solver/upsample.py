@@ -64,11 +64,8 @@ class Steps:
         """
         count = len(large.label)
         index, weight = np.zeros((count, MOST), np.int32), np.zeros((count, MOST), np.float32)
-        seen = _Seen(
-            small.label.reshape(small.shape),
-            small.normal.reshape(*small.shape, 3),
-            small.point.reshape(*small.shape, 3),
-        )
+        shape = small.shape
+        seen = _Seen(small.label.reshape(shape), small.normal.reshape(*shape, 3), small.point.reshape(*shape, 3))
         attempts = 3 if any_solid else 2
         _find(seen, _Seen(large.label, large.normal, large.point), places, attempts, wraps, wanted, index, weight)
         return cls(index, weight)
