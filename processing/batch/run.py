@@ -83,7 +83,7 @@ def find_sessions(folder: Path) -> list[Path]:
         raise ParameterError(f"{folder.name} is no folder", where=str(folder))
     found = sorted(_below(folder, DEPTH))
     if not found:
-        raise ParameterError("no session here", where=str(folder), advice=f"a session is a folder with {MANIFEST_NAME}")
+        raise ParameterError("no sessions here", where=str(folder), advice=f"sessions are folders with {MANIFEST_NAME}")
     return found
 
 

@@ -146,7 +146,7 @@ def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg
     direction that it does not show.
     """
     if picture.geometry is None:
-        raise ParameterError("the picture does not say its projection", advice="a panorama is twice as wide as high")
+        raise ParameterError("it does not say how it shows the sphere", advice="a panorama is twice as wide as high")
     if not (-180 <= lon_deg <= 360 and -90 <= lat_deg <= 90 and 0 < radius_deg <= 90):
         raise ParameterError("longitude -180 to 360, latitude -90 to 90, radius up to 90 degrees")
     lon, lat = math.radians(lon_deg), math.radians(lat_deg)

@@ -69,7 +69,7 @@ def arrange(
     field = make_field(Floor(inner), rules, [row for s in held for row in poses.outline_rows(s)])
     doors = field.reachable_doors()
     if not doors:
-        raise RoomTooSmallError(f"no {rules.path:g} m path begins at any door, even in the empty room", where=plan.name)
+        raise RoomTooSmallError(f"no path of {rules.path:g} m begins at a door, even in an empty room", where=plan.name)
     search = Search(field, doors, [poses.anchor(s) for s in held])
     task = _Task(plan, items, tuple(stood), tuple(too_tall), search, frame, rules, book, judge)
     wide = n if n == 1 else max(n, SEARCHED_FOR)

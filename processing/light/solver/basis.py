@@ -177,4 +177,4 @@ def read_basis(path: Path) -> LightBasis:
             effort, (x, y, z), found["pixel"], **rays, fixed=found["fixed"], scene_digest=str(found["scene"])
         )
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise RelightError(f"no basis of this program: {error}", where=path.name, advice="delete the file") from error
+        raise RelightError(f"not a basis of this program: {error}", where=path.name, advice="delete it") from error
