@@ -181,7 +181,7 @@ def _piece(a: Arrangement, kind: str) -> None:
         clutter.things_on(a, placed, 5)
         clutter.picture_over(a, placed)
     elif kind == "armchair" and a.chance(0.6):
-        clutter.floor_lamp_by(a, placed)
+        clutter.lamp_by(a, placed)
 
 
 def _stood(a: Arrangement, kind: str) -> Item | None:
