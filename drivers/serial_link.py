@@ -307,11 +307,7 @@ def find_port(
 
     Raises `DeviceNotFoundError`: none, or several without a serial number to choose by.
     """
-    found = [
-        p
-        for p in ports()
-        if (p.vendor_id, p.product_id) in usb_ids and (not serial_number or p.serial == serial_number)
-    ]
+    found = [p for p in ports() if (p.vendor_id, p.product_id) in usb_ids and serial_number in ("", p.serial)]
     if len(found) == 1:
         return found[0].stable_name
     what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"

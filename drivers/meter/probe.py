@@ -139,14 +139,11 @@ def greeted(dialect: Dialect, exchanges: Sequence[Exchange]) -> bool:
 
 
 def try_dialects(
-    open_line: Callable[[PortSettings], ByteLine],
-    dialects: Sequence[Dialect],
-    exchanges: Sequence[Exchange],
-    clock: Clock,
+    open_line: Callable[[PortSettings], ByteLine], dialects: Sequence[Dialect], heard: Sequence[Exchange], clock: Clock
 ) -> Iterator[Trial]:
     """Take one reading in every dialect whose greeting was answered as it should be."""
     for dialect in dialects:
-        if not greeted(dialect, exchanges):
+        if not greeted(dialect, heard):
             continue
         settings = dialect.port.settings()
         meter = KonicaMinoltaMeter(lambda settings=settings: open_line(settings), dialect, clock)  # type: ignore[misc]

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
+import cv2
 import numpy as np
 
 from mocks.worlds.light import Vector
@@ -179,6 +180,53 @@ class EquisolidFisheye:
             np.asarray(x, dtype=np.float64) - size[0] / 2, size[1] / 2 - np.asarray(y, dtype=np.float64)
         )
         return right, up, right * right + up * up
+
+
+@dataclass(frozen=True)
+class TwoFisheyes:
+    """What a panorama camera's raw file holds: both lenses' pictures side by side, each with faults of its own.
+
+    A ray at ``theta`` from a lens's axis falls at ``sin(squeeze theta)`` from the centre; circles reach ``circle`` of
+    half the height. Lists are of the lens that looks along y and of the one behind. Numbers are chosen as a body's are.
+    """
+
+    half_field_rad: float = math.radians(97)
+    squeeze: float = 0.42
+    circle: float = 0.965
+    centres: tuple[tuple[float, float], ...] = ((0.004, -0.006), (-0.005, 0.003))
+    """Right and down of each half's middle, in half heights."""
+    rolls_rad: tuple[float, ...] = (math.pi / 2 + 0.010, -math.pi / 2 - 0.006)
+    tilts_rad: tuple[tuple[float, float], ...] = ((0.010, -0.008), (-0.006, 0.012))
+    """Of each axis: to the right and upwards."""
+    gains: tuple[float, ...] = (1.01, 0.97)
+    edge_loss: float = 0.3
+    """Of the light, at a right angle from the axis."""
+
+    def directions(self, number: int, side_px: int) -> tuple[Doubles, Doubles, Flags]:
+        """Return what a lens's pixels see: directions (S, S, 3), angles from its axis (S, S), and which see."""
+        x, y = np.meshgrid(*2 * ((np.arange(side_px) + 0.5) * 2 / side_px - 1,))
+        x, y = x - self.centres[number][0], y - self.centres[number][1]
+        sine = np.hypot(x, y) / self.circle * math.sin(self.squeeze * self.half_field_rad)
+        theta = np.arcsin(np.minimum(sine, 1)) / self.squeeze
+        around = np.arctan2(-y, x) + self.rolls_rad[number]
+        yaw, pitch = self.tilts_rad[number][0] + math.pi * number, self.tilts_rad[number][1]
+        ahead = np.array((math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)))
+        right = np.array((math.cos(yaw), -math.sin(yaw), 0.0))
+        flat = np.cos(around)[..., None] * right + np.sin(around)[..., None] * np.cross(right, ahead)
+        rays = np.cos(theta)[..., None] * ahead + np.sin(theta)[..., None] * flat
+        return rays, theta, theta <= self.half_field_rad
+
+    def picture(self, light: Floats, side_px: int) -> Floats:
+        """Return both pictures (S, 2 S, 3) of a panorama's light (H, 2 H, 3); black around the circles."""
+        height, halves = light.shape[0], []
+        for number, gain in enumerate(self.gains):
+            rays, theta, seen = self.directions(number, side_px)
+            x = (np.arctan2(rays[..., 0], rays[..., 1]) / (2 * math.pi) + 0.5) * light.shape[1] - 0.5
+            y = np.clip((0.5 - np.arcsin(np.clip(rays[..., 2], -1, 1)) / math.pi) * height - 0.5, 0, height - 1)
+            half = cv2.remap(light, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, None, cv2.BORDER_WRAP)
+            kept = gain * (1 - self.edge_loss * (np.sin(theta / 2) / math.sin(math.pi / 4)) ** 2.6)
+            halves.append(half * (kept * seen)[..., None].astype(np.float32))
+        return np.concatenate(halves, axis=1)
 
 
 def _polynomial(r: Floats | Doubles, coefficients: tuple[float, ...]) -> Floats | Doubles:

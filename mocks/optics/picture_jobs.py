@@ -13,7 +13,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from mocks.instruments.exposures import ShotRequest
 from mocks.optics.camera import CameraOptics, image_rows
-from mocks.optics.lenses import Size
+from mocks.optics.lenses import EquirectangularLens, Size, TwoFisheyes
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World
 from processing.ground.arrays import Floats, UInt16s
@@ -282,12 +282,17 @@ def expose(job: PictureJob) -> bytes:
 
 
 def mosaic(job: PictureJob, step: int) -> UInt16s:
-    """Return a small Bayer mosaic (RGGB) of the exposure, every ``step``-th pixel, in raw counts."""
+    """Return a small Bayer mosaic (RGGB) of the exposure, every ``step``-th pixel, in raw counts.
+
+    A panorama camera's shows its two lenses.
+    """
     width, height = job.size
     rng = np.random.default_rng([job.seed, 1 << 32])
     file = _ImageFile(job)
     rows = np.concatenate([file.light(range(row, row + 1))[:, ::step] for row in range(0, height, step)])
     light = rows[: height // step // 2 * 2, : width // step // 2 * 2]
+    if isinstance(job.optics.lens, EquirectangularLens):
+        light = TwoFisheyes().picture(rows, light.shape[0])
     signal = job.optics.sensor.mosaic_signal(light, job.exposure, rng)
     bayer = signal[..., 1].copy()
     bayer[::2, ::2] = signal[::2, ::2, 0]

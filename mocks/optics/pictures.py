@@ -25,7 +25,7 @@ from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World, mean_weights
 
 # Raise when rendering changes, so that old pictures are not served.
-_RENDER_VERSION = 6
+_RENDER_VERSION = 7
 # Below this many pixels a worker process costs more than it saves.
 _POOL_FROM_PX = 3_000_000
 _RAW_WIDTH_PX = 702  # chosen: raw files small enough for a test
@@ -128,10 +128,8 @@ class RenderedShots:
         if data is None:
             self._render([shot], size, raw=True)
             data = self.cache.path(key, ".mosaic").read_bytes()
-        step = _raw_step(size)
-        shape = (size[1] // step // 2 * 2, size[0] // step // 2 * 2)
         sensor = self.optics.sensor
-        counts = np.frombuffer(data, dtype=np.uint16).reshape(shape)
+        counts = np.frombuffer(data, dtype=np.uint16).reshape(size[1] // _raw_step(size) // 2 * 2, -1)
         frame = picture_jobs.RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1)
         return (
             picture_jobs.cr2_file(frame, request)

@@ -73,15 +73,10 @@ def export(
 
 
 def _pictures(
-    session: Path,
-    into: Path,
-    what: Sequence[str],
-    pictures: dict[str, Path],
-    done: Exported,
-    how: tuple[float | None, bool],
+    session: Path, into: Path, what: Sequence[str], found: dict[str, Path], to: Exported, how: tuple[float | None, bool]
 ) -> None:
     showing = session_shown(session) if "jpeg" in what else None
-    for name, made in pictures.items():
+    for name, made in found.items():
         image = read_shown(made)
         assert isinstance(image, LuminanceImage)
         stem = into / f"{session.name}_{name}"
@@ -90,11 +85,11 @@ def _pictures(
                 if kind in ("hdr", "exr"):
                     path = stem.with_name(f"{stem.name}.{kind}")
                     (write_radiance_hdr if kind == "hdr" else write_exr)(path, image)
-                    done.files.append(path)
+                    to.files.append(path)
                 elif kind == "jpeg" and showing is not None:
-                    done.files.append(_jpeg(stem, image, name, showing, how))
+                    to.files.append(_jpeg(stem, image, name, showing, how))
             except PictureFileError as error:
-                done.left_out[f"{name}.{kind}"] = str(error)
+                to.left_out[f"{name}.{kind}"] = str(error)
 
 
 def _jpeg(stem: Path, image: LuminanceImage, name: str, showing: Shown, how: tuple[float | None, bool]) -> Path:

@@ -20,7 +20,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Geometry, directions
 
-KEY = "shared_modes"
+KEY, SEAM_KEY = "shared_modes", "seam_sigma"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
 Kind = Literal["level", "seam", "axis", "whole", "scatter"]
 LEVEL_SHIFT = 20  # bits of a float32, dropped: what is left steps by an eighth of an octave
@@ -183,10 +183,10 @@ def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
     return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
 
 
-def seam_mode(measured_rad: float | None) -> SharedMode:
+def seam_mode(measured_rad: float | None, sigma: float = SEAM_SIGMA) -> SharedMode:
     """Return the mode of two lenses' exposures; ``measured_rad``: longitude of the spot that set the scale, if any."""
-    own = 0.0 if measured_rad is None else math.copysign(SEAM_SIGMA, math.cos(measured_rad))
-    return SharedMode("stitching", "seam", (-0.1, 0.1), (-SEAM_SIGMA - own, SEAM_SIGMA - own))
+    own = 0.0 if measured_rad is None else math.copysign(sigma, math.cos(measured_rad))
+    return SharedMode("stitching", "seam", (-0.1, 0.1), (-sigma - own, sigma - own))
 
 
 def falloff_mode(sigma: float) -> SharedMode:

@@ -238,15 +238,11 @@ def _filled(
 
 
 def _checked(
-    image: LuminanceImage | RelativeImage,
-    target: Flags,
-    sunlight: Flags | None,
-    foreign: Flags | None,
-    quality: str | Quick,
+    image: LuminanceImage | RelativeImage, target: Flags, sun: Flags | None, foreign: Flags | None, quality: str | Quick
 ) -> Equirectangular:
     if not isinstance(image.geometry, Equirectangular):
         raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
-    for name, mask in (("target", target), ("sunlight", sunlight), ("foreign", foreign)):
+    for name, mask in (("target", target), ("sun", sun), ("foreign", foreign)):
         if mask is not None and (mask.shape != image.rgb.shape[:2] or mask.dtype != np.bool_):
             raise ParameterError(
                 f"a {name} mask of shape {mask.shape} and type {mask.dtype}",

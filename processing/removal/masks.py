@@ -140,25 +140,20 @@ class _Found:
 
 
 def _find(
-    rgb: Floats,
-    probabilities: Floats,
-    room: RoomModel,
-    maps: SurfaceMaps,
-    known: _Known,
-    seen: tuple[Floats | None, Flags],
+    rgb: Floats, chances: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, seen: tuple[Floats | None, Flags]
 ) -> _Found:
     """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
     shown = preview_rgb8(rgb)
     geometry, luminance = Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
-    tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
+    tripod = find_tripod(chances, shown, maps.plane == FLOOR)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(tripod, mask=tripod.mask | board)
-    furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks, reach_m=seen[0])
-    others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
-    fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
-    likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    hall = (maps.plane >= FIRST_WALL) & (probabilities[SceneClass.FLOOR] > BLOCKED)  # the next room's floor
-    openings = others | (maps.opening >= 0) | (known.two_networks & doors_in(probabilities, maps)) | hall
+    furniture = find_furniture(chances, maps, shown, whole=known.two_networks, reach_m=seen[0])
+    others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
+    fixtures = chances[SceneClass.FIXTURE] > BLOCKED
+    likely = chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
+    hall = (maps.plane >= FIRST_WALL) & (chances[SceneClass.FLOOR] > BLOCKED)  # the next room's floor
+    openings = others | (maps.opening >= 0) | (known.two_networks & doors_in(chances, maps)) | hall
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
     furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
@@ -170,7 +165,7 @@ def _find(
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     # Twice the margin: crumbs of furniture stayed on skirting and frames.
     hangs |= (boards | grown(openings, SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
-    hangs |= completed(fixtures & ~hidden, probabilities[SceneClass.FIXTURE], shown)
+    hangs |= completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
     torn = boards_between(boards, furniture.mask | plain) & ~openings
     hangs &= ~torn
     stays = hangs | tripod.mask | sunlight.mask
@@ -179,7 +174,7 @@ def _find(
     plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, barred | stays)
     gone = furniture.mask | plain | (shadow.contact & ~hangs)
     bar = stays | openings | fixtures
-    rests = rests_beside(gone, probabilities, luminance, maps, bar)
+    rests = rests_beside(gone, chances, luminance, maps, bar)
     rests |= crumbs_on_walls(gone | rests, rgb, maps, boards | other | grown(openings, 2 * SILL_RAD))
     plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~bar), hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
@@ -190,17 +185,11 @@ def _find(
 
 
 def _sun(
-    rgb: Floats,
-    luminance: Floats,
-    room: RoomModel,
-    maps: SurfaceMaps,
-    known: _Known,
-    gone: tuple[Flags, Flags],
-    others: Flags,
+    rgb: Floats, light: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, gone: tuple[Flags, Flags], bar: Flags
 ) -> SunFound:
-    """Return direct sunlight; ``gone``: furniture and tripod; ``others``: doors, windows, fixtures, (H, W) each."""
+    """Return direct sunlight; ``gone``: furniture and tripod; ``bar``: doors, windows, fixtures, (H, W) each."""
     if not known.sun_possible:
-        return SunFound(np.zeros(others.shape, bool), None, False, "the sky has no sun")
+        return SunFound(np.zeros(bar.shape, bool), None, False, "the sky has no sun")
     furniture, tripod = gone
     hidden, surface = furniture | tripod, (maps.opening < 0) & (maps.plane != CEILING)
     bare = surface & ~grown(hidden, math.pi / rgb.shape[0])
@@ -208,11 +197,11 @@ def _sun(
     unsure = surface & furniture & ~tripod
     bare |= coloured_as_behind(rgb, maps.plane, unsure, hidden | (maps.opening >= 0))
     if known.sun is None:
-        bare &= ~others
+        bare &= ~bar
     d, _ = directions(Equirectangular(rgb.shape[1], rgb.shape[0]))
     points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
-    weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), luminance.shape)
-    return find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun, known.sun_seen)
+    weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), light.shape)
+    return find_sunlight(light, points, maps.plane, bare, weight, room, known.sun, known.sun_seen)
 
 
 def _rests(furniture: Flags, contact: Flags, torn: Flags, shown: Bytes, maps: SurfaceMaps, stays: Flags) -> Flags:
@@ -298,10 +287,8 @@ def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow
     return tuple(notes)
 
 
-def _united(
-    found: _Found, image: LuminanceImage | RelativeImage, geometry: Equirectangular, margin_rad: float
-) -> Masks:
-    shape = (geometry.height_px, geometry.width_px)
+def _united(found: _Found, image: LuminanceImage | RelativeImage, sphere: Equirectangular, margin_rad: float) -> Masks:
+    shape = (sphere.height_px, sphere.width_px)
     soft = found.furniture.probability * grown(found.furniture.mask, math.radians(0.5))
     if shape[0] > soft.shape[0]:
         furniture = at_full_size(soft, preview_rgb8(image.rgb)) > 0.5

@@ -79,19 +79,15 @@ def _rim(mask: Flags) -> Flags:
 
 
 def remove_section(
-    after: LuminanceImage,
-    filled: Flags,
-    facts: Mapping[str, Any],
-    log_lift: Floats | None = None,
-    display: Display = AS_GIVEN,
+    after: LuminanceImage, filled: Flags, facts: Mapping[str, Any], lift: Floats | None = None, look: Display = AS_GIVEN
 ) -> Section:
     """Return the emptied panorama with what was filled and how.
 
-    ``filled``: (H, W); ``facts``: the stage's metrics; ``log_lift`` (H, W): natural logarithm of what changed the
+    ``filled``: (H, W); ``facts``: the stage's metrics; ``lift`` (H, W): natural logarithm of what changed the
     luminance of each pixel that stayed, None: nothing did.
     """
     rows = every_nth(after.rgb)
-    outlined = display.shown(after.rgb[rows, rows])
+    outlined = look.shown(after.rgb[rows, rows])
     outlined[_rim(filled[rows, rows])] = RIM_RGB
     pictures = [Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True)]
     quantities = [
@@ -103,9 +99,9 @@ def remove_section(
     tables = (Table("Surfaces", ("how it was filled",), tuple((note,) for note in notes)),) if notes else ()
     relit = float(facts.get("relit_share", 0.0))
     text = "Pixels outside the outlines are the captured ones"
-    if log_lift is not None:
+    if lift is not None:
         text += ", lit as they are without the furniture's shade."
-        share = np.clip(np.expm1(log_lift[rows, rows]) / MOST_SHOWN, -1, 1)[..., None]
+        share = np.clip(np.expm1(lift[rows, rows]) / MOST_SHOWN, -1, 1)[..., None]
         towards = np.where(share > 0, np.array([178, 24, 43]), np.array([33, 102, 172]))
         as_colours = np.asarray(np.round(255 + (towards - 255) * np.abs(share)), np.uint8)
         note = f"brighter (red) or darker (blue) by up to {100 * MOST_SHOWN:.0f} % than captured"

@@ -33,6 +33,8 @@ class SideBracket:
     device: DeviceRecord | None
     raw_refused: str = ""
     """Why the raw files that there are were not taken."""
+    panoramas: tuple[FrameSource, ...] = ()
+    """The camera's own, of raw frames that show its two lenses side by side; empty for others."""
 
     @property
     def linear(self) -> bool:
@@ -87,12 +89,15 @@ def _raw_bracket(
     """Return the raw files beside pictures, where each has one that shows the same; or the raw files alone."""
     if [raw.stop for raw in raws] != [picture.stop for picture in pictures]:
         raise BracketError(f"{len(raws)} raw files beside {len(pictures)} pictures", where=pictures[0].file)
-    if is_panorama_camera(device):
-        raise BracketError("a panorama camera's raw files show its lenses apart", where=raws[0].file)
     _check_settings(pictures[0].side, raws)
-    size_px = None if pictures[0].is_raw else frame_of(session_path / pictures[0].file).size_px
+    apart = is_panorama_camera(device)
+    beside = () if pictures[0].is_raw else tuple(frame_of(session_path / one.file, one.file) for one in pictures)
+    if apart and not beside:
+        what = "its raw files show the lenses side by side, and no picture of the camera's shows where they look"
+        raise BracketError(what, where=raws[0].file, advice="give the camera's JPEGs with them")
+    size_px = beside[0].size_px if beside and not apart else None
     frames = tuple(raw_frame(session_path / raw.file, raw.file, size_px) for raw in raws)
-    return SideBracket(pictures[0].side, tuple(raws), frames, device)
+    return SideBracket(pictures[0].side, tuple(raws), frames, device, panoramas=beside if apart else ())
 
 
 def _check_settings(side: Side, records: Sequence[FrameRecord]) -> None:

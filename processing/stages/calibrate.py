@@ -19,9 +19,10 @@ from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import seam_mode, widened
+from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, seam_mode, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.sphere import Equirectangular
+from processing.stages.brackets import is_panorama_camera
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
@@ -179,11 +180,13 @@ def calibrate_indoor(
     image = merged if falloff is None else correct_panorama(merged, falloff)
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
-    lenses = any(device.kind == "theta_z1" for device in session.devices if device.role == "indoor")
+    lenses = any(is_panorama_camera(device) for device in session.devices if device.role == "indoor")
     spot = None
     if scale.measured:
         spot = (scale.measured, math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
-    seam = [seam_mode(spot[1] if spot else None)] if lenses else []
+    tied = merged.attributes.get(SEAM_KEY, SEAM_SIGMA)
+    assert isinstance(tied, float)
+    seam = [seam_mode(spot[1] if spot else None, tied)] if lenses else []
     picture = widened(picture, [*unmeasured_modes(picture, spot), *seam])
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from processing.calibration.merge.lens_pair import LensPair, stitched
+from processing.calibration.merge.lens_places import clearest, place_lenses
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
 from processing.calibration.merge.tables import linear_curve
 from processing.calibration.profile import CameraProfile, RigProfile, load_profile, profile_matches
@@ -24,6 +26,7 @@ from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
 from processing.pictures.images import Validity
 from processing.pictures.mosaic import FULL, PEDESTAL
+from processing.sphere import Equirectangular
 from processing.stages import brackets
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
@@ -118,6 +121,7 @@ def _merge_side(
     side = bracket.side.value
     context.progress((step + 0.1) / _STEPS, f"{side}: response curve")
     response, frames = camera_response(bracket, profile)
+    pair = _lens_pair(bracket, frames) if bracket.panoramas else None
     context.progress((step + 1) / _STEPS, f"{side}: merging")
     merged = merge(
         frames,
@@ -134,8 +138,21 @@ def _merge_side(
         time_sigma=response.time_sigma,
         given_s=bracket.nominal_s,
     )
+    if pair is not None:
+        context.progress((step + 1.8) / _STEPS, f"{side}: stitching")
+        merged = stitched(merged, pair, Equirectangular(*bracket.panoramas[0].size_px))
     context.progress((step + 2) / _STEPS, f"{side}: merged")
     _gather(context, bracket, response, merged, gathered)
+    if pair is not None:
+        gathered.metrics[side]["lenses"] = pair.to_dict()
+
+
+def _lens_pair(bracket: brackets.SideBracket, raws: Sequence[FrameSource]) -> LensPair:
+    """Return where a camera's two lenses look, by the raw frame (in memory) and panorama that show the most."""
+    wells = [np.asarray(raw.decode(), np.uint16) for raw in raws]
+    best = clearest(wells, brackets.decoded(bracket.panoramas))
+    colours = bracket.frames[best].colours  # type: ignore[attr-defined]
+    return place_lenses(wells[best], colours, brackets.decoded(bracket.panoramas[best : best + 1])[0])
 
 
 def _gather(
@@ -149,9 +166,8 @@ def _gather(
     gathered.warnings += response.warnings
     if bracket.raw_refused:
         gathered.left_out[f"{side} raw files"] = bracket.raw_refused[:500]
-        if not brackets.is_panorama_camera(bracket.device):
-            text = f"{side}: merged from its JPEGs, for its raw files cannot be used: {bracket.raw_refused}"
-            gathered.warnings.append(StageWarning(code="raw-files", message=text[:500]))
+        text = f"{side}: merged from its JPEGs, for its raw files cannot be used: {bracket.raw_refused}"
+        gathered.warnings.append(StageWarning(code="raw-files", message=text[:500]))
     gathered.warnings += (StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings)
     for use in report.frames:
         if use.used_share == 0:

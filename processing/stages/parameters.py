@@ -165,8 +165,7 @@ class CalibrateParameters(StageParameters):
         180.0, gt=60, le=250, description="Degrees within the outdoor image circle, if no lens calibration has them"
     )
     outdoor_top_deg: float | None = Field(
-        None,
-        description="Compass azimuth of the outdoor picture's top; else from the sun or the panorama's heading.",
+        None, description="Compass azimuth of the outdoor picture's top; else from the sun or the panorama's heading."
     )
     falloff: Literal["auto", "off"] = Field(
         "auto", description="Vignetting correction; auto: the profile's, else the published one of the camera"

@@ -161,13 +161,7 @@ class FrameChecker:
             self._drop_worker()
 
     def check(
-        self,
-        path: Path,
-        expected: ExpectedFrame,
-        *,
-        exact: bool = False,
-        earlier: Sequence[FrameFacts] = (),
-        name: str = "",
+        self, path: Path, due: ExpectedFrame, *, exact: bool = False, earlier: Sequence[FrameFacts] = (), name: str = ""
     ) -> FrameFacts:
         """Read a JPEG and hold it against what was asked and against ``earlier`` frames of the same camera.
 
@@ -177,8 +171,8 @@ class FrameChecker:
         Raises `FrameRejectedError`: the file in ``where``, the name of the reason in ``details["reason"]``
         (`station.frames.facts.Reason`); `ResourceError`: the worker cannot be started.
         """
-        facts = self.inspect(path, exact=exact, name=name, circle=expected.image_circle)
-        judge(facts, expected, earlier)
+        facts = self.inspect(path, exact=exact, name=name, circle=due.image_circle)
+        judge(facts, due, earlier)
         return facts
 
     def check_raw(self, path: Path, format_: RawFormat, *, name: str = "") -> FrameFacts:

@@ -345,6 +345,7 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> t
         found.append(SharedMode("light that changed", "whole", (0.0,), (wander,)))
     u2 = np.empty_like(planes.uncertainty)
 
+    @np.errstate(over="ignore")  # the square of a black pixel's uncertainty is as good as infinite
     def band(first: int, end: int) -> None:
         around, rows = slice(max(first - modes.CONTRAST_REACH_PX, 0), end + modes.CONTRAST_REACH_PX), slice(first, end)
         luminance = np.maximum(planes.rgb[around] @ job.weights.astype(np.float32), 0)

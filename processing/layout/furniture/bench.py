@@ -108,20 +108,13 @@ class Bench:
             self.made.setdefault((id(material), crease_rad), []).append((one, place))
 
     def block(
-        self,
-        low: Spot,
-        high: Spot,
-        material: Material,
-        *,
-        bevel_m: float = 0.003,
-        grain: int | None = None,
-        steps: int = 1,
+        self, low: Spot, high: Spot, of: Material, *, bevel_m: float = 0.003, grain: int | None = None, steps: int = 1
     ) -> None:
         """Add a board or block between two corners; its grain runs along its longest side unless given."""
         if any(h - lo <= 1e-4 for lo, h in zip(low, high, strict=True)):
             return
         run = int(np.argmax(np.subtract(high, low))) if grain is None else grain
-        self.add(solids.box(low, high, bevel_m, steps), material, grain=run)
+        self.add(solids.box(low, high, bevel_m, steps), of, grain=run)
 
     def glowing(self, material: Material, lumen: float) -> Material:
         """Return a material that sends out light while its lamp is switched on; alike for alike lamps."""

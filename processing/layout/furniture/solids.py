@@ -208,10 +208,7 @@ def slab(
     rows = [(e * (1 - math.sin(t)), low_z + e * (1 - math.cos(t))) for t in arc]
     rows += [(e * (1 - math.cos(t)), high_z - e * (1 - math.sin(t))) for t in arc]
     return loft(
-        [
-            rounded_rectangle(width_m - 2 * inset, depth_m - 2 * inset, max(c - inset, 1e-4), z, steps)
-            for inset, z in rows
-        ]
+        [rounded_rectangle(width_m - 2 * cut, depth_m - 2 * cut, max(c - cut, 1e-4), z, steps) for cut, z in rows]
     )
 
 

@@ -244,13 +244,8 @@ def _swivel_back(b: Bench, seat: float, h: float) -> None:
     v[:, 1] += y + 0.085
     v[:, 2] += low
     b.add(Solid(v, shell.faces, shell.rest), b.style.material("fabric"))
-    line = [
-        (0, -0.08, seat - 0.075),
-        (0, y + 0.07, seat - 0.05),
-        (0, y + 0.035, seat + 0.10),
-        (0, y + 0.04, seat + 0.26),
-    ]
-    b.add(_swept(solids.curve(line, 5)), b.style.material("nylon"))
+    bar = [(0, -0.08, seat - 0.075), (0, y + 0.07, seat - 0.05), (0, y + 0.035, seat + 0.1), (0, y + 0.04, seat + 0.26)]
+    b.add(_swept(solids.curve(bar, 5)), b.style.material("nylon"))
 
 
 def _swept(line: Doubles) -> Solid:

@@ -154,7 +154,7 @@ def _frame(side: FloorPlan, first: int, mirrored: bool) -> Frame:
 
 
 def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
-    count = len(side.corners)
+    n = len(side.corners)
     c, s = math.cos(frame.angle_rad), math.sin(frame.angle_rad)
     turn = np.array([[c, -s], [s, c]])
 
@@ -167,10 +167,7 @@ def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
         return round(value / SNAP_M) * SNAP_M
 
     def moved(openings: Sequence[OpeningT]) -> tuple[OpeningT, ...]:
-        on = [
-            replace(o, edge=(o.edge - first) % count, start_m=length(o.start_m), end_m=length(o.end_m))
-            for o in openings
-        ]
+        on = [replace(o, edge=(o.edge - first) % n, start_m=length(o.start_m), end_m=length(o.end_m)) for o in openings]
         return tuple(sorted(on, key=lambda o: (o.edge, o.start_m, o.end_m)))
 
     holes = []

@@ -293,29 +293,22 @@ class Mirrors:
 
 
 def mirrors_of(
-    bare: Stage,
-    full: Stage,
-    lights: tuple[LightMap, LightMap],
-    photograph: Floats,
-    eye_m: Vector,
-    *,
-    seed: int,
-    clean: bool,
+    bare: Stage, full: Stage, lights: tuple[LightMap, LightMap], photo: Floats, eye_m: Vector, *, seed: int, clean: bool
 ) -> Mirrors | None:
     """Return what furniture and floor mirror; None where nothing does.
 
     ``bare``, ``full``: the room without and with furniture; of its light maps (``lights``) likewise.
-    ``photograph`` (H, 2 H, 3): of the room without furniture.
+    ``photo`` (H, 2 H, 3): of the room without furniture.
     """
     floors = [k for k, surface in enumerate(bare.scene.surfaces) if surface.gloss > 0]
     if not floors and not any(is_glossy(part.material) for part in full.scene.parts):
         return None
-    geometry = small_geometry(Equirectangular(photograph.shape[1], photograph.shape[0]), MOST_ROWS)
+    geometry = small_geometry(Equirectangular(photo.shape[1], photo.shape[0]), MOST_ROWS)
     assert isinstance(geometry, Equirectangular)
     size = (geometry.width_px, geometry.height_px)
-    shown = photograph
+    shown = photo
     if shown.shape[:2] != size[::-1]:
-        shown = np.asarray(cv2.resize(photograph, size, interpolation=cv2.INTER_AREA), np.float32)
+        shown = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32)
     sight, empty = sight_of(full, geometry, eye_m), sight_of(bare, geometry, eye_m)
     one = np.ones((bare.patches.count, 3))
     before = Surroundings(bare, lights[0], shown, empty, one, eye_m)
@@ -336,7 +329,7 @@ def mirrors_of(
     if clean:
         picture = _cleaned(picture, sight)
     glasses = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if is_looking_glass(part.material)]
-    return Mirrors(sight, replace(after, photograph=photograph), picture, old, new, tuple(floors), tuple(glasses))
+    return Mirrors(sight, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(glasses))
 
 
 def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floats, seed: int) -> Floats:
