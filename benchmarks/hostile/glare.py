@@ -20,7 +20,8 @@ from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
-from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes, unmeasured_modes
+from processing.calibration.scale.glare_fit import GlareKernel
+from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.errors import ProcessingError
 from processing.ground.arrays import Flags, Floats
 from processing.pictures.frames import array_frame

@@ -7,7 +7,8 @@ Coverage is the share of valid pixels within 1.96 stated standard uncertainties 
 Illuminance: five planes through the camera. Rival: the better of OpenCV's Debevec and Robertson by median error, on the
 same spot, both with an exact reading.
 A bracket that is refused counts as refused, not as covered. Cameras with a mosaic and a matrix have raw files beside
-their JPEGs: the same wells, merged as `daylit process` merges them.
+their JPEGs: the same wells, merged as `daylit process` merges them. Stray light: `glare`; raw files of a panorama
+camera, of two lenses side by side: `two_lenses`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.hostile.glare import stray_light_figures
+from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
@@ -95,6 +97,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "median_err_stops": float(np.median([s.median for s in done])),
         **_raw_metrics(raws),
         **stray_light_figures(_curves(), scenes, number),
+        **two_lens_figures(_curves(), scenes, number),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "

@@ -44,7 +44,7 @@ ND3_TINT = ((1.05618, 0.00433, -0.01406), (-0.04703, 0.84897, 0.03381), (0.14560
 class CameraOptics:
     """Everything between the world and the JPEG of one camera.
 
-    ``glare`` is the share of light that lens and filter scatter evenly over the whole sensor, the surround of an image
+    ``glare`` is the share of light that a lens and its filter scatter evenly over its sensor, the surround of an image
     circle included. No measurement of our two lenses is published; 0.5 % is assumed, the good end of what veiling
     glare indices (ISO 9358) of camera lenses are.
     """
@@ -152,11 +152,6 @@ def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range, comp
         if near.start < rows.stop and rows.start < near.stop:
             _add_disc(light, rows, disc, scene)
     return light
-
-
-def veil(image_sum: Floats, solid_angle_sr: float) -> Floats:
-    """Return the mean image of shape (3,), cd/m2, over the field: what glare spreads evenly."""
-    return np.asarray(image_sum / max(solid_angle_sr, 1e-12), dtype=np.float32)
 
 
 def _centres(size: Size, rows: range) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ from mocks.optics.camera import CameraOptics, image_rows
 from mocks.optics.lenses import EquirectangularLens, Size, TwoFisheyes
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World
-from processing.ground.arrays import Floats, UInt16s
+from processing.ground.arrays import Flags, Floats, UInt16s
 
 # The bytes around the picture: EXIF and GPano segments, splicing them into a JPEG, and small CR2 and DNG files.
 
@@ -219,7 +219,7 @@ class ImageJob:
     """A whole image to be rendered into a file.
 
     The file holds a plane for each component of the world's light, rows of float32 RGB; then the mean image of each
-    (3 float32).
+    lens and component (3 float32).
     """
 
     world: World
@@ -246,25 +246,34 @@ def bands(size: Size) -> list[range]:
     return [range(first, min(first + step, size[1])) for first in range(0, size[1], step)]
 
 
-def render_band(job: ImageJob, rows: range) -> tuple[Floats, float]:
-    """Render a band into its places in the file; return its light (N, 3) by plane, cd, and solid angle, sr."""
+def _behind(optics: CameraOptics, width: int) -> Flags:
+    """Return the columns (W,) that a panorama camera's second lens sees; none of other cameras'."""
+    ahead = np.abs((np.arange(width) + 0.5) / width - 0.5) < 0.25
+    return ~ahead if isinstance(optics.lens, EquirectangularLens) else np.zeros(width, dtype=bool)
+
+
+def render_band(job: ImageJob, rows: range) -> tuple[Floats, Floats]:
+    """Render a band into its places; return light of shape (2, N, 3) by lens and plane, cd, and solid angles, sr."""
     width, height = job.size
     x = np.arange(width, dtype=np.float32) + np.float32(0.5)
     y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None] + np.float32(0.5)
-    weight = job.optics.lens.solid_angle_sr(x, y, job.size)
+    behind = _behind(job.optics, width)
+    weight = job.optics.lens.solid_angle_sr(x, y, job.size) * np.stack([~behind, behind])[:, None]
     totals = []
     with job.path.open("r+b") as file:
         for plane in range(len(job.world.components)):
             light = image_rows(job.world, job.optics, job.size, rows, plane)
             file.seek((plane * height + rows.start) * width * _PIXEL_BYTES)
             file.write(light.data)
-            totals.append(np.einsum("ijk,ij->k", light, weight, dtype=np.float64))
-    return np.array(totals, dtype=np.float32), float(weight.sum(dtype=np.float64))
+            totals.append(np.einsum("ijk,lij->lk", light, weight, dtype=np.float64))
+    solid = weight.sum(axis=(1, 2), dtype=np.float64)
+    return np.stack(totals, axis=1).astype(np.float32), solid.astype(np.float32)
 
 
-def finish_image(job: ImageJob, parts: list[tuple[Floats, float]]) -> None:
-    """Append each plane's mean image over the field to the file, from the bands' light (N, 3) and solid angle."""
-    mean = sum(np.asarray(light, np.float64) for light, _ in parts) / sum(weight for _, weight in parts)
+def finish_image(job: ImageJob, parts: list[tuple[Floats, Floats]]) -> None:
+    """Append each lens's mean image of each plane to the file, from bands of shape (2, N, 3) and solid angles."""
+    light, solid = (sum(np.asarray(part[k], np.float64) for part in parts) for k in (0, 1))
+    mean = light / np.maximum(solid, 1e-12)[:, None, None]
     with job.path.open("r+b") as file:
         file.seek(len(job.world.components) * job.size[0] * job.size[1] * _PIXEL_BYTES)
         file.write(np.asarray(mean, dtype=np.float32).tobytes())
@@ -319,7 +328,9 @@ class _ImageFile:
         self._job = job
         width, height = job.size
         means = np.fromfile(job.image, np.float32, offset=len(job.weights) * width * height * _PIXEL_BYTES)
-        self._veil = np.float32(job.optics.glare) * (np.array(job.weights, np.float32) @ means.reshape(-1, 3))
+        veils = np.float32(job.optics.glare) * (np.array(job.weights, np.float32) @ means.reshape(2, -1, 3))
+        # What comes through a lens is scattered over that lens's sensor.
+        self._veil = veils[_behind(job.optics, width).astype(int)]
 
     def light(self, rows: range) -> Floats:
         """Return rows of light (H, W, 3), cd/m2."""

@@ -130,7 +130,9 @@ class RenderedShots:
             data = self.cache.path(key, ".mosaic").read_bytes()
         sensor = self.optics.sensor
         counts = np.frombuffer(data, dtype=np.uint16).reshape(size[1] // _raw_step(size) // 2 * 2, -1)
-        frame = picture_jobs.RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1)
+        red, green, blue = sensor.native_balance
+        own = ((red, 0.0, 0.0), (0.0, green, 0.0), (0.0, 0.0, blue))
+        frame = picture_jobs.RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1, own)
         return (
             picture_jobs.cr2_file(frame, request)
             if request.manufacturer.startswith("Canon")
@@ -224,7 +226,7 @@ class _Band:
 
     job: picture_jobs.ImageJob
 
-    def __call__(self, rows: range) -> tuple[object, float]:
+    def __call__(self, rows: range) -> tuple[object, object]:
         return picture_jobs.render_band(self.job, rows)
 
 

@@ -8,7 +8,8 @@ from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, 
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.profile import Correction, K2Record, RigProfile
-from processing.calibration.scale.veiling_glare import GlareKernel, kernel_from_surround, without_glare
+from processing.calibration.scale.glare_fit import GlareKernel
+from processing.calibration.scale.veiling_glare import kernel_from_surround, without_glare
 from processing.calibration.scale.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
 from processing.pictures.images import RelativeImage
@@ -26,6 +27,7 @@ SURE_SUPPORT = 0.5  # share of rays on which the circle's edge must be seen, to 
 GLARE_MAX_MISFIT = 0.7  # chosen: half of the light's variance is then not the kernel's
 GLARE_MAX_INDEX = 0.3
 """Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""
+LAMPS = "lamps in the dark, of the rig profile"
 _CORRECTED: dict[Correction, str] = {
     "panorama": "the panorama's fall-off",
     "vignetting": "the outdoor lens's fall-off",
@@ -117,10 +119,21 @@ def corrections_unlike(k2: K2Record, done: dict[Correction, object]) -> list[str
     return found
 
 
+def glare_facts(kernel: GlareKernel, source: str) -> dict[str, Any]:
+    """Return what reports say of a kernel."""
+    return {"index": kernel.index, "uncertainty": kernel.misfit, "shares": list(kernel.shares), "source": source}
+
+
+def lamp_kernel(profile: RigProfile | None, side: Side) -> GlareKernel | None:
+    """Return the stray light that lamps have shown of a side's camera; None: the profile has none."""
+    camera = profile.cameras.get(side) if profile else None
+    return camera.glare.kernel() if camera and camera.glare else None
+
+
 def glare_taken_off(
-    merged: RelativeImage, lens: Fisheye, *, keep: bool = False
+    merged: RelativeImage, lens: Fisheye, *, keep: bool = False, lamps: GlareKernel | None = None
 ) -> tuple[RelativeImage, GlareKernel | None, dict[str, Any]]:
-    """Return the picture less the glare seen around the image circle, its kernel, and what was found.
+    """Return the picture less the glare seen around the image circle (else ``lamps``'), its kernel, what was found.
 
     Unchanged, without a kernel, where it is to be kept, not seen or unsure. Its light came from the picture itself:
     what is left is raised so that the mean over the field stays. k1 and k2 are measured on targets about as bright as
@@ -128,13 +141,18 @@ def glare_taken_off(
     """
     if keep:
         return merged, None, {"taken_off": False, "why": "as asked"}
+    why, found = "", dict[str, Any]()
     try:
         kernel = kernel_from_surround(merged.rgb, merged.validity, lens)
+        found = glare_facts(kernel, "surround of the image circle")
+        if kernel.misfit > GLARE_MAX_MISFIT or kernel.index > GLARE_MAX_INDEX:
+            why = "the surround is too uneven or too bright to judge"
     except LensError as error:
-        return merged, None, {"taken_off": False, "why": str(error).split(" | ")[0]}
-    found = {"index": kernel.index, "uncertainty": kernel.misfit, "shares": list(kernel.shares)}
-    if kernel.misfit > GLARE_MAX_MISFIT or kernel.index > GLARE_MAX_INDEX:
-        return merged, None, found | {"taken_off": False, "why": "the surround is too uneven or too bright to judge"}
+        why = str(error).split(" | ")[0]
+    if why and lamps is None:
+        return merged, None, found | {"taken_off": False, "why": why}
+    if why and lamps is not None:
+        kernel, found = lamps, glare_facts(lamps, LAMPS)
     return without_glare(replace(merged, geometry=lens), kernel), kernel, found | {"taken_off": True}
 
 

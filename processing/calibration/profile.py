@@ -84,6 +84,7 @@ class CameraProfile(Model):
     vignetting: profile_records.VignettingRecord | None = None
     lens: profile_records.LensRecord | None = None
     nd: profile_records.NdRecord | None = None
+    glare: profile_records.GlareRecord | None = None
 
 
 class PatchRecord(Model):

@@ -11,6 +11,7 @@ from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.shutter import ShutterRule, true_time_s
+from processing.calibration.scale.glare_fit import WIDTHS_RAD, GlareKernel
 from processing.calibration.scale.vignetting import Vignetting
 from processing.ground.arrays import Rgb
 from processing.sphere import LensMapping
@@ -25,7 +26,7 @@ _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 
 class _Record(Model):
     @classmethod
-    def of(cls, found: ResponseCurve | NoiseModel | Vignetting | NdFilter) -> Self:
+    def of(cls, found: ResponseCurve | NoiseModel | Vignetting | NdFilter | GlareKernel) -> Self:
         """Return the record of what has fields of the same names."""
         every = {name: getattr(found, name) for name in cls.model_fields}
         if "sigma_log2" in every:
@@ -128,6 +129,23 @@ class VignettingRecord(_Record):
     def vignetting(self) -> Vignetting:
         """Return the fall-off."""
         return Vignetting(**self.model_dump())
+
+
+_SHARES = Annotated[tuple[float, ...], Field(min_length=len(WIDTHS_RAD) + 1, max_length=len(WIDTHS_RAD) + 1)]
+
+
+class GlareRecord(_Record):
+    """A lens's stray light (`GlareKernel`), as lamps in the dark have shown it."""
+
+    shares: _SHARES
+    covariance: Annotated[tuple[_SHARES, ...], Field(min_length=len(WIDTHS_RAD) + 1, max_length=len(WIDTHS_RAD) + 1)]
+    misfit: NonNegative
+    index: NonNegative
+    two_lenses: bool = False
+
+    def kernel(self) -> GlareKernel:
+        """Return the kernel."""
+        return GlareKernel(**self.model_dump())
 
 
 class LensRecord(Model):

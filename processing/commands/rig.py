@@ -28,6 +28,9 @@ def rig() -> None:
 @click.option("--chart", type=FOLDER, help="The session with the colour chart (default: the first of SESSIONS).")
 @click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera before an evenly lit field.")
 @click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
+@click.option(
+    "--lamp", "lamps", type=FOLDER, nargs=2, multiple=True, help="A lamp in the dark: seen, and hidden by a card."
+)
 @click.option("--lens-data", multiple=True, metavar="NAME", help="A published fall-off: theta_z1, canon_8mm_f11 ...")
 @click.option(
     "--corners", multiple=True, metavar="SIDE:X,Y,...", help="The chart's four corners in the frames, pixels."
@@ -46,6 +49,7 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     Examples:
       daylit rig calibrate rig/chart rig/room --lens-data theta_z1
       daylit rig calibrate rig/chart rig/room --flat rig/sphere --nd rig/chart rig/chart-no-nd --into lab.json
+      daylit rig calibrate rig/chart rig/room --lamp rig/lamp rig/lamp-hidden --lamp rig/lamp2 rig/lamp2-hidden
       daylit rig calibrate rig/chart --corners outdoor:812,604,1003,610,999,742,809,733
     """
     from drivers.clock import SystemClock
@@ -72,6 +76,7 @@ def _request(options: dict[str, Any]) -> RigRequest:
         sessions=others,
         flats=options["flats"],
         nd=options["nd"] or None,
+        lamps=options["lamps"],
         lens_data=options["lens_data"],
         corners={
             side: numbers("--corners", text, 8, "X,Y of four corners") for side, text in map(_sided, options["corners"])
@@ -129,6 +134,7 @@ def _summary(result: RigResult) -> dict[str, Any]:
             "lens": camera.lens.source if camera.lens else None,
             "nd_density": camera.nd.density if camera.nd else None,
             "colour": camera.nd.source if camera.nd else None,
+            "glare_index": camera.glare.index if camera.glare else None,
             "chart_mismatch": result.views[side].chart.mismatch,
             "chart_found_by": result.views[side].chart.how,
         }
@@ -147,6 +153,7 @@ def _lines(result: RigResult) -> list[str]:
         lines += [f"  fall-off: {facts['vignetting']}"] if facts["vignetting"] else []
         lines += [f"  lens: {facts['lens']}"] if facts["lens"] else []
         lines += [f"  colour: {facts['colour']}"] if facts["colour"] else []
+        lines += [f"  stray light: {facts['glare_index']:.2%} of the mean"] if facts["glare_index"] is not None else []
         lines += [f"  ND filter: density {facts['nd_density']:.3f}"] if facts["nd_density"] else []
     k2 = result.profile.k2
     if k2 is not None:

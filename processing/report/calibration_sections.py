@@ -48,6 +48,7 @@ def indoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Dis
     if facts["meter_drift_frac"] is not None:
         quantities.append(Quantity("Change of light between the readings", 100 * facts["meter_drift_frac"], "%"))
     text = f"Target: {target['source']}. Vignetting: {facts['falloff']}."
+    text += f" Veiling glare: {_veil(facts['veil'])}." if "veil" in facts else ""
     return Section("Room", text, tuple(quantities), tuple(pictures))
 
 

@@ -20,7 +20,15 @@ from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError
 from processing.ground.arrays import Bytes
-from processing.rig.camera_fit import CameraFit, SessionSide, fit_camera, read_side, with_filter, with_flat_field
+from processing.rig.camera_fit import (
+    CameraFit,
+    SessionSide,
+    fit_camera,
+    read_side,
+    with_filter,
+    with_flat_field,
+    with_lamps,
+)
 from station.session.session import Side
 
 _INDOOR_DATA = ("theta_z1",)
@@ -33,13 +41,14 @@ class RigRequest:
 
     ``chart``: the session in which both cameras see the chart (k2). ``sessions``: more brackets of either camera, for
     response and noise only; without any the chart has to do. ``nd``: the outdoor camera's chart with and without the
-    filter (the latter is used for its response too).
+    filter (the latter is used for its response too). ``lamps``: pairs in the dark, a lamp seen and hidden by a card.
     """
 
     chart: Path
     sessions: tuple[Path, ...] = ()
     flats: tuple[Path, ...] = ()
     nd: tuple[Path, Path] | None = None
+    lamps: tuple[tuple[Path, Path], ...] = ()
     lens_data: tuple[str, ...] = ()
     corners: Mapping[Side, Sequence[float]] = field(default_factory=dict)
     rules: Mapping[Side, ShutterRule] = field(default_factory=dict)
@@ -112,7 +121,13 @@ def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
         if filtered is None or plain is None:
             raise ParameterError("a session without outdoor frames", where="--nd", advice="--nd WITH WITHOUT")
         camera = with_filter(camera, filtered, plain)
-    return camera
+    lamps = [(read_side(seen, side), read_side(hidden, side)) for seen, hidden in request.lamps]
+    pairs = [(seen, hidden) for seen, hidden in lamps if seen is not None and hidden is not None]
+    try:
+        return with_lamps(camera, pairs) if pairs else camera
+    except LensError as error:  # the other camera may see the lamp
+        text = f"{side}: stray light is not measured: {error.message}"
+        return replace(camera, warnings=(*camera.warnings, text))
 
 
 def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[SessionSide]:

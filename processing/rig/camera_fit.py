@@ -18,6 +18,8 @@ from processing.calibration.response.response import ResponseFit, recover_respon
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, camera_rule
 from processing.calibration.scale.chart import find_chart_around
+from processing.calibration.scale.glare_fit import GlareKernel
+from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import BracketError, LensError, ProfileError, ResponseError
 from processing.ground.arrays import Bytes, Doubles
@@ -129,6 +131,7 @@ class CameraFit:
     """Of the outdoor camera."""
     vignetting: Vignetting | None = None
     filter: NdFilter | None = None
+    glare: GlareKernel | None = None
     sessions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default_factory=tuple)
 
@@ -159,6 +162,7 @@ class CameraFit:
             vignetting=profile_records.VignettingRecord.of(self.vignetting) if self.vignetting else None,
             lens=profile_records.LensRecord.of(self.lens) if self.lens else None,
             nd=profile_records.NdRecord.of(self.filter) if self.filter else None,
+            glare=profile_records.GlareRecord.of(self.glare) if self.glare else None,
         )
 
     def _geometry(self, taken: SessionSide) -> Geometry:
@@ -215,6 +219,15 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
     """Return the camera with the filter that the chart with and without it shows."""
     found = [_patches(camera, taken) for taken in (filtered, plain)]
     return replace(camera, filter=fit_nd_filter(*found, source="chart with and without the filter"))
+
+
+def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide]]) -> CameraFit:
+    """Return the camera with the stray light that a lamp, seen and then hidden, shows; at one place or several.
+
+    Raises `LensError`: no lamp, or light that changed between the two.
+    """
+    pictures = [(camera.merged(seen), camera.merged(hidden)) for seen, hidden in pairs]
+    return replace(camera, glare=kernel_from_lamps(pictures, two_lenses=camera.lens is None))
 
 
 def _patches(camera: CameraFit, taken: SessionSide) -> Doubles:

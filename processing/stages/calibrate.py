@@ -8,13 +8,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from processing.calibration.optics import indoor_falloff
+from processing.calibration.optics import LAMPS, glare_facts, indoor_falloff, lamp_kernel
 from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
 from processing.calibration.profile import RigProfile, load_profile, unlike_profile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
 from processing.calibration.scale.photometry import PLANES, illuminances
-from processing.calibration.scale.veiling_glare import bound_from_darkest, unmeasured_modes
+from processing.calibration.scale.veiling_glare import bound_from_darkest, kernel_modes, unmeasured_modes, without_glare
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
@@ -177,7 +177,9 @@ def calibrate_indoor(
 ) -> Calibrated:
     """Return the panorama in cd/m2. Raises `ScaleError` where neither readings nor --k1 give a scale."""
     falloff, source = indoor_falloff(session, asked, profile)
-    image = merged if falloff is None else correct_panorama(merged, falloff)
+    kernel = None if asked.glare == "keep" else lamp_kernel(profile, Side.INDOOR)
+    clean = merged if kernel is None else without_glare(merged, kernel)
+    image = clean if falloff is None else correct_panorama(clean, falloff)
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
     lenses = any(is_panorama_camera(device) for device in session.devices if device.role == "indoor")
@@ -187,7 +189,10 @@ def calibrate_indoor(
     tied = merged.attributes.get(SEAM_KEY, SEAM_SIGMA)
     assert isinstance(tied, float)
     seam = [seam_mode(spot[1] if spot else None, tied)] if lenses else []
-    picture = widened(picture, [*unmeasured_modes(picture, spot), *seam])
+    stray = (
+        kernel_modes(picture, kernel, measured=scale.measured or None) if kernel else unmeasured_modes(picture, spot)
+    )
+    picture = widened(picture, [*stray, *seam])
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {
         "k1": scale.value,
@@ -200,6 +205,8 @@ def calibrate_indoor(
         "meter_drift_frac": scale.drift_frac,
         "illuminance_lx": lux,
     }
+    if kernel is not None:
+        facts["veil"] = glare_facts(kernel, LAMPS) | {"taken_off": True}
     try:
         facts["veil_upper_bound"] = dict(zip(("cd_m2", "index"), bound_from_darkest(picture), strict=True))
     except LensError as error:

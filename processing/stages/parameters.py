@@ -171,7 +171,7 @@ class CalibrateParameters(StageParameters):
         "auto", description="Vignetting correction; auto: the profile's, else the published one of the camera"
     )
     glare: Literal["auto", "keep"] = Field(
-        "auto", description="Veiling glare seen around the outdoor image circle; auto: subtracted"
+        "auto", description="Veiling glare seen around the outdoor image circle, or measured by lamps; auto: subtracted"
     )
 
     @field_validator("target")

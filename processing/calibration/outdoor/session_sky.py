@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
-from processing.calibration.optics import OpticsChoice, find_optics, glare_taken_off, indoor_falloff
+from processing.calibration.optics import OpticsChoice, find_optics, glare_taken_off, indoor_falloff, lamp_kernel
 from processing.calibration.outdoor import outdoor, sun_place
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView
@@ -14,9 +14,10 @@ from processing.calibration.outdoor.sun_place import North, Place
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
 from processing.calibration.profile_records import ResponseRecord
+from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
 from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
-from processing.calibration.scale.veiling_glare import GlareKernel, kernel_modes, unmeasured_modes
+from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage
@@ -100,7 +101,7 @@ def calibrate_outdoor(
         return _through_glass(merged, session, asked, profile, k1)
     k2 = None if profile is None or asked.k2 is not None or profile.k2 is None else _k2(session, profile)
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
-    sky, veil = _corrected(merged, optics, asked)
+    sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR))
     north, north_warnings = _north(sky, session, asked)
     image = _turned(sky.image, north, session, asked)
     if k2 is not None:
@@ -195,11 +196,13 @@ def _k2(session: SessionManifest, profile: RigProfile) -> K2Record:
     return require_k2(profile, states, session.name)
 
 
-def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
+def _corrected(
+    merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice, lamps: GlareKernel | None
+) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the glare taken off before."""
     height, width = merged.validity.shape
     keep = asked.glare == "keep"
-    image, kernel, veil = glare_taken_off(merged, optics.lens.fisheye((width, height)), keep=keep)
+    image, kernel, veil = glare_taken_off(merged, optics.lens.fisheye((width, height)), keep=keep, lamps=lamps)
     bare = outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics)
     return replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel), veil
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,14 @@ from benchmarks.photometry.rig import CHART_STOPS_S, DENSE_STOPS_S
 from benchmarks.sessions import Taken, write_session
 from mocks.optics.camera import ND3_TINT, Filter
 from mocks.optics.chart import ChartRoom
+from mocks.worlds.light import UniformWorld, unit
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.profile import load_profile
 from processing.calibration.scale.chart import ChartView
 from processing.calibration.scale.chart_patches import FoundChart, reflectances
-from processing.pictures.images import RelativeImage
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.modes import modes_of
 from processing.rig.calibrate import one_colour
 from processing.sphere import Equirectangular
 from station.session.session import Side
@@ -56,6 +60,66 @@ def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: py
     assert outdoor.lens.radius == pytest.approx(2 * 8 / 36 * 0.5**0.5, rel=0.01)
     assert all(camera.shutter.rule == "thirds" for camera in profile.cameras.values())
     assert [Path(p).read_bytes()[:4] for p in answer["pictures"]] == [b"\x89PNG"] * 2
+
+
+@dataclass(frozen=True)
+class LampWorld(UniformWorld):
+    """A dark room, twice as bright ahead, with a lamp of 3 degrees; or the lamp hidden by a black card."""
+
+    ahead: tuple[float, float, float] = (0.3, 0.9, 0.3)
+    hidden: bool = False
+
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):  # type: ignore[no-untyped-def]
+        cosine = directions @ np.array(unit(self.ahead), np.float32)
+        light = 0.5 * (1.5 + 0.5 * directions[..., 1])
+        light = np.where(cosine > math.cos(math.radians(6)), 0.01 if self.hidden else light, light)
+        if not self.hidden:
+            light = np.where(cosine > math.cos(math.radians(1.5)), 40_000.0, light)
+        return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
+
+
+def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(
+    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lamps = []
+    for number, ahead in enumerate(((0.3, 0.9, 0.3), (-0.6, -0.7, 0.1))):
+        pair = [sessions / f"lamp{number}", sessions / f"lamp{number}-hidden"]
+        for path in pair:
+            world = LampWorld(ahead=ahead, hidden=path.name.endswith("hidden"))
+            write_session(path, Taken(world, SMALL, (Side.INDOOR,), stops_s=DENSE_STOPS_S))
+        lamps += ["--lamp", *map(str, pair)]
+    out = tmp_path / "lab.json"
+    assert (
+        daylit.main(["rig", "calibrate", str(sessions / "chart"), str(sessions / "room"), *lamps, "--into", str(out)])
+        == 0
+    )
+    assert "stray light: 0." in capsys.readouterr().out
+    cameras = load_profile(out).cameras
+    assert cameras[Side.OUTDOOR].glare is None
+    found = cameras[Side.INDOOR].glare
+    assert found is not None
+    assert found.two_lenses
+    # The simulated lens scatters 0.5 % evenly.
+    assert found.index == pytest.approx(0.005, rel=0.3)
+    session = tmp_path / "room"
+    write_session(session, Taken(SimpleRoom(3), SMALL, (Side.INDOOR,), stops_s=DENSE_STOPS_S))
+    for glare in ("auto", "keep"):
+        words = ["--calibration", str(out), "--k1", "1", "--glare", glare]
+        assert daylit.main(["process", str(session), "--until", "calibrate", *words]) in (0, None)
+        facts = json.loads((session / "stages/calibrate/calibration.json").read_text())["indoor"]
+        assert ("veil" in facts) == (glare == "auto")
+        picture = read_exr(session / "stages/calibrate/indoor.exr")
+        assert isinstance(picture, LuminanceImage)
+        named = any(mode.name.startswith("stray light, measured") for mode in modes_of(picture))
+        assert named == (glare == "auto")
+
+
+def test_a_lamp_that_no_camera_sees_is_said(sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chart, room = str(sessions / "chart"), str(sessions / "room")
+    out = tmp_path / "lab.json"
+    assert daylit.main(["rig", "calibrate", chart, room, "--lamp", room, room, "--into", str(out)]) == 0
+    assert "stray light is not measured: no lamp" in capsys.readouterr().out
+    assert load_profile(out).cameras[Side.INDOOR].glare is None
 
 
 def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:

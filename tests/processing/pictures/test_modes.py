@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from processing.calibration.scale.glare_fit import VEIL_INDEX
 from processing.calibration.scale.photometry import illuminance_lx
-from processing.calibration.scale.veiling_glare import VEIL_INDEX, unmeasured_modes
+from processing.calibration.scale.veiling_glare import unmeasured_modes
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.pictures.modes import SEAM_SIGMA, SharedMode, relative_error, seam_mode, widened
 from processing.sphere import Equirectangular

@@ -50,7 +50,10 @@ def session(bracket: HostileBracket, at: Path, capsys: pytest.CaptureFixture[str
             Image.fromarray(bracket.frames[k]).save(buffer, "JPEG", quality=95, exif=block)
             (at / "card" / f"R001000{k}.JPG").write_bytes(buffer.getvalue())
     capsys.readouterr()
-    assert daylit.main(["import", "theta", "--indoor", str(at / "card"), "--into", str(at / "s"), "--json"]) in (0, None)
+    assert daylit.main(["import", "theta", "--indoor", str(at / "card"), "--into", str(at / "s"), "--json"]) in (
+        0,
+        None,
+    )
     return Path(json.loads(capsys.readouterr().out)["session"])
 
 

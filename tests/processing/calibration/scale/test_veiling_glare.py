@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.veiling_glare import (
-    GlareKernel,
     bound_from_darkest,
     kernel_from_surround,
     kernel_modes,
