@@ -212,11 +212,9 @@ class ThetaZ1:
                 self._sleep_before[prop] = self._properties.number(prop)
         modes = theta_settings.mode_settings()
         readbacks = self._apply(modes)
-        pictures = theta_settings.picture_settings(
-            settings, theta_settings.find_f_number(self._link, settings.f_number)
-        )
-        readbacks += self._apply(pictures)
-        self._kept = tuple(s for s in (*modes, *pictures) if s.prop in WITNESSES)
+        images = theta_settings.picture_settings(settings, theta_settings.find_f_number(self._link, settings.f_number))
+        readbacks += self._apply(images)
+        self._kept = tuple(s for s in (*modes, *images) if s.prop in WITNESSES)
         self._formats = (
             (camera.FrameFormat.JPEG, camera.FrameFormat.DNG) if settings.keep_raw else (camera.FrameFormat.JPEG,)
         )

@@ -117,11 +117,8 @@ def _sky(moments: list[Moment], local: tzinfo) -> dict[str, Any]:
         if frac <= STILL_FRAC_PER_MIN:
             start = spans.pop()[0] if spans and spans[-1][1] == utc - half else utc - half
             spans.append((start, utc + half))
-    return {
-        "stillest": f"{best.astimezone(local):%H:%M}",
-        "sky_frac_per_min": round(least, 6),
-        "still": _clock(spans, local),
-    }
+    stillest = f"{best.astimezone(local):%H:%M}"
+    return {"stillest": stillest, "sky_frac_per_min": round(least, 6), "still": _clock(spans, local)}
 
 
 def _clock(spans: list[tuple[datetime, datetime]], local: tzinfo) -> list[list[str]]:

@@ -168,18 +168,16 @@ class Glb:
         self._binary += data
         return self._append("bufferViews", view if target is None else view | {"target": target})
 
-    def _accessor(
-        self, values: npt.NDArray[np.generic], kind: str, *, bounds: bool = False, index: bool = False
-    ) -> int:
-        view = self._view(np.ascontiguousarray(values).tobytes(), _INDEX if index else _ARRAY)
+    def _accessor(self, array: npt.NDArray[np.generic], kind: str, *, bounds: bool = False, index: bool = False) -> int:
+        view = self._view(np.ascontiguousarray(array).tobytes(), _INDEX if index else _ARRAY)
         entry: Json = {
             "bufferView": view,
-            "componentType": {2: _USHORT, 4: _UINT}[values.itemsize] if index else _FLOAT,
-            "count": len(values),
+            "componentType": {2: _USHORT, 4: _UINT}[array.itemsize] if index else _FLOAT,
+            "count": len(array),
             "type": kind,
         }
         if bounds:
-            entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+            entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
         return self._append("accessors", entry)
 
 
@@ -315,15 +313,11 @@ def _corners(part: Part) -> tuple[Doubles, Doubles]:
 
 
 def _add_pane(glb: Glb, pane: Pane) -> None:
-    tint = [float(v) for v in pane.transmittance]
+    tint = [*map(float, pane.transmittance), GLASS_ALPHA]
     material = glb.add_material(
         {
             "name": f"pane-{pane.opening}",
-            "pbrMetallicRoughness": {
-                "baseColorFactor": [*tint, GLASS_ALPHA],
-                "roughnessFactor": 0.0,
-                "metallicFactor": 0.0,
-            },
+            "pbrMetallicRoughness": {"baseColorFactor": tint, "roughnessFactor": 0.0, "metallicFactor": 0.0},
             "alphaMode": "BLEND",
             "doubleSided": True,
         }

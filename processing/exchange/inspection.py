@@ -197,16 +197,11 @@ def _level(picture: OpenPicture) -> Floats:
     return luminance_cd_m2(picture.rgb) if picture.is_light else picture.rgb.mean(axis=2, dtype=np.float32)
 
 
-def _range(level: Floats) -> Facts:
-    if not level.size:
+def _range(tone: Floats) -> Facts:
+    if not tone.size:
         return {"lowest": None, "median": None, "mean": None, "highest": None}
-    mean = float(level.mean(dtype=np.float64))
-    return {
-        "lowest": float(level.min()),
-        "median": float(np.median(level)),
-        "mean": mean,
-        "highest": float(level.max()),
-    }
+    mean = float(tone.mean(dtype=np.float64))
+    return {"lowest": float(tone.min()), "median": float(np.median(tone)), "mean": mean, "highest": float(tone.max())}
 
 
 def _named(picture: OpenPicture) -> str:

@@ -57,19 +57,15 @@ def panes_of(room: RoomModel | None, geometry: Geometry, views: tuple[int, ...] 
 
 
 def shown_as(
-    photograph: LuminanceImage,
-    indoor: LuminanceImage,
-    calibration: Mapping[str, Any],
-    room: RoomModel | None,
-    mode: str,
+    photograph: LuminanceImage, indoor: LuminanceImage, measured: Mapping[str, Any], room: RoomModel | None, mode: str
 ) -> Shown:
     """Return how a session is shown.
 
-    ``photograph``: the upright panorama; ``indoor``: as it was calibrated, in which ``calibration`` (the JSON of the
+    ``photograph``: the upright panorama; ``indoor``: as it was calibrated, in which ``measured`` (the JSON of the
     stage's side indoor) says where the board is; ``mode``: of the session's bracket ("panorama": a picture as some
     camera balanced it).
     """
-    target, board = calibration.get("target") or {}, None
+    target, board = measured.get("target") or {}, None
     if "longitude_deg" in target and isinstance(indoor.geometry, Equirectangular):
         longitude = math.radians(target["longitude_deg"]) - indoor.geometry.yaw_rad
         board = spot_colour(indoor.rgb, longitude, math.radians(target["latitude_deg"]))

@@ -219,12 +219,12 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path) -> Lumi
     return LuminanceImage(light, np.zeros((height, width), np.float32), validity, geometry, UNKNOWN_SIGMA)
 
 
-def rescaled(image: LuminanceImage, factor: float, sigma: float) -> LuminanceImage:
+def rescaled(image: LuminanceImage, factor: float, doubt: float) -> LuminanceImage:
     """Return the picture times a factor of a relative standard uncertainty."""
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     rgb = np.asarray(image.rgb * np.float32(factor))
     return replace(
-        image, rgb=rgb, scale_uncertainty=sigma, absolute=True, attributes=with_modes(image.attributes, modes)
+        image, rgb=rgb, scale_uncertainty=doubt, absolute=True, attributes=with_modes(image.attributes, modes)
     )
 
 
@@ -301,11 +301,9 @@ def write_falsecolour(path: Path, image: LuminanceImage) -> None:
     share = np.clip((np.log10(np.maximum(level, 1e-9)) - low) / max(high - low, 1e-9), 0, 1)
     height = level.shape[0]
     bar = np.repeat(np.linspace(1, 0, height)[:, None], max(24, height // 12), axis=1)
-    shown = cv2.applyColorMap((255 * np.hstack([np.where(seen, share, 0), bar])).astype(np.uint8), cv2.COLORMAP_TURBO)
+    view = cv2.applyColorMap((255 * np.hstack([np.where(seen, share, 0), bar])).astype(np.uint8), cv2.COLORMAP_TURBO)
     for k in range(6):
         text, row = f"{10 ** (high - k / 5 * (high - low)):.3g}", int(12 + k / 5 * (height - 20))
-        cv2.putText(
-            shown, text, (level.shape[1] + 2, row), cv2.FONT_HERSHEY_PLAIN, 0.8, (255, 255, 255), 1, cv2.LINE_AA
-        )
-    if not cv2.imwrite(str(path), shown):
+        cv2.putText(view, text, (level.shape[1] + 2, row), cv2.FONT_HERSHEY_PLAIN, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
+    if not cv2.imwrite(str(path), view):
         raise PictureFileError("cannot be written", where=path.name)

@@ -37,9 +37,7 @@ def row_solid_angles(shape: tuple[int, int]) -> Doubles:
 
 def share_of_sphere(mask: Flags) -> float:
     """Return which part of the sphere a mask (H, W) of a whole panorama covers, 0..1."""
-    return float(
-        np.count_nonzero(mask, axis=1) @ row_solid_angles((mask.shape[0], mask.shape[1]))[:, 0] / (4 * math.pi)
-    )
+    return float(np.count_nonzero(mask, axis=1) @ row_solid_angles(mask.shape[:2])[:, 0] / (4 * math.pi))
 
 
 def components(mask: Flags) -> tuple[int, Int32s]:
@@ -131,9 +129,7 @@ def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     x = ((np.arange(shape[1]) + 0.5) / scale - 0.5 + pad).astype(np.float32)
     y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32)
     at_x, at_y = np.meshgrid(x, np.clip(y, 0, height - 1))
-    return _by_channel(
-        wide, lambda flat: cv2.remap(flat, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    )
+    return _by_channel(wide, lambda one: cv2.remap(one, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike]) -> Floats:

@@ -47,12 +47,10 @@ def view_of(geometry: Geometry, where: Path | str) -> str:
 
 
 def _perspective_view(geometry: Perspective, where: Path | str) -> str:
-    level = math.cos(geometry.pitch_rad)
-    if geometry.roll_rad or level < _FIT:
+    flat = math.cos(geometry.pitch_rad)
+    if geometry.roll_rad or flat < _FIT:
         raise _no_view(where, "a perspective view that is rolled or looks straight up or down")
-    ahead = _vector(
-        level * math.sin(geometry.yaw_rad), level * math.cos(geometry.yaw_rad), math.sin(geometry.pitch_rad)
-    )
+    ahead = _vector(flat * math.sin(geometry.yaw_rad), flat * math.cos(geometry.yaw_rad), math.sin(geometry.pitch_rad))
     tall = 2 * math.atan(math.tan(geometry.fov_x_rad / 2) * geometry.height_px / geometry.width_px)
     angles = f"-vh {math.degrees(geometry.fov_x_rad):.9g} -vv {math.degrees(tall):.9g}"
     return f"-vtv -vp 0 0 0 -vd {ahead} -vu 0 0 1 {angles}"

@@ -192,25 +192,23 @@ def best_direction(
     """Return the sun's direction that explains the bright places best, and its score (above 0: it explains some)."""
     if sun is None:
         azimuths = np.linspace(-math.pi, math.pi, SEARCH_AZIMUTHS, endpoint=False)
-        asked = [
+        tries = [
             (float(a), float(e)) for a in azimuths for e in np.linspace(LOWEST_RAD, HIGHEST_RAD, SEARCH_ELEVATIONS)
         ]
     else:
         azimuths = sun[0] + np.linspace(-AZIMUTH_SLACK_RAD, AZIMUTH_SLACK_RAD, 7)
         heights = sun[1] + np.linspace(-ELEVATION_SLACK_RAD, ELEVATION_SLACK_RAD, 3)
-        asked = [(float(a), max(0.01, float(e))) for a in azimuths for e in heights]
+        tries = [(float(a), max(0.01, float(e))) for a in azimuths for e in heights]
     best: tuple[float, float] | None = None
     score = 0.0
-    for direction in asked:
+    for direction in tries:
         value = explained(scene, room, sun_vector(*direction))
         if value > score:
             best, score = direction, value
     for step in FINE_STEPS_RAD:
         if best is None:
             break
-        around = [
-            (best[0] + i * step, max(0.01, best[1] + j * step)) for i in (-2, -1, 0, 1, 2) for j in (-2, -1, 0, 1, 2)
-        ]
+        around = [(best[0] + i * step, max(0.01, best[1] + j * step)) for i in range(-2, 3) for j in range(-2, 3)]
         around = [one for one in around if _within_slack(one, sun)]
         values = [explained(scene, room, sun_vector(*one)) for one in around]
         best, score = around[int(np.argmax(values))], max(values)

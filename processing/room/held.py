@@ -148,11 +148,11 @@ def middle_of(room: RoomModel, one: Opening) -> tuple[float, float]:
 
 
 def _nearest(
-    line: tuple[Doubles, Doubles], among: list[tuple[Doubles, Doubles]], most_m: float, most_sin: float
+    line: tuple[Doubles, Doubles], lines: list[tuple[Doubles, Doubles]], most_m: float, most_sin: float
 ) -> int:
     """Return which of several lines lies nearest to a line, of those that look the same way; -1: none does."""
     best, found = most_m, -1
-    for k, (start, along) in enumerate(among):
+    for k, (start, along) in enumerate(lines):
         turned = along[0] * line[1][1] - along[1] * line[1][0]
         off = abs(along[0] * (line[0] - start)[1] - along[1] * (line[0] - start)[0])
         if along @ line[1] > 0 and abs(turned) < most_sin and off < best:

@@ -262,11 +262,9 @@ def _bare(columns: Columns, turned_rad: float, tolerance: float) -> Hypothesis |
     """Return the polygon through all columns, simplified: right where nothing else is, and never crossing itself."""
     import shapely
 
-    floor_part = columns.floor_sigma**-2.0
-    ceiling_part = (columns.ceiling_sigma / columns.ratio) ** -2.0
-    inverse = (columns.floor * floor_part + columns.ceiling / columns.ratio * ceiling_part) / (
-        floor_part + ceiling_part
-    )
+    below = columns.floor_sigma**-2.0
+    above = (columns.ceiling_sigma / columns.ratio) ** -2.0
+    inverse = (columns.floor * below + columns.ceiling / columns.ratio * above) / (below + above)
     reach = 1 / np.maximum(inverse, 0.05)
     points = np.stack([reach * np.sin(columns.azimuth_rad), reach * np.cos(columns.azimuth_rad)], axis=-1)[::-1]
     simple = shapely.Polygon(points).simplify(tolerance)

@@ -195,12 +195,10 @@ def _plain_is_wall(view: WallView) -> WallView:
 
     Networks see little of what stands or hangs before a wall near windows, and take the wall between for window.
     """
-    share, p = view.share, view.px_per_m
+    share, p, panes = view.share, view.px_per_m, proposals(Field(view, opening_fit.WINDOW))
     rows = np.where(view.known, view.log_luminance, np.nan)
     wide, narrow = max(1, round(opening_fit.AROUND_M * p)), np.ones((1, max(1, round(PIER_M * p))), np.uint8)
-    for u0, v0, u1, v1 in (
-        tuple(round(side * p) for side in box) for box in proposals(Field(view, opening_fit.WINDOW))
-    ):
+    for u0, v0, u1, v1 in (tuple(round(side * p) for side in box) for box in panes):
         seen = rows[v0:v1]
         low, middle, high = np.nanpercentile(np.where(np.isnan(seen).all(axis=0), 0, seen), [25, 50, 75], axis=0)
         like, pane = np.zeros(len(middle), bool), float(np.percentile(high[u0:u1], 75))

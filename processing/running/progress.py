@@ -161,9 +161,7 @@ def _ratio(one: float, other: float) -> float:
     return max(one / other, other / one)
 
 
-def left_s(
-    expected: Iterable[float | None], running_s: float | None, elapsed_s: float, fraction: float
-) -> float | None:
+def left_s(expected: Iterable[float | None], running_s: float | None, elapsed_s: float, share: float) -> float | None:
     """Return the seconds left: of the running stage and of the ``expected`` ones after it; None if not known.
 
     The running stage counts by what it was expected to take until it says how far it is; then by both, the more by
@@ -171,12 +169,12 @@ def left_s(
     """
     rest = list(expected)
     least = _TRUSTED_FRACTION if running_s is None else 0.0
-    own = elapsed_s * (1 - fraction) / fraction if fraction > least else None
+    own = elapsed_s * (1 - share) / share if share > least else None
     past = max(running_s - elapsed_s, 0.0) if running_s is not None else None
     if own is None or past is None:
         current = past if own is None else own
     else:
-        current = fraction * own + (1 - fraction) * past
+        current = share * own + (1 - share) * past
     known = [seconds for seconds in rest if seconds is not None]
     if current is None or len(known) < len(rest):
         return None

@@ -168,10 +168,6 @@ def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:
     }
 
 
-def _surface(surface: Surface, weights: Doubles) -> dict[str, Any]:
-    mean = surface.albedo.mean(axis=(0, 1), dtype=np.float64)
-    return {
-        "name": surface.name,
-        "albedo_rgb": [round(float(v), 4) for v in mean],
-        "albedo": round(float(mean @ weights), 4),
-    }
+def _surface(one: Surface, weights: Doubles) -> dict[str, Any]:
+    rgb = one.albedo.mean(axis=(0, 1), dtype=np.float64)
+    return {"name": one.name, "albedo_rgb": [round(float(v), 4) for v in rgb], "albedo": round(float(rgb @ weights), 4)}

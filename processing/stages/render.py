@@ -221,10 +221,8 @@ def _kept(work: _Work, staged: Staged) -> Flags:
     return staged.kept if work.asked.method != "global" else np.zeros_like(staged.kept)
 
 
-def _honoured(
-    context: StageContext, asked: RenderParameters, effort: Effort, alternatives: list[Any]
-) -> dict[str, str]:
-    worst = max(one["error"] for one in alternatives)
+def _honoured(context: StageContext, asked: RenderParameters, effort: Effort, staged: list[Any]) -> dict[str, str]:
+    worst = max(one["error"] for one in staged)
     found = {"quality": f"{context.quality.value}: light at {effort.rows} rows"}
     if asked.method == "ibl":
         return found

@@ -202,17 +202,15 @@ class Conductor:
         if error is not None:
             raise error
 
-    def _sides_in_need(
-        self, stop: int, sides: Iterable[Side]
-    ) -> Generator[events.CaptureEvent, None, tuple[Side, ...]]:
-        """Return the sides that need the stop; in an adaptive bracket, after the frames that decide it are judged."""
+    def _sides_in_need(self, stop: int, whom: Iterable[Side]) -> Generator[events.CaptureEvent, None, tuple[Side, ...]]:
+        """Return which need the stop; in an adaptive bracket, after the frames that decide it are judged."""
         if self._plan.mode == "full" or stop >= len(self._plan.order):
-            return tuple(sides)
-        neighbours = [(side, near) for side in sides for near in (stop - 1, stop + 1)]
+            return tuple(whom)
+        neighbours = [(side, near) for side in whom for near in (stop - 1, stop + 1)]
         while any(self._in_flight[key] for key in neighbours) and not (self.dead or self._stop_asked):
             yield from self._pump()
         needed = []
-        for side in sides:
+        for side in whom:
             reason = useless_because(stop, self._statistics[side])
             if reason is None:
                 needed.append(side)

@@ -98,20 +98,14 @@ def _print(check: Check) -> None:
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
+@click.option("--rig", "given", type=FILE, help="Rig file (default: ./rig.toml).")
 @click.option("--simulate", metavar="WORLD", help="Simulated instruments instead, or recorded:FILE.")
 @click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
 @click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
 @click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object (to send in).")
 def conform(
-    rig_path: Path | None,
-    simulate: str | None,
-    only: str | None,
-    record: Path | None,
-    *,
-    may_delete: bool,
-    as_json: bool,
+    given: Path | None, simulate: str | None, only: str | None, record: Path | None, *, may_delete: bool, as_json: bool
 ) -> int:
     """Run the conformance suite on the rig's instruments; it takes about eight pictures a camera.
 
@@ -126,7 +120,7 @@ def conform(
     from station.capture.rig import open_named_rig
     from station.errors import UsageError
 
-    rig = open_named_rig(rig_path, simulate, size="small", record=record)
+    rig = open_named_rig(given, simulate, size="small", record=record)
     outcomes: list[Outcome] = []
     try:
         for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):

@@ -145,13 +145,11 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
     }
 
 
-def _inspect_lossless(
-    data: bytes, format_: str, circle: Circle | None, complaints: Callable[[], str]
-) -> dict[str, Any]:
+def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: Callable[[], str]) -> dict[str, Any]:
     """Check the file's own structure (chunks with checksums, strips inside the file), then decode and count it all."""
     block = read_png(data) if format_ == "png" else check_tiff(data)
     exif, exif_problem = _exif(block)
-    pixels = _decode(data, 1, complaints, warnings=True)
+    pixels = _decode(data, 1, faults, warnings=True)
     measures = measure(pixels, circle)
     return {
         "size_bytes": len(data),

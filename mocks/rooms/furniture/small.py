@@ -23,11 +23,9 @@ def volume(wide_m: float, deep_m: float, thick_m: float) -> tuple[Mesh, Mesh]:
     return cover, box((-w + 0.003, -d + c, c), (w - 0.003, d - 0.003, t - c))
 
 
-def books(
-    b: Build, paper: Material, x: tuple[float, float], front: float, z: float, limits: tuple[float, float]
-) -> None:
-    """Add upright books between two places along x, spines at ``front``; limits are height and depth."""
-    at, tallest, deepest = x[0], limits[0], limits[1]
+def books(b: Build, paper: Material, x: tuple[float, float], front: float, z: float, most: tuple[float, float]) -> None:
+    """Add upright books between two places along x, spines at ``front``; ``most``: height and depth."""
+    at, tallest, deepest = x[0], most[0], most[1]
     usual = float(b.rng.uniform(0.18, 0.26))
     while at < x[1] - 0.012:
         thick = min(float(b.rng.gamma(4.0, 0.007)) + 0.009, x[1] - at)
@@ -67,9 +65,9 @@ def filled(b: Build, paper: Material, x: tuple[float, float], z: float, tall: fl
     books(b, paper, (x0, end), -depth / 2 + 0.03, z, (tall - 0.03, depth - 0.05))
     room = x1 - end
     if room > 0.26 and b.rng.random() < 0.5:
-        side = min(0.26, room - 0.05)
+        long = min(0.26, room - 0.05)
         box = rounded_box(
-            (x1 - side - 0.01, -depth / 2 + 0.02, z), (x1 - 0.01, depth / 2 - 0.03, z + 0.6 * tall), 0.006
+            (x1 - long - 0.01, -depth / 2 + 0.02, z), (x1 - 0.01, depth / 2 - 0.03, z + 0.6 * tall), 0.006
         )
         b.add(box, b.plain("box", ((0.55, 0.50, 0.42), (0.30, 0.32, 0.34), (0.70, 0.68, 0.64))), "box")
     elif room > 0.16:

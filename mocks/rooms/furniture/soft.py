@@ -73,10 +73,8 @@ def pillows(b: Build, cloth: Material, mattress: float, head: float, top: float)
         lying: Vector = (x, head - 0.26, top + 0.065)
         b.add(moved(turned(soft, (0, 0, 1), float(b.rng.normal(0, 0.05))), lying), cloth, "pillow")
         if b.item.seed % 2:
-            leaning = turned(pillow((wide * 0.8, 0.42, 0.15)), (1, 0, 0), 1.0)
-            b.add(
-                moved(leaning, (x + float(b.rng.normal(0, 0.02)), head - 0.28, top + 0.27)), b.finish.bedding, "pillow"
-            )
+            steep = turned(pillow((wide * 0.8, 0.42, 0.15)), (1, 0, 0), 1.0)
+            b.add(moved(steep, (x + float(b.rng.normal(0, 0.02)), head - 0.28, top + 0.27)), b.finish.bedding, "pillow")
 
 
 def moulded_back(b: Build, shell: Material) -> None:

@@ -128,12 +128,10 @@ def _shares(height: int) -> Doubles:
     return np.asarray(shares / shares.sum(axis=1, keepdims=True))
 
 
-def sun_emitter(
-    direction: Vector, normal_illuminance_rgb: Vector, radius_rad: float = SUN_RADIUS_RAD
-) -> dict[str, Any]:
+def sun_emitter(way: Vector, normal_illuminance_rgb: Vector, radius_rad: float = SUN_RADIUS_RAD) -> dict[str, Any]:
     """Return the sun as a far disc of its true size that gives this illuminance (lx, as RGB) on a plane facing it."""
     mi = mitsuba()
-    towards = unit(direction)
+    towards = unit(way)
     side = (0.0, 0.0, 1.0) if abs(towards[2]) < 0.9 else (1.0, 0.0, 0.0)
     place = [_SUN_DISTANCE_M * v for v in towards]
     transform = mi.ScalarTransform4f

@@ -88,13 +88,10 @@ def repeated(mesh: Mesh, moves: Doubles) -> Mesh:
 
 def mirrored(mesh: Mesh, axis: int) -> Mesh:
     """Return the mesh mirrored at the plane through the origin across an axis (0 is x)."""
-    sign = np.ones(3)
-    sign[axis] = -1.0
+    way = np.ones(3)
+    way[axis] = -1.0
     return replace(
-        mesh,
-        vertices=mesh.vertices * sign,
-        normals=mesh.normals * sign,
-        faces=np.ascontiguousarray(mesh.faces[:, ::-1]),
+        mesh, vertices=mesh.vertices * way, normals=mesh.normals * way, faces=np.ascontiguousarray(mesh.faces[:, ::-1])
     )
 
 

@@ -70,10 +70,8 @@ def _ball(band: Backdrop, tree: Tree, aside_m: float, over_eye_m: float, radius_
     shade = (0.45 + 0.55 * openness) * (0.95 + 0.2 * v + 1.1 * leaves)
     albedo = np.array(tree.leaves, np.float32) * (1.5 * np.clip(shade, 0.12, 2.0))[..., None]
     row = row_of(np.arctan2(over_eye_m, distance_m))
-    column = column_of(np.asarray(azimuth + math.atan2(aside_m, distance_m)))
-    band.put(
-        round(float(row)) - size, round(float(column)) - size, alpha, Coat(albedo, normal, 0.0, haze_of(distance_m))
-    )
+    at = column_of(np.asarray(azimuth + math.atan2(aside_m, distance_m)))
+    band.put(round(float(row)) - size, round(float(at)) - size, alpha, Coat(albedo, normal, 0.0, haze_of(distance_m)))
 
 
 COLUMNS = 4096  # chosen: 0.09 degrees

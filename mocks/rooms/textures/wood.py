@@ -181,12 +181,12 @@ class Layout:
 
 
 def _bank(
-    rng: np.random.Generator, texture: Texture, pixel_m: float, blocks: int, size_m: tuple[float, float]
+    rng: np.random.Generator, texture: Texture, pixel_m: float, count: int, size_m: tuple[float, float]
 ) -> Floats:
-    """Return the tones of ``blocks`` blocks of length and width ``size_m``."""
+    """Return the tones of ``count`` blocks of length and width ``size_m``."""
     timber = Timber.of(rng, texture, pixel_m)
     rows, columns = (math.ceil(s / pixel_m) for s in size_m)
-    return np.stack([timber.board(rng, rows, columns) * board_tint(rng, texture) for _ in range(blocks)])
+    return np.stack([timber.board(rng, rows, columns) * board_tint(rng, texture) for _ in range(count)])
 
 
 def _shuffled(rng: np.random.Generator, number: Int32s, blocks: int) -> Int32s:

@@ -59,11 +59,9 @@ class Floor:
     @cached_property
     def wall_lines(self) -> Doubles:
         """Return (L, 6): first corner, unit direction, length, edge; columns' faces have edges past the outline's."""
-        starts, ends = self.walls[:, :2], self.walls[:, 2:]
-        lengths = np.hypot(*(ends - starts).T)[:, None]
-        rows = np.hstack(
-            [starts, (ends - starts) / lengths, lengths, np.arange(len(starts), dtype=np.float64)[:, None]]
-        )
+        begin, ends = self.walls[:, :2], self.walls[:, 2:]
+        lengths = np.hypot(*(ends - begin).T)[:, None]
+        rows = np.hstack([begin, (ends - begin) / lengths, lengths, np.arange(len(begin), dtype=np.float64)[:, None]])
         return np.ascontiguousarray(rows[lengths[:, 0] >= LEAST_WALL_M])
 
     @cached_property

@@ -89,20 +89,18 @@ def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
     room = replace(whole, stands=(), keeps_near=False)
     if not room.fits(item):
         return _stopped_by_room(item, room)
-    missing = _missing_m(whole, item)
+    lack_m = _missing_m(whole, item)
     for stand in sorted(placed, key=lambda s: s.item.spec.footprint_m2):
         if replace(whole, stands=tuple(s for s in placed if s is not stand)).fits(item):
             rule = "no overlap" if not replace(whole, zones_of_others=False).fits(item) else "use zone free"
             what = stand.item.id if rule == "no overlap" else f"the use zone of {stand.item.id}"
-            return _reason(item, rule, stand.item.id, missing, f"{what} takes the last place wide enough")
+            return _reason(item, rule, stand.item.id, lack_m, f"{what} takes the last place wide enough")
     for name, relaxed in (("zone", replace(whole, own_zones=False)), ("zone", replace(whole, zones_of_others=False))):
         if relaxed.fits(item):
             rule, why = _RULES[name]
-            return _reason(
-                item, rule, "several pieces", missing, f"{why}, and no gap between the pieces is wide enough"
-            )
+            return _reason(item, rule, "several pieces", lack_m, f"{why}, and no gap between the pieces is wide enough")
     names = ", ".join(s.item.id for s in placed[:3])
-    return _reason(item, "no overlap", names, missing, "no gap between the pieces is wide enough")
+    return _reason(item, "no overlap", names, lack_m, "no gap between the pieces is wide enough")
 
 
 def host_lost(item: Item) -> NotPlaced:

@@ -204,11 +204,9 @@ def sky_rays(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
             weight = rays.weight[covered] * veil[rays.cell[covered]]
             parts.append((rays.point[covered], cell, np.full(len(covered), len(panes), np.uint16), weight))
     point, cell, tint, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(point, kind="stable")
-    first = np.searchsorted(point[order], np.arange(len(normals) + 1)).astype(np.int64)
-    return SkyRays(
-        first, cell[order].astype(np.uint16), tint[order].astype(np.uint16), weight[order].astype(np.float32)
-    )
+    rank = np.argsort(point, kind="stable")
+    first = np.searchsorted(point[rank], np.arange(len(normals) + 1)).astype(np.int64)
+    return SkyRays(first, cell[rank].astype(np.uint16), tint[rank].astype(np.uint16), weight[rank].astype(np.float32))
 
 
 def sky_cell(rays: Floats) -> UInt16s:
