@@ -79,9 +79,7 @@ def f_number_codes(enumeration: Iterable[int]) -> Mapping[int, str] | None:
 
 def f_number_code(f_number: float, codes: Mapping[int, str]) -> int | None:
     """Return the code of an f-number in an encoding, or None where it has none."""
-    return next(
-        (code for code, text in codes.items() if code and math.isclose(float(text), f_number, rel_tol=1e-3)), None
-    )
+    return next((key for key, text in codes.items() if key and math.isclose(float(text), f_number, rel_tol=1e-3)), None)
 
 
 def error_texts(error_info: int) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -154,11 +154,8 @@ class SimulatedCanon5D2(CanonBody):
         self.refuse_without_remote()
         self.refuse_undrained()
         self._refuse_to_open()
-        number = self.settings.number
-        if (
-            number(codes.CanonProp.AUTO_EXPOSURE_MODE) != codes.AE_BULB
-            and number(codes.CanonProp.SHUTTER_SPEED) != BULB_SHUTTER
-        ):
+        number, prop = self.settings.number, codes.CanonProp
+        if number(prop.AUTO_EXPOSURE_MODE) != codes.AE_BULB and number(prop.SHUTTER_SPEED) != BULB_SHUTTER:
             raise Refusal(codes.CanonResponse.OPERATION_REFUSED)
         self._bulb_since_s = self.clock.monotonic_s()
         self.busy_until_s = float("inf")

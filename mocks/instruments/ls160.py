@@ -182,10 +182,8 @@ class SimulatedMeter:
             number = self._last_number
         self._last_number = number
         self.shown.append(number)
-        words = self._words
-        answer = self._line(
-            words.over if float(number) > words.top_cd_m2 else words.reading.format(number, float(number))
-        )
+        say = self._words
+        answer = self._line(say.over if float(number) > say.top_cd_m2 else say.reading.format(number, float(number)))
         self._held = answer
         pieces = [Piece(self.measuring_s, answer)] if fault is None else self._spoil(fault, answer)
         late_s = fault.seconds if fault is not None and fault.kind is MeterFaultKind.LATE else 0.0

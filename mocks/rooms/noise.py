@@ -63,12 +63,10 @@ def rough(x: Reals, y: Reals, footprint: float = 0.0) -> Floats:
     """
     levels = _tiles()
     pixels = footprint * TILE / TILE_PERIOD
-    level = int(np.clip(np.ceil(np.log2(max(pixels, 1.0))), 0, len(levels) - 1))
-    scale = np.float32(levels[level].shape[0] / TILE_PERIOD)
-    u, v = np.mod(x * scale, levels[level].shape[0]), np.mod(y * scale, levels[level].shape[0])
-    found = cv2.remap(
-        levels[level], u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
-    )
+    tile = levels[int(np.clip(np.ceil(np.log2(max(pixels, 1.0))), 0, len(levels) - 1))]
+    scale = np.float32(tile.shape[0] / TILE_PERIOD)
+    u, v = np.mod(x * scale, tile.shape[0]), np.mod(y * scale, tile.shape[0])
+    found = cv2.remap(tile, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     return np.asarray(found, dtype=np.float32)
 
 

@@ -87,15 +87,13 @@ class CubeLookup:
             down, right = k // 4 - 1, k % 4 - 1
             pixel = corner + down * self.side_px + right
             index[:, k] = pixel
-            near = np.exp(-1.5 * ((x - right) ** 2 + (y - down) ** 2))
+            part, near = self._part[pixel], np.exp(-1.5 * ((x - right) ** 2 + (y - down) ** 2))
             alike = np.einsum("ij,ij->i", self._normal[pixel], seen.normal)
             apart = np.abs(self._plane[pixel] - seen.plane_m)
-            match = (self._part[pixel] == seen.part) * np.clip((alike - _SAME_NORMAL) / (1 - _SAME_NORMAL), 0, 1) ** 2
+            match = (part == seen.part) * np.clip((alike - _SAME_NORMAL) / (1 - _SAME_NORMAL), 0, 1) ** 2
             match = match * self._purity[pixel] ** 8 * (PLANE_TOLERANCE_M / (apart + PLANE_TOLERANCE_M)) ** 2
             # The last terms decide only where no neighbour matches: same part, else alike normals, else anything seen.
-            spare = (
-                1e-3 * (self._part[pixel] == seen.part) + 1e-4 * np.maximum(alike, 0) + 1e-7 * (self._part[pixel] >= 0)
-            )
+            spare = 1e-3 * (part == seen.part) + 1e-4 * np.maximum(alike, 0) + 1e-7 * (part >= 0)
             weights[:, k] = near * (match + spare) + 1e-12
         weights /= weights.sum(axis=1, keepdims=True)
         return weights, index

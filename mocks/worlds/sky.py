@@ -59,11 +59,9 @@ class SimpleSky:
 
     def _sky(self, directions: Floats, z: Floats) -> Floats:
         cos_sun = np.clip(directions @ np.array(self.sun_direction, dtype=np.float32), -1, 1)
-        sun_zenith_rad = math.pi / 2 - self.sun_elevation_rad
+        zenith_rad = math.pi / 2 - self.sun_elevation_rad
         relative = _gradation(z) * _indicatrix(cos_sun, np.arccos(cos_sun))
-        at_zenith = _gradation(np.float32(1)) * _indicatrix(
-            np.float32(math.cos(sun_zenith_rad)), np.float32(sun_zenith_rad)
-        )
+        at_zenith = _gradation(np.float32(1)) * _indicatrix(np.float32(math.cos(zenith_rad)), np.float32(zenith_rad))
         luminance = self.zenith_luminance_cd_m2 * relative / at_zenith
         # Blue overhead, white towards the horizon and around the sun.
         whiteness = np.clip((1 - z) ** 4 * 0.8 + np.maximum(cos_sun, 0) ** 24, 0, 1)[..., None]

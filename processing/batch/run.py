@@ -113,9 +113,7 @@ def run_batch(
     else:
         named = {str(path.resolve()): str(path.relative_to(place)) for path in find_sessions(Path(place))}
         do = do or work
-    tasks = [
-        Task(session, name, request.arguments, request.timeout_s, zone=request.zone) for session, name in named.items()
-    ]
+    tasks = [Task(at, name, request.arguments, request.timeout_s, zone=request.zone) for at, name in named.items()]
     report = BatchReport(request.folder)
     with tempfile.TemporaryDirectory(prefix="daylit-batch-", ignore_cleanup_errors=True) as scratch:
         workers = max(1, min(request.workers, len(tasks)))

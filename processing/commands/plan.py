@@ -62,9 +62,7 @@ def plan(*, as_json: bool, **asked: Any) -> int:
     walls += [(f"window {azimuth:g}", azimuth % 360) for azimuth in asked["windows"]]
     facts = {
         "zone": str(local),
-        "sun": [
-            {"wall": name, "faces_deg": deg, "hours": _clock(sun_hours(moments, deg), local)} for name, deg in walls
-        ],
+        "sun": [{"wall": w, "faces_deg": deg, "hours": _clock(sun_hours(moments, deg), local)} for w, deg in walls],
         **_sky(moments, local),
     }
     return answer(facts, _lines(facts), as_json=as_json)

@@ -131,10 +131,8 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     return {"modelled": True, "notes": list(outside.notes), "lights": lights}
 
 
-def _caption(local: datetime, facts: dict[str, Any]) -> str:
-    return (
-        f"{local:%H:%M}  sun {facts['sun_elevation_deg']:.0f}°  {facts['global_horizontal_lx'] / 1000:.0f} klx outdoors"
-    )
+def _caption(time: datetime, sky: dict[str, Any]) -> str:
+    return f"{time:%H:%M}  sun {sky['sun_elevation_deg']:.0f}°  {sky['global_horizontal_lx'] / 1000:.0f} klx outdoors"
 
 
 def _step(text: str) -> Any:
@@ -151,11 +149,10 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
 
     stem, _, outdoors, said = moments["lights"][0]
     relit = ready.under(outdoors, said, modelled_sky=moments["modelled"])
-    write_exr(folder / f"{name}-{stem}.exr", relit.picture)
+    picture = relit.picture
+    write_exr(folder / f"{name}-{stem}.exr", picture)
     shown = moments["shown"]
-    rgb8 = replace(shown, display=shown.display.exposed(relit.picture.rgb)).rgb8(
-        relit.picture.rgb, ready.room.picture.geometry
-    )
+    rgb8 = replace(shown, display=shown.display.exposed(picture.rgb)).rgb8(picture.rgb, ready.room.picture.geometry)
     _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, f"{ready.room.manifest.name}, relit")
     return _summary(ready, moments, [relit.facts], folder / f"{name}-{stem}.json")
 

@@ -42,9 +42,8 @@ def certificate(
         parts = {"k1" if name == "given" else name: float(value) for name, value in parts.items()}
         if side == "outdoor":
             sky = calibration["outdoor"]
-            parts["lux meter" if sky["k2_source"] == "from --outdoor-lux" else "k2"] = sky.get(
-                "k2_relative_uncertainty", 0.0
-            )
+            name = "lux meter" if sky["k2_source"] == "from --outdoor-lux" else "k2"
+            parts[name] = sky.get("k2_relative_uncertainty", 0.0)
         budgets.append(_budget(f"{side}, illuminance on a level plane", image, parts))
         indices += _indices(side, image, merged.get(side, {}), facts)
     indices += [{"index": name, "value": None, "why": why} for name, why in NOT_DETERMINED.items()]

@@ -219,12 +219,12 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path) -> Lumi
     return LuminanceImage(light, np.zeros((height, width), np.float32), validity, geometry, UNKNOWN_SIGMA)
 
 
-def rescaled(image: LuminanceImage, factor: float, doubt: float) -> LuminanceImage:
+def rescaled(image: LuminanceImage, factor: float, sigma: float) -> LuminanceImage:
     """Return the picture times a factor of a relative standard uncertainty."""
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     rgb = np.asarray(image.rgb * np.float32(factor))
     return replace(
-        image, rgb=rgb, scale_uncertainty=doubt, absolute=True, attributes=with_modes(image.attributes, modes)
+        image, rgb=rgb, scale_uncertainty=sigma, absolute=True, attributes=with_modes(image.attributes, modes)
     )
 
 

@@ -82,11 +82,9 @@ def crosses(vertices: Doubles, faces: npt.NDArray[np.integer]) -> Doubles:
 
 def grid_faces(rows: int, columns: int) -> Int32s:
     """Return the triangles (M, 3) of a grid of vertices (row by row), normals along d/drow x d/dcolumn."""
-    index = np.arange(rows * columns).reshape(rows, columns)
+    index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     p, q, r, s = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    return np.concatenate([np.stack([p, q, r], -1).reshape(-1, 3), np.stack([p, r, s], -1).reshape(-1, 3)]).astype(
-        np.int32
-    )
+    return np.concatenate([np.stack([p, q, r], -1).reshape(-1, 3), np.stack([p, r, s], -1).reshape(-1, 3)])
 
 
 def grid_rim(rows: int, columns: int) -> Int32s:

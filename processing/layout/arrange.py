@@ -117,11 +117,9 @@ class _Task:
     @cached_property
     def judges(self) -> dict[str, Judge]:
         """A judge for each rule set."""
-        made = {
-            n: self.judge if n == self.rules.name else Judge(self.plan, r, self.judge)
-            for n, r in self.book.sets.items()
-        }
-        return made if self.rules.name in made else {self.rules.name: self.judge, **made}
+        own, judge = self.rules.name, self.judge
+        made = {n: judge if n == own else Judge(self.plan, r, judge) for n, r in self.book.sets.items()}
+        return made if own in made else {own: judge, **made}
 
 
 def _notes(task: _Task, doors: int) -> tuple[str, ...]:

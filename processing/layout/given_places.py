@@ -61,12 +61,10 @@ def pinned_stands(
     stood = [_stand(known[name], pose) for name, pose in pins.items()]
     free = [item for item in items if item.id not in pins]
     for host in list(stood):
-        on_top = next(
-            (i for i in free if i.spec.placement == "on" and i.spec.group_with == host.item.spec.category), None
-        )
-        if on_top is not None:
-            free.remove(on_top)
-            raised = Item(on_top.id, replace(on_top.spec, base_m=host.item.spec.top_m))
+        top = next((i for i in free if i.spec.placement == "on" and i.spec.group_with == host.item.spec.category), None)
+        if top is not None:
+            free.remove(top)
+            raised = Item(top.id, replace(top.spec, base_m=host.item.spec.top_m))
             stood.append(replace(_stand(raised, (host.x_m, host.y_m, host.theta_rad)), group=host.item.id))
     room = Polygon(plan.corners, list(plan.holes))
     return [replace(s, zones=_zones(s, stood, room, rules)) for s in stood], free

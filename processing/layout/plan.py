@@ -204,10 +204,8 @@ def make_plan(
     repairs = [*notes, *floor.notes]
     columns = []
     for index, hole in enumerate(holes):
-        column = repaired_ring(
-            _as_array(hole, f"{name}, column {index}"), where=f"{name}, column {index}", clockwise=True
-        )
         where = f"{name}, column {index}"
+        column = repaired_ring(_as_array(hole, where), where=where, clockwise=True)
         for corner in column.ring:
             if not _inside(floor.ring, corner):
                 raise PlanError(f"its corner ({corner[0]:.3f}, {corner[1]:.3f}) is outside the floor", where=where)

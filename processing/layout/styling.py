@@ -80,11 +80,9 @@ class _Room:
         w, d, h = (float(np.clip(v, a, b)) for v, a, b in zip(size, kind.smallest_m, kind.largest_m, strict=True))
         name = what.replace(" ", "-")
         taken = {item.id for item in (*self.one.items, *self.added)}
-        number = next(n for n in range(1, 99) if f"{name}-s{n}" not in taken)
-        place = (round(x, 6), round(y, 6), round(base, 6))
-        return PlacedItem(
-            id=f"{name}-s{number}", category=what, size_m=(w, d, h), base_m=place[2], theta_rad=theta, t_m=place
-        )
+        free = next(n for n in range(1, 99) if f"{name}-s{n}" not in taken)
+        at = (round(x, 6), round(y, 6), round(base, 6))
+        return PlacedItem(id=f"{name}-s{free}", category=what, size_m=(w, d, h), base_m=at[2], theta_rad=theta, t_m=at)
 
     def _pieces(self, *more: PlacedItem) -> list[Piece]:
         every = [*self.one.items, *(a for a in self.added if a.base_m == 0 and a.category != "curtain"), *more]

@@ -45,9 +45,7 @@ def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> Non
         raise refused(where, f"{wrong} relative uncertainties are NaN, zero or negative")
     if int(image.validity.max(initial=0)) > max(Validity):
         raise refused(where, f"validity {int(image.validity.max())} is no known code (0 to {int(max(Validity))})")
-    if isinstance(image, LuminanceImage) and not (
-        math.isfinite(image.scale_uncertainty) and image.scale_uncertainty >= 0
-    ):
+    if isinstance(image, LuminanceImage) and not 0 <= image.scale_uncertainty < math.inf:
         raise refused(where, f"scale_uncertainty is {image.scale_uncertainty}, not a finite number from 0 up")
 
 

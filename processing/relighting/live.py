@@ -159,9 +159,8 @@ class LiveRoom:
         geometry = Equirectangular(relit.rgb.shape[1], relit.rgb.shape[0])
         found = seen_from(lit, relit.rgb, self.room.eye_m, geometry, eye_m, effort=EFFORTS["draft"])
         solid = ~found.glass
-        return sessions.seen_picture(relit, found, geometry, eye_m), float(
-            found.seen[solid].mean()
-        ) if solid.any() else 1.0
+        share = float(found.seen[solid].mean()) if solid.any() else 1.0
+        return sessions.seen_picture(relit, found, geometry, eye_m), share
 
     def _sun_in_view(self, eye_m: Vector, outdoors: Outdoors, azimuth_rad: float) -> bool:
         """Return whether the sun's disc, which pictures leave out, stands in a window ahead: glare is then worse."""

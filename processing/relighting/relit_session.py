@@ -126,11 +126,9 @@ def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) 
     arrangements = Arrangements.model_validate_json(json.dumps(_json(stages / "arrange" / "arrangement.json")))
     one = arrangements.arrangements[staged - 1]
     own = None if furniture is None else Catalogue.at(furniture)
-    shown = every[staged - 1]
-    items = (*one.items, *(PlacedItem.model_validate(item) for item in shown.get("added", ())))
-    return scene.furnished(
-        furniture_parts(items, Catalogue.builtin(shown["style"]), own, lit=shown.get("lamps") == "on")
-    )
+    made = every[staged - 1]
+    items = (*one.items, *(PlacedItem.model_validate(item) for item in made.get("added", ())))
+    return scene.furnished(furniture_parts(items, Catalogue.builtin(made["style"]), own, lit=made.get("lamps") == "on"))
 
 
 def _picture(path: Path, rows: int) -> LuminanceImage:

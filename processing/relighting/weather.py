@@ -154,9 +154,8 @@ def usual_weather(kind: Sky, glass: Vector = (1.0, 1.0, 1.0)) -> Weather:
     clear = kind == "clear"
     back = 1 / np.maximum(np.asarray(glass), 1e-3)
     sun, sky = (np.asarray(USUAL_SUN), np.asarray(USUAL_SKY)) if clear else (np.ones(3), np.ones(3))
-    return Weather(
-        kind, 1.0 if clear else 0.0, 1.0 if clear else OVERCAST_GLOBAL, _unit(sun * back), 1.5, _unit(sky * back)
-    )
+    beam, diffuse = (1.0, 1.0) if clear else (0.0, OVERCAST_GLOBAL)
+    return Weather(kind, beam, diffuse, _unit(sun * back), 1.5, _unit(sky * back))
 
 
 def sun_direction(sun: SunPlace, heading_rad: float) -> Vector:

@@ -131,11 +131,9 @@ def _seen_windows(opening: Int16s, target: Flags, room: RoomModel) -> Flags:
     return found
 
 
-def _unlit(
-    rgb: Floats, reflectance: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, *_: Floats
-) -> None:
-    """Fill a band's reflectance (H, W, 3) and log change (H, W) of luminance."""
-    reflectance[rows] = math.pi * rgb[rows] * np.exp(lift) / light
+def _unlit(rgb: Floats, albedo: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, *_: Floats) -> None:
+    """Fill a band's albedo (H, W, 3) and log change (H, W) of luminance."""
+    albedo[rows] = math.pi * rgb[rows] * np.exp(lift) / light
     change[rows] = lift.mean(axis=-1)
 
 

@@ -125,10 +125,8 @@ def analyse(values: Floats, known: Flags) -> Analysis:
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
     smooth = 0.1 * min(small.shape[:2])
-    correlation = near_periodic_lattice.self_correlation(
-        near_periodic_lattice.high_passed(small[..., 0], seen, smooth), seen
-    )
-    lattice = near_periodic_lattice.find_lattice(correlation)
+    alike = near_periodic_lattice.self_correlation(near_periodic_lattice.high_passed(small[..., 0], seen, smooth), seen)
+    lattice = near_periodic_lattice.find_lattice(alike)
     field, inner = near_periodic_lattice.oriented(
         near_periodic_lattice.high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX
     )
@@ -138,8 +136,8 @@ def analyse(values: Floats, known: Flags) -> Analysis:
         )
     if lattice is not None:
         scaled = Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength)
-        return Analysis(scaled, None, correlation, factor)
-    return Analysis(None, near_periodic_lattice.find_line(field, inner), correlation, factor)
+        return Analysis(scaled, None, alike, factor)
+    return Analysis(None, near_periodic_lattice.find_line(field, inner), alike, factor)
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:

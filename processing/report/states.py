@@ -247,10 +247,8 @@ def _panorama(rgb: Floats, width_px: int) -> Floats:
 
 
 def _direction(yaw_rad: float) -> Perspective:
-    width = VIEW_PX[0]
-    return Perspective(
-        width, round(width * _TALLER), math.radians(FIELD_DEG), yaw_rad=math.remainder(yaw_rad, 2 * math.pi)
-    )
+    px = VIEW_PX[0]
+    return Perspective(px, round(px * _TALLER), math.radians(FIELD_DEG), yaw_rad=math.remainder(yaw_rad, 2 * math.pi))
 
 
 def _scene(name: str, state: State, look: Look, image: LuminanceImage, rgb8: Bytes, *, panorama: bool = False) -> Scene:

@@ -93,27 +93,25 @@ def frames_of(
 ) -> tuple[Frame, ...]:
     """Return frames of a room with these pieces, the best first: ``fewest`` (whatever they are worth) to ``most``."""
     things = _in_sight([*_pieces(items), *_openings(room)], room)
-    candidates = [
-        Frame(math.radians(yaw), lens, drop) for yaw in range(-180, 180, 4) for lens in LENSES_MM for drop in DROPS
-    ]
-    seen = [_seen(frame, things, room) for frame in candidates]
+    frames = [Frame(math.radians(yaw), mm, drop) for yaw in range(-180, 180, 4) for mm in LENSES_MM for drop in DROPS]
+    seen = [_seen(frame, things, room) for frame in frames]
     pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
     bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
-    plain = np.array([_plain_share(frame, things, room) for frame in candidates])
-    own = np.array([_composition(frame, room) for frame in candidates]) - BARE * bare - PLAIN * plain
+    plain = np.array([_plain_share(frame, things, room) for frame in frames])
+    own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain
     chosen: list[int] = []
     shown = np.zeros(len(things))
     while len(chosen) < most:
         worth = own + np.array([_worth(states, things, shown) for states in seen])
         for k in chosen:
-            turned = [abs(math.remainder(one.yaw_rad - candidates[k].yaw_rad, 2 * math.pi)) for one in candidates]
+            turned = [abs(math.remainder(one.yaw_rad - frames[k].yaw_rad, 2 * math.pi)) for one in frames]
             worth[np.array(turned) < APART_RAD] = -np.inf
         best = int(np.argmax(worth))
         if not np.isfinite(worth[best]) or (len(chosen) >= fewest and worth[best] < ENOUGH):
             break
         chosen.append(best)
         shown = np.maximum(shown, seen[best] == 1)
-    return tuple(replace(candidates[k], shows=_whole_ones(seen[k], things)) for k in chosen)
+    return tuple(replace(frames[k], shows=_whole_ones(seen[k], things)) for k in chosen)
 
 
 def _in_sight(things: Sequence[_Thing], room: RoomModel) -> list[_Thing]:

@@ -120,14 +120,12 @@ class Held(NamedTuple):
 
     def _on_wall(self, room: RoomModel, one: Opening) -> Opening | None:
         lines = [line_of(room, k) for k in range(len(room.floor))]
-        start, ahead = line_of(self.room, one.wall)
-        wall = _nearest((start + ahead * (one.start_m + one.end_m) / 2, ahead), lines, FITS_M, FITS_SIN)
+        start, way = line_of(self.room, one.wall)
+        wall = _nearest((start + way * (one.start_m + one.end_m) / 2, way), lines, FITS_M, FITS_SIN)
         if wall < 0:
             return None
-        length, (first, along) = room.wall_length_m(wall), lines[wall]
-        begin, end = sorted(
-            float(np.clip((start + ahead * m - first) @ along, 0, length)) for m in (one.start_m, one.end_m)
-        )
+        far, (first, along) = room.wall_length_m(wall), lines[wall]
+        begin, end = sorted(float(np.clip((start + way * m - first) @ along, 0, far)) for m in (one.start_m, one.end_m))
         top = min(one.head_m, room.ceiling_height_m)
         if end - begin < 0.05 or top <= one.sill_m:
             return None

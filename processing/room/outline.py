@@ -234,15 +234,13 @@ def _encloses(floor: Doubles) -> bool:
 def outline_of(stretches: list[Stretch], azimuth_rad: Doubles, turned_rad: float, ratio: float) -> Outline | None:
     """Return the walls that stretches of columns (N,) show, and what stands unseen between; None if too few."""
     n = len(azimuth_rad)
-    shown = [Wall(s.kind, math.atan2(s.a, s.b), 1 / math.hypot(s.a, s.b)) for s in stretches]
-    merged = _merged(
-        [(w, (s.first / n - 0.5) * 2 * math.pi - turned_rad) for w, s in zip(shown, stretches, strict=True)]
-    )
-    if len(merged) < 2:
+    seen = [Wall(s.kind, math.atan2(s.a, s.b), 1 / math.hypot(s.a, s.b)) for s in stretches]
+    found = _merged([(w, (s.first / n - 0.5) * 2 * math.pi - turned_rad) for w, s in zip(seen, stretches, strict=True)])
+    if len(found) < 2:
         return None
     walls: list[Wall] = []
-    for k, (wall, _) in enumerate(merged):
-        following, border = merged[(k + 1) % len(merged)]
+    for k, (wall, _) in enumerate(found):
+        following, border = found[(k + 1) % len(found)]
         walls.append(wall)
         walls += _between(wall, following, border)
     outline = Outline(tuple(walls), turned_rad, ratio)

@@ -344,22 +344,20 @@ def _merged(session: Path, before: Choices, given: Mapping[str, object], run: Ru
     return GoingOn(with_options(run, values), kept, tuple(notes))
 
 
-def _active(
-    before: Choices, given: Mapping[str, object], of_stages: Mapping[str, Option]
-) -> tuple[list[str], dict[str, str]]:
+def _active(old: Choices, given: Mapping[str, object], known: Mapping[str, Option]) -> tuple[list[str], dict[str, str]]:
     """Return the names of former choices that still count, and why the others do not: the newest goes first."""
     taken, aside = list(given), {}
-    for name in sorted(before.chosen.keys() - given.keys(), key=lambda n: (-before.chosen[n].at.timestamp(), n)):
-        option = of_stages.get(f"--{name}")
-        rivals = [t for t in taken if option and _exclude(name, t, of_stages)]
+    for name in sorted(old.chosen.keys() - given.keys(), key=lambda n: (-old.chosen[n].at.timestamp(), n)):
+        option = known.get(f"--{name}")
+        rivals = [t for t in taken if option and _exclude(name, t, known)]
         if rivals:
             aside[name] = f"--{rivals[0]} was chosen since, and goes instead"
         elif option is None and name not in TRADES and name not in PLACES:
             aside[name] = "this daylit has no such option"
         else:
             taken.append(name)
-    for name in [n for n in taken if n not in given and f"--{n}" in of_stages]:
-        without = [o[2:] for o in of_stages[f"--{name}"].beside if o[2:] not in taken or o[2:] in given]
+    for name in [n for n in taken if n not in given and f"--{n}" in known]:
+        without = [o[2:] for o in known[f"--{name}"].beside if o[2:] not in taken or o[2:] in given]
         if without:
             aside[name] = f"it went with another --{without[0]}"
     names = [n for n in taken if n not in given and n not in aside and n not in PLACES]

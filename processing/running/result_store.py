@@ -83,9 +83,7 @@ class ResultStore:
                 result = results.parse_result(raw)
                 if result.stage != stage:
                     return Stored(problem=f"{results.RESULT_NAME} is of another stage")
-                damaged = [
-                    name for name, record in result.files.items() if not self._intact(folder, stage, name, record)
-                ]
+                damaged = [name for name, file in result.files.items() if not self._intact(folder, stage, name, file)]
             except (IntegrityError, ValueError) as exc:
                 return Stored(problem=f"{results.RESULT_NAME}: {exc}"[:400])
         return Stored(problem=f"damaged or missing: {', '.join(damaged)}"[:400]) if damaged else Stored(result)

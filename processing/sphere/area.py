@@ -351,16 +351,15 @@ def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[Indices, Indices
     out = np.empty(cells[0].size)
     step = max(1, SAMPLES_AT_ONCE // parts**2)
     for start in range(0, out.size, step):
-        y, x = cells[0][start : start + step], cells[1][start : start + step]
+        part = slice(start, start + step)
+        y, x = cells[0][part], cells[1][part]
         px, py = np.broadcast_arrays(x[:, None, None] + offset, y[:, None, None] + offset[:, None])
         d, seen = point_directions(geometry, px, py)
         weight = np.where(seen, _density(geometry, px, py, d), 0.0)
         total = weight.sum(axis=(1, 2))
         light = (np.maximum(d @ n, 0.0) * weight).sum(axis=(1, 2))
         centre, _ = point_directions(geometry, x + 0.5, y + 0.5)
-        out[start : start + step] = np.where(
-            total > 0, light / np.where(total > 0, total, 1.0), np.maximum(centre @ n, 0.0)
-        )
+        out[part] = np.where(total > 0, light / np.where(total > 0, total, 1.0), np.maximum(centre @ n, 0.0))
     return out
 
 

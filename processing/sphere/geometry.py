@@ -257,9 +257,7 @@ def geometry_to_json(geometry: Geometry) -> dict[str, object]:
     kind = next(name for name, cls in KINDS.items() if type(geometry) is cls)
     values = {field.name: getattr(geometry, field.name) for field in dataclasses.fields(geometry)}
     plain = {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
-    return {"kind": kind} | {
-        key: str(value) if isinstance(value, LensMapping) else value for key, value in plain.items()
-    }
+    return {"kind": kind} | {k: str(v) if isinstance(v, LensMapping) else v for k, v in plain.items()}
 
 
 def geometry_from_json(data: object) -> Geometry:

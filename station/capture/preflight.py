@@ -186,7 +186,7 @@ def _camera_record(
     side: Side,
     table: CameraTable,
     identity: CameraIdentity,
-    settings: Sequence[SettingReadback],
+    read: Sequence[SettingReadback],
     offset_s: float | None,
     *,
     simulated: bool,
@@ -202,9 +202,7 @@ def _camera_record(
         clock_offset_s=offset_s,
         lens=table.lens,
         nd_filter=table.nd_filter,
-        settings=tuple(
-            SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in settings
-        ),
+        read=tuple(SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in read),
     )
 
 

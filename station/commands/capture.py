@@ -320,9 +320,8 @@ def dry_run(file: RigFile, options: dict[str, Any]) -> int:
     plan = plan_of(file, _stops_s(options), options["bracket"], options["noise"])
     _require_stops(file, plan)
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
-    estimate = estimate_bracket(
-        plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
-    )
+    reading_s = (TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
+    estimate = estimate_bracket(plan, costs, reading_s=reading_s)
     drift = light_drift(estimate.total_s, file.site.latitude_deg)
     rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]
     totals = {k: v for k, v in vars(estimate).items() if k != "rows"}

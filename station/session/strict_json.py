@@ -32,7 +32,7 @@ def _constant(text: str) -> Any:
     raise StrictJsonError(f"{text} is not a JSON number")
 
 
-def _integer(text: str) -> int:
+def _int(text: str) -> int:
     if len(text.lstrip("-")) > MAX_DIGITS:
         raise StrictJsonError(f"a number of {len(text)} digits")
     return int(text)
@@ -70,9 +70,7 @@ def loads(raw: bytes) -> Any:
             raise StrictJsonError("not JSON: a bracket closes that none opened")
     try:
         text = raw.decode("utf-8")
-        value = json.loads(
-            text, parse_constant=_constant, parse_int=_integer, parse_float=_real, object_pairs_hook=_object
-        )
+        value = json.loads(text, parse_constant=_constant, parse_int=_int, parse_float=_real, object_pairs_hook=_object)
     except UnicodeDecodeError as exc:
         raise StrictJsonError(f"not UTF-8 at byte {exc.start}") from exc
     except json.JSONDecodeError as exc:

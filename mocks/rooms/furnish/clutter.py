@@ -100,11 +100,9 @@ def on_the_floor(a: Arrangement, toys: bool) -> None:
             a.on_floor("toy ball", (w, w, w), edge_m=1.0)
 
 
-def rug_under(
-    a: Arrangement, x: float, y: float, size: tuple[float, float], turn_rad: float, floor_name: str
-) -> Item | None:
+def rug_under(a: Arrangement, x: float, y: float, size: tuple[float, float], turn_rad: float, on: str) -> Item | None:
     """Lay a rug with its middle at a place, on no carpet; smaller ones are tried where it does not fit."""
-    if "carpet" in floor_name:
+    if "carpet" in on:
         return None
     for scale in (1.0, 0.85, 0.7):
         w, d = round(size[0] * scale, 3), round(size[1] * scale, 3)

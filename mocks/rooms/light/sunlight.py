@@ -149,10 +149,8 @@ def sun_patches(
     geometry: Geometry, panes: Sequence[Pane], direction: Vector, normal_illuminance_rgb: Vector
 ) -> tuple[SunPatch, ...]:
     """Return what the sun lights, given the direction to it and the illuminance (lx, RGB) on a plane facing it."""
-    towards = np.array(direction)
-    found = [
-        _lit(geometry, window, towards) for window in windows_of(panes) if np.cross(window[1], window[2]) @ towards > 0
-    ]
+    sun = np.array(direction)
+    found = [_lit(geometry, window, sun) for window in windows_of(panes) if np.cross(window[1], window[2]) @ sun > 0]
     if not found:
         return ()
     part = np.concatenate([cells.part for cells in found])
@@ -163,7 +161,7 @@ def sun_patches(
     for number, kind in enumerate(kinds):
         mine = kind_of.ravel() == number
         albedo = geometry.parts[int(kind[0])].material.colour
-        slope = float((normal[mine] @ towards).mean())
+        slope = float((normal[mine] @ sun).mean())
         light = [a * e * slope / math.pi for a, e in zip(albedo, normal_illuminance_rgb, strict=True)]
         mesh = _tiles(corners[mine], normal[mine])
         patches.append(SunPatch(mesh, albedo, (light[0], light[1], light[2])))

@@ -257,13 +257,11 @@ def hall_floor(door: Door, plan: Plan) -> Polygon:
     return Polygon([plan.on_wall(door.wall, a, b) for a, b in ((start, far), (end, far), (end, near), (start, near))])
 
 
-def reveal_floor(opening: Window | Door, plan: Plan, depth_m: float | None = None) -> Polygon:
+def reveal_floor(hole: Window | Door, plan: Plan, depth_m: float | None = None) -> Polygon:
     """Return what an opening takes of its wall, seen from above: its width by the wall's thickness (or a depth)."""
-    start, end = opening.start_m, opening.start_m + opening.width_m
-    far = -(opening.depth_m if depth_m is None else depth_m)
-    return Polygon(
-        [plan.on_wall(opening.wall, a, b) for a, b in ((start, far), (end, far), (end, -1e-3), (start, -1e-3))]
-    )
+    start, end = hole.start_m, hole.start_m + hole.width_m
+    far = -(hole.depth_m if depth_m is None else depth_m)
+    return Polygon([plan.on_wall(hole.wall, a, b) for a, b in ((start, far), (end, far), (end, -1e-3), (start, -1e-3))])
 
 
 def fixture_floor(fixture: Fixture, plan: Plan) -> Polygon:

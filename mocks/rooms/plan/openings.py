@@ -137,17 +137,14 @@ def _fixture_place_problems(plan: Plan, fixture: Fixture) -> list[str]:
         wrong.append("above the ceiling or below the floor")
     if fixture.kind in IN_WINDOW:
         return wrong
-    if not room.buffer(1e-3).contains(forms.fixture_floor(fixture, plan)):
+    floor = forms.fixture_floor(fixture, plan)
+    if not room.buffer(1e-3).contains(floor):
         wrong.append("through another wall")
     over = [o for o in forms.openings_of(plan, fixture.wall) if isinstance(o, Door) or fixture.kind not in OVER_WINDOW]
     wrong += ["over an opening" for o in over if span.overlaps(forms.opening_span(o))]
     inward = [d for d in plan.doors if d.opens == "in"]
     if fixture.depth_m >= forms.FLUSH_M and fixture.bottom_m < 2.2:
-        wrong += [
-            "in a door's way"
-            for d in inward
-            if forms.door_swing(d, plan).intersects(forms.fixture_floor(fixture, plan))
-        ]
+        wrong += ["in a door's way" for d in inward if forms.door_swing(d, plan).intersects(floor)]
     return wrong
 
 

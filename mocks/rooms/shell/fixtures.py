@@ -76,11 +76,9 @@ def _dome(radius: float, height: float) -> Mesh:
     return lathe([*arc, (radius, 0.0)], 40)
 
 
-def _ring(outer: float, inner: float, height: float) -> Mesh:
+def _ring(outer: float, inner: float, high: float) -> Mesh:
     """Return the rim of a recessed spot."""
-    return lathe(
-        [(inner, -0.002), (inner, -height * 0.6), (inner + 0.004, -height), (outer - 0.003, -height), (outer, 0.0)]
-    )
+    return lathe([(inner, -0.002), (inner, -high * 0.6), (inner + 0.004, -high), (outer - 0.003, -high), (outer, 0.0)])
 
 
 def _pendant(

@@ -146,9 +146,7 @@ def cosine_grid(rows: int = 128) -> Floats:
     return directions_at(azimuth[None, :], np.arcsin(sine)[:, None])
 
 
-def ambient(
-    dome: Callable[[Floats, float], Floats], beam: Floats, sun_direction: Vector, ground_albedo: Vector
-) -> Ambient:
+def ambient(dome: Callable[[Floats, float], Floats], beam: Floats, towards: Vector, ground_albedo: Vector) -> Ambient:
     """Return the light under a dome (its radiance by direction and pixel size) and a sun's beam (lx, shape (3,))."""
     rows = 64
     sine = (np.arange(rows) + 0.5) / rows
@@ -161,10 +159,10 @@ def ambient(
     air = np.exp(np.log(np.maximum(light[: rows // 8], 1e-3)).mean(axis=(0, 1)))
     mean = light.mean(axis=(0, 1), dtype=np.float64) / 2
     moment = np.einsum("ija,ijb->ab", upper.astype(np.float64), light) / (2 * rows * rows * 2)
-    from_sun = np.asarray(beam, dtype=np.float64) * max(sun_direction[2], 0.0)
+    from_sun = np.asarray(beam, dtype=np.float64) * max(towards[2], 0.0)
     sky = _over_ground(mean, moment, level, air, ground_albedo)
     sun = _over_ground(np.zeros(3), np.zeros((3, 3)), from_sun, np.zeros(3), ground_albedo)
-    return Ambient(sky, sun, _vector(beam), sun_direction)
+    return Ambient(sky, sun, _vector(beam), towards)
 
 
 def _over_ground(mean: Reals, moment: Reals, level: Reals, air: Reals, albedo: Vector) -> Lit:
@@ -182,26 +180,21 @@ def _vector(values: Reals) -> Vector:
 
 
 def over(
-    behind: Floats,
-    directions: Floats,
-    pixel_rad: float,
-    surroundings: Surroundings,
-    light: Ambient,
-    component: Component | None,
+    behind: Floats, rays: Floats, pixel_rad: float, around: Surroundings, light: Ambient, component: Component | None
 ) -> Floats:
     """Return ``behind`` (the dome's radiance (N, 3) in directions (N, 3)) with ground and skyline before it."""
     out = behind
-    below = directions[..., 2] <= 0
+    below = rays[..., 2] <= 0
     wanted: tuple[Component, ...] = ("sky", "sun") if component is None else (component,)
     if np.any(below):
-        out[below] = _ground(directions[below], pixel_rad, surroundings, light, wanted)
-    if not surroundings.skyline:
+        out[below] = _ground(rays[below], pixel_rad, around, light, wanted)
+    if not around.skyline:
         return out
-    band = (directions[..., 2] < math.sin(backdrop.TOP_RAD)) & (directions[..., 2] > math.sin(backdrop.BOTTOM_RAD))
+    band = (rays[..., 2] < math.sin(backdrop.TOP_RAD)) & (rays[..., 2] > math.sin(backdrop.BOTTOM_RAD))
     if np.any(band):
-        pyramids = [_lit_band(surroundings.seed, surroundings.eye_height_m, light, c) for c in wanted]
+        pyramids = [_lit_band(around.seed, around.eye_height_m, light, c) for c in wanted]
         level_number = int(np.clip(math.log2(max(pixel_rad / backdrop.PIXEL_RAD, 1.0)), 0, len(pyramids[0]) - 1))
-        shown = [_sample(pyramid[level_number], directions[band]) for pyramid in pyramids]
+        shown = [_sample(pyramid[level_number], rays[band]) for pyramid in pyramids]
         coverage = shown[0][..., 3:]
         out[band] = out[band] * (1 - coverage) + sum(s[..., :3] for s in shown)
     return out

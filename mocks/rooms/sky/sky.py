@@ -39,10 +39,8 @@ class CloudLayer:
         lit = np.clip(0.62 + 0.9 * (shape - shade) - 0.5 * np.maximum(shape - edge - 0.35, 0), 0, 1)
         chord = directions - np.array(self.sun_direction, dtype=np.float32)
         near = np.exp(-np.square((chord * chord).sum(axis=-1) / CLEARING_RAD**2))
-        return (
-            np.asarray(opacity + near * ((1 - self.sun_share) - opacity), dtype=np.float32),
-            np.asarray(lit, dtype=np.float32),
-        )
+        opacity = opacity + near * ((1 - self.sun_share) - opacity)
+        return np.asarray(opacity, dtype=np.float32), np.asarray(lit, dtype=np.float32)
 
 
 def cloud_height(seed: int, x: Floats, y: Floats, footprint: Floats, octaves: int = 7) -> Floats:

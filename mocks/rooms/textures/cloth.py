@@ -86,10 +86,8 @@ def knit(texture: Texture) -> Tile:
     up = centres(_PIXELS, rows)[:, None] + np.float32(1.6) * np.abs(across)
     leg = np.sin(math.pi * (up % 1)) * (1 - (2 * np.abs(np.abs(across) - 0.25)) ** 2)
     groove = np.exp(-((np.abs(across) / 0.06) ** 2)) + np.exp(-(((0.5 - np.abs(across)) / 0.06) ** 2))
-    tone = 0.75 + 0.35 * leg - 0.15 * groove + 0.04 * _grains(rng, 1.5)
-    return Tile(
-        _two_toned(texture, np.clip(tone.astype(np.float32), 0.4, 1.4), np.zeros(_GRID, np.float32)), (size_m,) * 2
-    )
+    tone = (0.75 + 0.35 * leg - 0.15 * groove + 0.04 * _grains(rng, 1.5)).astype(np.float32)
+    return Tile(_two_toned(texture, np.clip(tone, 0.4, 1.4), np.zeros(_GRID, np.float32)), (size_m,) * 2)
 
 
 def striped(texture: Texture) -> Tile:

@@ -227,9 +227,8 @@ def _prints(rng: np.random.Generator, texture: Texture, pixel_m: float, size_m: 
             left, right = columns * strip // strips, columns * (strip + 1) // strips
             cut = rows if strips == 1 else int(rows * rng.uniform(0.25, 0.75))
             for low, high in ((0, cut), (cut, rows)) if cut < rows else ((0, rows),):
-                picture[low:high, left:right] = timber.board(rng, high - low, right - left) * board_tint(
-                    rng, texture, usual
-                )
+                board = timber.board(rng, high - low, right - left)
+                picture[low:high, left:right] = board * board_tint(rng, texture, usual)
                 picture[low : low + 1, left:right] *= 0.75
             picture[:, left] *= 0.75
     return prints

@@ -264,10 +264,8 @@ def routes(
 def _grid_graph(part: Polygon) -> tuple[Doubles, Any]:
     """Return the grid's points inside a polygon, (N, 2) metres, and the graph of eight neighbours, lengths in cells."""
     x0, y0, x1, y1 = part.bounds
-    xs, ys = np.meshgrid(
-        np.arange(x0 + CELL_M / 2, x1 + CELL_M, CELL_M), np.arange(y0 + CELL_M / 2, y1 + CELL_M, CELL_M)
-    )
-    inside = shapely.contains_xy(part, xs, ys)
+    x, y = np.meshgrid(np.arange(x0 + CELL_M / 2, x1 + CELL_M, CELL_M), np.arange(y0 + CELL_M / 2, y1 + CELL_M, CELL_M))
+    inside = shapely.contains_xy(part, x, y)
     number = np.where(inside, np.cumsum(inside).reshape(inside.shape) - 1, -1)
     rows, columns = inside.shape
     ends, lengths = [], []
@@ -279,7 +277,7 @@ def _grid_graph(part: Polygon) -> tuple[Doubles, Any]:
         lengths.append(np.full(int(joined.sum()), math.hypot(di, dj)))
     count = int(inside.sum())
     graph = csr_matrix((np.concatenate(lengths), tuple(np.concatenate(ends, axis=1))), shape=(count, count))
-    return np.stack([xs[inside], ys[inside]], axis=1), graph
+    return np.stack([x[inside], y[inside]], axis=1), graph
 
 
 def _straightened(part: Polygon, chain: list[Point]) -> list[Point]:

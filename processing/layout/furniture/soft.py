@@ -143,9 +143,7 @@ def hanging(
     folds = (
         0.012 * np.sin(2 * np.pi * gt / 0.34 + 1.3 * np.sin(gt * 5)) * np.clip(np.abs(s)[:, None] - flat, 0, None) / 0.2
     )
-    lift = np.stack(
-        [np.sign(gx) * hang, foot_slope[None, :] * np.ones_like(gx), np.ones_like(gx) * (1 - 0.9 * hang)], -1
-    )
+    lift = np.stack([np.sign(gx) * hang, foot_slope[None, :] * np.ones_like(gx), 1 - 0.9 * hang], -1)
     lift /= np.linalg.norm(lift, axis=-1, keepdims=True)
     upper = np.stack([gx, gy, z], -1) + lift * (np.clip(puff + folds, -0.02, 0.02) - 0.02)[..., None]
     i, j = np.ogrid[: m + 1, : n + 1]

@@ -206,6 +206,7 @@ def _swivel_chair(b: Bench, role: str) -> None:
 
 
 def _star(b: Bench, r: float) -> None:
+    nylon, reach = b.style.material("nylon"), r - 0.032
     for k in range(5):
         a = math.radians(90 + 72 * k)
         spoke = []
@@ -213,23 +214,15 @@ def _star(b: Bench, r: float) -> None:
             ring = solids.rounded_rectangle(0.05 - 0.024 * t, 0.036 - 0.012 * t, 0.010, steps=2)
             out = 0.02 + (r - 0.055) * t
             spoke.append(np.column_stack([np.full(len(ring), out), ring[:, 0], 0.098 - 0.028 * t * t + ring[:, 1]]))
-        b.add(solids.loft(np.stack(spoke)).turned("z", a), b.style.material("nylon"))
-        reach = r - 0.032
+        b.add(solids.loft(np.stack(spoke)).turned("z", a), nylon)
+        at = (reach * math.cos(a), reach * math.sin(a), 0)
         for side in (-1, 1):
             wheel = solids.turned_piece(
                 [(0, 0), (0.022, 0), (0.027, 0.004), (0.027, 0.013), (0.022, 0.017), (0, 0.017)], 20
             )
             wheel = wheel.turned("x", math.pi / 2).moved(0, 0.0085 + side * 0.0125, 0.027)
-            b.add(
-                wheel.turned("z", a + 0.6 * k).moved(reach * math.cos(a), reach * math.sin(a), 0),
-                b.style.material("nylon"),
-            )
-        b.add(
-            solids.turned_piece([(0, 0.02), (0.008, 0.02), (0.008, 0.075), (0, 0.075)], 10).moved(
-                reach * math.cos(a), reach * math.sin(a), 0
-            ),
-            b.style.material("nylon"),
-        )
+            b.add(wheel.turned("z", a + 0.6 * k).moved(*at), nylon)
+        b.add(solids.turned_piece([(0, 0.02), (0.008, 0.02), (0.008, 0.075), (0, 0.075)], 10).moved(*at), nylon)
 
 
 def _swivel_back(b: Bench, seat: float, h: float) -> None:

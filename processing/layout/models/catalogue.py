@@ -148,8 +148,7 @@ class Catalogue:
     def at(cls, path: Path) -> Catalogue:
         """Return the catalogue of a folder of either kind, recognised by its files."""
         future = path.is_dir() and any(
-            (folder / "model_info.json").is_file()
-            for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir()))
+            (one / "model_info.json").is_file() for one in (path, *sorted(p for p in path.iterdir() if p.is_dir()))
         )
         return cls.of_3d_future(path) if future else cls.folder(path)
 

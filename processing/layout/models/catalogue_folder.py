@@ -194,9 +194,7 @@ def load_model(source: FileSource) -> FurnitureModel:
     """
     where = source.path.name
     raw = read_model_file(source.path, source.root)
-    clean = [
-        p.vertices[np.isfinite(p.vertices).all(axis=1) & (np.abs(p.vertices) < 1e12).all(axis=1)] for p in raw.parts
-    ]
+    clean = [p.vertices[(np.abs(p.vertices) < 1e12).all(axis=1)] for p in raw.parts]  # NaN is not less
     every = np.concatenate(clean)
     scale = float(np.ptp(every, axis=0).max()) if len(every) else 0.0
     if not scale > 1e-9:
@@ -313,10 +311,8 @@ def _of_list(info: Path, root: Path) -> list[FileSource]:
         # A model's name is its folder's: nothing with separators or dots is one.
         if not isinstance(name, str) or not name.replace("-", "").replace("_", "").isalnum() or len(name) > 100:
             continue
-        file = next(
-            (f for f in (info.parent / name / n for n in ("raw_model.obj", "normalized_model.obj")) if f.is_file()),
-            None,
-        )
+        usual = (info.parent / name / n for n in ("raw_model.obj", "normalized_model.obj"))
+        file = next((f for f in usual if f.is_file()), None)
         if file is not None:
             raw = file.name == "raw_model.obj"
             given = Given(unit="m" if raw else None, up="y", front="+z")

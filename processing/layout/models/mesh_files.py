@@ -185,13 +185,11 @@ class FolderFiles:
         return iter(())
 
     def _inside(self, name: str) -> Path | None:
-        plain = urllib.parse.unquote(name).strip().replace("\\", "/")
-        wrong = (
-            "\0" in plain or ":" in plain or PurePosixPath(plain).is_absolute() or PureWindowsPath(plain).is_absolute()
-        )
-        if wrong or not plain or len(plain) > 500:
+        rel = urllib.parse.unquote(name).strip().replace("\\", "/")
+        wrong = "\0" in rel or ":" in rel or PurePosixPath(rel).is_absolute() or PureWindowsPath(rel).is_absolute()
+        if wrong or not rel or len(rel) > 500:
             return None
-        path = (self.folder / plain).resolve()
+        path = (self.folder / rel).resolve()
         return path if path.is_relative_to(self.root.resolve()) else None
 
     def _refused(self, note: str) -> FileNotFoundError:

@@ -100,12 +100,10 @@ def _without_place(search: Search, items: Sequence[Item], rules: RuleSet) -> lis
     return found
 
 
-def _repair(
-    search: Search, divisions: Sequence[Packing], pool: _Pool, seed: int, valid: Callable[[Final], bool]
-) -> None:
+def _repair(search: Search, packed: Sequence[Packing], pool: _Pool, seed: int, valid: Callable[[Final], bool]) -> None:
     """Take units out and place them anew, until whole states are found that the judge passes."""
     for number, (split, rounds) in enumerate(REPAIRS):
-        finals = search.rebuild(divisions[min(split, len(divisions) - 1)], rounds, 1000 * seed + number)
+        finals = search.rebuild(packed[min(split, len(packed) - 1)], rounds, 1000 * seed + number)
         if any(final.dropped or valid(final) for final in finals[:: max(1, len(finals) // 4)]):
             pool.add(finals)
         if pool.kinds:

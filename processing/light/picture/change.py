@@ -212,9 +212,8 @@ def _even_out(sight: Sight, pixels: Indices, light: Floats) -> None:
     """
     cell = np.concatenate([sight.point[pixels] / EVEN_M, 4 * sight.normal[pixels]], axis=1)
     keys = np.floor(cell).astype(np.int64) @ (1, 1 << 12, 1 << 24, 1 << 36, 1 << 40, 1 << 44)
-    _, group, count = np.unique(
-        keys + (sight.label[pixels].astype(np.int64) << 48), return_inverse=True, return_counts=True
-    )
+    keys += sight.label[pixels].astype(np.int64) << 48
+    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
     for k in range(3):
         light[pixels, k] = (np.bincount(group, light[pixels, k]) / count)[group]
 

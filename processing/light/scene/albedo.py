@@ -149,9 +149,8 @@ def brought_to(panorama: LuminanceImage, rows: int, filled: Flags | None) -> tup
         raise AlbedoError("not a whole panorama", where="panorama", advice="bring it to equirectangular, 2 to 1")
     if not np.isfinite(panorama.rgb).all() or not (panorama.rgb > 0).any():
         raise AlbedoError("no light in the picture", where="panorama", advice="check its calibration")
-    good = (panorama.validity == Validity.VALID) & ~(
-        filled if filled is not None else np.zeros_like(panorama.validity, bool)
-    )
+    gone = np.zeros_like(panorama.validity, bool) if filled is None else filled
+    good = (panorama.validity == Validity.VALID) & ~gone
     if source.height_px == rows:
         return panorama.rgb, good
     target = Equirectangular(2 * rows, rows)

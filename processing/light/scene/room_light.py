@@ -200,16 +200,14 @@ class EmptyRoom:
         return rgb, self.sunless | patches
 
 
-def with_sunlight(
-    empty: LuminanceImage, before: LuminanceImage, filled: Flags, sunlight: Flags, hidden: Flags
-) -> EmptyRoom:
+def with_sunlight(empty: LuminanceImage, before: LuminanceImage, filled: Flags, sun: Flags, hidden: Flags) -> EmptyRoom:
     """Return the emptied panorama with the direct sunlight that removal took away, where nothing hid it.
 
     The sun's patch lights the room, and furniture is put into the room as it was photographed. ``before``: the
-    photograph; ``filled``, ``sunlight``, ``hidden``: (H, W), what removal filled, direct sunlight, and what stood in
+    photograph; ``filled``, ``sun``, ``hidden``: (H, W), what removal filled, direct sunlight, and what stood in
     the way (furniture, tripod, shadows).
     """
-    back = _grown(sunlight, SUN_RIM_RAD) & ~_grown(hidden, FURNITURE_RIM_RAD)
+    back = _grown(sun, SUN_RIM_RAD) & ~_grown(hidden, FURNITURE_RIM_RAD)
     image = replace(
         empty,
         rgb=np.where(back[..., None], before.rgb, empty.rgb),

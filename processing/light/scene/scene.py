@@ -312,10 +312,7 @@ def shell_of(
     if not 0 <= reveal_m <= 2:
         raise ParameterError(f"reveals {reveal_m} m deep", advice="give 0 to 2", reveal_m=True)
     windows = [(i, o) for i, o in enumerate(room.openings) if o.kind is OpeningKind.WINDOW]
-    surfaces = [
-        _surface(plane, [o for _, o in windows if o.wall == plane.index - FIRST_WALL], room)
-        for plane in planes_of(room)
-    ]
+    surfaces = [_surface(p, [o for _, o in windows if o.wall == p.index - FIRST_WALL], room) for p in planes_of(room)]
     panes = []
     for number, window in windows:
         niche = _Niche(room, window, reveal_m)

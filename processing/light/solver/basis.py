@@ -173,8 +173,7 @@ def read_basis(path: Path) -> LightBasis:
         effort = Effort(texel_m, patches, rows, pixels, sun, bool(clean), str(found["cleaning"]))
         rays = {name: kind(*(found[f"{name}_{part}"] for part in kind._fields)) for name, kind in STORED.items()}
         x, y, z = (float(v) for v in found["eye_m"])
-        return LightBasis(
-            effort, (x, y, z), found["pixel"], **rays, fixed=found["fixed"], scene_digest=str(found["scene"])
-        )
+        digest = str(found["scene"])
+        return LightBasis(effort, (x, y, z), found["pixel"], **rays, fixed=found["fixed"], scene_digest=digest)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise RelightError(f"not a basis of this program: {error}", where=path.name, advice="delete it") from error
