@@ -192,16 +192,14 @@ def best_direction(
     """Return the sun's direction that explains the bright places best, and its score (above 0: it explains some)."""
     if sun is None:
         azimuths = np.linspace(-math.pi, math.pi, SEARCH_AZIMUTHS, endpoint=False)
-        tries = [
-            (float(a), float(e)) for a in azimuths for e in np.linspace(LOWEST_RAD, HIGHEST_RAD, SEARCH_ELEVATIONS)
-        ]
+        ways = [(float(a), float(e)) for a in azimuths for e in np.linspace(LOWEST_RAD, HIGHEST_RAD, SEARCH_ELEVATIONS)]
     else:
         azimuths = sun[0] + np.linspace(-AZIMUTH_SLACK_RAD, AZIMUTH_SLACK_RAD, 7)
         heights = sun[1] + np.linspace(-ELEVATION_SLACK_RAD, ELEVATION_SLACK_RAD, 3)
-        tries = [(float(a), max(0.01, float(e))) for a in azimuths for e in heights]
+        ways = [(float(a), max(0.01, float(e))) for a in azimuths for e in heights]
     best: tuple[float, float] | None = None
     score = 0.0
-    for direction in tries:
+    for direction in ways:
         value = explained(scene, room, sun_vector(*direction))
         if value > score:
             best, score = direction, value

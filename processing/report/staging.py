@@ -32,7 +32,7 @@ METHODS = {
 def alternatives_section(
     arranged: Arrangements | None, staged: Mapping[str, Any] | None, cuts: Sequence[Cuts], plans: Mapping[int, bytes]
 ) -> Section | None:
-    """Return the alternatives side by side: staged views, plans, quantities; None where nothing was arranged.
+    """Return the alternatives side by side: staged views, plans, figures; None where nothing was arranged.
 
     ``staged`` is the JSON of the stage render; ``plans``: SVG by number from 1.
     """
@@ -276,16 +276,16 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _card(moment: Moment, look: Look) -> Card:
     facts = moment.facts
-    quantities = []
+    figures = []
     if isinstance(facts.get("global_horizontal_lx"), int | float):
-        quantities.append(Quantity("Outdoors", round(float(facts["global_horizontal_lx"]), -1), "lx"))
+        figures.append(Quantity("Outdoors", round(float(facts["global_horizontal_lx"]), -1), "lx"))
     if isinstance(facts.get("median_luminance"), int | float):
         unit = str(facts.get("unit", ""))
-        quantities.append(Quantity("Room, median", float(f"{facts['median_luminance']:.3g}"), unit))
+        figures.append(Quantity("Room, median", float(f"{facts['median_luminance']:.3g}"), unit))
     if isinstance(facts.get("sun_elevation_deg"), int | float):
-        quantities.append(Quantity("Sun's height", round(float(facts["sun_elevation_deg"]), 1), "°"))
+        figures.append(Quantity("Sun's height", round(float(facts["sun_elevation_deg"]), 1), "°"))
     weather = _WEATHER.get(str(facts.get("weather", "")), "")
-    return Card(moment.title, _view(moment, look), f"the room relit, {moment.title}", weather, tuple(quantities))
+    return Card(moment.title, _view(moment, look), f"the room relit, {moment.title}", weather, tuple(figures))
 
 
 def _view(moment: Moment, look: Look) -> bytes:

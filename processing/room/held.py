@@ -112,9 +112,7 @@ class Held(NamedTuple):
         taken = [(middle_of(room, one), one.end_m - one.start_m) for one in placed]
         taken += [(place, 0.5) for place in self.gone]
         free = [
-            one
-            for one in found
-            if all(math.dist(middle_of(room, one), p) > (one.end_m - one.start_m + w) / 2 for p, w in taken)
+            o for o in found if all(math.dist(middle_of(room, o), p) > (o.end_m - o.start_m + w) / 2 for p, w in taken)
         ]
         return tuple(placed + free)
 
@@ -145,12 +143,10 @@ def middle_of(room: RoomModel, one: Opening) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def _nearest(
-    line: tuple[Doubles, Doubles], lines: list[tuple[Doubles, Doubles]], most_m: float, most_sin: float
-) -> int:
+def _nearest(line: tuple[Doubles, Doubles], some: list[tuple[Doubles, Doubles]], most_m: float, most_sin: float) -> int:
     """Return which of several lines lies nearest to a line, of those that look the same way; -1: none does."""
     best, found = most_m, -1
-    for k, (start, along) in enumerate(lines):
+    for k, (start, along) in enumerate(some):
         turned = along[0] * line[1][1] - along[1] * line[1][0]
         off = abs(along[0] * (line[0] - start)[1] - along[1] * (line[0] - start)[0])
         if along @ line[1] > 0 and abs(turned) < most_sin and off < best:

@@ -139,12 +139,12 @@ def quality_of(stage: Stage, request: RunRequest) -> Quality:
 
 def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
     """Return what of quality, max_error and time_budget counts for a stage."""
-    each: dict[Trade, object] = {
+    every: dict[Trade, object] = {
         "quality": quality_of(stage, request).value,
         "max_error": request.max_error,
         "time_budget": request.time_budget_s,
     }
-    return {trade: each[trade] for trade in stage.trades}
+    return {trade: every[trade] for trade in stage.trades}
 
 
 def _given(stage: Stage, request: RunRequest, kind: OptionKind) -> list[tuple[Option, object]]:

@@ -119,14 +119,11 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
         ("room for {} frames", status.free_frames),
         ("clock {:+.1f} s", offset_s),
     )
+    unlike = [s for s in settings if not s.honoured]
     reported = "".join(f"; {words.format(value)}" for words, value in said if value is not None)
     checks = [
         Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware}){reported}"),
-        *[
-            Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}")
-            for s in settings
-            if not s.honoured
-        ],
+        *[Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}") for s in unlike],
         *_body_checks(side, body, table.accept),
         *status_checks(side, status, offset_s, rig.file.limits),
     ]
@@ -202,7 +199,7 @@ def _camera_record(
         clock_offset_s=offset_s,
         lens=table.lens,
         nd_filter=table.nd_filter,
-        read=tuple(SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in read),
+        settings=tuple(SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in read),
     )
 
 

@@ -119,7 +119,9 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
             skipped = sum(sides.count(s.side) for s in best.skipped)
             report.frames_planned = len(bracket.stops_s) * len(sides) - skipped + (best.panorama is not None)
             report.status, report.missing = best.status.value, best.missing
-            listed = {r.file for m in (manifest, journalled) if m for r in (*m.frames, *m.rejected) if r.file}
+            listed = {
+                r.file for m in (manifest, journalled) if m for many in (m.frames, m.rejected) for r in many if r.file
+            }
             report.notes += [w.message for w in best.warnings if w.code in WORTH_NOTING]
             for name in SUBFOLDERS:
                 _check_folder(root, name, listed, report)

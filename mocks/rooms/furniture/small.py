@@ -57,18 +57,16 @@ def pile(b: Build, paper: Material) -> None:
 
 def filled(b: Build, paper: Material, x: tuple[float, float], z: float, tall: float) -> None:
     """Fill one shelf: mostly books from one side, then a box, a vase or nothing."""
-    depth, (x0, x1) = b.size[1], x
+    deep, (x0, x1) = b.size[1], x
     fullness = float(b.rng.uniform(0.25, 1.0)) * b.option("fullness", 0.85)
     if fullness < 0.22:
         return
     end = x0 + fullness * (x1 - x0)
-    books(b, paper, (x0, end), -depth / 2 + 0.03, z, (tall - 0.03, depth - 0.05))
+    books(b, paper, (x0, end), -deep / 2 + 0.03, z, (tall - 0.03, deep - 0.05))
     room = x1 - end
     if room > 0.26 and b.rng.random() < 0.5:
-        long = min(0.26, room - 0.05)
-        box = rounded_box(
-            (x1 - long - 0.01, -depth / 2 + 0.02, z), (x1 - 0.01, depth / 2 - 0.03, z + 0.6 * tall), 0.006
-        )
+        side = min(0.26, room - 0.05)
+        box = rounded_box((x1 - side - 0.01, -deep / 2 + 0.02, z), (x1 - 0.01, deep / 2 - 0.03, z + 0.6 * tall), 0.006)
         b.add(box, b.plain("box", ((0.55, 0.50, 0.42), (0.30, 0.32, 0.34), (0.70, 0.68, 0.64))), "box")
     elif room > 0.16:
         b.add(cylinder((x1 - 0.08, 0.0, z), 0.05, min(0.18, tall - 0.05), 0.012), b.plain("pot", CERAMIC, 0.3), "vase")

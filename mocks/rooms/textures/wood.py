@@ -180,13 +180,11 @@ class Layout:
         return np.asarray(cv2.remap(sheet, right, self.along_m * scale - np.float32(0.5), cv2.INTER_LINEAR))
 
 
-def _bank(
-    rng: np.random.Generator, texture: Texture, pixel_m: float, count: int, size_m: tuple[float, float]
-) -> Floats:
-    """Return the tones of ``count`` blocks of length and width ``size_m``."""
+def _bank(rng: np.random.Generator, texture: Texture, pixel_m: float, many: int, size_m: tuple[float, float]) -> Floats:
+    """Return the tones of ``many`` blocks of length and width ``size_m``."""
     timber = Timber.of(rng, texture, pixel_m)
     rows, columns = (math.ceil(s / pixel_m) for s in size_m)
-    return np.stack([timber.board(rng, rows, columns) * board_tint(rng, texture) for _ in range(count)])
+    return np.stack([timber.board(rng, rows, columns) * board_tint(rng, texture) for _ in range(many)])
 
 
 def _shuffled(rng: np.random.Generator, number: Int32s, blocks: int) -> Int32s:

@@ -64,11 +64,8 @@ def sweep(
 
 
 def _outward(body: Solid) -> Solid:
-    return (
-        body
-        if solids.signed_volume_m3(body.vertices, body.faces) > 0
-        else solids.solid(body.vertices, body.faces[:, ::-1])
-    )
+    volume_m3 = solids.signed_volume_m3(body.vertices, body.faces)
+    return body if volume_m3 > 0 else solids.solid(body.vertices, body.faces[:, ::-1])
 
 
 def _band(profile: Sequence[Span], sides: int = 48) -> Solid:

@@ -258,16 +258,14 @@ class _Lit(NamedTuple):
     new_sun: Floats
 
 
-def _shade(
-    job: _Job, seen: tuple[Sight, _Lit, Floats, Flags | None], which: Indices, photo: Floats, band: Band
-) -> None:
+def _shade(job: _Job, seen: tuple[Sight, _Lit, Floats, Flags | None], mine: Indices, photo: Floats, band: Band) -> None:
     """Fill pixels of the band that were looked at."""
     sight, lit, mirror, sunless = seen
     full = job.change.full
     albedo, emission = albedo_of(full, sight), emission_of(full, sight)
     matte = matte_share(full, sight)[:, 0]
-    empty = np.zeros(len(which), bool) if sunless is None else sunless
-    given = _Given(which, sight.label, *lit, albedo, emission, matte, mirror, empty)
+    empty = np.zeros(len(mine), bool) if sunless is None else sunless
+    given = _Given(mine, sight.label, *lit, albedo, emission, matte, mirror, empty)
     shape = photo.shape
     _shade_all(given, _WEIGHTS, photo, Band(band.shown.reshape(shape), band.gain, band.kept, band.todo))
 

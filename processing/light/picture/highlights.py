@@ -189,11 +189,9 @@ def mirrored_light(
     return out, share
 
 
-def _sun_glint(
-    sight: Sight, pixels: np.ndarray, sun: Floats, towards: Doubles, width: float, head_on: Doubles
-) -> Floats:
+def _sun_glint(sight: Sight, at: np.ndarray, sun: Floats, towards: Doubles, width: float, head_on: Doubles) -> Floats:
     """Return the sun's highlight (K, 3): its irradiance times the facets' reflectance towards the eye."""
-    view, normal = -sight.rays[pixels].astype(np.float64), sight.normal[pixels].astype(np.float64)
+    view, normal = -sight.rays[at].astype(np.float64), sight.normal[at].astype(np.float64)
     half = view + towards
     half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
     nv = np.clip((view * normal).sum(axis=1), 1e-3, 1)
