@@ -203,7 +203,7 @@ class Conductor:
             raise error
 
     def _sides_in_need(self, stop: int, whom: Iterable[Side]) -> Generator[events.CaptureEvent, None, tuple[Side, ...]]:
-        """Return which need the stop; in an adaptive bracket, after the frames that decide it are judged."""
+        """Return which sides need it; in an adaptive bracket, after the frames that decide it are judged."""
         if self._plan.mode == "full" or stop >= len(self._plan.order):
             return tuple(whom)
         neighbours = [(side, near) for side in whom for near in (stop - 1, stop + 1)]

@@ -23,9 +23,11 @@ def volume(wide_m: float, deep_m: float, thick_m: float) -> tuple[Mesh, Mesh]:
     return cover, box((-w + 0.003, -d + c, c), (w - 0.003, d - 0.003, t - c))
 
 
-def books(b: Build, paper: Material, x: tuple[float, float], front: float, z: float, most: tuple[float, float]) -> None:
-    """Add upright books between two places along x, spines at ``front``; ``most``: height and depth."""
-    at, tallest, deepest = x[0], most[0], most[1]
+def books(
+    b: Build, paper: Material, x: tuple[float, float], front: float, z: float, limits: tuple[float, float]
+) -> None:
+    """Add upright books between two places along x, spines at ``front``; limits are height and depth."""
+    at, tallest, deepest = x[0], limits[0], limits[1]
     usual = float(b.rng.uniform(0.18, 0.26))
     while at < x[1] - 0.012:
         thick = min(float(b.rng.gamma(4.0, 0.007)) + 0.009, x[1] - at)
