@@ -6,6 +6,9 @@ Lenses: `even`, the simulated rig's own family, an even veil of 0.5 % and anothe
 `halo`, hostile: 2 % in a Gaussian of about 28 degrees and a mirrored ghost, which no sum of the kernel's parts gives.
 Errors, medians of |measured / true - 1| after a common scale (the median over the middle half of the luminances):
 `near`, within 3 to 12 degrees of the brightest thousandth; `dark`, the darkest twentieth of the field.
+`lamps`: a panorama camera of two lenses, each of which scatters within its own half: 0.8 % exponentially over 17
+degrees, 0.4 % evenly and 0.2 % as a mirrored ghost, which no sum of the kernel's parts gives. Three lamps in a dark
+room, seen and hidden, show the kernel; the same three scenes lose it.
 """
 
 from __future__ import annotations
@@ -21,13 +24,14 @@ from processing.calibration.optics import glare_taken_off
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.glare_fit import GlareKernel
-from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
+from processing.calibration.scale.lamp_glare import kernel_from_lamps
+from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes, without_glare
 from processing.errors import ProcessingError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.pictures.frames import array_frame
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import widened
-from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels, solid_angles
 
 FRAME = (720, 480)
 RADIUS = 0.48  # of the frame's height
@@ -35,6 +39,8 @@ LENSES = {"in_family": 0.0, "hostile": 0.02}
 EVEN, NEAR_SHARE, NEAR_RAD = 0.005, 0.01, 0.15
 CLOSE_RAD = (math.radians(3), math.radians(12))
 BRIGHT_PCT, DARK_PCT = 99.9, 5.0
+LAMPS = ((0.2, 0.9, 0.1), (-0.8, 0.5, 0.3), (0.4, -0.8, 0.0))
+WHITE_S = 5.0
 
 
 def stray_light_figures(curves: Curves, scenes: list[Floats], seed: int) -> dict[str, float]:
@@ -46,7 +52,71 @@ def stray_light_figures(curves: Curves, scenes: list[Floats], seed: int) -> dict
             camera = HostileCamera(irradiance, shown[(seed + k) % len(shown)], jpeg=("opencv", 95, "4:2:2"), seed=seed)
             for key, value in _one(HostileWorld(family, camera, halo=halo), scene, not halo, seed + k).items():
                 rows.setdefault(f"glare_{family}_{key}", []).append(value)
+    for k, scene in enumerate(scenes):
+        camera = HostileCamera(irradiance, shown[(seed + k + 3) % len(shown)], jpeg=("opencv", 95, "4:2:2"), seed=seed)
+        for key, value in _by_lamps(HostileWorld("lamps", camera), scene, seed + k).items():
+            rows.setdefault(f"glare_lamps_{key}", []).append(value)
     return {key: float(np.median(values)) for key, values in rows.items()}
+
+
+def _by_lamps(world: HostileWorld, scene: Floats, seed: int) -> dict[str, float]:
+    height, width = scene.shape[:2]
+    geometry = Equirectangular(width, height)
+    bracket = hostile_bracket(world, _two_lens_glare(scene), WHITE_S, seed)
+    fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)])
+
+    def merged(frames: tuple[Bytes, ...]) -> RelativeImage:
+        sources = [array_frame(frame, f"frame {k}") for k, frame in enumerate(frames)]
+        options = MergeOptions(own_curve=True)
+        times = {"geometry": geometry, "options": options, "time_sigma": fit.time_sigma}
+        return merge(sources, fit.times_s, fit.curve, fit.noise, **times).image  # type: ignore[arg-type]
+
+    pairs = []
+    rays, _ = directions(geometry)
+    for ahead in LAMPS:
+        near = rays @ (np.array(ahead) / np.linalg.norm(ahead))
+        dark = np.repeat((0.3 + 0.1 * rays[..., :1]).astype(np.float32), 3, axis=2)
+        seen, hidden = dark.copy(), dark.copy()
+        seen[near > math.cos(math.radians(3))] = 3e4
+        hidden[near > math.cos(math.radians(7))] = 0.01
+        pair = [hostile_bracket(world, _two_lens_glare(light), WHITE_S, seed + 50) for light in (seen, hidden)]
+        pairs.append((merged(pair[0].frames), merged(pair[1].frames)))
+    kernel = kernel_from_lamps(pairs, two_lenses=True)
+    image = merged(bracket.frames)
+    truth = luminance_cd_m2(cv2.GaussianBlur(scene, (0, 0), 0.7))
+    bright = truth >= np.percentile(truth, BRIGHT_PCT)
+    apart = cv2.distanceTransform((~bright).astype(np.uint8), cv2.DIST_L2, 5) * math.pi / height
+    places = {
+        "near": (apart > CLOSE_RAD[0]) & (apart < CLOSE_RAD[1]),
+        "dark": (truth <= np.percentile(truth, DARK_PCT)) & (truth > 0),
+    }
+    before, after = _errors(image, truth, places, None), _errors(without_glare(image, kernel), truth, places, kernel)
+    return (
+        {"index_pct": 100 * kernel.index}
+        | {f"{k}_kept_pct": v for k, v in before.items()}
+        | {f"{k}_pct": v for k, v in after.items()}
+    )
+
+
+def _two_lens_glare(light: Floats) -> Floats:
+    """Return a panorama's light through two lenses that scatter: worked out in cells of four degrees."""
+    height, width = light.shape[:2]
+    small = Equirectangular(96, 48)
+    rays = directions(small)[0].reshape(-1, 3)
+    area = solid_angles(small).reshape(-1, 1)
+    sent = cv2.resize(light, (96, 48), interpolation=cv2.INTER_AREA).reshape(-1, 3) * area
+    same = (rays[:, None, 1] > 0) == (rays[None, :, 1] > 0)
+    angle = np.arccos(np.clip(rays @ rays.T, -1, 1))
+    halo = np.where(same, np.exp(-angle / 0.3), 0)
+    halo /= (halo * area[:, 0]).sum(axis=1, keepdims=True)
+    # A ghost stands mirrored about the lens's axis.
+    ghost = np.where(same, np.exp(-0.5 * (np.arccos(np.clip((rays * (-1, 1, -1)) @ rays.T, -1, 1)) / 0.12) ** 2), 0)
+    ghost /= (ghost * area[:, 0]).sum(axis=1, keepdims=True)
+    glare = (0.008 * halo + 0.004 * same / (2 * math.pi) + 0.002 * ghost) @ sent
+    wide = np.pad(glare.reshape(48, 96, 3).astype(np.float32), ((0, 0), (1, 1), (0, 0)), mode="wrap")
+    smooth = cv2.resize(wide, (round(width * 98 / 96), height), interpolation=cv2.INTER_LINEAR)
+    off = (smooth.shape[1] - width) // 2
+    return np.asarray(0.986 * light + smooth[:, off : off + width], dtype=np.float32)
 
 
 def _one(world: HostileWorld, scene: Floats, even: bool, seed: int) -> dict[str, float]:
