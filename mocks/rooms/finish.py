@@ -159,9 +159,7 @@ def draw_finish(rng: np.random.Generator, use: Use) -> Finish:
         lacquer=plain("lacquer", scaled(pick(rng, style.lacquers), 0.95), rng.uniform(0.12, 0.4)),
         metal=plain("metal", pick(rng, style.metals), rng.uniform(0.12, 0.3)),
         fabric=cloth(rng, "fabric", pick(rng, style.fabrics), (*["woven"] * 4, "boucle", "leather")),
-        second_fabric=cloth(
-            rng, "second fabric", pick(rng, style.second_fabrics), ("woven", "woven", "boucle", "knit")
-        ),
+        second_fabric=cloth(rng, "second fabric", pick(rng, style.second_fabrics), (*["woven"] * 2, "boucle", "knit")),
         bedding=_bedding(rng, style),
         curtain=cloth(rng, "curtain", scaled(pick(rng, style.curtains), 0.92)),
         rug=_rug(rng, style),

@@ -72,11 +72,7 @@ def indoor_falloff(
 
 
 def find_optics(
-    merged: RelativeImage,
-    session: SessionManifest,
-    asked: OpticsChoice,
-    profile: RigProfile | None,
-    k2: K2Record | None,
+    image: RelativeImage, session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, k2: K2Record | None
 ) -> tuple[OutdoorOptics, dict[str, Any], list[str]]:
     """Return the optics, where each part is from, and warnings."""
     camera = profile.cameras.get(Side.OUTDOOR) if profile else None
@@ -84,19 +80,16 @@ def find_optics(
     if camera and camera.lens:
         lens, lens_source = camera.lens.lens(), "the rig profile's"
     else:
-        lens, lens_source = _lens(merged, session, asked)
+        lens, lens_source = _lens(image, session, asked)
     falloff, falloff_source = _falloff(session, asked, profile, warnings)
     tint, tint_source = _filter(session, profile, k2, warnings)
     if k2 is not None:
         panorama = indoor_falloff(session, asked, profile)[0]
         warnings += corrections_unlike(k2, {"panorama": panorama, "vignetting": falloff, "nd": tint})
-    circle = lens.circle.scaled((merged.rgb.shape[1], merged.rgb.shape[0]))
+    field_deg = math.degrees(2 * lens.half_field_rad)
+    circle = lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
     facts = {
-        "lens": {
-            "mapping": str(lens.mapping),
-            "field_deg": math.degrees(2 * lens.half_field_rad),
-            "source": lens_source,
-        },
+        "lens": {"mapping": str(lens.mapping), "field_deg": field_deg, "source": lens_source},
         "image_circle": {"centre_px": list(circle.centre_px), "radius_px": circle.radius_px},
         "falloff": falloff_source,
         "nd_colour": tint_source,

@@ -184,9 +184,7 @@ def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str 
     k2 = profile.k2
     if k2 is None:
         raise ProfileError(
-            "the profile has no k2",
-            where=where,
-            advice="measure it: daylit rig calibrate --chart SESSION, or give --k2",
+            "the profile has no k2", where=where, advice="measure it: daylit rig calibrate --chart SESSION; or --k2"
         )
     measured = {Side.INDOOR: k2.indoor, Side.OUTDOOR: k2.outdoor}
     found = [f"{s}: {text}" for s, old in measured.items() if s in states for text in old.differences(states[s])]

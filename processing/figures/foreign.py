@@ -223,9 +223,8 @@ def rescaled(image: LuminanceImage, factor: float, sigma: float) -> LuminanceIma
     """Return the picture times a factor of a relative standard uncertainty."""
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     rgb = np.asarray(image.rgb * np.float32(factor))
-    return replace(
-        image, rgb=rgb, scale_uncertainty=sigma, absolute=True, attributes=with_modes(image.attributes, modes)
-    )
+    attributes = with_modes(image.attributes, modes)
+    return replace(image, rgb=rgb, scale_uncertainty=sigma, absolute=True, attributes=attributes)
 
 
 def by_reading(image: LuminanceImage, level: float, place: tuple[float, float], sigma: float) -> LuminanceImage:

@@ -170,9 +170,8 @@ def lossless_frame(path: Path | str, name: str | None = None) -> LosslessFrame:
     path = Path(path)
     where = name or path.name
     pixels = _lossless_pixels(path, where)
-    return LosslessFrame(
-        path, where, (pixels.shape[1], pixels.shape[0]), 8 * pixels.itemsize, pixels.dtype == np.uint16
-    )
+    size = (pixels.shape[1], pixels.shape[0])
+    return LosslessFrame(path, where, size, 8 * pixels.itemsize, pixels.dtype == np.uint16)
 
 
 def raw_frame(source: Path | str | bytes, name: str | None = None, within: tuple[int, int] | None = None) -> RawFrame:

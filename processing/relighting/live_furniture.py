@@ -95,9 +95,8 @@ class LiveFurniture:
         self.eye_m, self.bare = found.eye_m, Stage.of(found.scene, TEXEL_M)
         self.light = light_map(self.bare)
         rows = self.photograph.rgb.shape[0]
-        self.small, self.large = (
-            sight_of(self.bare, Equirectangular(2 * n, n), self.eye_m) for n in (SMALL_ROWS, rows)
-        )
+        sizes = [Equirectangular(2 * n, n) for n in (SMALL_ROWS, rows)]
+        self.small, self.large = (sight_of(self.bare, size, self.eye_m) for size in sizes)
         self._solid = np.flatnonzero(self.small.solid)
         seen = self.small.some(self._solid)
         beams, mean_m = beams_at(self.bare, self.light, seen.point, seen.normal, SAMPLES, 0)

@@ -113,9 +113,8 @@ def lifted(
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
-    _in_bands(
-        partial(_evened_out, rgb, change, target | (stays & (change != 0))), {0: even}, np.zeros_like(plane), glass
-    )
+    evened = partial(_evened_out, rgb, change, target | (stays & (change != 0)))
+    _in_bands(evened, {0: even}, np.zeros_like(plane), glass)
     change[~stays] = 0
     uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change

@@ -107,9 +107,8 @@ def find_sunlight(
     scene = Scene(points_m[usable], plane[usable], relative[usable], weight[usable])
     direction, score = best_direction(thinned(scene), room, sun)
     if direction is None or score <= 0:
-        return SunFound(
-            none, None, False, "no window's beam explains the bright places: overcast, or the sun elsewhere"
-        )
+        why = "no window's beam explains the bright places: overcast, or the sun elsewhere"
+        return SunFound(none, None, False, why)
     lit = _in_beams(scene, room, sun_vector(*direction))
     mask = none.copy()
     mask[usable] = lit

@@ -189,9 +189,8 @@ def calibrate_indoor(
     tied = merged.attributes.get(SEAM_KEY, SEAM_SIGMA)
     assert isinstance(tied, float)
     seam = [seam_mode(spot[1] if spot else None, tied)] if lenses else []
-    stray = (
-        kernel_modes(picture, kernel, measured=scale.measured or None) if kernel else unmeasured_modes(picture, spot)
-    )
+    level = scale.measured or None
+    stray = kernel_modes(picture, kernel, measured=level) if kernel else unmeasured_modes(picture, spot)
     picture = widened(picture, [*stray, *seam])
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {

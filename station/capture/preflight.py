@@ -273,9 +273,8 @@ def list_instruments() -> Iterator[Check]:
         yield Check(Level.OK, "camera", f"{camera.product or 'unnamed'} ({ids}) on bus {camera.bus}.{camera.address}")
     ports = list_ports()
     if not ports:
-        yield Check(
-            Level.WARN, "serial ports", "none", "plug the meter in; on Linux it shows as /dev/ttyACM* or ttyUSB*"
-        )
+        advice = "plug the meter in; on Linux it shows as /dev/ttyACM* or ttyUSB*"
+        yield Check(Level.WARN, "serial ports", "none", advice)
     for port in ports:
         description = "" if port.description == "n/a" else port.description
         yield Check(Level.OK, "serial port", f"{port.device} {description}".strip())

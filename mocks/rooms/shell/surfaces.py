@@ -164,9 +164,8 @@ def mouldings(plan: Plan, finish: Finish) -> list[Part]:
     with_cornice = plan.height_m > CORNICE_FROM_M and rng.random() < 0.6
     top, drop = plan.height_m, float(rng.uniform(0.07, 0.1))
     out = [(0.0, top - drop), (0.012, top - drop), (0.016, top - 0.75 * drop)]
-    bow = [
-        (0.016 + 0.7 * drop * math.sin(a), top - 0.1 * drop - 0.65 * drop * math.cos(a)) for a in (0.3, 0.7, 1.1, 1.5)
-    ]
+    turns, start = (0.3, 0.7, 1.1, 1.5), top - 0.1 * drop
+    bow = [(0.016 + 0.7 * drop * math.sin(a), start - 0.65 * drop * math.cos(a)) for a in turns]
     crown = [*out, *bow, (0.8 * drop + 0.016, top), (0.0, top)]
     found: list[Part] = []
     for wall in range(len(plan.polygon)):

@@ -182,9 +182,8 @@ def _points(own: Floats, luma: Bytes, numbers: Doubles) -> tuple[Doubles, Double
     rays, angle = _seen(numbers, x, y)
     shown = _pattern(np.square(drawn(luma, rays) / np.float32(255)), angle)
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    moved = np.asarray(flow.calc(shown, _pattern(own, angle), np.zeros((size_px, size_px, 2), np.float32))) * (
-        2 / size_px
-    )
+    still = np.zeros((size_px, size_px, 2), np.float32)
+    moved = np.asarray(flow.calc(shown, _pattern(own, angle), still)) * (2 / size_px)
     step = max(size_px // GRID, 1)
     row, column = np.mgrid[:size_px, :size_px] % step == step // 2
     grey = shown.astype(np.float32)

@@ -48,12 +48,8 @@ class LinearSamples:
         """
         code = np.asarray(codes, dtype=np.float64)
         x = np.minimum(code, CLIP_CODE) / FULL - self.noise[:, 3]
-        variance = (
-            self.noise[:, 0] * np.maximum(x, 0)
-            + self.noise[:, 1]
-            + self.noise[:, 2]
-            + (self.time_sigma[place] * x) ** 2
-        )
+        photon, read2, code2, _ = self.noise.T
+        variance = photon * np.maximum(x, 0) + read2 + code2 + (self.time_sigma[place] * x) ** 2
         weight = np.where(code >= CLIP_CODE, 0.0, self.times_s[place] ** 2 / variance)
         return (x / self.times_s[place]).astype(np.float32), weight.astype(np.float32)
 

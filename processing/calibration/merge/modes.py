@@ -47,9 +47,8 @@ def merge_modes(tables: MergeTables, curve: ResponseCurve, times_s: Doubles, tim
     weights = np.array(LUMINANCE_WEIGHTS)
     rows = []
     for mode in curve_modes(curve):
-        moved = np.array(
-            [[np.interp(z, np.arange(256), one) for z, one in zip(row, mode, strict=True)] for row in codes]
-        )
+        every = np.arange(256)
+        moved = np.array([[np.interp(z, every, one) for z, one in zip(row, mode, strict=True)] for row in codes])
         rows.append(weights @ (math.log(2) * np.sum(share * moved, axis=0)))
     rows += [time_sigma[f] * weights @ share[f] for f in range(len(times_s)) if time_sigma[f] > 0]
     return _principal(np.array(rows), levels)

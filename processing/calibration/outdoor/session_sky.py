@@ -115,8 +115,8 @@ def calibrate_outdoor(
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
     picture = _with_shared(picture, optics, sky.kernel)
-    repaired, repair = _repaired(picture, asked, session, sky)
-    lux, low = illuminances(repaired, {"up": UP})
+    mended, repair = _repaired(picture, asked, session, sky)
+    lux, low = illuminances(mended, {"up": UP})
     facts |= scale_facts | {
         "veil": veil,
         "north": _north_facts(north),
@@ -128,10 +128,10 @@ def calibrate_outdoor(
         *_unturned(north, session),
         *_sun_warnings(sky, asked),
         *low,
-        *_compared(repaired, asked, facts),
+        *_compared(mended, asked, facts),
     ]
     warnings += [text for text in scale.warnings if text.startswith("k2")]
-    return Calibrated(repaired, scale, facts, tuple(warnings))
+    return Calibrated(mended, scale, facts, tuple(warnings))
 
 
 def _with_shared(picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None) -> LuminanceImage:
@@ -170,16 +170,10 @@ def _through_glass(
     image = outdoor.project(replace(image, geometry=replace(merged.geometry, yaw_rad=yaw)), target)
     value, doubt = (1.0, SAME_CAMERA_UNCERTAINTY) if asked.k2 is None else (asked.k2, 0.0)
     scale = combined(k1, ScaleFactor(value, doubt, {"k2": doubt}))
-    k2_source = "one camera" if asked.k2 is None else "given"
+    origin = "one camera" if asked.k2 is None else "given"
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, k1=k1.value, k2=value)
     lux, low = illuminances(picture, {"up": UP})
-    facts = {
-        "falloff": source,
-        "k2": value,
-        "k2_source": k2_source,
-        "north": _north_facts(north),
-        "illuminance_lx": lux,
-    }
+    facts = {"falloff": source, "k2": value, "k2_source": origin, "north": _north_facts(north), "illuminance_lx": lux}
     facts |= {"sun": {"found": sky.sun_text, "repair": "not asked"}, "window_share": share}
     text = (
         f"the sky is a panorama from behind the glass: {share:.0%} of all directions show it, the rest is black; its "

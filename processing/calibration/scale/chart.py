@@ -281,9 +281,8 @@ def _views(geometry: Geometry, towards: Doubles | None) -> Iterator[Perspective]
         for turn in range(count):
             angle, height = 2 * math.pi * turn / count, math.radians(height_deg)
             flat = math.cos(height)
-            yield _view(
-                geometry, np.array((flat * math.sin(angle), flat * math.cos(angle), math.sin(height))), _FOV_RAD
-            )
+            ahead = np.array((flat * math.sin(angle), flat * math.cos(angle), math.sin(height)))
+            yield _view(geometry, ahead, _FOV_RAD)
 
 
 def _view(geometry: Geometry, towards: Doubles, fov_rad: float) -> Perspective:

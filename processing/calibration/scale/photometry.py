@@ -195,9 +195,8 @@ def compare_illuminance(
 
 def _warning(computed: Illuminance, measured_lx: float, difference: float) -> str:
     where = "above" if difference > 0 else "below"
-    reasons = [
-        f"{share:.0%} of it from {name} pixels" for name, share in computed.invalid_shares.items() if share > 0.01
-    ]
+    invalid = computed.invalid_shares.items()
+    reasons = [f"{share:.0%} of it from {name} pixels" for name, share in invalid if share > 0.01]
     if computed.unseen_share > 0.01:
         reasons.append(f"{computed.unseen_share:.0%} of the half space not shown")
     causes = f" ({', '.join(reasons)})" if reasons else ""

@@ -164,9 +164,8 @@ class MitsubaTracer(Tracer):
     def _free(self, origins: Floats, ways: Floats) -> Flags:
         mi = self._mi
         if self._variant == SCALAR:
-            rays = (
-                mi.Ray3f(mi.Point3f(o), mi.Vector3f(w), NEARLY, 0.0, []) for o, w in zip(origins, ways, strict=True)
-            )
+            both = zip(origins, ways, strict=True)
+            rays = (mi.Ray3f(mi.Point3f(o), mi.Vector3f(w), NEARLY, 0.0, []) for o, w in both)
             return ~np.array([self._scene.ray_test(ray) for ray in rays], bool)
         ray = mi.Ray3f(mi.Point3f(np.asarray(origins).T), mi.Vector3f(np.asarray(ways).T))
         ray.maxt = mi.Float(NEARLY)

@@ -124,9 +124,8 @@ class RelightView:
         """
         panes = self.stage.scene.panes
         if veils is not None:
-            panes = tuple(
-                replace(p, veil_cd_m2=p.veil_cd_m2 * np.float32(v)) for p, v in zip(panes, veils, strict=True)
-            )
+            both = zip(panes, veils, strict=True)
+            panes = tuple(replace(p, veil_cd_m2=p.veil_cd_m2 * np.float32(v)) for p, v in both)
         stage = self.stage.under(outdoors, panes)
         sunny = self.stage.under(outdoors, panes_for_sun(panes, self.basis.eye_m[2]))
         small, error = self._irradiance(stage, sunny, seed)
