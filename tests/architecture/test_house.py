@@ -34,10 +34,10 @@ MOST_UNEXPLAINED_CONSTANTS = 0
 """Named numbers without a word on where they come from."""
 FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py"}
 LINES = {
-    "drivers": 7_100,
-    "station": 11_050,
-    "mocks": 15_000,
-    "processing": 58_200,
+    "drivers": 7_000,
+    "station": 10_950,
+    "mocks": 14_900,
+    "processing": 58_400,  # two lenses placed and stitched, stray light by lamps; the others gave as much
     "studio": 870,
 }
 """The budget of lines of each room."""

@@ -13,18 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from processing.calibration.merge.lens_pair import (
-    BLEND_RAD,
-    CODES,
-    SEEN_RAD,
-    TIE_PX,
-    LensPair,
-    PlacedLens,
-    drawn,
-    powers,
-    reduced,
-    tied,
-)
+from processing.calibration.merge import lens_pair
 from processing.errors import BracketError, LensError
 from processing.ground.arrays import Bytes, Doubles, Floats, UInt16s
 from processing.ground.colour import LUMINANCE_WEIGHTS
@@ -48,7 +37,7 @@ GRID = 48  # points across a lens's picture, in the fit; chosen
 LEAST_SPREAD = 6  # standard deviation of a pattern around a pixel that shows where it is; chosen
 
 
-def place_lenses(raw: UInt16s, colours: CameraColours, panorama: Bytes) -> LensPair:
+def place_lenses(raw: UInt16s, colours: CameraColours, panorama: Bytes) -> lens_pair.LensPair:
     """Return both lenses of a raw frame (H, 2 H, 3) of `mosaic.camera_rgb`, by the camera's JPEG (h, 2 h, 3) of it.
 
     Raises `BracketError` where the two do not show the same.
@@ -73,7 +62,7 @@ def place_lenses(raw: UInt16s, colours: CameraColours, panorama: Bytes) -> LensP
         lenses = [_lens(numbers, halves[k], k) for k, (numbers, _) in enumerate(fits)]
     except LensError as error:
         raise BracketError(f"its raw pictures show no lens: {error.message}") from error
-    return replace(tied(lenses, halves, panorama), off_rad=off)
+    return replace(lens_pair.tied(lenses, halves, panorama), off_rad=off)
 
 
 def clearest(raws: Sequence[UInt16s], panoramas: Sequence[Bytes]) -> int:
@@ -81,7 +70,10 @@ def clearest(raws: Sequence[UInt16s], panoramas: Sequence[Bytes]) -> int:
     good = []
     for raw, panorama in zip(raws, panoramas, strict=True):
         well, code = raw[::16, ::16, 1], panorama[::16, ::16, 1]
-        good.append(np.mean((well > 2 * PEDESTAL) & (well < FULL)) * np.mean((code > CODES[0]) & (code < CODES[1])))
+        good.append(
+            np.mean((well > 2 * PEDESTAL) & (well < FULL))
+            * np.mean((code > lens_pair.CODES[0]) & (code < lens_pair.CODES[1]))
+        )
     return int(np.argmax(good))
 
 
@@ -93,7 +85,7 @@ def _seen(numbers: Doubles, x: Doubles, y: Doubles) -> tuple[Doubles, Doubles]:
     """Return what a lens sees at points of its half, (..., 3) in the panorama's axes, and the angle from its axis."""
     left, up = numbers[0] - x, numbers[1] - y
     radius = np.hypot(left, up)
-    angle = powers(radius, POWERS) @ numbers[2:5]
+    angle = lens_pair.powers(radius, POWERS) @ numbers[2:5]
     scale = np.sin(angle) / np.maximum(radius, 1e-9)
     rays = np.stack([left * scale, up * scale, np.cos(angle)], axis=-1)
     return rays @ Rotation.from_rotvec(numbers[5:]).as_matrix(), angle
@@ -131,7 +123,7 @@ def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
 
     Raises `BracketError` where neither order resembles the panorama.
     """
-    (x, y), own = _plane(SIZES_PX[0]), [reduced(np.minimum(half, 1), SIZES_PX[0]) for half in halves]
+    (x, y), own = _plane(SIZES_PX[0]), [lens_pair.reduced(np.minimum(half, 1), SIZES_PX[0]) for half in halves]
     best: dict[tuple[int, int], tuple[float, Doubles]] = {}
     for ahead in (1, -1):
         level = Rotation.from_matrix([[-ahead, 0, 0], [0, 0, 1], [0, ahead, 0]])
@@ -140,7 +132,10 @@ def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
             for scale in SCALES:
                 numbers = np.array([0, 0, scale * math.pi / 2, 0, 0, *turn])
                 rays, angle = _seen(numbers, x, y)
-                near, shown = angle < SEEN_RAD, _pattern(np.square(drawn(luma, rays) / np.float32(255)), angle)
+                near, shown = (
+                    angle < lens_pair.SEEN_RAD,
+                    _pattern(np.square(lens_pair.drawn(luma, rays) / np.float32(255)), angle),
+                )
                 for k, half in enumerate(own):
                     alike = _likeness(_pattern(half, angle)[near], shown[near])
                     if (k, ahead) not in best or alike > best[k, ahead][0]:
@@ -159,7 +154,7 @@ def _fitted(half: Floats, luma: Bytes, numbers: Doubles) -> tuple[Doubles, float
     """Return a lens, from coarse to fine, and the median angle between what it and the panorama see (inf: no edges)."""
     off_rad = math.inf
     for size_px in [size for size in SIZES_PX if size <= max(len(half), SIZES_PX[1])]:
-        own = reduced(np.minimum(half, 1), size_px)
+        own = lens_pair.reduced(np.minimum(half, 1), size_px)
         for _ in range(ROUNDS):
             points = _points(own, luma, numbers)
             if len(points[0]) < LEAST_POINTS:
@@ -180,7 +175,7 @@ def _points(own: Floats, luma: Bytes, numbers: Doubles) -> tuple[Doubles, Double
     size_px = len(own)
     x, y = _plane(size_px)
     rays, angle = _seen(numbers, x, y)
-    shown = _pattern(np.square(drawn(luma, rays) / np.float32(255)), angle)
+    shown = _pattern(np.square(lens_pair.drawn(luma, rays) / np.float32(255)), angle)
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     still = np.zeros((size_px, size_px, 2), np.float32)
     moved = np.asarray(flow.calc(shown, _pattern(own, angle), still)) * (2 / size_px)
@@ -188,29 +183,29 @@ def _points(own: Floats, luma: Bytes, numbers: Doubles) -> tuple[Doubles, Double
     row, column = np.mgrid[:size_px, :size_px] % step == step // 2
     grey = shown.astype(np.float32)
     spread = cv2.blur(grey * grey, (5, 5)) - cv2.blur(grey, (5, 5)) ** 2
-    use = row & column & (angle < SEEN_RAD) & (spread > LEAST_SPREAD**2) & (np.hypot(x, y) < 1)
+    use = row & column & (angle < lens_pair.SEEN_RAD) & (spread > LEAST_SPREAD**2) & (np.hypot(x, y) < 1)
     return x[use] + moved[use, 0], y[use] + moved[use, 1], rays[use]
 
 
-def _lens(numbers: Doubles, half: Floats, number: int) -> PlacedLens:
+def _lens(numbers: Doubles, half: Floats, number: int) -> lens_pair.PlacedLens:
     """Return a fitted lens with its field: to where light falls off to half of that at a right angle, or its border."""
-    side, small = len(half) / 2, np.minimum(reduced(half, TIE_PX), 1)
-    x, y = _plane(TIE_PX)
+    side, small = len(half) / 2, np.minimum(lens_pair.reduced(half, lens_pair.TIE_PX), 1)
+    x, y = _plane(lens_pair.TIE_PX)
     _, angle = _seen(numbers, x, y)
     rings = np.rint(angle / RING_RAD).astype(int)
     reach = 1 - float(np.abs(numbers[:2]).max())
-    right, field = round(math.pi / 2 / RING_RAD), float(powers(np.array(reach), POWERS) @ numbers[2:5])
+    right, field = round(math.pi / 2 / RING_RAD), float(lens_pair.powers(np.array(reach), POWERS) @ numbers[2:5])
     level = [float(np.quantile(small[rings == k], 0.75)) for k in range(right - 2, int(field / RING_RAD))]
     last = next((k for k, light in enumerate(level) if light < max(level[:3]) / 2), len(level))
     field = min(field, (right - 2 + last) * RING_RAD) - USABLE_RAD
-    if not field > math.pi / 2 + BLEND_RAD:
+    if not field > math.pi / 2 + lens_pair.BLEND_RAD:
         raise LensError(f"{math.degrees(field):.1f} degrees from the axis are less than two lenses need to meet")
     radii = np.linspace(0, reach, 1000)
-    reach = float(np.interp(field, powers(radii, POWERS) @ numbers[2:5], radii))
+    reach = float(np.interp(field, lens_pair.powers(radii, POWERS) @ numbers[2:5], radii))
     factors = np.zeros(max(POWERS))
     factors[np.array(POWERS) - 1] = numbers[2:5] * reach ** np.array(POWERS) / field
     centre = ((1 + 2 * number + numbers[0]) * side, (1 + numbers[1]) * side)
     size = 2 * len(half), len(half)
     shape = tuple((factors / factors.sum()).tolist())
     lens = Fisheye(*size, LensMapping.POLYNOMIAL, reach * side, field, centre, polynomial=shape)
-    return PlacedLens(lens, Rotation.from_rotvec(numbers[5:]).as_matrix(), 1.0)
+    return lens_pair.PlacedLens(lens, Rotation.from_rotvec(numbers[5:]).as_matrix(), 1.0)

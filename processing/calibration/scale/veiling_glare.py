@@ -15,16 +15,7 @@ import cv2
 import numpy as np
 from scipy.linalg import block_diag
 
-from processing.calibration.scale.glare_fit import (
-    LEAST_FACTOR,
-    MOST_CLIPPED,
-    PRIOR_SHARE,
-    SECTORS,
-    WIDTHS_RAD,
-    GlareKernel,
-    fit_kernel,
-    hidden_factors,
-)
+from processing.calibration.scale import glare_fit
 from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
@@ -61,7 +52,7 @@ class Cells(NamedTuple):
         sent = light * self.area[:, None]
         near = np.flatnonzero(sent.any(axis=1))
         sources, sent = self.places[near], sent[near]
-        found = np.empty((len(WIDTHS_RAD) + 1, *light.shape))
+        found = np.empty((len(glare_fit.WIDTHS_RAD) + 1, *light.shape))
         for start in range(0, len(light), _TARGETS):
             targets = self.places[start : start + _TARGETS]
             apart = (targets**2).sum(1)[:, None] + (sources**2).sum(1) - 2 * targets @ sources.T
@@ -70,7 +61,7 @@ class Cells(NamedTuple):
                 apart = (2 * np.arcsin(np.minimum(np.sqrt(apart) / 2, 1))) ** 2
             if self.side is not None:
                 apart[self.side[start : start + _TARGETS, None] != self.side[near]] = np.inf
-            for k, width in enumerate(WIDTHS_RAD):
+            for k, width in enumerate(glare_fit.WIDTHS_RAD):
                 far = apart + width**2
                 found[k, start : start + _TARGETS] = (width / (2 * math.pi) / (far * np.sqrt(far))) @ sent
         for mine in [slice(None)] if self.side is None else [self.side, ~self.side]:
@@ -81,7 +72,7 @@ class Cells(NamedTuple):
         return found
 
 
-def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKernel:
+def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> glare_fit.GlareKernel:
     """Return the kernel by the frame around the image circle of an uncropped fisheye picture (H, W, 3), linear.
 
     ``validity``: clipped pixels of the surround are left out. Dark ones count with their values, so that the rest
@@ -115,8 +106,8 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> GlareKe
     level = in_cells(np.where(surround, luminance, 0), cells.shape)[:, 0]
     use = seen > 0.5
     found, x, y = level[use] / seen[use], *cells.places[use].T
-    sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * SECTORS).astype(int)
-    fit = fit_kernel(parts[..., use], found, sector, hidden_factors(light))
+    sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * glare_fit.SECTORS).astype(int)
+    fit = glare_fit.fit_kernel(parts[..., use], found, sector, glare_fit.hidden_factors(light))
     field = float(light[:, 0] @ cells.area / (cells.area @ cells.inside))
     index = min(1.0, float(np.median(found)) / field) if field > 0 else 0.0
     return replace(fit, index=index)
@@ -138,7 +129,7 @@ def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
         )
 
 
-def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
+def without_glare(image: Picture, kernel: glare_fit.GlareKernel) -> Picture:
     """Return the picture less what the kernel scatters; the rest is raised so that the mean over the field stays.
 
     Arrays keep their shape and unit. What falls to 0 or below becomes 0, `Validity.DARK`, with infinite uncertainty;
@@ -181,7 +172,9 @@ def without_glare(image: Picture, kernel: GlareKernel) -> Picture:
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, attributes=attributes)
 
 
-def kernel_modes(image: LuminanceImage, kernel: GlareKernel, *, measured: float | None = None) -> list[SharedMode]:
+def kernel_modes(
+    image: LuminanceImage, kernel: glare_fit.GlareKernel, *, measured: float | None = None
+) -> list[SharedMode]:
     """Return what is left uncertain of a kernel's glare in a picture: a mode for each axis of its covariance.
 
     ``measured``: luminance by which the picture was scaled, cd/m2: what is wrong there is in the scale.
@@ -209,7 +202,7 @@ def unmeasured_modes(image: LuminanceImage, measured: tuple[float, float, float]
     in cd/m2, longitude and latitude in radians of the spot that set the picture's scale, which has what scatters there.
     """
     cells, light = _shown_and_clipped(image)
-    parts = PRIOR_SHARE * np.moveaxis(cells.scattered(light), -1, 0)
+    parts = glare_fit.PRIOR_SHARE * np.moveaxis(cells.scattered(light), -1, 0)
     total, clipped = cells.area @ light
     if clipped > 0:
         parts[1] *= math.sqrt(_hidden(total, clipped))
@@ -231,8 +224,8 @@ def unmeasured_modes(image: LuminanceImage, measured: tuple[float, float, float]
 
 def _hidden(total: float, clipped: float) -> float:
     """Return the mean square of clipped light over what it shows, up to what the scene with the most of it hides."""
-    most = max(MOST_CLIPPED / 3 * total / clipped, 2 * LEAST_FACTOR)
-    return (most**2 - LEAST_FACTOR**2) / (2 * math.log(most / LEAST_FACTOR))
+    most = max(glare_fit.MOST_CLIPPED / 3 * total / clipped, 2 * glare_fit.LEAST_FACTOR)
+    return (most**2 - glare_fit.LEAST_FACTOR**2) / (2 * math.log(most / glare_fit.LEAST_FACTOR))
 
 
 def _shown_and_clipped(image: LuminanceImage, two_lenses: bool = False) -> tuple[Cells, Doubles]:
