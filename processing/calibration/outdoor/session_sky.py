@@ -114,7 +114,7 @@ def calibrate_outdoor(
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
-    picture = _with_shared(picture, optics, sky.kernel)
+    picture = with_shared_modes(picture, optics, sky.kernel)
     mended, repair = _repaired(picture, asked, session, sky)
     lux, low = illuminances(mended, {"up": UP})
     facts |= scale_facts | {
@@ -134,7 +134,7 @@ def calibrate_outdoor(
     return Calibrated(mended, scale, facts, tuple(warnings))
 
 
-def _with_shared(picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None) -> LuminanceImage:
+def with_shared_modes(picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None) -> LuminanceImage:
     """Return the picture with what stray light, fall-off and the filter's colour leave uncertain in all pixels alike.
 
     The last two are in the pixels' own uncertainty already, which sums take as independent.
