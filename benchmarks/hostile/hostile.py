@@ -8,7 +8,7 @@ Illuminance: five planes through the camera. Rival: the better of OpenCV's Debev
 same spot, both with an exact reading.
 A bracket that is refused counts as refused, not as covered. Cameras with a mosaic and a matrix have raw files beside
 their JPEGs: the same wells, merged as `daylit process` merges them. Stray light: `glare`; raw files of a panorama
-camera, of two lenses side by side: `two_lenses`.
+camera, of two lenses side by side: `two_lenses`; rigs that see spectra: `spectra`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.hostile.glare import stray_light_figures
+from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
@@ -46,6 +47,7 @@ from training.response_prior import published_curves
 SIZE, QUICK_SIZE = (768, 384), (384, 192)
 SCENES = ("panoramas/hdr/lebombo_1k.hdr", "panoramas/hdr/adams_place_bridge_1k.hdr", "sky/rooitou_park_1k.hdr")
 QUICK_WORLDS = (1, 7, 9, 16)
+RIGS, QUICK_RIGS = 60, 6
 METER_SIGMA = 0.012
 SMOOTH, TEXTURED = 0.03, 0.10
 SPOT_PX = 5
@@ -98,6 +100,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         **_raw_metrics(raws),
         **stray_light_figures(_curves(), scenes, number),
         **two_lens_figures(_curves(), scenes, number),
+        **spectral_figures(QUICK_RIGS if quick else RIGS, number),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "

@@ -1,12 +1,13 @@
 """Rigs whose cameras, filter and meter see spectra, and whose lenses are copies that no table describes.
 
-Each draw is another rig: two cameras of measured spectral sensitivities (colour-science's data sets, shifted by some
-nanometres), each with its maker's matrix from a chart in daylight; a density filter of 3.0 that is neither neutral nor
-a matrix (a slope and a bow over wavelength, more light beyond 650 nm); a meter whose V(lambda) is off; chart and lamp as
-published. The fisheye is a copy: its mapping is the equisolid one times 1 + a theta2, its axis is off the middle of its
-circle, and its fall-off ends in a knee that no polynomial of the estimator's is. The rig is calibrated as the product
-does it: the chart in both cameras, a flat field; then a room is scaled by its meter, and a sky, which is bluer the
-farther from the sun, measured. Frames are merged already: curves have figures of their own.
+Each draw is another rig: two cameras of measured spectral sensitivities (colour-science's data sets: a Bayer filter's,
+with up to half of a layered sensor's, shifted by some nanometres), each with its maker's matrix from a chart in
+daylight; a density filter of 3.0 that is neither neutral nor a matrix (a slope and a bow over wavelength, more light
+beyond 650 nm); a meter whose V(lambda) is off; chart and lamps as published. The fisheye is a copy: its mapping is the
+equisolid one times 1 + a theta2, its axis is off the middle of its circle, and its fall-off ends in a knee that no
+polynomial of the estimator's is. The rig is calibrated as the product does it: the chart in both cameras, a flat field;
+then a room is scaled by its meter, and a sky, which is bluer the farther from the sun, measured. Frames are merged
+already: curves have figures of their own.
 
 Errors: horizontal illuminance of the sky against the truth; whether it lies within its stated 95 % interval; colour of
 the zenith, the larger of red and blue over green against what the indoor camera would show of it.
@@ -24,13 +25,14 @@ from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.outdoor.session_sky import with_shared_modes
 from processing.calibration.scale.chart import ChartView, scale_from_charts
-from processing.calibration.scale.chart_patches import FoundChart
+from processing.calibration.scale.chart_patches import WHITE, FoundChart
 from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor, combined, scaled
 from processing.calibration.scale.photometry import illuminances
 from processing.calibration.scale.vignetting import fit_flat
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import blueness
 from processing.rig.calibrate import one_colour
 from processing.sphere import LensMapping
 
@@ -105,9 +107,10 @@ def spectral_figures(draws: int, seed: int) -> dict[str, float]:
     }
 
 
-def _camera(data: Spectra, rng: np.random.Generator, which: int) -> tuple[Doubles, Doubles]:
+def _camera(data: Spectra, rng: np.random.Generator) -> tuple[Doubles, Doubles]:
     """Return a copy's sensitivities (N, 3) and its maker's matrix (3, 3) to linear Rec. 709."""
-    shift, own = rng.normal(0, 2.0, 3), data.cameras[which]
+    shift, share = rng.normal(0, 2.0, 3), rng.uniform(0, 0.5)
+    own = sum(part * one / one.sum() for part, one in zip((1 - share, share), data.cameras, strict=True))
     sees = np.stack([np.interp(data.nm, data.nm + shift[c], own[:, c]) for c in range(3)], axis=1)
     sees = sees / (data.sun(6504.0) @ sees)
     import colour
@@ -121,8 +124,7 @@ def _camera(data: Spectra, rng: np.random.Generator, which: int) -> tuple[Double
 
 
 def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float]:
-    first = int(rng.integers(2))
-    (inside, to_rgb), (outside, to_rgb_out) = _camera(data, rng, first), _camera(data, rng, 1 - first)
+    (inside, to_rgb), (outside, to_rgb_out) = _camera(data, rng), _camera(data, rng)
     bow = (data.nm - 550) / 150
     density = 3.0 - rng.normal(0, 0.08) * bow - rng.normal(0, 0.05) * bow**2 - 0.15 * rng.random() * (data.nm > 650)
     through = 10**-density
@@ -165,7 +167,8 @@ def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float]:
     optics = OutdoorOptics(lens, falloff, tint)
     image = outdoor.with_lens(_picture(rgb.astype(np.float32), lens), optics)
     image = outdoor.correct_colour(outdoor.correct_vignetting(image, optics), optics)
-    picture = with_shared_modes(scaled(image, combined(k1, k2), k1=k1.value, k2=k2.value), optics, None)
+    lit = float(blueness(charts[0].rgb[WHITE]))
+    picture = with_shared_modes(scaled(image, combined(k1, k2), k1=k1.value, k2=k2.value), optics, None, lit)
     lux = illuminances(picture, {"up": (0.0, 0.0, 1.0)})[0]["up"]
     truth = _true_lux(sun / np.linalg.norm(sun))
     error = lux["value"] / truth - 1

@@ -112,6 +112,8 @@ class K2Record(Model):
     residual_stops: profile_records.NonNegative
     """Robust rms of the neutral patches about the fit."""
     patches: tuple[PatchRecord, ...] = ()
+    light: Annotated[float, Field(ge=-3, le=3)] = 0.0
+    """Blueness of the light on the chart (`blueness`), by its white patch in the indoor camera; 0: daylight."""
     corrections: tuple[Correction, ...] = ()
     """What was undone in the pictures before k2 was measured; the same must be done before it is used."""
     responses: dict[Side, SafeText] = Field(default={})

@@ -1,7 +1,7 @@
 """What all pixels of a picture may be wrong by together: a few modes, each one standard deviation of one cause.
 
 A pixel's own uncertainty averages out over many pixels; a wrong curve, time, lens or scale does not. A mode is the
-relative error of luminance that one cause makes, as a function of the level, of the side of a two-lens camera or of the
+relative error of luminance that one cause makes, as a function of level, colour, the side of a two-lens camera or the
 angle from the axis, so that it takes a few numbers beside the picture (its attributes) whatever the picture's size.
 Modes are independent: the variance of a sum over pixels is the sum of its squared sums over each mode (GUM 5.2).
 """
@@ -22,11 +22,14 @@ from processing.sphere import Equirectangular, Geometry, directions
 
 KEY, SEAM_KEY = "shared_modes", "seam_sigma"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
-Kind = Literal["level", "seam", "axis", "whole", "scatter"]
+Kind = Literal["level", "seam", "axis", "whole", "scatter", "colour"]
 LEVEL_SHIFT = 20  # bits of a float32, dropped: what is left steps by an eighth of an octave
 LEVELS = 1 << (32 - LEVEL_SHIFT)
 SEAM_SIGMA = 0.02
 """Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""
+SPECTRAL_SIGMA = 0.025
+"""Relative error of luminance a unit of blueness from the light of the scale, by cameras', filters' and meters'
+spectra: chosen on rigs of measured sensitivities (`benchmarks.hostile.spectra`, validation seeds)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ class SharedMode:
     kind: Kind
     places: tuple[float, ...]
     """Where `values` are: log2 luminance, or sine of the angle from the picture's axis; of a seam (-1, 1). Of scatter:
-    rows and columns of its map, and its relative error where the picture's scale was measured."""
+    rows and columns of its map, and its relative error where the picture's scale was measured. Of colour: `blueness` of
+    no error, the value being the error a unit of it."""
     values: tuple[float, ...]
     """Relative error of luminance for one standard deviation; of scatter its luminance, row by row."""
 
@@ -110,6 +114,8 @@ def relative_error(
         return mode.of_levels(luminance)
     if mode.kind == "whole":
         return np.full(luminance.shape, mode.values[0], np.float32)
+    if mode.kind == "colour":
+        return np.asarray(mode.values[0] * (blueness(image.rgb[rows]) - mode.places[0]), dtype=np.float32)
     if mode.kind == "scatter":
         light = _scattered(mode, image.rgb.shape[1], image.rgb.shape[0], rows)
         # Where it is all there is, more of it is no news.
@@ -181,6 +187,17 @@ def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
     """Return weights, shape (n, count), of cells for a part of ``size`` pixels, linear between the cells' middles."""
     places = np.clip((np.arange(size)[part] + 0.5) / size * count - 0.5, 0, count - 1)
     return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
+
+
+def blueness(rgb: Floats) -> Floats:
+    """Return the log of blue over green, at most 3 either way, of light (..., 3)."""
+    blue, green = np.maximum(rgb[..., 2], np.float32(1e-20)), np.maximum(rgb[..., 1], np.float32(1e-20))
+    return np.asarray(np.clip(np.log(blue / green), -3, 3), dtype=np.float32)
+
+
+def colour_mode(light: float) -> SharedMode:
+    """Return the mode of spectra: of luminance from RGB, ``light`` being the blueness of what set the scale."""
+    return SharedMode("spectra", "colour", (light,), (SPECTRAL_SIGMA,))
 
 
 def seam_mode(measured_rad: float | None, sigma: float = SEAM_SIGMA) -> SharedMode:

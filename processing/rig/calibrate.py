@@ -20,6 +20,7 @@ from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError
 from processing.ground.arrays import Bytes
+from processing.pictures.modes import blueness
 from processing.rig.camera_fit import (
     CameraFit,
     SessionSide,
@@ -206,6 +207,7 @@ def _k2(
             )
             for p in found.patches
         ),
+        light=float(blueness(views[Side.INDOOR].chart.rgb[chart_patches.WHITE])),
         corrections=tuple(name for name, what in done.items() if what is not None),
         responses={side: ResponseRecord.of(camera.response.curve).digest() for side, camera in cameras.items()},
     )

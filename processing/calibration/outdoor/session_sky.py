@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from processing.calibration.optics import OpticsChoice, find_optics, glare_taken_off, indoor_falloff, lamp_kernel
 from processing.calibration.outdoor import outdoor, sun_place
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
@@ -20,8 +22,8 @@ from processing.calibration.scale.photometry import UP, compare_illuminance, ill
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
-from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.pictures.modes import SharedMode, falloff_mode, modes_of, widened, with_modes
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.pictures.modes import SharedMode, blueness, colour_mode, falloff_mode, modes_of, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import SessionManifest, Side
 
@@ -114,7 +116,10 @@ def calibrate_outdoor(
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
-    picture = with_shared_modes(picture, optics, sky.kernel)
+    light = k2.light if k2 else 0.0
+    if asked.k2 is None and k2 is None:  # scaled by a reading of this very sky
+        light = float(np.average(blueness(picture.rgb), weights=luminance_cd_m2(picture.rgb) + 1e-30))
+    picture = with_shared_modes(picture, optics, sky.kernel, light)
     mended, repair = _repaired(picture, asked, session, sky)
     lux, low = illuminances(mended, {"up": UP})
     facts |= scale_facts | {
@@ -134,10 +139,13 @@ def calibrate_outdoor(
     return Calibrated(mended, scale, facts, tuple(warnings))
 
 
-def with_shared_modes(picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None) -> LuminanceImage:
-    """Return the picture with what stray light, fall-off and the filter's colour leave uncertain in all pixels alike.
+def with_shared_modes(
+    picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None, light: float = 0.0
+) -> LuminanceImage:
+    """Return the picture with what stray light, spectra, fall-off and filter leave uncertain in all pixels alike.
 
-    The last two are in the pixels' own uncertainty already, which sums take as independent.
+    The last two are in the pixels' own uncertainty already, which sums take as independent. ``light``: blueness of the
+    light by which the scale was measured.
     """
     others = []
     if optics.vignetting and optics.vignetting.relative_uncertainty:
@@ -145,7 +153,7 @@ def with_shared_modes(picture: LuminanceImage, optics: OutdoorOptics, kernel: Gl
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
     left = kernel_modes(picture, kernel) if kernel else unmeasured_modes(picture)
-    picture = widened(picture, left)
+    picture = widened(picture, [*left, colour_mode(light)])
     return replace(picture, attributes=with_modes(picture.attributes, [*modes_of(picture), *others]))
 
 
