@@ -14,6 +14,7 @@ room, seen and hidden, show the kernel; the same three scenes lose it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ import numpy as np
 from benchmarks.hostile.worlds import Curves, HostileCamera, HostileWorld, hostile_bracket
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.optics import glare_taken_off
-from processing.calibration.response.response import recover_response
+from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
@@ -65,24 +66,8 @@ def _by_lamps(world: HostileWorld, scene: Floats, seed: int) -> dict[str, float]
     bracket = hostile_bracket(world, _two_lens_glare(scene), WHITE_S, seed)
     fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)])
 
-    def merged(frames: tuple[Bytes, ...]) -> RelativeImage:
-        sources = [array_frame(frame, f"frame {k}") for k, frame in enumerate(frames)]
-        options = MergeOptions(own_curve=True)
-        times = {"geometry": geometry, "options": options, "time_sigma": fit.time_sigma}
-        return merge(sources, fit.times_s, fit.curve, fit.noise, **times).image  # type: ignore[arg-type]
-
-    pairs = []
-    rays, _ = directions(geometry)
-    for ahead in LAMPS:
-        near = rays @ (np.array(ahead) / np.linalg.norm(ahead))
-        dark = np.repeat((0.3 + 0.1 * rays[..., :1]).astype(np.float32), 3, axis=2)
-        seen, hidden = dark.copy(), dark.copy()
-        seen[near > math.cos(math.radians(3))] = 3e4
-        hidden[near > math.cos(math.radians(7))] = 0.01
-        pair = [hostile_bracket(world, _two_lens_glare(light), WHITE_S, seed + 50) for light in (seen, hidden)]
-        pairs.append((merged(pair[0].frames), merged(pair[1].frames)))
-    kernel = kernel_from_lamps(pairs, two_lenses=True)
-    image = merged(bracket.frames)
+    kernel = lamp_kernel(world, geometry, fit, seed, _two_lens_glare)
+    image = _merged(bracket.frames, geometry, fit)
     truth = luminance_cd_m2(cv2.GaussianBlur(scene, (0, 0), 0.7))
     bright = truth >= np.percentile(truth, BRIGHT_PCT)
     apart = cv2.distanceTransform((~bright).astype(np.uint8), cv2.DIST_L2, 5) * math.pi / height
@@ -96,6 +81,37 @@ def _by_lamps(world: HostileWorld, scene: Floats, seed: int) -> dict[str, float]
         | {f"{k}_kept_pct": v for k, v in before.items()}
         | {f"{k}_pct": v for k, v in after.items()}
     )
+
+
+def _merged(frames: tuple[Bytes, ...], geometry: Equirectangular, fit: ResponseFit) -> RelativeImage:
+    sources = [array_frame(frame, f"frame {k}") for k, frame in enumerate(frames)]
+    times = {"geometry": geometry, "options": MergeOptions(own_curve=True), "time_sigma": fit.time_sigma}
+    return merge(sources, fit.times_s, fit.curve, fit.noise, **times).image  # type: ignore[arg-type]
+
+
+def lamp_kernel(
+    world: HostileWorld,
+    geometry: Equirectangular,
+    fit: ResponseFit,
+    seed: int,
+    scattering: Callable[[Floats], Floats] | None = None,
+) -> GlareKernel:
+    """Return the kernel by three lamps, seen and hidden by a world's camera, whose curve is ``fit``'s.
+
+    ``scattering``: of two lenses, on the light; None: the world's own, of one.
+    """
+    rays, _ = directions(geometry)
+    pairs = []
+    for ahead in LAMPS:
+        near = rays @ (np.array(ahead) / np.linalg.norm(ahead))
+        dark = np.repeat((0.3 + 0.1 * rays[..., :1]).astype(np.float32), 3, axis=2)
+        seen, hidden = dark.copy(), dark.copy()
+        seen[near > math.cos(math.radians(3))] = 3e4
+        hidden[near > math.cos(math.radians(7))] = 0.01
+        both = [scattering(light) if scattering else light for light in (seen, hidden)]
+        frames = [hostile_bracket(world, light, WHITE_S, seed + 50).frames for light in both]
+        pairs.append((_merged(frames[0], geometry, fit), _merged(frames[1], geometry, fit)))
+    return kernel_from_lamps(pairs, two_lenses=scattering is not None)
 
 
 def _two_lens_glare(light: Floats) -> Floats:

@@ -13,14 +13,14 @@ camera, of two lenses side by side: `two_lenses`; rigs that see spectra: `spectr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.hostile.glare import stray_light_figures
+from benchmarks.hostile.glare import lamp_kernel, stray_light_figures
 from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
@@ -32,9 +32,10 @@ from processing.calibration.merge.modes import local_contrast
 from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
+from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.luminance import ScaleFactor, scaled
 from processing.calibration.scale.photometry import PLANES, illuminance_lx
-from processing.calibration.scale.veiling_glare import unmeasured_modes
+from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes, without_glare
 from processing.errors import ProcessingError
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.pictures.frames import array_frame, raw_frame
@@ -80,6 +81,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     scores = [_score(*case) for case in cases]
     developed = [case[0].camera.mosaic and case[0].camera.matrix is not None for case in cases]
     raws = [(scores[k], _score(*case, raw=True)) for k, case in enumerate(cases) if developed[k]]
+    halos = [_score(*case, lamps=True) for case in cases if case[0].halo]
     by_world = [[s for s in scores if s.name == world.name] for world in chosen]
     done = [s for s in scores if not s.refused]
     covers = [float(np.mean([s.cover for s in group])) for group in by_world]
@@ -98,6 +100,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "false_ghost_pct": 100 * float(np.mean([s.ghost for s in done if s.ghost is not None])),
         "median_err_stops": float(np.median([s.median for s in done])),
         **_raw_metrics(raws),
+        **({"halo_lamps_cover95_pct": 100 * _least(halos, "cover")} if halos else {}),
         **stray_light_figures(_curves(), scenes, number),
         **two_lens_figures(_curves(), scenes, number),
         **spectral_figures(QUICK_RIGS if quick else RIGS, number),
@@ -139,14 +142,25 @@ def _scene(name: str, size: tuple[int, int]) -> Floats:
     return np.asarray(light / np.percentile(luminance_cd_m2(light), WHITE_PERCENTILE) * 100, dtype=np.float32)
 
 
-def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False) -> _Score:
+def _least(scores: list[_Score], figure: str) -> float:
+    """Return the least mean of a figure over worlds."""
+    names = {score.name for score in scores}
+    return min(float(np.mean([getattr(s, figure) for s in scores if s.name == name])) for name in names)
+
+
+def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, lamps: bool = False) -> _Score:
     bracket = hostile_bracket(world, scene, 100 * WHITE_S, seed, raw=raw)
     truth = luminance_cd_m2(bracket.radiance).astype(np.float64)
     score = _Score(world.name)
     spot = _spot(truth)
     reading = float(truth[spot].mean() * (1 + METER_SIGMA * np.random.default_rng((seed, 9)).standard_normal()))
     try:
-        image = _measured(_raw(bracket) if raw else _coded(bracket), spot, reading)
+        merged, kernel = _raw(bracket) if raw else _coded(bracket), None
+        if lamps:
+            fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
+            height, width = truth.shape
+            kernel = lamp_kernel(replace(world, jitter_stops=0.0), Equirectangular(width, height), fit, seed)
+        image = _measured(merged, spot, reading, kernel)
     except ProcessingError as error:
         score.refused = error.message[:160]
         return score
@@ -159,7 +173,7 @@ def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False) 
         float(np.mean(sigmas[good & part] <= 1.96)) for part in (good, contrast < SMOOTH, contrast > TEXTURED)
     )
     score.median = _median_stops(shown * exactly, truth, good)
-    if not raw:
+    if not raw and not lamps:
         score.rival = min(_median_stops(one * exactly, truth, good) for one in _rivals(bracket, spot, reading))
     ones = np.ones_like(image.uncertainty)
     exact = LuminanceImage(bracket.radiance, ones * 1e-6, np.zeros_like(image.validity), image.geometry, 0.0)
@@ -206,13 +220,17 @@ def _raw(bracket: HostileBracket) -> RelativeImage:
     ).image
 
 
-def _measured(merged: RelativeImage, spot: Flags, reading: float) -> LuminanceImage:
-    """Return the picture as the product makes a session's indoor one."""
+def _measured(merged: RelativeImage, spot: Flags, reading: float, kernel: GlareKernel | None = None) -> LuminanceImage:
+    """Return the picture as the product makes a session's indoor one; ``kernel``: the rig's, by lamps."""
+    merged = merged if kernel is None else without_glare(merged, kernel)
     displayed = float(merged.luminance()[spot].mean(dtype=np.float64))
     picture = scaled(merged, ScaleFactor(reading / displayed, METER_SIGMA, measured=reading))
     row, column = (np.flatnonzero(spot.any(axis=axis)).mean() + 0.5 for axis in (1, 0))
     place = (column / spot.shape[1] * 2 * np.pi - np.pi, np.pi / 2 - row / spot.shape[0] * np.pi)
-    return widened(picture, [*unmeasured_modes(picture, (reading, *place)), seam_mode(place[0])])
+    stray = unmeasured_modes(picture, (reading, *place))
+    if kernel is not None:
+        stray = kernel_modes(picture, kernel, measured=reading)
+    return widened(picture, [*stray, seam_mode(place[0])])
 
 
 def _spot(truth: Doubles) -> Flags:
