@@ -7,6 +7,7 @@ from typing import Any, Literal, Protocol
 from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.outdoor.outdoor import OutdoorOptics
+from processing.calibration.outdoor.sky_colour import tint_of_sky
 from processing.calibration.profile import Correction, K2Record, RigProfile
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.veiling_glare import kernel_from_surround, without_glare
@@ -82,7 +83,8 @@ def find_optics(
     else:
         lens, lens_source = _lens(image, session, asked)
     falloff, falloff_source = _falloff(session, asked, profile, warnings)
-    tint, tint_source = _filter(session, profile, k2, warnings)
+    of_sky = None if k2 is not None else _tint_of_sky(image, lens)
+    tint, tint_source = _filter(session, profile, k2, of_sky, warnings)
     if k2 is not None:
         panorama = indoor_falloff(session, asked, profile)[0]
         warnings += corrections_unlike(k2, {"panorama": panorama, "vignetting": falloff, "nd": tint})
@@ -211,12 +213,18 @@ def _for_aperture(found: Vignetting, known_at: float, f_numbers: list[float], wa
 
 
 def _filter(
-    session: SessionManifest, profile: RigProfile | None, k2: K2Record | None, warnings: list[str]
+    session: SessionManifest,
+    profile: RigProfile | None,
+    k2: K2Record | None,
+    of_sky: NdFilter | None,
+    warnings: list[str],
 ) -> tuple[NdFilter | None, str]:
-    """Return the filter's tint; where a k2 is used, what was done for it is done again."""
+    """Return the filter's tint, else the sky's; where a k2 is used, what was done for it is done again."""
     camera = profile.cameras.get(Side.OUTDOOR) if profile else None
     has_filter = any(d.nd_filter for d in session.devices if d.role == "outdoor")
     if camera is None or camera.nd is None:
+        if of_sky is not None:
+            return of_sky, of_sky.source
         if has_filter:
             warnings.append("the ND filter's colour is not known and not corrected (daylit rig calibrate --nd)")
         return None, "not corrected: no measured filter" if has_filter else "no filter recorded"
@@ -225,6 +233,13 @@ def _filter(
         warnings.append("k2 was measured without the filter's colour correction, so it is not made here either")
         return None, "not corrected: k2 was measured without it"
     return camera.nd.nd_filter(), "the rig profile's"
+
+
+def _tint_of_sky(image: RelativeImage, lens: LensModel) -> NdFilter | None:
+    try:
+        return tint_of_sky(image, lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0])))
+    except LensError:
+        return None
 
 
 def _kind(session: SessionManifest) -> str:
