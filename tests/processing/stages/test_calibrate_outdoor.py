@@ -15,6 +15,7 @@ from processing.calibration.profile_records import LensRecord, ResponseRecord, V
 from processing.calibration.scale.luminance import ScaleFactor
 from processing.errors import ScaleError
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import modes_of
 from processing.sphere import Equirectangular, Fisheye, LensMapping
 from processing.stages.calibrate import calibrate_indoor, run
 from processing.stages.contract import StageContext
@@ -91,6 +92,24 @@ def test_a_heading_instead_of_a_sun_is_reported_only_where_there_is_a_sun(pictur
     assert not any(text.startswith("north") for text in overcast.warnings)
     lost = calibrated(cloudy, manifest(), k2=1.0)
     assert any("the sun was not found" in text for text in lost.warnings)
+
+
+def test_a_filter_that_no_rig_has_measured_is_found_by_the_skys_colours(picture, in_units):
+    assert in_units.facts["nd_colour"].startswith("the sky's own colours")
+    row, column = (side // 2 for side in in_units.image.validity.shape)
+    seen, shown = picture.rgb[80, 120], in_units.image.rgb[row, column]
+    # The zenith is blue again, as behind this filter it is not.
+    assert seen[2] < seen[1] < shown[2]
+    made = calibrated(picture, rig=profile(record=k2()))
+    assert made.facts["nd_colour"] == "no filter recorded"
+
+
+def test_what_is_bluer_than_the_light_of_the_scale_is_less_sure(picture):
+    under = {light: calibrated(picture, rig=profile(record=k2(light=light))).image for light in (0.0, -1.5)}
+    for light, image in under.items():
+        [mode] = [mode for mode in modes_of(image) if mode.name == "spectra"]
+        assert mode.places == (light,)
+    assert np.median(under[-1.5].uncertainty) > np.median(under[0.0].uncertainty)
 
 
 def test_corrections_must_be_those_of_k2():
