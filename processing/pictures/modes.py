@@ -190,7 +190,7 @@ def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
 
 
 def blueness(rgb: Floats) -> Floats:
-    """Return the log of blue over green, at most 3 either way, of light (..., 3)."""
+    """Return the log of blue over green, at most 3 either way, of light of shape (..., 3)."""
     blue, green = np.maximum(rgb[..., 2], np.float32(1e-20)), np.maximum(rgb[..., 1], np.float32(1e-20))
     return np.asarray(np.clip(np.log(blue / green), -3, 3), dtype=np.float32)
 
