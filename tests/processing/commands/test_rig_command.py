@@ -18,12 +18,15 @@ from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import UniformWorld, unit
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.profile import load_profile
+from processing.calibration.profile_records import ShutterRecord
 from processing.calibration.scale.chart import ChartView
 from processing.calibration.scale.chart_patches import FoundChart, reflectances
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.modes import modes_of
+from processing.rig import calibrate
 from processing.rig.calibrate import one_colour
+from processing.rig.camera_fit import CameraFit, read_side
 from processing.sphere import Equirectangular
 from station.session.session import Side
 
@@ -114,12 +117,20 @@ def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(
         assert named == (glare == "auto")
 
 
-def test_a_lamp_that_no_camera_sees_is_said(sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    chart, room = str(sessions / "chart"), str(sessions / "room")
-    out = tmp_path / "lab.json"
-    assert daylit.main(["rig", "calibrate", chart, room, "--lamp", room, room, "--into", str(out)]) == 0
-    assert "stray light is not measured: no lamp" in capsys.readouterr().out
-    assert load_profile(out).cameras[Side.INDOOR].glare is None
+def test_a_lamp_that_a_camera_does_not_see_is_a_warning(sessions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    room = sessions / "room"
+    taken = read_side(room, Side.INDOOR)
+    assert taken is not None
+    shape = (24, 48)
+    dark = RelativeImage(
+        np.ones((*shape, 3), np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), Equirectangular(48, 24)
+    )
+    camera = CameraFit(Side.INDOOR, None, ShutterRecord())  # type: ignore[arg-type]
+    monkeypatch.setattr(CameraFit, "merged", lambda _camera, _taken: dark)
+    monkeypatch.setattr(calibrate, "fit_camera", lambda *_: camera)
+    found = calibrate._camera(calibrate.RigRequest(room, lamps=((room, room),)), Side.INDOOR, taken)
+    assert found.glare is None
+    assert found.warnings[0].startswith("indoor: stray light is not measured: no lamp")
 
 
 def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
