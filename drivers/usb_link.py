@@ -89,8 +89,7 @@ def _interfaces(device: Any) -> Iterator[Any]:
 
 
 def _is_still_image(interface: Any) -> bool:
-    ids = (interface.bInterfaceClass, interface.bInterfaceSubClass, interface.bInterfaceProtocol)
-    return ids == STILL_IMAGE_CLASS
+    return (interface.bInterfaceClass, interface.bInterfaceSubClass, interface.bInterfaceProtocol) == STILL_IMAGE_CLASS
 
 
 def _text(device: Any, index: int) -> str:
@@ -233,8 +232,7 @@ class UsbLink:
         except usb.core.USBError as error:
             if error.errno != errno.EBUSY:
                 raise _ours(error, self.name, "claiming the camera") from error
-            node = f"/dev/bus/usb/{device.bus or 0:03d}/{device.address or 0:03d}"
-            holder = find_holder(node, suspects=SUSPECTS)
+            holder = find_holder(f"/dev/bus/usb/{device.bus or 0:03d}/{device.address or 0:03d}", suspects=SUSPECTS)
             raise errors.DeviceClaimedError(
                 f"held by {holder or 'another program'}",
                 where=self.name,
@@ -266,9 +264,7 @@ class UsbLink:
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Return one bulk-in transfer of at most ``max_bytes``, a multiple of `max_packet_bytes`."""
         device, endpoints = self._require_open()
-        limit_ms = _milliseconds(timeout_s)
-        data = self._guard("receiving", device.read, endpoints.bulk_in, max_bytes, limit_ms)
-        return bytes(data)
+        return bytes(self._guard("receiving", device.read, endpoints.bulk_in, max_bytes, _milliseconds(timeout_s)))
 
     def read_event(self, timeout_s: float) -> bytes | None:
         """Return one interrupt packet, or None where none came within ``timeout_s``."""
@@ -294,8 +290,7 @@ class UsbLink:
         device, endpoints = self._require_open()
         limit_ms = _milliseconds(timeout_s)
         setup = (CLASS_IN, request, 0, endpoints.interface)
-        data = self._guard(f"class request {request:02X}", device.ctrl_transfer, *setup, length, limit_ms)
-        return bytes(data)
+        return bytes(self._guard(f"class request {request:02X}", device.ctrl_transfer, *setup, length, limit_ms))
 
     def clear_halt(self, pipe: Pipe) -> None:
         """Clear the halt of one endpoint; the kernel bounds the wait (5 s on Linux)."""

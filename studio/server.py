@@ -92,8 +92,7 @@ class Guard:
             await send(message)
 
         request = Request(scope)
-        refused = self._refused(request)
-        await (refused or self._app)(scope, receive, with_headers)
+        await (self._refused(request) or self._app)(scope, receive, with_headers)
 
     def _refused(self, request: Request) -> Response | None:
         host = request.headers.get("host", "")
@@ -159,8 +158,7 @@ class Studio:
         def capturing() -> bool:
             return bool((self.jobs.state(self.folder) or {}).get("running")) or seen.captured(self.folder)
 
-        found = await self.rig.state(world, capturing=capturing)
-        return JSONResponse(found)
+        return JSONResponse(await self.rig.state(world, capturing=capturing))
 
     async def bring(self, request: Request) -> Response:
         """Take a session's zip, or a panorama, into the folder."""

@@ -180,8 +180,7 @@ def fixed_settings(
     asked = (settings.width_px, settings.height_px)
     size = next((code for code, size_px in sizes_px.items() if size_px == asked), None)
     if size is None:
-        offered = ", ".join(f"{w}x{h}" for w, h in sizes_px.values())
-        raise refused("picture size", f"{asked[0]}x{asked[1]}", offered)
+        raise refused("picture size", f"{asked[0]}x{asked[1]}", ", ".join(f"{w}x{h}" for w, h in sizes_px.values()))
     jpeg = operations.ImageFile(operations.JPEG_LARGE_FINE.file_type, size, operations.JPEG_LARGE_FINE.compression)
     wanted = (operations.RAW_FULL, jpeg) if settings.keep_raw else (jpeg,)
     listed = remote.lists.get(CanonProp.IMAGE_FORMAT)

@@ -61,8 +61,7 @@ class MeterReading:
     detail: str = ""
 
     def __post_init__(self) -> None:
-        has_number = self.luminance_cd_m2 is not None
-        if has_number != (self.status in (ReadingStatus.OK, ReadingStatus.TYPED)):
+        if (self.luminance_cd_m2 is not None) != (self.status in (ReadingStatus.OK, ReadingStatus.TYPED)):
             raise ValueError(f"a reading of status {self.status} with number {self.luminance_cd_m2}")
 
 

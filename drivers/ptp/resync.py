@@ -87,8 +87,7 @@ class Ladder:
         `DeviceTimeoutError` where it goes on sending; a camera that does not know the request is only drained.
         """
         self._events.rescue(_at_most(CONTROL_LIMIT_S, deadline))
-        payload = struct.pack("<HI", Event.CANCEL_TRANSACTION, transaction_id)
-        self._request(ClassRequest.CANCEL, payload, deadline)
+        self._request(ClassRequest.CANCEL, struct.pack("<HI", Event.CANCEL_TRANSACTION, transaction_id), deadline)
         halted = self._wait_until_ready(deadline)
         self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))
         if halted:

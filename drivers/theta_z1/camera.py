@@ -167,8 +167,7 @@ class ThetaZ1:
         """Return battery, space, clock and what forbids shooting."""
         read = self._properties.number_or_none
         problems, warnings = theta_settings.error_texts(read(RicohProp.ERROR_INFO) or 0)
-        mode = read(Prop.FUNCTIONAL_MODE)
-        if mode not in (None, USB_SHOOTING_POSSIBLE):
+        if read(Prop.FUNCTIONAL_MODE) not in (None, USB_SHOOTING_POSSIBLE):
             problems = (*problems, "shooting over USB is not possible now: leave the camera's menu or plug-in")
         if read(RicohProp.SLEEP_MODE):
             problems = (*problems, "the camera sleeps: wake it")

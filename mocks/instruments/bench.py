@@ -163,8 +163,7 @@ def _rendered(world: World, wanted: WantedCamera, stops: Mapping[float, float], 
     listener = (lambda done, total: report(str(site), done, total)) if report else None
     shots = RenderedShots(world, wanted.optics, seed=options.seed, fresh=options.fresh, on_progress=listener)
     settings = Exposure(1.0, wanted.iso, wanted.f_number, wanted.color_temperature_k)
-    times_s = tuple(stops.values())
-    shots.prepare(tuple(stops), *wanted.size_px, settings=settings, times_s=times_s, raw=wanted.keep_raw)
+    shots.prepare(tuple(stops), *wanted.size_px, settings=settings, times_s=tuple(stops.values()), raw=wanted.keep_raw)
     return shots
 
 

@@ -220,8 +220,7 @@ class SimulatedCanon5D2(CanonBody):
             if self._plan.destination != codes.DESTINATION_PC:
                 announcements.append(canon_records.object_added(self.keep(name, object_format, data, settings)))
             if self._plan.destination & codes.DESTINATION_PC:
-                size_px = (settings.width_px, settings.height_px)
-                kept = self.remember(name, object_format, data, size_px)
+                kept = self.remember(name, object_format, data, (settings.width_px, settings.height_px))
                 announcements.append(canon_records.transfer_requested(kept))
                 self.computer_bytes = max(0, self.computer_bytes - len(data))
         self.refresh_settings()

@@ -209,8 +209,7 @@ class CanonSettings:
             return self.value_record(event.prop)
         if event.code == CanonEvent.AVAIL_LIST_CHANGED and event.prop in (CanonProp.SHUTTER_SPEED, CanonProp.APERTURE):
             # C18A; a property without a list has type 1 and count 0
-            choices = self.choices(event.prop)
-            items = [value_bytes(c) for c in choices]
+            items = [value_bytes(c) for c in self.choices(event.prop)]
             head = struct.pack("<III", event.prop, WITH_LIST if items else NO_LIST, len(items))
             return Record(CanonEvent.AVAIL_LIST_CHANGED, head + b"".join(items))
         return Record(event.code, event.payload)

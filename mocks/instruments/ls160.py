@@ -196,8 +196,7 @@ class SimulatedMeter:
         if value <= 0:
             return "0.00"
         decimals = min(2, max(0, 3 - math.floor(math.log10(value))))
-        text = f"{value:.{decimals}f}"
-        return text if decimals else f"{float(f'{value:.4g}'):.0f}"
+        return f"{value:.{decimals}f}" if decimals else f"{float(f'{value:.4g}'):.0f}"
 
     def _spoil(self, fault: MeterFault, answer: bytes) -> list[Piece]:
         after_s = self.measuring_s

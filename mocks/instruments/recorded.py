@@ -99,8 +99,7 @@ def recording(name: str) -> Recording:
 
 def recorded_bodies(kind: str) -> list[str]:
     """Return the names of all recordings of a kind (canon, theta)."""
-    names = sorted(p.stem for p in FOLDER.glob("*.toml"))
-    return [name for name in names if recording(name).raw["kind"] == kind]
+    return [name for name in sorted(p.stem for p in FOLDER.glob("*.toml")) if recording(name).raw["kind"] == kind]
 
 
 def _numbers(text: str) -> Iterator[int]:
@@ -111,8 +110,7 @@ def _numbers(text: str) -> Iterator[int]:
 
 
 def _events(text: str) -> Iterator[RecordedEvent]:
-    joined = re.sub(r"\n(?! )", " ; ", text)
-    for part in filter(str.strip, joined.split(";")):
+    for part in filter(str.strip, re.sub(r"\n(?! )", " ; ", text).split(";")):
         found = EVENT.fullmatch(part.replace("\n", " ").rstrip())
         if found is None:
             raise ValueError(f"{part!r} is no recorded event")

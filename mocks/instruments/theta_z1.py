@@ -109,14 +109,12 @@ class SimulatedThetaZ1(SimulatedCamera):
         seed: int = 0,
     ) -> None:
         self.options = options
-        size = "{}x{}".format(*options.image_size_px)
-        sizes = (size, "3840x1920", "1920x960")
+        sizes = ("{}x{}".format(*options.image_size_px), "3840x1920", "1920x960")
         identity = theta_identity(options)
         table = theta_properties(identity.properties, f_number_index=options.f_number_index, image_sizes=sizes)
         recorded = RECORDING.raw["storage"]
         storage = Storage(recorded["id"], recorded["type"], recorded["capacity_bytes"])
-        store = ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100RICOH"))
-        memory = CameraMemory(store, PropertyTable(table))
+        memory = CameraMemory(ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100RICOH")), PropertyTable(table))
         super().__init__(identity, shots, clock, timing=timing, memory=memory, faults=faults, seed=seed)
         self.rules |= {
             Operation.INITIATE_CAPTURE: Rule(self._initiate_capture, 0, 2),
@@ -180,13 +178,11 @@ class SimulatedThetaZ1(SimulatedCamera):
             low = self.faults.condition(FaultKind.BATTERY_LOW)
             values[code] = int(low.number("percent")) if low else self.options.battery_percent
         elif code == RicohProp.ERROR_INFO:
-            full = self.free_pictures() < 1
-            values[code] = self.options.error_info | (ERROR_NO_MEMORY if full else 0)
+            values[code] = self.options.error_info | (ERROR_NO_MEMORY if self.free_pictures() < 1 else 0)
         elif code == RicohProp.CAPTURE_STATUS:
             values[code] = 2 if now_s < self._self_timer_until_s else 0
         elif code == RicohProp.EXPOSURE_STATUS and self.exposing:
-            record = self.exposure_log[-1]
-            values[code] = 1 if now_s < record.end_s else 2
+            values[code] = 1 if now_s < self.exposure_log[-1].end_s else 2
         elif code == RicohProp.EXPOSURE_STATUS:
             values[code] = 0
 
@@ -307,8 +303,7 @@ class SimulatedThetaZ1(SimulatedCamera):
         jpeg = self.darkroom.jpeg(settings, faults)
         handles = [self.keep(f"{stem}.JPG", ObjectFormat.EXIF_JPEG, jpeg, settings).handle]
         if self.properties.number(RicohProp.IMAGE_FORMAT) == 1:
-            raw = self.darkroom.raw(settings)
-            handles.append(self.keep(f"{stem}.DNG", ObjectFormat.DNG, raw, settings).handle)
+            handles.append(self.keep(f"{stem}.DNG", ObjectFormat.DNG, self.darkroom.raw(settings), settings).handle)
         for handle in handles:
             self.emit(Event.OBJECT_ADDED, handle, transaction_id=transaction_id)
         self.emit(Event.CAPTURE_COMPLETE, transaction_id, transaction_id=transaction_id)

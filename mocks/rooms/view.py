@@ -166,8 +166,7 @@ class RoomView:
     def radiance(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
         """Return radiance (N, 3) by some components of the light; the sun's disc itself is left out."""
         surface = self.surfaces(directions, pixel_rad)
-        share = self.sunlit(surface) if "sun" in components else None
-        light, gloss = self._lit(surface, components, share)
+        light, gloss = self._lit(surface, components, self.sunlit(surface) if "sun" in components else None)
         inside = surface.albedo * light * np.float32(1 / np.pi) + gloss
         if "lamps" in components:
             inside += self._glow[surface.part]
@@ -225,8 +224,7 @@ class RoomView:
     def _albedo(self, hits: Hits, rays: Floats, part: Int32s, pixel_rad: float) -> Floats:
         """Return each ray's albedo: the part's colour, or its texture at the coarseness that a pixel has there."""
         materials = self._materials
-        colours = np.array([m.colour for m in materials], np.float32)
-        out: Floats = colours[self._material_of[part]]
+        out: Floats = np.array([m.colour for m in materials], np.float32)[self._material_of[part]]
         cosine = np.abs(np.einsum("ij,ij->i", rays, self.geometry.face_normals[hits.face]))
         footprint_m = hits.distance_m * np.float32(pixel_rad) / np.sqrt(np.maximum(cosine, 0.02))
         for number, material in enumerate(materials):

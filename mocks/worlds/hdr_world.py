@@ -107,8 +107,7 @@ def _read_exr(path: Path) -> Floats:
 
     try:
         with OpenEXR.File(os.fspath(path), header_only=True) as header:
-            window = header.header()["dataWindow"]
-            low, high = window
+            low, high = header.header()["dataWindow"]
         width, height = int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)
         _check_size(path, width, height)
         with OpenEXR.File(os.fspath(path)) as picture:

@@ -34,8 +34,7 @@ class SimpleSky:
     def sun(self) -> BrightDisc:
         """The sun's disc."""
         red, green, blue = (float(v) * self.sun_luminance_cd_m2 for v in _colour((1.05, 1.0, 0.88)))
-        colour = (red, green, blue)
-        return BrightDisc(self.sun_direction, SUN_RADIUS_RAD, colour)
+        return BrightDisc(self.sun_direction, SUN_RADIUS_RAD, (red, green, blue))
 
     @property
     def sun_normal_illuminance_rgb(self) -> Floats:

@@ -58,11 +58,10 @@ class BatchReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values."""
-        done = len(self.outcomes) - len(self.failed)
         return {
             "ok": not self.failed,
             "sessions": len(self.outcomes),
-            "done": done,
+            "done": len(self.outcomes) - len(self.failed),
             "failed": len(self.failed),
             "workers": self.workers,
             "at_once": self.at_once,

@@ -56,8 +56,7 @@ def plan(*, as_json: bool, **asked: Any) -> int:
     place = Place(latitude, longitude)
     local = zone_at(latitude, longitude, asked["zone"])
     today = datetime.now().astimezone().strftime("%Y-%m-%d")  # as a user's calendar shows it
-    noon = parse_time(f"{asked['date'] or today} 12:00", local)
-    moments = day_moments(noon, place)
+    moments = day_moments(parse_time(f"{asked['date'] or today} 12:00", local), place)
     walls = [(name, (asked["heading"] + turn) % 360) for name, turn in WALLS]
     walls += [(f"window {azimuth:g}", azimuth % 360) for azimuth in asked["windows"]]
     facts = {

@@ -144,9 +144,8 @@ class Glb:
         binary = bytes(self._binary) + b"\0" * (-len(self._binary) % 4)
         text = json.dumps({**self._json, "buffers": [{"byteLength": len(binary)}]}, allow_nan=False).encode()
         text += b" " * (-len(text) % 4)
-        total = 12 + 8 + len(text) + 8 + len(binary)
         return (
-            struct.pack("<4sII", b"glTF", 2, total)
+            struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
             + struct.pack("<I4s", len(text), b"JSON")
             + text
             + struct.pack("<I4s", len(binary), b"BIN\0")

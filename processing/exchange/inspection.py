@@ -167,8 +167,7 @@ def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg
         "unit": picture.unit,
     }
     if picture.uncertainty is not None and picture.validity is not None:
-        own = float(picture.uncertainty[row, column])
-        total = math.hypot(own, picture.scale_uncertainty or 0.0)
+        total = math.hypot(float(picture.uncertainty[row, column]), picture.scale_uncertainty or 0.0)
         facts["relative_uncertainty"] = total if math.isfinite(total) else None
         facts["pixel"] = WORDS.get(int(picture.validity[row, column]), "unknown")
     facts["around"] = _around(picture, level, ray, radius_deg)

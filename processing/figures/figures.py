@@ -85,8 +85,7 @@ def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[st
 
     Surfaces that the camera does not see are left out. A wall is counted without its openings.
     """
-    shape = (geometry.height_px, geometry.width_px)
-    found = [("whole", "whole", np.ones(shape, bool))]
+    found = [("whole", "whole", np.ones((geometry.height_px, geometry.width_px), bool))]
     if room is None:
         return found
     maps = surface_maps(room, geometry)

@@ -118,8 +118,7 @@ def linked(rays: Doubles, reach_rad: float) -> Indices:
     chord = 2 * math.sin(reach_rad / 4)
     far, _ = cKDTree(middles[used]).query(middles.reshape(-1, 3), distance_upper_bound=chord)
     labels, count = label(np.isfinite(far).reshape(used.shape), np.ones((3, 3)))
-    group = _joined(labels, count)
-    _, number = np.unique(group[labels[row, column]], return_inverse=True)
+    _, number = np.unique(_joined(labels, count)[labels[row, column]], return_inverse=True)
     return np.asarray(number, dtype=np.intp)
 
 

@@ -78,8 +78,7 @@ def linear_of_srgb(codes: npt.NDArray[np.unsignedinteger]) -> Floats:
 
 @cache
 def _srgb_codes() -> Bytes:
-    light = np.arange(_ENCODED_LEVELS) / (_ENCODED_LEVELS - 1)
-    return np.rint(255 * srgb_encoded(light)).astype(np.uint8)
+    return np.rint(255 * srgb_encoded(np.arange(_ENCODED_LEVELS) / (_ENCODED_LEVELS - 1))).astype(np.uint8)
 
 
 @cache

@@ -90,8 +90,7 @@ def build(
     left out. `use` makes such a text in place: what it names is known after it, unless it is repeated.
     """
     w, d, h = size
-    own = {"w": w, "d": d, "h": h, "X": w / 2, "Y": d / 2}
-    begin = {**_MATHS, **own, **(names or {})}
+    begin = {**_MATHS, "w": w, "d": d, "h": h, "X": w / 2, "Y": d / 2, **(names or {})}
     _Making(verbs, shared or {}, begin).run(text, dict(begin))
 
 

@@ -64,8 +64,7 @@ def components(mask: Flags) -> tuple[int, Int32s]:
         if one and other:
             a, b = sorted((root(one), root(other)))
             parent[b] = a
-    roots = np.array([root(one) for one in range(count)])
-    kept, numbers = np.unique(roots, return_inverse=True)
+    kept, numbers = np.unique(np.array([root(one) for one in range(count)]), return_inverse=True)
     return len(kept) - 1, np.asarray(numbers[labels], dtype=np.int32)
 
 
@@ -146,6 +145,5 @@ def smoothed(values: Floats, angle_rad: float) -> Floats:
     if sigma_px < 0.3:
         return values
     pad = min(math.ceil(3 * sigma_px), values.shape[1])
-    wide = wrapped(values, pad)
-    out = cv2.GaussianBlur(wide, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
+    out = cv2.GaussianBlur(wrapped(values, pad), (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(out[:, pad : pad + values.shape[1]], dtype=np.float32)

@@ -64,8 +64,7 @@ def give_back() -> None:
 
 def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
     """Return the results of two independent calls, made side by side."""
-    found = side_by_side(lambda make: make(), (one, other))
-    return cast(tuple[T, R], tuple(found))
+    return cast(tuple[T, R], tuple(side_by_side(lambda make: make(), (one, other))))
 
 
 def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:

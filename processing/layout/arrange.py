@@ -196,10 +196,8 @@ def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[
     """Yield (loss, the best states with their soft scores, best first): those that leave least out, then the next."""
     floor = task.search.field.floor
     held = [poses.in_frame(s, task.frame) for s in task.stood]
-    losses = sorted({round(f.loss(), 9) for f in finals})
-    for least in losses:
-        alike = [f for f in finals if round(f.loss(), 9) == least]
-        kept = varied(alike, 8 if n == 1 else 6 * n)
+    for least in sorted({round(f.loss(), 9) for f in finals}):
+        kept = varied([f for f in finals if round(f.loss(), 9) == least], 8 if n == 1 else 6 * n)
         made = []
         for final in kept:
             free = poses.stands(final)

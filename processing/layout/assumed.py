@@ -113,12 +113,9 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
     if any(o.kind is not OpeningKind.WINDOW for o in room.openings):
         return room, ""
     windows = {o.wall for o in room.openings}
-    walls = range(len(room.floor))
-    wall = max(walls, key=lambda k: (k not in windows, room.wall_length_m(k), -k))
-    length_m = room.wall_length_m(wall)
-    end_m = min(length_m, FROM_CORNER_M + DOOR_M)
-    taken = [o for o in room.openings if o.wall == wall]
-    if any(o.start_m < end_m for o in taken):
+    wall = max(range(len(room.floor)), key=lambda k: (k not in windows, room.wall_length_m(k), -k))
+    end_m = min(room.wall_length_m(wall), FROM_CORNER_M + DOOR_M)
+    if any(o.wall == wall and o.start_m < end_m for o in room.openings):
         return room, ""
     door = Opening(
         kind=OpeningKind.PASSAGE,

@@ -145,8 +145,7 @@ def position(plan: FloorPlan, item: Item, rules: RuleSet, place: Place, extra: S
         width_m, depth_m, height_m = item.spec.size_m
         body = (-width_m / 2, width_m / 2, -depth_m / 2, depth_m / 2, item.spec.base_m, item.spec.base_m + height_m)
         rows = [(body, RUG if item.spec.is_rug else BODY), *(((*zone, 0.0, PERSON_M), ZONE) for zone in zones)]
-        region = free_region(field, rows, theta)
-        found = _pick(region, corner, along, inward, length_m, place)
+        found = _pick(free_region(field, rows, theta), corner, along, inward, length_m, place)
         if found is not None:
             return found[0], found[1], wrapped(theta)
     raise PinError(f"edge {edge} has no legal position for {item.id} under '{rules.name}'", where=plan.name)
@@ -205,8 +204,7 @@ def _pick(
     if not spans:  # a level that touches the region in a point only
         point = parts[0].representative_point()
         return point.x, point.y
-    s_m = _at_ratio(_joined(spans), place.along)
-    at_point = middle + along * s_m
+    at_point = middle + along * _at_ratio(_joined(spans), place.along)
     return float(at_point[0]), float(at_point[1])
 
 

@@ -48,8 +48,7 @@ def styled(one: Arrangement, plan: FloorPlan, style: str, level: str, seed: int)
     room = _Room(one, plan, np.random.default_rng([seed, one.rank]))
     for row in _recipe()["rows"] if level != "none" else ():
         wanted = LEVELS.index(row["level"]) <= LEVELS.index(level) and style not in row.get("but", ())
-        left = _recipe()["most"] - len(one.items) - len(room.added)
-        if wanted and left > 0:
+        if wanted and len(one.items) + len(room.added) < _recipe()["most"]:
             for _, group in zip(range(row.get("most", 9)), _WAYS[row["where"]](room, row), strict=False):
                 room.added += group
     return tuple(room.added[: max(0, _recipe()["most"] - len(one.items))])

@@ -331,12 +331,8 @@ def _walkable(floor: Any, radius: float) -> list[Polygon]:
 def _unserved(
     part: Polygon, ways: Sequence[Polygon], needed: set[int], asked: Sequence[_Reached], radius: float, rules: RuleSet
 ) -> list[Violation]:
-    found = []
-    served = {n for n in needed if part.intersects(ways[n])}
-    alternatives_ok = len(served) == len(needed)
-    if not alternatives_ok:
-        missing = sorted(needed - served)
-        found = [Violation("path", (f"door {n + 1}",), part.distance(ways[n])) for n in missing]
+    missing = sorted(n for n in needed if not part.intersects(ways[n]))
+    found = [Violation("path", (f"door {n + 1}",), part.distance(ways[n])) for n in missing]
     near = radius - TOUCH_M + PATH_M
     for name, always, sides, need in asked:
         gaps = [part.distance(zone) for zone in always]

@@ -115,8 +115,7 @@ def legend_ticks(low: float, high: float, at_most: int) -> list[float]:
         ticks = [value for value in values if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)]
         if len(ticks) <= max(at_most, 2):
             return ticks
-    every = math.ceil(len(ticks) / max(at_most, 2))
-    return ticks[::every]
+    return ticks[:: math.ceil(len(ticks) / max(at_most, 2))]
 
 
 def with_legend(picture: Bytes, scale: Bytes) -> Bytes:

@@ -222,9 +222,8 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
 
     data = _bytes(path, name)
     _size(*_lossless_size(data, name), name)
-    flags = cv2.IMREAD_UNCHANGED
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except (cv2.error, MemoryError) as error:
         raise _damaged(name, str(error)) from error
     if pixels is None:
@@ -250,9 +249,8 @@ def refuse_alpha(alpha: Codes, name: str) -> None:
     """Let an alpha channel (H, W) of nothing but opaque pixels pass; `PictureFileError` for any other."""
     opaque = np.iinfo(alpha.dtype).max
     if int(alpha.min()) < opaque:
-        share = float((alpha < opaque).mean())
         raise PictureFileError(
-            f"{share:.1%} of it are transparent: what is behind is not known",
+            f"{float((alpha < opaque).mean()):.1%} of it are transparent: what is behind is not known",
             where=name,
             advice="save it without transparency (flatten it, or switch 'film transparent' off)",
         )

@@ -47,8 +47,7 @@ def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
             with _opened(path, kind) as image:
                 _check_size(image, path)
                 notes = ("it holds several pictures: the first is taken",) if getattr(image, "n_frames", 1) > 1 else ()
-                by_pillow = kind in ("webp", "avif", "heic") or image.mode == "CMYK"
-                if by_pillow:
+                if kind in ("webp", "avif", "heic") or image.mode == "CMYK":
                     codes, more, is_srgb = _rgb(image, path)
                     return codes, (*notes, *more), is_srgb
         except PictureFileError:
@@ -87,9 +86,8 @@ def _rgb(image: Image, path: Path) -> tuple[Codes, tuple[str, ...], bool]:
     from PIL import ImageCms
 
     if image.mode == "CMYK":
-        profile = image.info.get("icc_profile")
         try:
-            source = ImageCms.ImageCmsProfile(io.BytesIO(profile or b""))
+            source = ImageCms.ImageCmsProfile(io.BytesIO(image.info.get("icc_profile") or b""))
             turned = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
             assert turned is not None
             name = ImageCms.getProfileDescription(source).strip()[:80]

@@ -168,8 +168,7 @@ def encode_rows(rgbe: Bytes) -> bytes:
 
 def _encode_line(line: Bytes) -> bytes:
     """Return one component of one row: runs of at least four, the rest as it is."""
-    changes = np.flatnonzero(line[1:] != line[:-1]) + 1
-    starts = np.concatenate(([0], changes))
+    starts = np.concatenate(([0], np.flatnonzero(line[1:] != line[:-1]) + 1))
     lengths = np.diff(np.concatenate((starts, [line.size])))
     long = lengths >= _MIN_RUN
     out, done, data = bytearray(), 0, line.tobytes()

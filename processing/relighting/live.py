@@ -87,8 +87,7 @@ class LiveRoom:
         sessions.check_sky(self.room)
         self._asked, self._outside = asked, dict[str, Outside]()
         self._ready = Relighting(self.room, session / sessions.FOLDER, BASIS_EFFORTS["draft"])
-        shown = session_shown(session)
-        look = Look(shown.display, label="" if staged is None else Look.label)
+        look = Look(session_shown(session).display, label="" if staged is None else Look.label)
         sight = self._ready.view.full
         self._look = replace(look, panes=np.uint8(2) * (sight.label == GLASS).reshape(sight.shape))
         name = "empty" if staged is None else f"staged-{staged}"
@@ -122,8 +121,7 @@ class LiveRoom:
         """Return what the viewer shows, exposed by itself or as the captured light; its false colours stay the same."""
         display = self._look.display.exposed(relit.picture.rgb) if exposed else self._look.display
         state = replace(self._state, read=lambda: relit.picture)
-        found = viewer(state, replace(self._look, display=display))
-        return replace(self._page, states=found.states).json
+        return replace(self._page, states=viewer(state, replace(self._look, display=display)).states).json
 
     def glare(self, seat_m: tuple[float, float] | None, azimuth_deg: float) -> dict[str, Any]:
         """Return glare under the light shown for who sits on the floor's place (m; None: the camera) and looks level.

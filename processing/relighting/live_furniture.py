@@ -94,8 +94,7 @@ class LiveFurniture:
         self.photograph: LuminanceImage = found.picture
         self.eye_m, self.bare = found.eye_m, Stage.of(found.scene, TEXEL_M)
         self.light = light_map(self.bare)
-        rows = self.photograph.rgb.shape[0]
-        sizes = [Equirectangular(2 * n, n) for n in (SMALL_ROWS, rows)]
+        sizes = [Equirectangular(2 * n, n) for n in (SMALL_ROWS, self.photograph.rgb.shape[0])]
         self.small, self.large = (sight_of(self.bare, size, self.eye_m) for size in sizes)
         self._solid = np.flatnonzero(self.small.solid)
         seen = self.small.some(self._solid)

@@ -99,8 +99,7 @@ def find_furniture(
         soft = np.where(completed(agreed, likely, rgb8), np.maximum(soft, np.float32(0.75)), soft)
         stays = _by_segment(staying(probabilities, rgb8, maps.plane == FLOOR), soft > 0.5, rgb8)
         soft[stays] = 0
-    mask = without_skirting(soft > 0.5, maps)
-    kept, dropped, dropped_sr = attached(mask, maps.plane == FLOOR)
+    kept, dropped, dropped_sr = attached(without_skirting(soft > 0.5, maps), maps.plane == FLOOR)
     islands = islands_in(kept, (maps.opening >= 0) | stays)
     return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)
 

@@ -239,8 +239,7 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles 
     base = np.ones(len(design))
     if len(design) > unary:
         base[:unary], base[unary:] = 0.02, pair_base
-    nodes = _robust(design, target, base, grid.bending(), bend)
-    slow: Floats = grid.image(nodes, shape)
+    slow: Floats = grid.image(_robust(design, target, base, grid.bending(), bend), shape)
     slow = slow - slow[known].mean(axis=0)
     # The light with the hole's values kept within the range of the known ones near the hole
     if not hole.any():

@@ -105,8 +105,7 @@ def find_masks(
     rgb = resized(np.asarray(image.rgb, np.float32), shape)
     if not (rgb > 0).any():
         return _nothing((geometry.height_px, geometry.width_px), "the picture is black: nothing can be found in it")
-    small = Equirectangular(shape[1], shape[0])
-    maps = surface_maps(room, small)
+    maps = surface_maps(room, Equirectangular(shape[1], shape[0]))
     sun = sun_direction if sun_possible else None
     known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1)
     reach_m = None if evidence.reach is None else resized(evidence.reach, shape) * np.float32(room.camera_height_m)

@@ -87,8 +87,7 @@ def complete(
         slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, LOCAL * max(known.shape))
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
     offsets, cell = _offsets(found, known, hole)
-    job = _Job(flat, known, hole, density)
-    filled, confidence, left = job.filled(offsets, manner_of(repeat, cell))
+    filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, manner_of(repeat, cell))
     if left.any() and repeat is not Repeat.NONE:
         rest = _Job(filled, known | (hole & ~left), left, density)
         loose = near_periodic_lattice.loose_offsets(found.correlation) / found.factor
@@ -220,14 +219,13 @@ class _Job:
         density = None
         if self.density is not None:
             density = np.asarray(cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
-        box = max(7, round(manner.box_px * scale))
         return solve_weights(
             small,
             seen,
             lack & ~seen,
             offsets * scale,
             (inside[0], inside[1]),
-            box_px=box,
+            box_px=max(7, round(manner.box_px * scale)),
             guesses=manner.guesses,
             density=density,
         )

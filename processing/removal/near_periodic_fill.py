@@ -108,8 +108,7 @@ def solve_weights(
         if penalty is not None:
             cost *= penalty
         share, least = _shares(cost)
-        soft = _mean(copies, share)
-        guess = np.where((lack & any_copy)[..., None], soft, guess).astype(np.float32)
+        guess = np.where((lack & any_copy)[..., None], _mean(copies, share), guess).astype(np.float32)
         if turn == 0 and rounds > 1 and len(copies) > 8:
             served = share[:, lack].mean(axis=1)
             keep = np.flatnonzero(served >= min(PRUNE, float(np.sort(served)[-8])))

@@ -155,8 +155,7 @@ def find_lattice(correlation: SelfCorrelation, least: float = LATTICE_NCC) -> La
     a, b = a[wide], b[wide]
     if not len(a):
         return None
-    score = _scores(correlation, a, b, 0.6 * float(values[0]))
-    for best in np.argsort(-score)[:4]:
+    for best in np.argsort(-_scores(correlation, a, b, 0.6 * float(values[0])))[:4]:
         lattice = _measured(correlation, *_refined(correlation, *reduced(a[best], b[best])))
         if lattice is not None and lattice.strength >= least:
             return lattice
@@ -232,9 +231,7 @@ def _vertex(left: float, middle: float, right: float) -> float:
 
 def _measured(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> Lattice | None:
     a, b = reduced(a, b)
-    lattice = Lattice(a, b, 0.0)
-    nodes = lattice.nodes(1)
-    values = [peak[1] for node in nodes if (peak := peak_near(correlation, node, 2)) is not None]
+    values = [peak[1] for node in Lattice(a, b, 0.0).nodes(1) if (peak := peak_near(correlation, node, 2)) is not None]
     if len(values) < 4:
         return None
     return Lattice(a, b, float(np.mean(values)))
@@ -291,8 +288,7 @@ def line_offsets(line: Line, correlation: SelfCorrelation) -> Doubles:
     along = np.linspace(0.08, 1, MOST // 3) * reach
     along = along * (1 + 0.1 * rng.uniform(-1, 1, along.size))
     straight = along[:, None] * line.direction
-    loose = loose_offsets(correlation, MOST // 3)
-    return np.concatenate([straight, -straight, loose])
+    return np.concatenate([straight, -straight, loose_offsets(correlation, MOST // 3)])
 
 
 def loose_offsets(correlation: SelfCorrelation, count: int = MOST) -> Doubles:

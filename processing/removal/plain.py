@@ -225,8 +225,7 @@ def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
     height, width = clean.shape
     out, left = np.zeros_like(grain), hole.copy()
     rng = np.random.default_rng(11)
-    near = np.arange(0.05, 0.9, 0.06)
-    shifts = [(0, int(s * width * r)) for r in near for s in (1, -1)]
+    shifts = [(0, int(s * width * r)) for r in np.arange(0.05, 0.9, 0.06) for s in (1, -1)]
     shifts += [(int(rng.integers(-height // 2, height // 2 + 1)), int(rng.integers(-width, width))) for _ in range(24)]
     for dy, dx in shifts:
         if not left.any():

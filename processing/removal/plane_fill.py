@@ -119,8 +119,7 @@ def fill_plane(
     sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
     values = np.where((known | hole)[..., None], texture.values, 0).astype(np.float32)
     if sources.sum() < 0.002 * max(int((known | hole).sum()), 1) or sources.sum() < LEAST_TEXELS:
-        colour = _colour(values, sources, elsewhere)
-        values[hole] = colour
+        values[hole] = _colour(values, sources, elsewhere)
         confidence = np.where(hole, 0.05, 1).astype(np.float32)
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)

@@ -46,8 +46,7 @@ def plane_sources(values: Floats, sources: Flags, px_per_m: float) -> Flags:
     if odd.sum() > MOST_OUT * seen.sum():
         odd[:] = False
     wide = cv2.dilate(odd.astype(np.uint8), np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8)).astype(bool)
-    islands = _islands(seen & ~wide).astype(np.uint8)
-    wide |= cv2.dilate(islands, np.ones((3, 3), np.uint8)).astype(bool)
+    wide |= cv2.dilate(_islands(seen & ~wide).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     if not wide.any():
         return sources
     out = cv2.resize(wide.astype(np.uint8), sources.shape[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
@@ -95,8 +94,7 @@ def _odd(looks: Floats, seen: Flags, away_px: float) -> Flags:
     places = np.argwhere(seen).astype(np.float64)
     chosen = np.random.default_rng(13).permutation(len(places))[:SAMPLES]
     square = _squares(looks[seen], looks[seen][chosen])
-    near = _squares(places, places[chosen]) < away_px**2
-    square[near] = np.inf
+    square[_squares(places, places[chosen]) < away_px**2] = np.inf
     rank = max(1, round(USUAL_SHARE * len(chosen)))
     nearest = np.sqrt(np.partition(square, rank, axis=1)[:, rank])
     if not np.isfinite(nearest).all():

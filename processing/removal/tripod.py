@@ -151,12 +151,10 @@ def thin_and_dark(rgb8: Bytes) -> Floats:
 
 def painted_disc(rgb8: Bytes) -> float:
     """Return the radius (rad) of a disc without detail at the nadir of a panorama (H, W, 3), 0 where there is none."""
-    picture = np.asarray(nadir_picture(rgb8), np.uint8)
-    light = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    light = cv2.cvtColor(np.asarray(nadir_picture(rgb8), np.uint8), cv2.COLOR_RGB2GRAY).astype(np.float32)
     mean = cv2.boxFilter(light, -1, (5, 5))
     spread = np.sqrt(np.maximum(cv2.boxFilter(light * light, -1, (5, 5)) - mean * mean, 0))
-    radius = radius_map()
-    rings = (radius / math.radians(1)).astype(np.int32)
+    rings = (radius_map() / math.radians(1)).astype(np.int32)
     detail = np.array([float(np.median(spread[rings == ring])) for ring in range(int(math.degrees(REACH_RAD)))])
     usual = float(np.median(detail[int(math.degrees(RING_RAD[0])) :]))
     if usual < 0.5:
@@ -170,8 +168,7 @@ def _boards(evidence: Floats, rgb8: Bytes, near: Flags) -> tuple[Flags, int]:
     """Return parts that strong evidence alone shows, away from what was found at the nadir, and their number."""
     if not (evidence > 0.5).any():
         return np.zeros(near.shape, bool), 0
-    found = snapped(evidence, rgb8) > 0.5
-    count, labels = components(found)
+    count, labels = components(snapped(evidence, rgb8) > 0.5)
     sums = np.bincount(labels.ravel(), evidence.ravel(), count + 1)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     strong = sums >= STRONG * np.maximum(sizes, 1)
@@ -216,8 +213,7 @@ def meter_board(luminance: Floats, target: tuple[float, float], tint: Floats | N
     level = np.roll(level, shift, axis=1)
     if tint is not None:
         tint = np.asarray(cv2.medianBlur(np.roll(tint, shift, axis=1), 3), np.float32)
-    smooth = np.asarray(cv2.medianBlur(level, 3), np.float32)
-    board = board_around(smooth, (row, middle), tint)
+    board = board_around(np.asarray(cv2.medianBlur(level, 3), np.float32), (row, middle), tint)
     if board is None:
         return nothing, False
     stand = _stand(level, board)

@@ -193,8 +193,7 @@ def plan_plot(
         axes.annotate(str(wall), ((x0 + x1) / 2, (y0 + y1) / 2), fontsize=8, color="#868e96")
     colours = {"window": "#1c7ed6", "door": "#e8590c", "passage": "#9c36b5"}
     for kind in colours:
-        ends = [(a, b) for name, a, b in openings if name == kind]
-        for k, (a, b) in enumerate(ends):
+        for k, (a, b) in enumerate([(a, b) for name, a, b in openings if name == kind]):
             label = kind if k == 0 else None
             axes.plot([a[0], b[0]], [a[1], b[1]], color=colours[kind], linewidth=5, solid_capstyle="butt", label=label)
     axes.plot([0], [0], "^", color="#2b8a3e", label="camera")

@@ -128,9 +128,8 @@ def room_section(
     display: Display = AS_GIVEN,
 ) -> Section:
     """Return the room as it was estimated or given; ``facts`` are the stage's metrics."""
-    area = floor_area_m2(room)
     quantities = [
-        Quantity("Floor", area, "m2"),
+        Quantity("Floor", floor_area_m2(room), "m2"),
         Quantity("Ceiling's height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: scale"),
         Quantity("Confidence", room.confidence, "", note="estimated probability of a 3D IoU of 0.85 or more"),
     ]

@@ -161,8 +161,7 @@ def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
         cosine, sine = math.cos(item.theta_rad), math.sin(item.theta_rad)
         turned = local @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
         size = math.sqrt(wide * deep * max(high, 0.3)) ** (2 / 3)
-        near = math.hypot(item.t_m[0], item.t_m[1]) < NEAR_M
-        worth = 0.0 if near else PIECE * min(size, 1.5)
+        worth = 0.0 if math.hypot(item.t_m[0], item.t_m[1]) < NEAR_M else PIECE * min(size, 1.5)
         found.append(_Thing(item.id, turned + item.t_m, worth, CUT * min(size, 1.5)))
     return found
 

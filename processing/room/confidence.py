@@ -118,7 +118,6 @@ def diagnose(
     found = np.minimum(np.abs(residuals(refined.polygon, refined.outline.ratio, columns)), CAP)
     sigma = np.degrees((columns.floor_sigma / (1 + columns.floor**2)).mean())
     other = np.degrees((columns.ceiling_sigma / (1 + columns.ceiling**2)).mean())
-    walls = shapely.LinearRing(refined.polygon)
     return Diagnostics(
         misfit=float(np.sqrt((found**2).mean())),
         unexplained=float((found >= CAP).any(axis=0).mean()),
@@ -129,7 +128,7 @@ def diagnose(
         entropy=entropy,
         overhead=overhead,
         blank=blank,
-        nearest=float(walls.distance(shapely.Point(0, 0))),
+        nearest=float(shapely.LinearRing(refined.polygon).distance(shapely.Point(0, 0))),
         edges=(refined.floor_share + refined.ceiling_share) / 2,
         corners=float(len(refined.polygon)),
     )

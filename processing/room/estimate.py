@@ -199,11 +199,10 @@ def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomMo
     floor = tidied(polygon * camera_height_m)
     if floor is None or not np.abs(floor).max() < 100:
         return None
-    height = camera_height_m * (1 + outline.ratio)
     room = RoomModel(
         source="estimated",
         floor=tuple((round(float(x), 4), round(float(y), 4)) for x, y in floor),
         camera_height_m=camera_height_m,
-        ceiling_height_m=round(height, 4),
+        ceiling_height_m=round(camera_height_m * (1 + outline.ratio), 4),
     )
     return None if geometry_problems(room) else room

@@ -50,8 +50,7 @@ def find_openings_in_sun(
     found = find_openings(image, evidence, room, outdoor=outdoor)
     if sun is None or sun[1] <= 0 or len(found) < 2:
         return found
-    with_openings = room.model_copy(update={"openings": found})
-    patches, maps = sun_patches(image, with_openings, sun)
+    patches, maps = sun_patches(image, room.model_copy(update={"openings": found}), sun)
     panes = [maps.opening == i for i in range(len(found))]
     touched = any((patches & pane).sum() > LEAST_SHARE_OF_OPENING * max(1, pane.sum()) for pane in panes)
     if not touched:

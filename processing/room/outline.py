@@ -243,8 +243,7 @@ def outline_of(stretches: list[Stretch], azimuth_rad: Doubles, turned_rad: float
         following, border = found[(k + 1) % len(found)]
         walls.append(wall)
         walls += _between(wall, following, border)
-    outline = Outline(tuple(walls), turned_rad, ratio)
-    return outline if len(walls) >= 3 else None
+    return Outline(tuple(walls), turned_rad, ratio) if len(walls) >= 3 else None
 
 
 def inverse_range(wall: Wall, azimuth_rad: float) -> float:
@@ -274,8 +273,7 @@ def _same(one: Wall, other: Wall) -> bool:
 def _between(wall: Wall, following: Wall, border_rad: float) -> list[Wall]:
     """Return the unseen wall between two that do not meet where one gives way to the other; nothing if they do."""
     here, there = inverse_range(wall, border_rad), inverse_range(following, border_rad)
-    turn = math.sin(following.normal_rad - wall.normal_rad)
-    parallel = abs(turn) < NEARLY_PARALLEL
+    parallel = abs(math.sin(following.normal_rad - wall.normal_rad)) < NEARLY_PARALLEL
     if here <= 0 or there <= 0 or (not parallel and abs(math.log(here / there)) < MEETING):
         return []
     near, far, sign = (wall, following, 1) if here > there else (following, wall, -1)

@@ -102,8 +102,7 @@ def read_layout(
 def zind_pictures(data: Any) -> dict[str, dict[str, Any]]:
     """Return the pictures of a ZInD file's floors by name (floor_01_partial_room_01_pano_14)."""
     found: dict[str, dict[str, Any]] = {}
-    floors = _entry(data, "merger", dict)
-    for floor, rooms in floors.items():
+    for floor, rooms in _entry(data, "merger", dict).items():
         for _, complete in _items(rooms, f"merger.{floor}"):
             for partial_name, partial in _items(complete, f"merger.{floor}"):
                 for name, picture in _items(partial, partial_name):

@@ -190,8 +190,7 @@ def refine(
     if not fit.outline.walls:
         return unrefined(fit, "the room is a bare polygon")
     sight = _look(image, evidence, fit)
-    moves = _moves(sight, len(fit.polygon))
-    measured, found = _measured(sight, moves, fit, columns)
+    measured, found = _measured(sight, _moves(sight, len(fit.polygon)), fit, columns)
     again = fitted(fit.outline, measured if held is None else held.on(measured))
     if again is None:
         return unrefined(fit, "they make no room")
@@ -248,8 +247,7 @@ def _moved(sight: _Sight, shift: npt.ArrayLike, ratio_shift: float = 0.0) -> tup
 
 def _moves(sight: _Sight, walls: int) -> _Moves:
     """Return how far all walls and the ceiling are to be moved to meet the edges together."""
-    shift = np.broadcast_to(SHIFTS[:, None], (len(SHIFTS), AZIMUTHS))
-    floor_offset, _ = _moved(sight, shift)
+    floor_offset, _ = _moved(sight, np.broadcast_to(SHIFTS[:, None], (len(SHIFTS), AZIMUTHS)))
     floor = sight.floor.at(floor_offset) * sight.floor_clear
     # For the ceiling only the difference of both shifts counts.
     both = np.arange(-(len(RATIO_SHIFTS) // 2) - len(SHIFTS) // 2, len(RATIO_SHIFTS) // 2 + len(SHIFTS) // 2 + 1)
@@ -312,6 +310,5 @@ def _measured(sight: _Sight, moves: _Moves, fit: Fit, columns: Columns) -> tuple
     at_floor, at_ceiling = (EDGE_SIGMA_RAD / np.cos(edge) ** 2 for edge in (sight.floor_rad, sight.ceiling_rad))
     floor_sigma = np.where(floor_found, at_floor, around["floor_sigma"] * often * 2)
     ceiling_sigma = np.where(ceiling_found, at_ceiling, around["ceiling_sigma"] * often * 2)
-    ratio = fit.outline.ratio * math.exp(moves.ratio_shift)
-    ends = np.zeros(AZIMUTHS), ratio, columns.ratio_spread
+    ends = np.zeros(AZIMUTHS), fit.outline.ratio * math.exp(moves.ratio_shift), columns.ratio_spread
     return Columns(sight.azimuth_rad, floor, floor_sigma, ceiling, ceiling_sigma, *ends), (floor_found, ceiling_found)

@@ -178,8 +178,7 @@ def _verticals(arcs: Arcs, worth: Doubles, most_tilt_rad: float) -> Doubles:
     zenith = np.array([[0.0, 0.0, 1.0]])
     if steep.size < 2:
         return zenith
-    rng = np.random.default_rng(7)
-    one, other = rng.choice(steep, (2, PAIRS), p=worth[steep] / worth[steep].sum())
+    one, other = np.random.default_rng(7).choice(steep, (2, PAIRS), p=worth[steep] / worth[steep].sum())
     crossing = np.cross(arcs.normals[one], arcs.normals[other])
     size = np.linalg.norm(crossing, axis=1)
     crossing = crossing[size > math.sin(math.radians(5))] / size[size > math.sin(math.radians(5)), None]
@@ -256,8 +255,7 @@ def _canonical(rows: Doubles) -> Doubles:
     """Return the same axes, the vertical up, the first within 45 degrees of +y's side, right-handed."""
     vertical = rows[2] * (1.0 if rows[2, 2] >= 0 else -1.0)
     first, second = rows[0], rows[1]
-    choices = [first, -first, second, -second]
-    ahead = max(choices, key=lambda one: float(one[1]))
+    ahead = max([first, -first, second, -second], key=lambda one: float(one[1]))
     return np.stack([np.cross(ahead, vertical), ahead, vertical])
 
 

@@ -101,8 +101,7 @@ def _wall_view(log: Floats, geometry: Equirectangular, room: RoomModel, plane: P
 
 def _px_per_m(geometry: Equirectangular, eye: Vector, plane: Plane) -> float:
     """Return the density at which the wall's best seen place has a texel for each pixel."""
-    aside = max(0.0, -eye[0], eye[0] - plane.width_m)
-    nearest = math.hypot(eye[2], aside)
+    nearest = math.hypot(eye[2], max(0.0, -eye[0], eye[0] - plane.width_m))
     most = math.sqrt(LARGEST_TEXELS / max(plane.width_m * plane.height_m, 1e-6))
     best = geometry.width_px / (2 * math.pi) / max(nearest, 0.1)
     return float(np.clip(best, min(LEAST_PX_PER_M, most), min(MOST_PX_PER_M, most)))

@@ -141,8 +141,7 @@ def visible_part(manifest: SessionManifest, reads: tuple[str, ...]) -> SessionMa
 
 def session_ingredients(part: SessionManifest, reads: tuple[str, ...]) -> Json:
     """Return what a stage sees of the session: frames by file name, the other fields as they are."""
-    names = (set(ALWAYS) | set(reads)) - _NO_FIELDS
-    data = part.model_dump(mode="json", include=names)
+    data = part.model_dump(mode="json", include=(set(ALWAYS) | set(reads)) - _NO_FIELDS)
     if "frames" in data:
         data["frames"] = {frame.pop("file"): frame for frame in data["frames"]}
     return data

@@ -28,8 +28,7 @@ def panorama_session(
     if found is not None:
         return found
     data = _bytes(path)
-    given = read_panorama(path)
-    height, width = given.image.rgb.shape[:2]
+    height, width = read_panorama(path).image.rgb.shape[:2]
     kind = panorama_format(path)
     record = PanoramaRecord(
         file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS.get(kind, kind)}",

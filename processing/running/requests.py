@@ -189,12 +189,11 @@ class StageInputs:
         answers = self.answers(stage)
         if answers:
             return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
-        part = visible_part(self.manifest, stage.reads)
         found: Ingredients = {
             "stage": stage.name,
             "version": stage.version,
             "trades": trade_values(stage, self.request),
-            "session": session_ingredients(part, stage.reads),
+            "session": session_ingredients(visible_part(self.manifest, stage.reads), stage.reads),
             "files": _digests(given_files(stage, self.request)),
         }
         if stage.data:

@@ -236,8 +236,7 @@ def _of_scores(contract: NetworkContract, scores: AnyArray) -> Floats:
         flat = np.exp(flat - flat.max(axis=2, keepdims=True))
     elif flat.min() < -1e-3:
         raise SegmenterError("probabilities below 0", where=contract.name, likely="these are logits")
-    named = flat[..., contract.first_label :]
-    found = np.maximum(named, 0.0) @ contract.matrix
+    found = np.maximum(flat[..., contract.first_label :], 0.0) @ contract.matrix
     # "other" may be anything.
     found += np.maximum(flat[..., : contract.first_label].sum(axis=2, keepdims=True), 0.0) * np.float32(UNKNOWN)
     return _normalised(found)

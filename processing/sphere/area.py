@@ -345,8 +345,7 @@ def _cell_reach(geometry: Geometry) -> float:
 
 def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[Indices, Indices]) -> Doubles:
     """Return the mean of max(0, n . direction) over cells, weighted by solid angle, from a fine division of each."""
-    across = max(geometry.width_px, geometry.height_px)
-    parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / across)))
+    parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / max(geometry.width_px, geometry.height_px))))
     offset = (np.arange(parts) + 0.5) / parts
     out = np.empty(cells[0].size)
     step = max(1, SAMPLES_AT_ONCE // parts**2)

@@ -176,8 +176,7 @@ def padded_sphere(picture: Floats, pad_px: int = PAD_PX) -> Floats:
         if width % 2:
             # The other side lies between two columns.
             turned = np.asarray((turned + np.roll(turned, 1, axis=1)) / 2, dtype=np.float32)
-        missing = pad_px - rows
-        return turned if not missing else np.repeat(turned, pad_px, axis=0)[:pad_px]
+        return turned if rows == pad_px else np.repeat(turned, pad_px, axis=0)[:pad_px]
 
     tall = np.concatenate([beyond(picture[:rows]), picture, beyond(picture[picture.shape[0] - rows :])])
     return tall[:, np.arange(-pad_px, width + pad_px) % width]

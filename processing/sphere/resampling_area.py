@@ -111,8 +111,7 @@ def _corners(net: Geometry, plane: Geometry, start: int, stop: int) -> tuple[Dou
         return _turned(net, plane, start, stop)
     d, _ = point_directions(net, np.arange(net.width_px + 1), np.arange(start, stop + 1)[:, None])
     x, y, placed = places(plane, d)
-    beside = CUT if isinstance(plane, Fisheye) else HIDDEN
-    return x, y, np.where(placed, CLEAR, beside).astype(np.int8)
+    return x, y, np.where(placed, CLEAR, CUT if isinstance(plane, Fisheye) else HIDDEN).astype(np.int8)
 
 
 def _turned(net: Fisheye, plane: Fisheye, start: int, stop: int) -> tuple[Doubles, Doubles, Int8s]:

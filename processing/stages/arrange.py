@@ -72,8 +72,7 @@ def run(context: StageContext) -> StageOutput:
     except (NoDoorError, RoomTooSmallError) as error:
         return _nothing(error, choice)
     context.progress(0.8, "drawing")
-    drawn = _draw(found, context.folder)
-    made = _output(found, choice, drawn, assumed)
+    made = _output(found, choice, _draw(found, context.folder), assumed)
     seen: list[Any] = [f"{thing.name} on wall {thing.edge}, {thing.width_m:.1f} m wide" for thing in hung]
     return replace(made, metrics={**made.metrics, "kept_in_sight": seen})
 

@@ -27,10 +27,9 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.0, "light at the camera")
     small = reduced(image, WIDTH_PX)
     height_m = room.camera_height_m if room else context.session.camera_height_m
-    sky = context.optional_artifact("calibrate", "outdoor")
     camera, outdoor = together(
         partial(camera_figures, small, height_m=height_m, heading_rad=context.session.heading_rad),
-        partial(outdoor_figures, sky, facts),
+        partial(outdoor_figures, context.optional_artifact("calibrate", "outdoor"), facts),
     )
     context.progress(0.7, "surfaces")
     readings = [r.luminance_cd_m2 for r in context.session.readings if r.luminance_cd_m2 is not None]

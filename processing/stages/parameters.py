@@ -184,9 +184,8 @@ class CalibrateParameters(StageParameters):
     @staticmethod
     def angles_rad(value: str) -> tuple[float, float]:
         """Return longitude and latitude in radians of "LON,LAT" in degrees; `ValueError` where it is no direction."""
-        parts = value.split(",")
         try:
-            longitude, latitude = (float(part) for part in parts)
+            longitude, latitude = (float(part) for part in value.split(","))
         except ValueError:
             raise ValueError(f"{value!r} is not LON,LAT in degrees") from None
         if not (abs(longitude) <= 180 and abs(latitude) <= 90):

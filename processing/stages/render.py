@@ -198,8 +198,7 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
         return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, clean=effort.clean, seed=work.asked.seed)
     base, sunless = work.base, None
     if work.asked.method == "differential":
-        parted = parted_sun(work.empty.sunlit, work.bare, parts, work.eye_m)
-        base, sunless = work.empty.without(parted)
+        base, sunless = work.empty.without(parted_sun(work.empty.sunlit, work.bare, parts, work.eye_m))
     return differential(base, work.bare, parts, work.eye_m, effort=effort, seed=work.asked.seed, sunless=sunless)
 
 

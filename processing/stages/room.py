@@ -121,20 +121,18 @@ def _estimate(
         return
     if evidence.boundary is None:
         raise NoRoomError("the network shows no boundaries", likely="; ".join(evidence.notes) or "an unusual picture")
-    square = turned.manhattan_support >= LEAST_SQUARE
     found = estimate_room(
         image,
         evidence,
         camera_height_m=asked.camera_height_m or context.session.camera_height_m,
-        manhattan_rad=turned.manhattan_rad if square else None,
+        manhattan_rad=turned.manhattan_rad if turned.manhattan_support >= LEAST_SQUARE else None,
         quality=context.quality.value,
     )
     context.progress(0.8, "windows and doors")
     sky = context.optional_artifact("calibrate", "outdoor")
     sun = None if sky_shows_sun(context) is False else sun_direction(context.session)
     openings = find_openings_in_sun(image, evidence if asked.segmenter_contract else seen, found.room, sun, outdoor=sky)
-    room = found.room.model_copy(update={"openings": openings})
-    gathered.artifacts["room"] = room
+    gathered.artifacts["room"] = found.room.model_copy(update={"openings": openings})
     gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}
     gathered.warnings += found.warnings
     gathered.left_out |= {f"part {k}": text for k, text in enumerate(found.skipped)}

@@ -330,8 +330,7 @@ def _axes(room: RoomModel, plane: Plane) -> Doubles:
 def _seen(room: RoomModel, plane: Plane, px_per_m: float) -> Flags:
     height, width = texture_shape(plane, px_per_m)
     if plane.index < FIRST_WALL:
-        places = texel_places(plane, px_per_m)[..., :2]
-        return in_sight(room.floor, places) & outline_mask(plane, px_per_m)
+        return in_sight(room.floor, texel_places(plane, px_per_m)[..., :2]) & outline_mask(plane, px_per_m)
     if plane.origin_m @ plane.normal >= 0:
         return np.zeros((height, width), bool)
     u = (np.arange(width) + 0.5) / px_per_m

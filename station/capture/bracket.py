@@ -262,12 +262,11 @@ def estimate_bracket(
     exposures_s = sum(row.pair_s for row in rows)
     unhidden_s = max(backlog_s.values(), default=0.0)
     first_s, last_s = (*reading_s, 0.0, 0.0)[:2]
-    total_s = first_s + exposures_s + max(unhidden_s, last_s)
     return Estimate(
         rows=tuple(rows),
         exposures_s=exposures_s,
         unhidden_transfer_s=unhidden_s,
         readings_s=first_s + last_s,
-        total_s=total_s,
+        total_s=first_s + exposures_s + max(unhidden_s, last_s),
         bytes_expected=sum(row.bytes_expected for row in rows),
     )

@@ -90,8 +90,7 @@ class Conductor:
         for record in manifest.frames:
             if record.statistics is not None:
                 self._statistics[record.side][record.stop] = record.statistics
-        missing = {side: manifest.missing_stops(side) for side in self._plan.sides}
-        self._todo = deque(self._plan.remaining(missing))
+        self._todo = deque(self._plan.remaining({side: manifest.missing_stops(side) for side in self._plan.sides}))
         for worker in self._workers.values():
             worker.start()
         try:

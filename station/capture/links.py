@@ -92,8 +92,7 @@ def open_links(record: Path | None, rig: RigFile, clock: Clock, *, simulated: bo
     from drivers.transcript import Transcript
 
     try:
-        zipped = record.suffix == ".gz"
-        opened = gzip.open if zipped else open
+        opened = gzip.open if record.suffix == ".gz" else open
         file = cast("IO[str]", opened(record, "xt", encoding="utf-8"))  # closed with the links
     except OSError as error:
         raise ResourceError(

@@ -95,8 +95,7 @@ def open_simulated_rig(
     """
     steady = SteadyClock(clock or bench.clock)
     if file.meter is not None and file.meter.target_deg is None:
-        meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
-        file = file.model_copy(update={"meter": meter_table})
+        file = file.model_copy(update={"meter": file.meter.model_copy(update={"target_deg": bench.meter_target_deg})})
     file = file.model_copy(
         update={
             side.value: table.model_copy(update={"release_lag_s": bench.cameras[table.kind].timing.release_lag_s})

@@ -157,8 +157,7 @@ def _run(rig: Rig, only: str | None, *, may_delete: bool) -> Iterator[Outcome]:
     for side, camera in rig.cameras.items():
         if only in (None, side.value):
             settings = rig.file.cameras()[side].settings()
-            bench = CameraBench(camera, settings, rig.clock, may_delete=may_delete)
-            yield from _while_there(run_camera(bench))
+            yield from _while_there(run_camera(CameraBench(camera, settings, rig.clock, may_delete=may_delete)))
     if rig.meter is not None and only in (None, "meter"):
         yield from _while_there(run_meter(rig.meter, rig.clock))
 

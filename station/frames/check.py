@@ -116,8 +116,7 @@ def _read_lines(answers: IO[bytes], into: queue.Queue[bytes]) -> None:
 def _environment() -> dict[str, str]:
     """Return what the worker needs to start, and none of the user's other variables."""
     kept = {name: os.environ[name] for name in _KEPT_VARIABLES if name in os.environ}
-    here = str(Path(__file__).resolve().parents[2])
-    paths = [here, *(str(Path(p).resolve()) for p in sys.path if p)]
+    paths = [str(Path(__file__).resolve().parents[2]), *(str(Path(p).resolve()) for p in sys.path if p)]
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     return {**kept, **threads, "PYTHONPATH": os.pathsep.join(dict.fromkeys(paths)), "OPENCV_LOG_LEVEL": "OFF"}
 
@@ -268,8 +267,7 @@ class FrameChecker:
 def _facts(name: str, answer: dict[str, Any]) -> FrameFacts:
     """Turn an answer into facts or a refusal; nothing the worker says is taken unchecked."""
     if answer.get("ok") is not True:
-        known = {str(reason): reason for reason in Reason}
-        reason = known.get(str(answer.get("reason")), Reason.DAMAGED)
+        reason = {str(reason): reason for reason in Reason}.get(str(answer.get("reason")), Reason.DAMAGED)
         raise rejection(name, reason, str(answer.get("message", ""))[:500])
     try:
         return FrameFacts.model_validate({**answer.get("facts", {}), "name": name})

@@ -95,8 +95,7 @@ def plan_dataset(request: DatasetRequest, checker: FrameChecker) -> DatasetPlan:
     if request.strict and doubts:
         raise doubt_error(doubts)
     wanted = tuple(p for p in pairs if request.only.lower() in p.main.name.lower())
-    lines = tuple(row.line for row in table if row not in rows.values())
-    return DatasetPlan(wanted, rows, tuple(doubts), lines)
+    return DatasetPlan(wanted, rows, tuple(doubts), tuple(row.line for row in table if row not in rows.values()))
 
 
 def doubt_error(doubts: Sequence[Doubt]) -> AmbiguousImportError:

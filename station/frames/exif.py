@@ -72,8 +72,7 @@ class TiffReader:
 
     def number(self, at: int, size_bytes: int) -> int:
         """Return the unsigned integer at byte ``at``; the caller knows that it lies within the data."""
-        raw = bytes(self.data[at : at + size_bytes])
-        return int.from_bytes(raw, "little" if self.order == "little" else "big")
+        return int.from_bytes(bytes(self.data[at : at + size_bytes]), "little" if self.order == "little" else "big")
 
     def directory(self, at: int) -> Directory:
         """Read the directory at byte ``at``; refuse one out of range, read before, or overlapping another."""
@@ -176,8 +175,7 @@ def _integer(reader: TiffReader, entry: Entry | None) -> int | None:
 
 def _rational(reader: TiffReader, entry: Entry | None) -> float | None:
     """Return a positive ratio; 0 stands for "unknown" (a lens without contacts writes F0)."""
-    value = None if entry is None else reader.rational(entry)
-    return value or None
+    return (None if entry is None else reader.rational(entry)) or None
 
 
 def _seconds(reader: TiffReader, entry: Entry | None) -> float | None:

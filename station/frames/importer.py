@@ -311,8 +311,7 @@ def _readings(request: ImportRequest, now: datetime) -> Iterator[ReadingRecord]:
 
 def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]:
     if not request.readings_cd_m2:
-        text = "no meter reading: luminance stays relative until one is given"
-        yield WarningRecord(code="no_meter", message=text)
+        yield WarningRecord(code="no_meter", message="no meter reading: luminance stays relative until one is given")
     if len(found.frames) == 1:
         yield WarningRecord(code="one_side", message=f"{next(iter(found.frames))} only")
     for side, frames in found.frames.items():

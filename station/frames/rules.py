@@ -202,8 +202,7 @@ def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequenc
 
     Raises `FrameRejectedError`: names the frame (``details["stops"]``).
     """
-    stops = sorted(facts_by_stop, key=lambda stop: stops_s[stop])
-    for shorter, longer in itertools.pairwise(stops):
+    for shorter, longer in itertools.pairwise(sorted(facts_by_stop, key=lambda stop: stops_s[stop])):
         frame, other = facts_by_stop[shorter], facts_by_stop[longer]
         least = _least_mean(other, stops_s[shorter])
         if frame.mean_frac < least:

@@ -147,8 +147,7 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
 
 def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: Callable[[], str]) -> dict[str, Any]:
     """Check the file's own structure (chunks with checksums, strips inside the file), then decode and count it all."""
-    block = read_png(data) if format_ == "png" else check_tiff(data)
-    exif, exif_problem = _exif(block)
+    exif, exif_problem = _exif(read_png(data) if format_ == "png" else check_tiff(data))
     pixels = _decode(data, 1, faults, warnings=True)
     measures = measure(pixels, circle)
     return {
@@ -223,10 +222,8 @@ def measure(pixels: npt.NDArray[np.uint8], circle: Circle | None = None) -> dict
         band = pixels[top : top + 256]
         inside = None if circle is None else _inside(pixels.shape, range(top, top + len(band)), circle)
         blue, green, red = cv2.split(band)
-        brightest = cv2.max(cv2.max(blue, green), red)
-        for row, plane in enumerate((red, green, blue, brightest)):
-            values = plane.ravel() if inside is None else plane[inside]
-            counts[row] += np.bincount(values, minlength=256)
+        for row, plane in enumerate((red, green, blue, cv2.max(cv2.max(blue, green), red))):
+            counts[row] += np.bincount(plane.ravel() if inside is None else plane[inside], minlength=256)
     n_pixels = max(1, int(counts[3].sum()))
     clipped = counts[:, CLIPPED_FROM:].sum(axis=1) / n_pixels
     return {

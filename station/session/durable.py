@@ -151,8 +151,7 @@ _INFO_BYTES = 200  # fixed, so that one write replaces it whole
 def _holder(folder: Folder, name: str) -> str:
     """Return who holds the lock, as its file says; only digits and a host name's characters are repeated."""
     with suppress(OSError, ValueError, IntegrityError, AttributeError):
-        raw = folder.read_file(name, 4 * _INFO_BYTES) or b""
-        info = json.loads(raw)
+        info = json.loads(folder.read_file(name, 4 * _INFO_BYTES) or b"")
         host = "".join(c for c in str(info["host"])[:64] if c.isascii() and (c.isalnum() or c in ".-_"))
         return f"process {int(info['pid'])} on {host}"
     return "another process"

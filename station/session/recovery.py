@@ -60,8 +60,7 @@ class SessionState:
     @property
     def manifest(self) -> SessionManifest:
         """The manifest of this moment, with ``status`` and ``missing`` as its contents say."""
-        lists = {name: tuple(found) for name, found in self._lists.items()}
-        return self._base.model_copy(update=lists).assess()
+        return self._base.model_copy(update={name: tuple(found) for name, found in self._lists.items()}).assess()
 
     def check(self, record: Model) -> None:
         """Raise `ValueError` if a frame cannot be added: its place is taken, or is not in the bracket."""
@@ -291,8 +290,7 @@ def keep_damaged_manifest(root: Folder, rejected: Folder) -> str | None:
 
     A link or a pipe in its place goes there unopened. A crash in between is no harm: the journal has it all.
     """
-    info = root.lstat(MANIFEST_NAME)
-    if info is None:
+    if root.lstat(MANIFEST_NAME) is None:
         return None
     name = free_name(rejected, f"damaged-{MANIFEST_NAME}")
     root.move(MANIFEST_NAME, rejected, name)

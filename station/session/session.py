@@ -255,8 +255,7 @@ class SessionManifest(Model):
 
     def frame(self, side: Side, stop: int, format_: str = "jpeg") -> FrameRecord | None:
         """Return the frame of that side, stop and format, or None."""
-        found = (f for f in self.frames if (f.side, f.stop, f.format) == (side, stop, format_))
-        return next(found, None)
+        return next((f for f in self.frames if (f.side, f.stop, f.format) == (side, stop, format_)), None)
 
     def pictures(self, side: Side) -> tuple[FrameRecord, ...]:
         """Return a side's frames: its raw files where it has nothing else, else without them."""

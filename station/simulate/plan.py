@@ -168,8 +168,7 @@ def _drawn(request: DatasetRequest, seed: int) -> Planned:
 
     room = make_room(seed, request.use)
     # The zone that ships keep; laws do not matter here.
-    zone = timezone(timedelta(hours=round(room.moment.longitude_deg / 15)))
-    local = room.moment.utc.astimezone(zone)
+    local = room.moment.utc.astimezone(timezone(timedelta(hours=round(room.moment.longitude_deg / 15))))
     folder = folder_name(room.moment.utc, room.name)
     return Planned(seed + 1, room.name, folder, local, room, outdoor_local=local, nd_filter=True)
 
@@ -239,7 +238,6 @@ def row_of(plan: Planned, manifest: SessionManifest, request: DatasetRequest) ->
     """Return the session's row of dataset.csv: what was measured and what is true, not what was asked for."""
     room, outdoor = plan.room, plan.outdoor_local
     reading = next((r.luminance_cd_m2 for r in manifest.readings if r.luminance_cd_m2 is not None), None)
-    filtered = ("YES" if plan.nd_filter else "NO") if outdoor else ""
     return {
         "index": str(plan.index),
         "date": f"{plan.local:%Y%m%d}",
@@ -249,7 +247,7 @@ def row_of(plan: Planned, manifest: SessionManifest, request: DatasetRequest) ->
         "fisheye_time": f"{outdoor.hour}:{outdoor:%M}" if outdoor else "",
         "illuminance_lux": f"{sum(room.sky.horizontal_illuminance_lx()):.0f}" if outdoor else "",
         "orientation": orientation(plan.heading_deg),
-        "nd_filter": filtered,
+        "nd_filter": ("YES" if plan.nd_filter else "NO") if outdoor else "",
         "natural_light": WITH_LAMPS if room.lamps_on else DAYLIGHT_ONLY,
         "utc": f"{room.moment.utc:%Y-%m-%dT%H:%MZ}",
         "latitude_deg": f"{room.moment.latitude_deg:g}",

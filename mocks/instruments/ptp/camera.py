@@ -161,15 +161,13 @@ class SimulatedCamera(PtpResponder, ABC):
 
     def get_storage_ids(self, _request: Request) -> Answer:
         """List the store, unless it is out."""
-        ids = [] if self.no_storage() else [self.store.storage.storage_id]
-        return Answer(data=ptp_wire.array(6, ids))
+        return Answer(data=ptp_wire.array(6, [] if self.no_storage() else [self.store.storage.storage_id]))
 
     def get_storage_info(self, request: Request) -> Answer:
         """Describe the store."""
         self._check_storage(request.params[0])
-        full = self.free_pictures() == 0
         info = self.store.info(
-            free_bytes=0 if full else self.store.free_bytes,
+            free_bytes=0 if self.free_pictures() == 0 else self.store.free_bytes,
             free_pictures=self.free_pictures(),
             read_only=self.faults.condition(FaultKind.STORE_READ_ONLY) is not None,
         )
@@ -191,8 +189,7 @@ class SimulatedCamera(PtpResponder, ABC):
         return [] if self.no_storage() else self.store.select(request.param(1), parent)
 
     def _get_object_handles(self, request: Request) -> Answer:
-        handles = [o.handle for o in self.selected(request)][:9999]
-        return Answer(data=ptp_wire.array(6, handles))
+        return Answer(data=ptp_wire.array(6, [o.handle for o in self.selected(request)][:9999]))
 
     def find_object(self, handle: int) -> StoredObject:
         """Return the object, or refuse."""
@@ -258,8 +255,7 @@ class SimulatedCamera(PtpResponder, ABC):
 
     def _get_prop_desc(self, request: Request) -> Answer:
         code = self._known(request)
-        prop = self.properties.properties[code]
-        return Answer(data=prop.describe(self.properties.values[code], self.choices(code)))
+        return Answer(data=self.properties.properties[code].describe(self.properties.values[code], self.choices(code)))
 
     def _get_prop_value(self, request: Request) -> Answer:
         code = self._known(request)

@@ -251,8 +251,7 @@ class PtpResponder:
 
     def _check(self, request: wire.Request) -> wire.Rule:
         rule = self.rules.get(request.operation)
-        sessionless = rule is not None and rule.sessionless
-        if not self._session_id and not sessionless:
+        if not self._session_id and (rule is None or not rule.sessionless):
             raise wire.Refusal(Response.SESSION_NOT_OPEN)
         self._check_transaction_id(request)
         if rule is None:

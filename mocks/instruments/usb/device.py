@@ -220,8 +220,7 @@ class UsbPtpDevice:
             return
         self._incoming = _Incoming(bytearray())
         try:
-            container = ptp_wire.parse_container(bytes(incoming.buffer))
-            self._take_container(container, incoming)
+            self._take_container(ptp_wire.parse_container(bytes(incoming.buffer)), incoming)
         except ptp_wire.BadBytesError as error:
             self.camera.stats.violations.append(str(error))
             self.halted.update(self.camera.identity.endpoints[:2])
@@ -248,8 +247,7 @@ class UsbPtpDevice:
             return
         if container.type != ContainerType.COMMAND:
             raise ptp_wire.BadBytesError(f"command expected, type {container.type} came")
-        params = ptp_wire.parse_params(container.payload)
-        request = Request(container.code, container.transaction_id, params)
+        request = Request(container.code, container.transaction_id, ptp_wire.parse_params(container.payload))
         faults = self.camera.faults.at(Moment.OPERATION, request.operation)
         broken = next(
             (f for f in faults if f.phase is Phase.COMMAND and f.kind in (FaultKind.UNPLUG, FaultKind.STALL)), None

@@ -124,8 +124,7 @@ def check_items(plan: Plan, items: tuple[Item, ...]) -> list[str]:
     found = [f"{item.kind} {item.instance}: {problem}" for item in items for problem in item_problems(plan, item)]
     for k, a in enumerate(items):
         found += [f"{a.kind} {a.instance} and {b.kind} {b.instance}: overlap" for b in items[k + 1 :] if overlap(a, b)]
-    numbers = sorted(item.instance for item in items)
-    if numbers != list(range(1, len(items) + 1)):
+    if sorted(item.instance for item in items) != list(range(1, len(items) + 1)):
         found.append(f"instances are not 1 to {len(items)}")
     for kind in ("tripod", "meter board"):
         if sum(item.kind == kind for item in items) != 1:
@@ -138,8 +137,7 @@ def check_items(plan: Plan, items: tuple[Item, ...]) -> list[str]:
 def item_problems(plan: Plan, item: Item) -> list[str]:
     """Return what is wrong with an item by itself in the room."""
     floor, found = footprint(item), []
-    room = ground(plan)
-    if not room.covers(floor):
+    if not ground(plan).covers(floor):
         found.append("outside the room")
     low, high = item.position_m[2], item.position_m[2] + item.size_m[2]
     if high > plan.height_m or low < 0.0:
@@ -222,8 +220,7 @@ def window_strips(plan: Plan) -> tuple[tuple[Polygon, float, float], ...]:
     for w in plan.windows:
         near, far = w.start_m, w.start_m + w.width_m
         ends = ((near, 0.0), (far, 0.0), (far, WINDOW_FREE_M), (near, WINDOW_FREE_M))
-        strip = Polygon([plan.on_wall(w.wall, a, b) for a, b in ends])
-        found.append((strip, w.sill_m, w.sill_m + w.height_m))
+        found.append((Polygon([plan.on_wall(w.wall, a, b) for a, b in ends]), w.sill_m, w.sill_m + w.height_m))
     return tuple(found)
 
 

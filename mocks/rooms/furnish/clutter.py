@@ -12,8 +12,7 @@ def picture_over(a: Arrangement, below: Item) -> None:
     """Hang a picture, or two side by side, over a piece of furniture."""
     h = a.draw(0.4, 0.8)
     w = min(h * a.draw(0.75, 1.7), below.size_m[0] * 0.8)
-    top_of = below.position_m[2] + below.size_m[2]
-    low = round(max(top_of + 0.18, EYE_M - h / 2), 3)
+    low = round(max(below.position_m[2] + below.size_m[2] + 0.18, EYE_M - h / 2), 3)
     if low + h < a.plan.height_m - 0.15:
         a.hang_over(below, "picture", (round(w, 3), 0.025, h), low)
 
@@ -72,8 +71,7 @@ SMALL_M: dict[str, tuple[float | tuple[float, float], ...]] = {
 
 def cushions_on(a: Arrangement, seat: Item, count: int) -> None:
     """Set cushions on a sofa, leaning against its back, none quite straight."""
-    places = sorted(float(v) for v in a.rng.uniform(-1, 1, count))
-    for place in places:
+    for place in sorted(float(v) for v in a.rng.uniform(-1, 1, count)):
         side = a.draw(0.38, 0.48)
         along = place * max(seat.size_m[0] / 2 - 0.24 - side / 2, 0.0)
         x, y = beside(seat, along, seat.size_m[1] / 2 - 0.46 - 0.14)
@@ -116,6 +114,5 @@ def rug_under(a: Arrangement, x: float, y: float, size: tuple[float, float], tur
 def quarter(a: Arrangement) -> float:
     """Return one of the four turns that are square to the room's longest wall."""
     plan = a.plan
-    wall = max(range(len(plan.polygon)), key=plan.wall_length_m)
-    (ax, ay), _ = plan.wall_axes(wall)
+    (ax, ay), _ = plan.wall_axes(max(range(len(plan.polygon)), key=plan.wall_length_m))
     return math.atan2(ay, ax) + math.pi / 2 * int(a.rng.integers(4))

@@ -21,8 +21,7 @@ def living_essentials(a: Arrangement, finish: Finish) -> bool:
             break
     else:
         return False
-    reach = a.draw(0.72, 0.95)
-    middle = beside(sofa, 0.0, -sofa.size_m[1] / 2 - reach)
+    middle = beside(sofa, 0.0, -sofa.size_m[1] / 2 - a.draw(0.72, 0.95))
     if a.chance(0.75):
         size = (sofa.size_m[0] + a.draw(-0.1, 0.5), a.draw(1.4, 1.9))
         clutter.rug_under(a, *middle, size, sofa.turn_rad, finish.floor.name)
@@ -64,8 +63,7 @@ def _coffee_table(a: Arrangement, sofa: Item, middle: Point) -> None:
     options = (("round", 1.0),) if round_top else ()
     for shift in (0.0, 0.3, -0.3, 0.6, -0.6):
         x, y = beside(sofa, shift, -sofa.size_m[1] / 2 - 0.38 - size[1] / 2)
-        turn = sofa.turn_rad + float(a.rng.normal(0, 0.03))
-        table = a.add(a.item("coffee table", size, (x, y, 0.0), turn, options))
+        table = a.add(a.item("coffee table", size, (x, y, 0.0), sofa.turn_rad + float(a.rng.normal(0, 0.03)), options))
         if table:
             clutter.things_on(a, table, 4)
             return
@@ -91,8 +89,7 @@ def _television(a: Arrangement, sofa: Item) -> None:
 
 def _armchair(a: Arrangement, sofa: Item, middle: Point) -> None:
     """Place an armchair beside the table, turned towards it."""
-    size = (a.draw(0.72, 0.85), a.draw(0.76, 0.86), a.draw(0.76, 0.86))
-    model = a.item("armchair", size, (0.0, 0.0, 0.0))
+    model = a.item("armchair", (a.draw(0.72, 0.85), a.draw(0.76, 0.86), a.draw(0.76, 0.86)), (0.0, 0.0, 0.0))
     for _ in range(12):
         side = -1 if a.chance(0.5) else 1
         x, y = beside(sofa, side * a.draw(1.1, 1.9), -sofa.size_m[1] / 2 - a.draw(0.3, 1.6))
@@ -258,8 +255,7 @@ def _screens(a: Arrangement, desk: Item) -> None:
         along = 0.0 if count == 1 else (-0.55, 0.55)[k]
         spread = (along * 0.62, 0.85)
         size = (a.draw(0.54, 0.62), 0.2, a.draw(0.45, 0.5))
-        turn = -0.16 * along + float(a.rng.normal(0, 0.03))
-        screen = a.put_on(desk, "monitor", size, at=spread, turn_rad=turn)
+        screen = a.put_on(desk, "monitor", size, at=spread, turn_rad=-0.16 * along + float(a.rng.normal(0, 0.03)))
         placed += [screen] if screen else []
     if placed:
         a.put_on(desk, "keyboard", (0.56, 0.14, 0.032), at=(a.draw(-0.1, 0.1), a.draw(-0.75, -0.5)))
@@ -275,6 +271,5 @@ def _chair(a: Arrangement, desk: Item) -> None:
         back = desk.size_m[1] / 2 + a.draw(0.12, 0.55)
         x, y = beside(desk, unit + float(a.rng.normal(0, 0.05)), -back)
         # Who sits at the desk looks at its wall: the chair faces the other way than the desk does.
-        turn = desk.turn_rad + 3.1416 + float(a.rng.normal(0, 0.35))
-        if a.add(a.item("swivel chair", size, (x, y, 0.0), turn)):
+        if a.add(a.item("swivel chair", size, (x, y, 0.0), desk.turn_rad + 3.1416 + float(a.rng.normal(0, 0.35)))):
             return

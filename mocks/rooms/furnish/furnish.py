@@ -77,8 +77,7 @@ def bedroom_extras(a: Arrangement, finish: Finish) -> None:
 
 def _bed(a: Arrangement) -> Item | None:
     """Place the largest bed that fits, its head to a wall, room beside it."""
-    widths = [w for w in (DOUBLE_M + SINGLE_M) if a.chance(0.7)] + [SINGLE_M[-1]]
-    for width in widths:
+    for width in [w for w in (DOUBLE_M + SINGLE_M) if a.chance(0.7)] + [SINGLE_M[-1]]:
         size = (width, a.draw(2.08, 2.16), a.draw(0.88, 1.15))
         bed = a.against_wall("bed", size, lambda item: _calm(a, item))
         if bed:
@@ -108,8 +107,7 @@ def _calm(a: Arrangement, bed: Item) -> float:
 
 
 def _beside_bed(a: Arrangement, bed: Item, side: int, size: tuple[float, float, float]) -> Item:
-    along = side * (bed.size_m[0] / 2 + size[0] / 2 + 0.05)
-    x, y = beside(bed, along, bed.size_m[1] / 2 - size[1] / 2)
+    x, y = beside(bed, side * (bed.size_m[0] / 2 + size[0] / 2 + 0.05), bed.size_m[1] / 2 - size[1] / 2)
     return a.item("nightstand", size, (x, y, 0.0), bed.turn_rad)
 
 
@@ -167,8 +165,7 @@ def fill(a: Arrangement, finish: Finish) -> None:
     elif a.plan.use is Use.BEDROOM and floor.area > 13.0 and a.chance(0.45):
         day_rooms.workplace(a, finish)
     for _ in range(int(a.rng.poisson(max(spare_m2, 0.0) / PIECE_M2 * a.draw(0.4, 1.4)))):
-        kind = str(a.rng.choice(PIECES[a.plan.use]))
-        _piece(a, kind)
+        _piece(a, str(a.rng.choice(PIECES[a.plan.use])))
     clutter.wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
 
 

@@ -35,11 +35,9 @@ def books(
         deep = float(np.clip(0.7 * tall, 0.10, deepest))
         cover, pages = volume(tall, deep, thick - 0.001)
         place = (at + thick - 0.0005, front + deep / 2 + float(b.rng.uniform(0.0, 0.01)), z + tall / 2)
-        last = at + thick > x[1] - 0.015
-        tilt = float(b.rng.uniform(0.0, 0.05)) if last else 0.0
+        tilt = float(b.rng.uniform(0.0, 0.05)) if at + thick > x[1] - 0.015 else 0.0
         for mesh, material in ((cover, b.plain("book", PAPER, 0.4)), (pages, paper)):
-            upright = moved(turned(mesh, (0, 1, 0), -np.pi / 2 - tilt), place)
-            b.add(upright, material, "book")
+            b.add(moved(turned(mesh, (0, 1, 0), -np.pi / 2 - tilt), place), material, "book")
         at += thick
 
 
@@ -52,8 +50,7 @@ def pile(b: Build, paper: Material) -> None:
         shrink = 1.0 - 0.28 * k / max(1, count)
         cover, pages = volume(w * 0.9 * shrink, d * 0.86 * shrink, thick)
         angle = float(b.rng.normal(0.0, 0.08))
-        colour = b.plain("book", PAPER, 0.4)
-        for mesh, material in ((cover, colour), (pages, paper)):
+        for mesh, material in ((cover, b.plain("book", PAPER, 0.4)), (pages, paper)):
             b.add(moved(turned(mesh, (0, 0, 1), float(np.clip(angle, -0.12, 0.12))), (0, 0, k * thick)), material)
 
 
@@ -93,10 +90,8 @@ def scattered_blocks(b: Build, _role: str) -> None:
     side = 0.04
     across, along = (np.arange(-long / 2 + side, long / 2 - side, 0.065) for long in (w, d))
     cells = list(itertools.product(across, along))
-    chosen = b.rng.permutation(len(cells))[: max(4, len(cells) // 3)]
-    for n, k in enumerate(chosen):
-        levels = 2 if n == 0 else 1
-        for level in range(levels):
+    for n, k in enumerate(b.rng.permutation(len(cells))[: max(4, len(cells) // 3)]):
+        for level in range(2 if n == 0 else 1):
             cube = rounded_box((-side / 2, -side / 2, 0), (side / 2, side / 2, side), 0.003)
             spot = (float(cells[k][0]), float(cells[k][1]), level * side)
             b.add(moved(turned(cube, (0, 0, 1), float(b.rng.uniform(0, 1.57))), spot), b.plain("toy", PAPER, 0.35))

@@ -171,6 +171,5 @@ class _Met:
 def facing_normals(geometry: Geometry, hits: Hits, directions: Floats) -> Floats:
     """Return shading normals (N, 3) turned towards where the rays come from."""
     normal = geometry.shading_normals(hits)
-    away = np.einsum("ij,ij->i", normal, directions) > 0
-    normal[away] *= -1
+    normal[np.einsum("ij,ij->i", normal, directions) > 0] *= -1
     return normal

@@ -32,8 +32,7 @@ class Geometry:
     def __init__(self, parts: Sequence[Part]) -> None:
         self.parts = tuple(parts)
         meshes = [part.mesh for part in self.parts]
-        corners = [m.vertices[m.faces] for m in meshes]
-        self.corners: Floats = np.concatenate(corners).astype(np.float32)
+        self.corners: Floats = np.concatenate([m.vertices[m.faces] for m in meshes]).astype(np.float32)
         self.normals: Floats = np.concatenate([m.normals[m.faces] for m in meshes]).astype(np.float32)
         self.uv: Floats = np.concatenate([m.uv[m.faces] for m in meshes]).astype(np.float32)
         counts = [len(m.faces) for m in meshes]

@@ -93,8 +93,7 @@ def _entering(room: Room, environment_rgb: Floats) -> Floats:
 def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, seed: int = 0) -> Baked:
     """Return one component's light; glossy surfaces cost a second picture of the faces that show any."""
     cube = Cube(quality.face_px)
-    eye = np.array(room.eye, np.float32)
-    guide = Guide.of(geometry, eye, cube)
+    guide = Guide.of(geometry, np.array(room.eye, np.float32), cube)
     sunny = lighting.sun is not None
     if lighting.sun is not None:
         lighting = replace(lighting, sun=None, patches=sun_patches(geometry, room.panes, *lighting.sun))
@@ -161,8 +160,7 @@ def _seamless(picture: Floats, guide: Guide) -> Floats:
         seen = np.flatnonzero(weight > 0)
         down = np.clip(np.rint(row[seen]), 0, cube.side_px - 1).astype(int)
         right = np.clip(np.rint(column[seen]), 0, cube.side_px - 1).astype(int)
-        same = guide.part[face][down, right] == part[seen]
-        share = weight[seen] * same
+        share = weight[seen] * (guide.part[face][down, right] == part[seen])
         total[seen] += picture[face][down, right] * share[:, None]
         weights[seen] += share
     kept = weights < 1e-3

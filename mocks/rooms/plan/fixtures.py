@@ -158,8 +158,7 @@ def _with_lamps(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:
         height = {"dome lamp": 0.12, "disc lamp": 0.06}.get(kind, drop)
         spread = 0.12 + 0.1 * attempt
         place = (middle.x + float(rng.normal(0, spread)), middle.y + float(rng.normal(0, spread)))
-        lamp = _ceiling(plan, kind, place, width, height, lamps_on, seed)
-        changed = _add(plan, lamp)
+        changed = _add(plan, _ceiling(plan, kind, place, width, height, lamps_on, seed))
         if changed is not plan:
             return changed
     return _add(plan, _ceiling(plan, "disc lamp", (middle.x, middle.y), 0.35, 0.06, lamps_on, seed))

@@ -69,8 +69,7 @@ def rectangle(width_m: float, depth_m: float) -> Outline:
 
 def draw_camera(rng: np.random.Generator, points: Sequence[Point]) -> Point | None:
     """Draw a place for the camera: clear of the walls and with a view of most of the floor; None if none is found."""
-    room = Polygon(points)
-    clear = room.buffer(-CAMERA_CLEARANCE_M - 0.02)
+    clear = Polygon(points).buffer(-CAMERA_CLEARANCE_M - 0.02)
     if clear.is_empty:
         return None
     x0, y0, x1, y1 = clear.bounds
@@ -96,8 +95,7 @@ def floor_seen(points: Sequence[Point], place: Point, step_m: float = 0.2) -> fl
 def draw_turn_rad(rng: np.random.Generator) -> float:
     """Draw the room's angle about the camera: any quarter turn, near it or up to 45 degrees off."""
     quarter = math.pi / 2 * int(rng.integers(4))
-    near = rng.random() < 0.45
-    skew = rng.normal(0.0, 3.0) if near else rng.uniform(-45.0, 45.0)
+    skew = rng.normal(0.0, 3.0) if rng.random() < 0.45 else rng.uniform(-45.0, 45.0)
     return quarter + math.radians(float(skew))
 
 
@@ -129,8 +127,7 @@ def inner_angle_rad(points: Sequence[Point], corner: int) -> float:
 
 def is_simple(points: Sequence[Point]) -> bool:
     """Return whether the outline does not cross itself and turns counter-clockwise."""
-    ring = LineString([*points, points[0]])
-    return bool(ring.is_simple) and Polygon(points).exterior.is_ccw
+    return bool(LineString([*points, points[0]]).is_simple) and Polygon(points).exterior.is_ccw
 
 
 def _sides(rng: np.random.Generator, area_m2: float) -> tuple[float, float]:

@@ -59,8 +59,7 @@ def camera_problems(plan: Plan) -> list[str]:
 
 def opening_problems(plan: Plan) -> list[str]:
     """Return problems of windows and doors: their place in the wall, each other, and the space behind and before."""
-    openings = forms.openings_of(plan)
-    wrong = [f"{_name(o)}: {text}" for o in openings for text in _place_problems(plan, o)]
+    wrong = [f"{_name(o)}: {text}" for o in forms.openings_of(plan) for text in _place_problems(plan, o)]
     if wrong:
         return wrong
     room = Polygon(plan.polygon)
@@ -269,8 +268,7 @@ def _in_wall(rng: np.random.Generator, plan: Plan, wall: int, style: WindowStyle
     room = plan.wall_length_m(wall) - 2 * CORNER_M
     low, high = WIDTHS_M[style.kind]
     width = min(float(rng.uniform(low, high)), room)
-    fits = int((room + PIER_M) / (width + PIER_M))
-    count = min(fits, int(rng.choice([1, 2, 3], p=[0.6, 0.32, 0.08])))
+    count = min(int((room + PIER_M) / (width + PIER_M)), int(rng.choice([1, 2, 3], p=[0.6, 0.32, 0.08])))
     if count <= 1:
         slack = room - width
         place = 0.5 if rng.random() < 0.4 else float(rng.uniform(0.0, 1.0))

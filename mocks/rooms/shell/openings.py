@@ -102,9 +102,8 @@ def _glass(window: Window) -> list[_Rect]:
 
 
 def _window(window: Window, finish: Finish) -> list[Part]:
-    reveal = _lined(_opening(window), 0.0, window.depth_m)
     return [
-        part_of(reveal, finish.wall_material(window.wall), "reveal"),
+        part_of(_lined(_opening(window), 0.0, window.depth_m), finish.wall_material(window.wall), "reveal"),
         part_of(_plate(window), finish.window_frame, *_FRAME),
         part_of(_frame(window), finish.window_frame, *_FRAME),
         part_of(_window_handles(window), finish.metal, *_FRAME),

@@ -22,8 +22,7 @@ def part_of(
     meshes: Mesh | Iterable[Mesh], material: Material, surface: str, ade: str = "wall", role: Role = Role.SHELL
 ) -> Part:
     """Return one part of the meshes; ``ade`` is the name of its class."""
-    mesh = meshes if isinstance(meshes, Mesh) else merge(meshes)
-    return Part(mesh, material, surface, ADE20K[ade], role)
+    return Part(meshes if isinstance(meshes, Mesh) else merge(meshes), material, surface, ADE20K[ade], role)
 
 
 def on_wall(plan: Plan, wall: int, parts: Iterable[Part]) -> list[Part]:
@@ -119,8 +118,7 @@ CORNICE_FROM_M = 2.85  # chosen: lower rooms have none
 
 def floor_and_ceiling(plan: Plan, finish: Finish) -> list[Part]:
     """Return floor and ceiling; texture u runs along the longest wall."""
-    longest = max(range(len(plan.polygon)), key=plan.wall_length_m)
-    (ux, uy), (vx, vy) = plan.wall_axes(longest)
+    (ux, uy), (vx, vy) = plan.wall_axes(max(range(len(plan.polygon)), key=plan.wall_length_m))
     turned = Polygon([(x * ux + y * uy, x * vx + y * vy) for x, y in plan.polygon])
     area = turned.buffer(LAP_M, join_style="mitre")
     u, v = (ux, uy, 0.0), (vx, vy, 0.0)

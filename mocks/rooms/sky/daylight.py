@@ -41,8 +41,7 @@ def sun_of(moment: Moment) -> tuple[float, float]:
     import pandas as pd
     from pvlib.solarposition import spa_python
 
-    times = pd.DatetimeIndex([moment.utc])
-    found = spa_python(times, moment.latitude_deg, moment.longitude_deg)
+    found = spa_python(pd.DatetimeIndex([moment.utc]), moment.latitude_deg, moment.longitude_deg)
     compass_rad = math.radians(float(found["azimuth"].iloc[0]))
     elevation_rad = math.radians(float(found["apparent_elevation"].iloc[0]))
     return math.remainder(compass_rad - moment.heading_rad, 2 * math.pi), elevation_rad

@@ -257,8 +257,7 @@ def _lit_band(seed: int, eye_height_m: float, light: Ambient, component: Compone
     radiance = albedo * received / np.float32(math.pi) + mirror * air
     radiance += haze * (air - radiance)
     radiance = np.minimum(radiance, np.float32(6e4))
-    level = np.concatenate([radiance * coverage, coverage], axis=-1)
-    levels = [level]
+    levels = [np.concatenate([radiance * coverage, coverage], axis=-1)]
     while len(levels) < 6:
         rows, columns = levels[-1].shape[:2]
         levels.append(cv2.resize(levels[-1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA))

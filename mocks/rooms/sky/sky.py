@@ -273,8 +273,7 @@ def _scale(sky: Sky) -> float:
     """Return the factor that gives a clouded dome the diffuse illuminance again."""
     if sky.cloud_cover == 0:
         return 1.0
-    grid = outdoors.cosine_grid()
-    light = sky._unscaled(grid, math.pi / 256)  # noqa: SLF001
+    light = sky._unscaled(outdoors.cosine_grid(), math.pi / 256)  # noqa: SLF001
     luminance = light @ np.array(LUMINANCE_WEIGHTS)
     return sky.horizontal_illuminance_lx()[0] / (math.pi * float(luminance.mean(dtype=np.float64)))
 

@@ -221,14 +221,13 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
         # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.
         curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
-    processed = agreement.neighbours > PROCESSED_CORRELATION
     return replace(
         job,
         order=order,
         curve=curve,
         noise=scaled,
         correlation=agreement.correlation,
-        processed=processed,
+        processed=agreement.neighbours > PROCESSED_CORRELATION,
         wander=agreement.wander,
     )
 

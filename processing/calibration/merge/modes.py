@@ -41,8 +41,7 @@ def merge_modes(tables: MergeTables, curve: ResponseCurve, times_s: Doubles, tim
     for f, time_s in enumerate(times_s):
         for c, log2 in enumerate(curve.log2_exposure):
             codes[f, c] = np.interp(levels + math.log2(time_s), log2, np.arange(256))
-            nearest = np.rint(codes[f, c]).astype(np.intp)
-            share[f, c] = tables.lanes[f, c, nearest, 1]
+            share[f, c] = tables.lanes[f, c, np.rint(codes[f, c]).astype(np.intp), 1]
     share /= np.maximum(share.sum(axis=0), 1e-30)
     weights = np.array(LUMINANCE_WEIGHTS)
     rows = []

@@ -206,8 +206,7 @@ def _chosen(worth: Floats, reference: Indices) -> Indices:
     The reference, or the nearest usable frame. A pixel too bright for the reference, a lamp or the sun, takes the
     shortest frame that measures it well: in longer ones its clipped neighbours have bled into it through JPEG's blocks.
     """
-    frames = np.arange(len(worth))[:, None]
-    distance = np.abs(frames - reference[None, :])
+    distance = np.abs(np.arange(len(worth))[:, None] - reference[None, :])
     nearest = np.argmin(np.where(worth > USABLE, distance, len(worth) + distance), axis=0)
     well = worth >= MEASURES_WELL * worth.max(axis=0)
     shortest = len(worth) - 1 - np.argmax(well[::-1], axis=0)

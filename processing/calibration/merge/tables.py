@@ -92,8 +92,7 @@ class Samples(Protocol):
 
 def linear_curve() -> ResponseCurve:
     """Return the curve of 8-bit frames that are linear: exposure 1 at code 255."""
-    codes = np.maximum(np.arange(CODES), 0.25) / 255.0
-    log2 = np.tile(np.log2(codes), (3, 1))
+    log2 = np.tile(np.log2(np.maximum(np.arange(CODES), 0.25) / 255.0), (3, 1))
     return ResponseCurve(log2, np.zeros_like(log2), (1, 1, 1), (252, 252, 252), method="linear")
 
 
@@ -365,8 +364,7 @@ def _by_level(stops: Doubles, level: Doubles) -> float:
 
 def _noise(scatter: Sequence[Doubles]) -> tuple[float, float]:
     """Return the variance of normalised differences (n, 3), and the correlation of channels; robust."""
-    sizes = [len(one) for one in scatter]
-    if sum(sizes) < MIN_SAMPLES:
+    if sum(map(len, scatter)) < MIN_SAMPLES:
         return 1.0, 0.0
     every = np.concatenate([one for one in scatter if len(one)])
     own = float(np.mean(_robust_variance(every)))

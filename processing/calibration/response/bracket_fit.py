@@ -324,8 +324,7 @@ def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubl
 def support(predicted: Doubles, name: str) -> tuple[int, int]:
     """Return the lowest and highest code near which the data say enough. ``predicted``: (N,) codes, 0..255."""
     count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
-    near = np.convolve(count, np.ones(5), mode="same")
-    seen = np.flatnonzero(near >= _LEAST_NEAR)
+    seen = np.flatnonzero(np.convolve(count, np.ones(5), mode="same") >= _LEAST_NEAR)
     if seen.size < _LEAST_CODES:
         raise ResponseError(
             f"the frames show only {seen.size} different codes",

@@ -207,8 +207,7 @@ def fit_noise(
         # Whole codes and few steps of time: what they predict is computed once for each code of each step
         places = [4, 0, 8, 2, 6, 1, 3, 5, 7][:pixels]
         steps, which = np.unique(step, return_inverse=True)
-        codes = np.tile(np.arange(256.0), len(steps))
-        table = _predicted(codes, np.repeat(steps, 256), fine)
+        table = _predicted(np.tile(np.arange(256.0), len(steps)), np.repeat(steps, 256), fine)
         entry = (which[:, None] * 256 + data.pixels[longer][:, places]).T.ravel()
         short_codes = data.pixels[shorter][:, places].T.ravel().astype(np.float64)
         predicted, use, terms = (part[entry] for part in table)

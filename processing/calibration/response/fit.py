@@ -82,8 +82,7 @@ def spline_basis() -> SplineBasis:
 
 def srgb_log2_exposure() -> Doubles:
     """Return log2 of the light of each sRGB code, of shape (256,), 0 at code 255; code 0 counts as half."""
-    value = np.maximum(np.arange(256), 0.5) / 255
-    return np.asarray(np.log2(srgb_decoded(value)))
+    return np.asarray(np.log2(srgb_decoded(np.maximum(np.arange(256), 0.5) / 255)))
 
 
 FIRST_CODE, LAST_CODE = 3.0, 252.0

@@ -67,8 +67,7 @@ def fit_linear(frames: Sequence[UInt16s], times_s: Sequence[float], black: float
 
 def _slope(longer: Doubles, shorter: Doubles, given: float) -> tuple[float, float]:
     """Return the shorter frame's light over the longer's, and its relative standard uncertainty (inf: as given)."""
-    least = max(BRIGHT, 1.5 * DARK)
-    good = (longer > least) & (longer < USABLE) & (shorter > 0)
+    good = (longer > max(BRIGHT, 1.5 * DARK)) & (longer < USABLE) & (shorter > 0)
     if np.count_nonzero(good) < LEAST:
         return given, math.inf
     ratio = np.log(shorter[good] / longer[good])

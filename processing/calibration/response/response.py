@@ -193,10 +193,9 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
     """Say what is odd about the frames."""
     found = [f"frame {j} is the same picture as an earlier one: left out" for j in samples.duplicates]
     for j, stops in fit.wrong_times.items():
-        implied = np.exp2(fit.log2_times[j])
         found.append(
             f"frame {j}: its time {samples.given_s[j]:.6g} s contradicts the other frames by {stops:+.2f} stops; "
-            f"{implied:.6g} s is used"
+            f"{np.exp2(fit.log2_times[j]):.6g} s is used"
         )
     estimate = fit.estimate
     if free_times and estimate.off_rule:
@@ -276,8 +275,7 @@ def residuals_by_code(samples: Samples, curve: ResponseCurve) -> CodeResiduals:
             mine = residual[bins == b]
             mean[c, b] = np.median(mine)
             spread[c, b] = 1.4826 * np.median(np.abs(mine - mean[c, b]))
-    middle = (np.arange(n_bins, dtype=np.float64) + 0.5) * BIN_CODES
-    return CodeResiduals(middle, mean, spread, count)
+    return CodeResiduals((np.arange(n_bins, dtype=np.float64) + 0.5) * BIN_CODES, mean, spread, count)
 
 
 @dataclass(frozen=True)

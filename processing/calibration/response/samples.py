@@ -215,8 +215,7 @@ def _unclipped(mean: Doubles, spread2: Doubles) -> Flags:
 
 def _usable(mean: Doubles, spread2: Doubles) -> Flags:
     """Return (frames, patches): neither clipped nor dark as a whole, of patches that are smooth where best exposed."""
-    spreads = np.sqrt(spread2)
-    seen = (mean > np.maximum(0.5, _CLEAR_BELOW * spreads)) & _unclipped(mean, spread2)
+    seen = (mean > np.maximum(0.5, _CLEAR_BELOW * np.sqrt(spread2))) & _unclipped(mean, spread2)
     best = np.argmax(np.where(mean < _WELL_EXPOSED, mean, 0.0), axis=0)
     each = np.arange(mean.shape[1])
     able = seen.sum(axis=0) >= 2

@@ -139,8 +139,7 @@ def _line(x: Doubles, y: Doubles, sigma: Doubles) -> _Line:
         pull = np.abs(columns @ found - y) / error
         huber = np.minimum(1, _HUBER / np.maximum(pull, 1e-12))
     covariance = np.linalg.inv((columns * weight[:, None]).T @ (columns * weight[:, None]))
-    freedom = max(x.size - columns.shape[1], 1)
-    excess = max(1.0, float(np.sum(huber * pull**2)) / freedom)
+    excess = max(1.0, float(np.sum(huber * pull**2)) / max(x.size - columns.shape[1], 1))
     slope, offset = float(found[0]), float(found[1]) if columns.shape[1] > 1 else 0.0
     if not slope > 0:
         raise ChartError("the two pictures of the chart contradict each other", where="the neutral patches")

@@ -115,8 +115,7 @@ def read_chart(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart
     chart.
     """
     corners = checked_corners(corners_px)
-    ways = [np.roll(corners, turn, axis=0) for turn in range(4)]
-    read = [_read(view, way, how) for way in ways]
+    read = [_read(view, np.roll(corners, turn, axis=0), how) for turn in range(4)]
     best = min(read, key=lambda chart: chart.mismatch)
     if not np.any(best.usable):
         raise ChartError(

@@ -76,8 +76,7 @@ class Vignetting:
         knots = np.linspace(0, 1, 2049)
         # Of the field's half: the angle from the axis at these distances.
         share = np.arctan2(*polar_of_radius(geometry, knots)) / geometry.half_field_rad if self.in_angle else knots
-        values = self.evaluate(share)
-        return np.asarray(np.interp(r, knots, values), dtype=np.float32)
+        return np.asarray(np.interp(r, knots, self.evaluate(share)), dtype=np.float32)
 
     def correct(self, rgb: Floats, geometry: Fisheye) -> Floats:
         """Return the picture (H, W, 3) as a lens without fall-off would have given it."""

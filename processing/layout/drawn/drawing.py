@@ -101,8 +101,7 @@ def _door(plan: FloorPlan, door: Door) -> list[Shape]:
             _on(plan, door.edge, at + turn * leaf * math.cos(a), start + sign * leaf * math.sin(a))
             for a in (k * math.pi / 36 for k in range(19))
         ]
-        known = door.hinge != "unknown" or pair
-        shapes.append(Line(arc, GREY, 0.007, None if known else (0.05, 0.04)))
+        shapes.append(Line(arc, GREY, 0.007, None if door.hinge != "unknown" or pair else (0.05, 0.04)))
         ends = sorted((at, at + turn * 0.035))
         shapes.append(
             Area(_strip(plan, door.edge, ends[0], ends[1], *sorted((start, start + sign * leaf))), PAPER, INK, 0.008)
@@ -167,8 +166,7 @@ def _labels(items: Sequence[PlacedItem]) -> list[Shape]:
         turn = item.theta_rad if long_way >= deep_way else item.theta_rad + math.pi / 2
         turn = math.remainder(turn, math.pi)
         turn = turn if turn > -math.pi / 2 + 1e-6 else turn + math.pi
-        room_m = max(long_way, deep_way)
-        size = min(0.13, 1.55 * room_m / max(4, len(item.category)))
+        size = min(0.13, 1.55 * max(long_way, deep_way) / max(4, len(item.category)))
         at = _place(
             item,
             (0.0, 0.22 * deep_way if "bed" in item.category else -0.42 * deep_way if item.category == "rug" else 0.0),

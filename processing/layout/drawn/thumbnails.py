@@ -136,8 +136,7 @@ def _surface(parts: Sequence[Part], hits: dict[str, Any], rays: Doubles) -> Surf
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     towards_eye = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
     # Surfaces seen from behind (leaves, sheets) are turned to the eye.
-    behind = np.einsum("ij,ij->i", normals, towards_eye) < -0.15
-    normals[behind] *= -1
+    normals[np.einsum("ij,ij->i", normals, towards_eye) < -0.15] *= -1
     number = np.repeat(np.arange(len(parts), dtype=np.int32), [len(p.faces) for p in parts])
     return Surface(points, normals, uv, towards_eye, number[hits["primID"]])
 

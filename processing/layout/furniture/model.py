@@ -241,8 +241,7 @@ def print_picture(kind: str, colours: tuple[Colour, Colour, Colour], size: tuple
     wobble = 0.012 * noise((x.shape[0], x.shape[1]), (50, 50), seed)
     if kind == "horizon":
         levels = np.sort(rng.uniform(0.15, 0.7, 5))[::-1]
-        sky = np.clip(1.2 - 0.5 * v, 0.5, 1)[..., None]
-        picture = picture * sky
+        picture = picture * np.clip(1.2 - 0.5 * v, 0.5, 1)[..., None]
         for k, level in enumerate(levels):
             hills = level + 0.05 * np.sin(5 * u + rng.uniform(0, 6)) + 0.02 * np.sin(13 * u + k) + wobble
             picture[v < hills] = (0.75 - 0.13 * k) * inks[2 if k < 3 else 1] + 0.05 * (4 - k)

@@ -170,8 +170,7 @@ def _swivel_chair(b: Bench, role: str) -> None:
     x, y = w / 2, d / 2
     cloth, black = b.style.material(role), b.style.material("nylon")
     seat = min(0.47, 0.5 * h)
-    r = min(x, y) / max(abs(math.cos(math.radians(18))), 0.9)
-    _star(b, r)
+    _star(b, min(x, y) / max(abs(math.cos(math.radians(18))), 0.9))
     sleeve = [(0, 0.07), (0.032, 0.07), (0.030, 0.16), (0.026, 0.165), (0.026, seat - 0.18), (0, seat - 0.18)]
     b.add(solids.turned_piece(sleeve, 20), black)
     b.add(

@@ -284,8 +284,7 @@ def _write(path: Path, groups: Sequence[tuple[str, Sequence[Part]]], models: Seq
         for number, part in enumerate(parts):
             label = f"{name}.{number}".replace("/", "_")
             scene.add_geometry(_trimesh(part), node_name=label, geom_name=label)
-    licences = sorted({model.licence for model in models})
-    scene.metadata["licences"] = licences
+    scene.metadata["licences"] = sorted({model.licence for model in models})
     path.write_bytes(scene.export(file_type="glb"))
 
 
@@ -294,11 +293,10 @@ def _trimesh(part: Part) -> Any:
 
     visuals: Any = trimesh.visual
     m = part.material
-    picture = None if m.texture is None else Image.fromarray(m.texture)
     look = visuals.material.PBRMaterial(
         name=m.name,
         baseColorFactor=[*(float(c) for c in m.base_colour), float(m.opacity)],
-        baseColorTexture=picture,
+        baseColorTexture=None if m.texture is None else Image.fromarray(m.texture),
         roughnessFactor=float(m.roughness),
         metallicFactor=float(m.metallic),
         doubleSided=m.two_sided,

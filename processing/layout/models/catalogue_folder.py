@@ -314,8 +314,7 @@ def _of_list(info: Path, root: Path) -> list[FileSource]:
         usual = (info.parent / name / n for n in ("raw_model.obj", "normalized_model.obj"))
         file = next((f for f in usual if f.is_file()), None)
         if file is not None:
-            raw = file.name == "raw_model.obj"
-            given = Given(unit="m" if raw else None, up="y", front="+z")
+            given = Given(unit="m" if file.name == "raw_model.obj" else None, up="y", front="+z")
             sources.append(FileSource(name, _future_category(row), file, root, LICENCE, given))
     return sources
 

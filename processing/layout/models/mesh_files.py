@@ -46,8 +46,7 @@ def check_gltf(data: bytes, where: str, max_triangles: int) -> None:
         for name in document.get("extensionsRequired", ()):
             if name in COMPRESSED:
                 raise ModelFileError(f"compressed ({name})", where=where, advice="export it without compression")
-        triangles = _mesh_triangles(document, where, max_triangles)
-        total = _tree_triangles(document, triangles, where)
+        total = _tree_triangles(document, _mesh_triangles(document, where, max_triangles), where)
         if total > max_triangles:
             raise ModelFileError(f"{total} triangles; at most {max_triangles} are read", where=where)
     except (TypeError, KeyError, ValueError, AttributeError, IndexError, OverflowError):

@@ -86,8 +86,7 @@ def _winding(vertices: Doubles, faces: Int64s) -> tuple[Flags, bool]:
     volume = np.bincount(piece, part, minlength=pieces)
     mostly = np.bincount(piece, turn, minlength=pieces) > 0.5 * np.bincount(piece, minlength=pieces)
     # Open pieces keep the winding that most of their faces have; closed ones that of a positive volume.
-    flip = np.where(odd, mostly, volume < 0)
-    return turn ^ flip[piece], not odd.any()
+    return turn ^ np.where(odd, mostly, volume < 0)[piece], not odd.any()
 
 
 def _agreeing(graph: object, pieces: int, piece: Int64s, a: Int64s, b: Int64s, alike: Flags) -> Flags:
@@ -151,12 +150,10 @@ def posed(points: Doubles, category: str, given: Given, *, y_up: bool) -> tuple[
     `points` are all of its vertices; `y_up` says that the format itself has y upwards (glTF).
     """
     notes: list[str] = []
-    extent = np.ptp(points, axis=0)
-    up = given.up or ("y" if y_up else _up(extent, category, given, notes))
+    up = given.up or ("y" if y_up else _up(np.ptp(points, axis=0), category, given, notes))
     turn = _STAND if up == "y" else np.diag([-1.0, -1.0, 1.0])
     standing = points @ turn.T
-    front = _front_turn(standing, category, given, notes)
-    turn = front @ turn
+    turn = _front_turn(standing, category, given, notes) @ turn
     standing = points @ turn.T
     scale = _scale(np.ptp(standing, axis=0), category, given, notes)
     low, high = standing.min(axis=0) * scale, standing.max(axis=0) * scale

@@ -89,8 +89,7 @@ def _beds(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
         share = tables[number :: len(beds)]
         kept = share[: max(0, 2 - split)] if split else share[:2]
         left += [item for item in share if item not in kept]
-        variants = _bed_variants(bed, kept, rules)
-        units.append(Unit((bed, *kept), tuple(variants), "bed"))
+        units.append(Unit((bed, *kept), tuple(_bed_variants(bed, kept, rules)), "bed"))
     if not beds:
         left += tables
     return units

@@ -262,13 +262,12 @@ def in_frame(stand: Stand, frame: Frame) -> Stand:
 def in_room(stand: Stand, frame: Frame) -> Stand:
     """Return a piece in the room's frame, rounded to 1 um and 1 nrad."""
     x, y, theta = frame.back((stand.x_m, stand.y_m, stand.theta_rad))
-    edge = None if stand.edge is None else frame.edge_back(stand.edge)
     return replace(
         stand,
         x_m=round(x, 6) + 0.0,
         y_m=round(y, 6) + 0.0,
         theta_rad=round(theta, 9) + 0.0,
-        edge=edge,
+        edge=None if stand.edge is None else frame.edge_back(stand.edge),
         zones=_mirrored_zones(stand, frame),
     )
 

@@ -189,8 +189,7 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
         return whole
     light, missed, mirror, unmirrored = _upsampled(change, sight, places)
     seed, furniture = change.seed + top, sight.label >= FIRST_PART
-    sunlight = _sunlight(change, whole, index, seed, high)
-    lit = _Lit(light[:, :3], light[:, 3:], *sunlight)
+    lit = _Lit(light[:, :3], light[:, 3:], *_sunlight(change, whole, index, seed, high))
     alone = np.flatnonzero(missed & sight.solid)
     if len(alone):
         where = sight.point[alone], sight.normal[alone], 2 * change.effort.pixel_samples, seed

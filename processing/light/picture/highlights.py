@@ -65,8 +65,7 @@ class Surroundings:
         far = np.where(np.isfinite(hits.distance_m), hits.distance_m, 0).astype(np.float32)
         place = origins + far[:, None] * rays
         hit = np.maximum(hits.triangle, 0)
-        room = (patch >= 0) & (p.owner[hit] >= 0)
-        chosen = np.flatnonzero(room)
+        chosen = np.flatnonzero((patch >= 0) & (p.owner[hit] >= 0))
         shown, sure = self._shown(place[chosen], p.owner[hit[chosen]])
         out[chosen[sure]] = shown[sure] * self.gain[met[chosen[sure]]]
         pieces = np.flatnonzero((patch >= 0) & (p.owner[hit] == FURNITURE))
@@ -308,8 +307,7 @@ def mirrors_of(
     if shown.shape[:2] != size[::-1]:
         shown = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32)
     sight, empty = sight_of(full, geometry, eye_m), sight_of(bare, geometry, eye_m)
-    one = np.ones((bare.patches.count, 3))
-    before = Surroundings(bare, lights[0], shown, empty, one, eye_m)
+    before = Surroundings(bare, lights[0], shown, empty, np.ones((bare.patches.count, 3)), eye_m)
     after = Surroundings(full, lights[1], shown, empty, _gain(full, lights), eye_m)
     found = furniture_highlights(
         after, sight, sun_of(full, sight, 16, seed, sight.label >= FIRST_PART), FURNITURE_RAYS, (seed, 90)

@@ -195,8 +195,7 @@ def _brightest(outdoors: Outdoors) -> Doubles:
     """Return the luminance (2 h,) that a matte thing may have by azimuth: towards the sun it shows its shady side."""
     columns = outdoors.rgb.shape[1]
     sun = outdoors.sun
-    sky_lx = level_lx(replace(outdoors, sun=None))
-    most = np.full(columns, WHITE / math.pi * sky_lx)
+    most = np.full(columns, WHITE / math.pi * level_lx(replace(outdoors, sun=None)))
     if sun is not None:
         azimuth = ((np.arange(columns) + 0.5) / columns - 0.5) * 2 * math.pi
         away = azimuth - math.atan2(sun.direction[0], sun.direction[1])

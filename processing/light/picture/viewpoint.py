@@ -137,8 +137,7 @@ def check_place(scene: Scene, eye_m: Vector) -> None:
 
 def _over(floor: Surface, eye: Doubles) -> bool:
     offset = eye - floor.origin_m
-    place = np.array([[offset @ floor.u_axis, offset @ floor.v_axis]])
-    return bool(inside(floor.outline_m, place)[0])
+    return bool(inside(floor.outline_m, np.array([[offset @ floor.u_axis, offset @ floor.v_axis]]))[0])
 
 
 def _items(scene: Scene) -> dict[str, list[Part]]:

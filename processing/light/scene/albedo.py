@@ -180,13 +180,11 @@ def lit_stage(
         lit = stage.under(stage.scene.outdoors, windows_from_inside(stage, rgb, eye))
         note = "no picture of the sky: windows light as they look from inside, and their transmittance is not known"
         return lit, {}, (note,) if panes else ()
-    geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
-    sight = sight_of(stage, geometry, eye)
+    sight = sight_of(stage, Equirectangular(2 * rgb.shape[0], rgb.shape[0]), eye)
     clear, measured, known = measured_windows(stage, sight, rgb, valid, eye)
     note = "the windows' transmittance cannot be measured: that of double glazing is taken"
     notes = () if known or not panes else (note,)
-    every = {pane.opening: pane.transmittance for pane in clear}
-    return stage.under(measured, clear), every, notes
+    return stage.under(measured, clear), {pane.opening: pane.transmittance for pane in clear}, notes
 
 
 @dataclass(frozen=True)
@@ -314,8 +312,7 @@ def _textured(
         surfaces.append(replace(surface, albedo=texture, emission_cd_m2=emits, gloss=shine))
     textured = replace(scene, surfaces=tuple(surfaces))
     picture = value.astype(np.float32)
-    again = albedo_of(Stage.of(textured, 1.0), sight)
-    return textured, np.where(measured[:, None], picture, again)
+    return textured, np.where(measured[:, None], picture, albedo_of(Stage.of(textured, 1.0), sight))
 
 
 def continued(values: Floats, known: Flags, colour: Doubles) -> Floats:

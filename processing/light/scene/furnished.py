@@ -100,10 +100,8 @@ def furnished_light(
     bare = Stage.of(replace(full.scene, parts=()), effort.texel_m)
     everything = sight_of(full, geometry, eye)
     standin_m = np.where(everything.label >= FIRST_PART, everything.distance_m, 0).astype(np.float32)
-    sight = _consistent(everything, mask, gone)
-    shown = _shown(full, rgb, everything, sight, eye, seed)
-    glass = everything.label == GLASS
-    if outdoors is None and glass.any():
+    shown = _shown(full, rgb, everything, _consistent(everything, mask, gone), eye, seed)
+    if outdoors is None and (everything.label == GLASS).any():
         full, strength = brightened(full, shown.given, shown.known, effort.patch_samples, seed)
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, lamps = _measured(full, bare, shown, effort, seed)

@@ -35,8 +35,7 @@ def write_scene(path: Path, scene: Scene) -> None:
         ],
         "sun": None if scene.outdoors.sun is None else _taken(scene.outdoors.sun, "sun", arrays),
     }
-    text = json.dumps(header, allow_nan=False).encode("utf-8")
-    arrays["scene"] = np.frombuffer(text, np.uint8)
+    arrays["scene"] = np.frombuffer(json.dumps(header, allow_nan=False).encode("utf-8"), np.uint8)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 

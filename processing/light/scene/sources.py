@@ -265,8 +265,7 @@ def window_strength(
     for mine in groups:
         light = STRENGTHS[:, None] * windows_lx[mine] + rest_lx[mine]
         albedo = np.log(np.maximum(radiosity[mine], 1e-9)) - np.log(np.maximum(light, 1e-9))
-        usual = np.median(albedo, axis=1, keepdims=True)
-        cost += np.abs(albedo - usual) @ area_m2[mine]
+        cost += np.abs(albedo - np.median(albedo, axis=1, keepdims=True)) @ area_m2[mine]
     good = STRENGTHS[cost <= cost.min() * (1 + AS_GOOD)]
     return float(STRENGTHS[cost.argmin()]), float(good[0]), float(good[-1])
 

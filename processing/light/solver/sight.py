@@ -66,8 +66,7 @@ def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
     """Return what the middle of each pixel sees from ``eye_m``."""
     rays, _ = directions(geometry)
     shape = (rays.shape[0], rays.shape[1])
-    flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
-    return sight_along(stage, flat, eye_m, shape)
+    return sight_along(stage, np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32), eye_m, shape)
 
 
 def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int]) -> Sight:
@@ -157,8 +156,7 @@ def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
         if number >= FIRST_PART:
             part = stage.scene.parts[number - FIRST_PART]
             face = stage.patches.face[sight.triangle[chosen]]
-            places = sight.point[chosen].astype(np.float64)
-            out[chosen] = part_albedo(part, face, places)
+            out[chosen] = part_albedo(part, face, sight.point[chosen].astype(np.float64))
         else:
             surface = stage.scene.surfaces[number]
             offset = sight.point[chosen].astype(np.float64) - surface.origin_m
