@@ -194,7 +194,8 @@ def _overlap(
     scale = TIE_PX / len(halves[1])
     column, row = (x * scale - TIE_PX - 0.5).astype(np.float32)[None], (y * scale - 0.5).astype(np.float32)[None]
     light = linear_samples(np.where(np.isfinite(small), small, -1e3).astype(np.float32), column, row)[0]
-    good = light > LEAST_LIGHT
+    # Beyond a lens's half the other's begins.
+    good = (light > LEAST_LIGHT) & (np.abs(np.stack([column, row]) - TIE_PX / 2) < TIE_PX / 2 - 1).all(axis=(0, 1))
     around = np.arctan2(*(first.rays[both] @ lenses[0].axes[:2].T).T)
     ratio = first.log[both] - np.log(np.maximum(light, 1e-6))
     return ratio[good], first.angle[both][good], angle[both][good], around[good]

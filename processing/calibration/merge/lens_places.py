@@ -27,6 +27,7 @@ POWERS = (1, 3, 5)
 SCALES = (1.0, 1.1, 1.2, 1.3, 1.45)  # half turns across a lens's picture, tried first; chosen
 RING_RAD = math.radians(0.75)  # in which the edge of the image circle is looked for; chosen
 PATTERN_RAD = math.radians(94)  # from the axis, in which lens and panorama are compared; chosen
+MOST_RADIUS = 1.15  # of an image circle, in half sides: some are cut by the sensor's border; chosen
 USABLE_RAD = math.radians(1.5)  # within the circle's edge; chosen: clear of its blur
 LEAST_LIKENESS = 0.25  # correlation of lens and panorama at first; chosen: other scenes have less than 0.2
 MOST_OFF_RAD = math.radians(0.4)  # median distance of lens and panorama, above which there is no fit; chosen
@@ -188,20 +189,21 @@ def _points(own: Floats, luma: Bytes, numbers: Doubles) -> tuple[Doubles, Double
 
 
 def _lens(numbers: Doubles, half: Floats, number: int) -> lens_pair.PlacedLens:
-    """Return a fitted lens with its field: to where light falls off to half of that at a right angle, or its border."""
+    """Return a fitted lens with its field, to where light falls to half of that at a right angle; its seam is whole."""
     side, small = len(half) / 2, np.minimum(lens_pair.reduced(half, lens_pair.TIE_PX), 1)
     x, y = _plane(lens_pair.TIE_PX)
     _, angle = _seen(numbers, x, y)
     rings = np.rint(angle / RING_RAD).astype(int)
-    reach = 1 - float(np.abs(numbers[:2]).max())
-    right, field = round(math.pi / 2 / RING_RAD), float(lens_pair.powers(np.array(reach), POWERS) @ numbers[2:5])
-    level = [float(np.quantile(small[rings == k], 0.75)) for k in range(right - 2, int(field / RING_RAD))]
+    radii, border = np.linspace(0, MOST_RADIUS, 1000), 1 - float(np.abs(numbers[:2]).max())
+    angles = lens_pair.powers(radii, POWERS) @ numbers[2:5]
+    right = round(math.pi / 2 / RING_RAD)
+    level = [float(np.quantile(small[rings == k], 0.75)) for k in range(right - 2, int(angles.max() / RING_RAD))]
     last = next((k for k, light in enumerate(level) if light < max(level[:3]) / 2), len(level))
-    field = min(field, (right - 2 + last) * RING_RAD) - USABLE_RAD
-    if not field > math.pi / 2 + lens_pair.BLEND_RAD:
-        raise LensError(f"{math.degrees(field):.1f} degrees from the axis are less than two lenses need to meet")
-    radii = np.linspace(0, reach, 1000)
-    reach = float(np.interp(field, lens_pair.powers(radii, POWERS) @ numbers[2:5], radii))
+    field = (right - 2 + last) * RING_RAD - USABLE_RAD
+    whole = min(field, float(np.interp(border, radii, angles)))
+    if not whole > math.pi / 2 + lens_pair.BLEND_RAD:
+        raise LensError(f"{math.degrees(whole):.1f} degrees from the axis are less than two lenses need to meet")
+    reach = float(np.interp(field, angles, radii))
     factors = np.zeros(max(POWERS))
     factors[np.array(POWERS) - 1] = numbers[2:5] * reach ** np.array(POWERS) / field
     centre = ((1 + 2 * number + numbers[0]) * side, (1 + numbers[1]) * side)

@@ -83,11 +83,12 @@ def test_exposures_are_tied_in_the_overlap_though_the_jpeg_hides_them(pair: Lens
     assert 0.002 <= pair.seam_sigma < 0.01
 
 
-@pytest.mark.parametrize("turned", ["quarters", "swapped", "smaller circles"])
+@pytest.mark.parametrize("turned", ["quarters", "swapped", "smaller circles", "circles cut by the border"])
 def test_any_body_is_placed(turned: str) -> None:
     optics = {
         "quarters": replace(BODY, rolls_rad=(math.pi + 0.02, 0.03)),
         "swapped": replace(BODY, tilts_rad=((math.pi + 0.01, 0.02), (math.pi - 0.02, 0.0))),
+        "circles cut by the border": replace(BODY, circle=1.03),
         "smaller circles": replace(BODY, circle=0.85, half_field_rad=math.radians(95), squeeze=0.2),
     }[turned]
     assert max(misplaced_deg(placed(optics), optics)) < 0.4
@@ -132,6 +133,11 @@ def test_clipped_dark_and_moved_pixels_keep_their_marks(pair: LensPair) -> None:
     assert image.ghost[middle] == 0
     assert found.report.shares.clipped == pytest.approx(np.mean(image.validity == Validity.CLIPPED))
     assert 0.001 < found.report.shares.dark < 0.02
+
+
+def test_circles_that_end_before_the_lenses_meet_are_refused() -> None:
+    with pytest.raises(BracketError, match="need to meet"):
+        placed(replace(BODY, circle=1.1))
 
 
 def test_another_rooms_panorama_is_refused() -> None:
