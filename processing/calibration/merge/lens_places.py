@@ -7,6 +7,7 @@ what does not fit is found by optical flow (Kroeger et al. 2016), and the lens i
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -24,6 +25,8 @@ SIZES_PX = (96, 192, 384, 768, 1536)
 """Of a lens's picture, coarse to fine: the fit begins at the first and ends at the last that the file has; chosen."""
 POWERS = (1, 3, 5)
 """Of the distance from the centre, in the angle from the axis: a lens that is alike all around has odd ones."""
+COARSE = 3  # windows of the patterns by which a lens is looked for: what is wide is found from afar; chosen
+TURNS_RAD = (0.2, 0.1, 0.05)  # of a lens, that are tried next; chosen
 SCALES = (1.0, 1.1, 1.2, 1.3, 1.45)  # half turns across a lens's picture, tried first; chosen
 RING_RAD = math.radians(0.75)  # in which the edge of the image circle is looked for; chosen
 PATTERN_RAD = math.radians(94)  # from the axis, in which lens and panorama are compared; chosen
@@ -99,14 +102,15 @@ def _plane(size_px: int) -> tuple[Doubles, Doubles]:
     return x, y
 
 
-def _pattern(light: Floats, angle_rad: Doubles) -> Bytes:
+def _pattern(light: Floats, angle_rad: Doubles, windows: int = 16) -> Bytes:
     """Return what a lens's picture (S, S) of 0..1 shows beside its light and contrast; 128 where it is even.
 
-    ``angle_rad`` (S, S): from its axis; what lies beyond `PATTERN_RAD`, black perhaps, is left out.
+    ``angle_rad`` (S, S): from its axis; what lies beyond `PATTERN_RAD`, black perhaps, is left out. ``windows``: twice
+    what is compared stands so often side by side.
     """
     inside = (angle_rad < PATTERN_RAD).astype(np.float32)
     log = np.log(np.clip(light, 0, 1) + np.float32(0.003)) * inside
-    side = 2 * (len(light) // 16) + 1
+    side = 2 * (len(light) // windows) + 1
     share = np.maximum(cv2.blur(inside, (side, side)), np.float32(0.01))
     mean = cv2.blur(log, (side, side)) / share
     sigma = np.sqrt(np.maximum(cv2.blur(log * log, (side, side)) / share - mean * mean, 0)) + 0.05
@@ -120,27 +124,18 @@ def _likeness(one: Bytes, other: Bytes) -> float:
 
 
 def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
-    """Return each lens at first: one looks along the panorama's middle, one against it, in quarter turns.
+    """Return each lens at first: one looks along the panorama's middle, one against it, in eighths of a turn.
 
     Raises `BracketError` where neither order resembles the panorama.
     """
-    (x, y), own = _plane(SIZES_PX[0]), [lens_pair.reduced(np.minimum(half, 1), SIZES_PX[0]) for half in halves]
-    best: dict[tuple[int, int], tuple[float, Doubles]] = {}
-    for ahead in (1, -1):
-        level = Rotation.from_matrix([[-ahead, 0, 0], [0, 0, 1], [0, ahead, 0]])
-        for quarter in range(4):
-            turn = (Rotation.from_euler("z", 90 * quarter, degrees=True) * level).as_rotvec()
-            for scale in SCALES:
-                numbers = np.array([0, 0, scale * math.pi / 2, 0, 0, *turn])
-                rays, angle = _seen(numbers, x, y)
-                near, shown = (
-                    angle < lens_pair.SEEN_RAD,
-                    _pattern(np.square(lens_pair.drawn(luma, rays) / np.float32(255)), angle),
-                )
-                for k, half in enumerate(own):
-                    alike = _likeness(_pattern(half, angle)[near], shown[near])
-                    if (k, ahead) not in best or alike > best[k, ahead][0]:
-                        best[k, ahead] = alike, numbers
+    best = {}
+    for k, half in enumerate(halves):
+        own = lens_pair.reduced(np.minimum(half, 1), SIZES_PX[0])
+        for ahead in (1, -1):
+            level = Rotation.from_matrix([[-ahead, 0, 0], [0, 0, 1], [0, ahead, 0]])
+            turns = [(Rotation.from_euler("z", 45 * n, degrees=True) * level).as_rotvec() for n in range(8)]
+            tries = [np.array([0, 0, scale * math.pi / 2, 0, 0, *turn]) for turn in turns for scale in SCALES]
+            best[k, ahead] = _turned(own, luma, max(tries, key=partial(_alike, own, luma)))
     orders = [(best[0, ahead], best[1, -ahead]) for ahead in (1, -1)]
     chosen = max(orders, key=lambda two: two[0][0] + two[1][0])
     if not min(alike for alike, _ in chosen) > LEAST_LIKENESS:
@@ -149,6 +144,30 @@ def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
             likely="files of two moments, or a panorama that was turned",
         )
     return [numbers for _, numbers in chosen]
+
+
+def _alike(own: Floats, luma: Bytes, numbers: Doubles) -> float:
+    """Return how much a lens's picture (S, S) resembles what the panorama shows where the lens would look."""
+    rays, angle = _seen(numbers, *_plane(len(own)))
+    near = angle < lens_pair.SEEN_RAD
+    shown = _pattern(np.square(lens_pair.drawn(luma, rays) / np.float32(255)), angle, COARSE)
+    return _likeness(_pattern(own, angle, COARSE)[near], shown[near])
+
+
+def _turned(own: Floats, luma: Bytes, numbers: Doubles) -> tuple[float, Doubles]:
+    """Return the greatest likeness that small turns lead to, one after the other, and the lens so turned."""
+    alike = _alike(own, luma, numbers)
+    for step_rad in TURNS_RAD:
+        moved = True
+        while moved:
+            axes = Rotation.from_rotvec(numbers[5:])
+            small = [Rotation.from_rotvec(turn) * axes for turn in np.vstack([np.eye(3), -np.eye(3)]) * step_rad]
+            tries = [np.append(numbers[:5], one.as_rotvec()) for one in small]
+            best = max(tries, key=partial(_alike, own, luma))
+            moved = _alike(own, luma, best) > alike
+            if moved:
+                alike, numbers = _alike(own, luma, best), best
+    return alike, numbers
 
 
 def _fitted(half: Floats, luma: Bytes, numbers: Doubles) -> tuple[Doubles, float]:
