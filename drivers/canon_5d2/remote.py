@@ -93,7 +93,9 @@ class CanonRemote:
             return self._link.session.transact(operation, params, timeout_s=timeout_s).params
         except OperationRefusedError as error:
             if error.response_code == CanonResponse.LOW_BATTERY:
-                raise BatteryLowError(error.message, where=error.where, advice="charge or swap the battery") from error
+                raise BatteryLowError(
+                    error.message, where=error.where, advice="charge or change the battery"
+                ) from error
             raise
 
     def poll(self) -> tuple[Record, ...]:

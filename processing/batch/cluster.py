@@ -144,7 +144,9 @@ def _elsewhere(address: str) -> Any:
     # holds the lock that closing waits for.
     gc.collect()
     raise ClusterError(
-        f"no Dask scheduler answers ({why})", where=address, advice="start `dask scheduler`, give the address it shows"
+        f"no Dask scheduler answers ({why})",
+        where=address,
+        advice="start `dask scheduler`, and give the address that it shows",
     )
 
 

@@ -28,7 +28,14 @@ def rig() -> None:
 @click.option("--chart", type=FOLDER, help="The session with the colour chart (default: the first of SESSIONS).")
 @click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera before an evenly lit field.")
 @click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
-@click.option("--lamp", "lamps", type=FOLDER, nargs=2, multiple=True, help="Lamp in the dark: seen; hidden by a card.")
+@click.option(
+    "--lamp",
+    "lamps",
+    type=FOLDER,
+    nargs=2,
+    multiple=True,
+    help="Two sessions in the dark: a lamp seen, and hidden by a card; several lamps, several times.",
+)
 @click.option("--lens-data", multiple=True, metavar="NAME", help="A published fall-off: theta_z1, canon_8mm_f11 ...")
 @click.option("--corners", multiple=True, metavar="SIDE:X,Y,...", help="The chart's corners in the frames, pixels.")
 @click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, thirds or halves (of stops).")

@@ -219,7 +219,9 @@ def other_sky(path: Path) -> Outdoors:
             scale_uncertainty=0.1,
         )
     if not isinstance(image, LuminanceImage):
-        raise RelightError("a sky without scale", where=path.name, advice="give one in cd/m2: stages/calibrate has it")
+        raise RelightError(
+            "a sky without a scale", where=path.name, advice="give one in cd/m2: stages/calibrate has it"
+        )
     return outdoors_of(image)
 
 
