@@ -83,7 +83,8 @@ def find_optics(
     else:
         lens, lens_source = _lens(image, session, asked)
     falloff, falloff_source = _falloff(session, asked, profile, warnings)
-    of_sky = None if k2 is not None else _tint_of_sky(image, lens)
+    measured = camera is not None and camera.nd is not None
+    of_sky = None if measured or k2 is not None else _tint_of_sky(image, lens)
     tint, tint_source = _filter(session, profile, k2, of_sky, warnings)
     if k2 is not None:
         panorama = indoor_falloff(session, asked, profile)[0]
@@ -236,6 +237,7 @@ def _filter(
 
 
 def _tint_of_sky(image: RelativeImage, lens: LensModel) -> NdFilter | None:
+    """Return the filter that the sky's own colours show; None: they show none, or too little of it is seen."""
     try:
         return tint_of_sky(image, lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0])))
     except LensError:

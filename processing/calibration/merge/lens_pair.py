@@ -201,9 +201,9 @@ def _overlap(
     return ratio[good], first.angle[both][good], angle[both][good], around[good]
 
 
-def powers(values: Doubles, powers: tuple[int, ...]) -> Doubles:
+def powers(values: Doubles, exponents: tuple[int, ...]) -> Doubles:
     """Return powers of values of any shape; the result has one axis more."""
-    return np.stack([values**power for power in powers], axis=-1)
+    return np.stack([values**exponent for exponent in exponents], axis=-1)
 
 
 def drawn(panorama: Bytes, rays: Doubles) -> Floats:

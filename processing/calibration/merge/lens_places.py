@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 
 import cv2
 import numpy as np
@@ -32,7 +33,9 @@ RING_RAD = math.radians(0.75)  # in which the edge of the image circle is looked
 PATTERN_RAD = math.radians(94)  # from the axis, in which lens and panorama are compared; chosen
 MOST_RADIUS = 1.15  # of an image circle, in half sides: some are cut by the sensor's border; chosen
 USABLE_RAD = math.radians(1.5)  # within the circle's edge; chosen: clear of its blur
-LEAST_LIKENESS = 0.25  # correlation of lens and panorama at first; chosen: other scenes have less than 0.2
+LEAST_LIKENESS = 0.25
+"""Correlation of lens and panorama at first, below which no fit is tried; chosen: five real rooms have 0.85 to 0.92,
+tilted ones less. Another room's panorama may have 0.45: it is refused by its fit, to 3 degrees and more."""
 MOST_OFF_RAD = math.radians(0.4)  # median distance of lens and panorama, above which there is no fit; chosen
 UNUSUAL = (0.05, 0.05, 0.5, 0.5)  # of a centre in half sides, and of the higher factors: standard deviations; chosen
 ROUNDS = 3  # at each size; chosen
@@ -105,8 +108,8 @@ def _plane(size_px: int) -> tuple[Doubles, Doubles]:
 def _pattern(light: Floats, angle_rad: Doubles, windows: int = 16) -> Bytes:
     """Return what a lens's picture (S, S) of 0..1 shows beside its light and contrast; 128 where it is even.
 
-    ``angle_rad`` (S, S): from its axis; what lies beyond `PATTERN_RAD`, black perhaps, is left out. ``windows``: twice
-    what is compared stands so often side by side.
+    ``angle_rad`` (S, S): from its axis; what lies beyond `PATTERN_RAD`, black perhaps, is left out. Means are
+    over 2 / ``windows`` of the side.
     """
     inside = (angle_rad < PATTERN_RAD).astype(np.float32)
     log = np.log(np.clip(light, 0, 1) + np.float32(0.003)) * inside
@@ -158,15 +161,14 @@ def _turned(own: Floats, luma: Bytes, numbers: Doubles) -> tuple[float, Doubles]
     """Return the greatest likeness that small turns lead to, one after the other, and the lens so turned."""
     alike = _alike(own, luma, numbers)
     for step_rad in TURNS_RAD:
-        moved = True
-        while moved:
-            axes = Rotation.from_rotvec(numbers[5:])
+        before = -math.inf
+        while alike > before:
+            before, axes = alike, Rotation.from_rotvec(numbers[5:])
             small = [Rotation.from_rotvec(turn) * axes for turn in np.vstack([np.eye(3), -np.eye(3)]) * step_rad]
             tries = [np.append(numbers[:5], one.as_rotvec()) for one in small]
-            best = max(tries, key=partial(_alike, own, luma))
-            moved = _alike(own, luma, best) > alike
-            if moved:
-                alike, numbers = _alike(own, luma, best), best
+            alike, numbers = max(
+                [(alike, numbers), *((_alike(own, luma, one), one) for one in tries)], key=itemgetter(0)
+            )
     return alike, numbers
 
 

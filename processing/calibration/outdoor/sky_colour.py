@@ -24,7 +24,7 @@ NEAR = 0.01  # of log red over green: skies are no nearer to the locus; chosen
 MOST = 1.5  # of log blue over green, that a filter moves; chosen
 LEAST_PX = 400  # chosen
 SIGMAS = 2.0  # that a filter moves red or blue, at least; chosen
-SAMPLES = 20_000  # pixels looked at; chosen
+ENOUGH_PX = 100  # of a radius: every so many pixels are looked at; chosen
 SOURCE = "the sky's own colours, brought to the locus of daylight (no rig has measured the filter)"
 
 
@@ -35,13 +35,13 @@ def tint_of_sky(image: RelativeImage, circle: ImageCircle) -> NdFilter | None:
 
     Raises `LensError` where too little of the sky is valid.
     """
-    height, width = image.validity.shape
-    y, x = np.mgrid[:height, :width] + 0.5
-    upper = np.hypot(x - circle.centre_px[0], y - circle.centre_px[1]) < UPPER * circle.radius_px
-    seen = image.rgb[upper & (image.validity == Validity.VALID) & (image.rgb.min(axis=2) > 0)].astype(np.float64)
+    part = (slice(None, None, max(int(circle.radius_px / ENOUGH_PX), 1)),) * 2
+    rgb, validity = image.rgb[part], image.validity[part]
+    y, x = (np.arange(side)[part[0]] + 0.5 for side in image.validity.shape)
+    upper = np.hypot(x - circle.centre_px[0], y[:, None] - circle.centre_px[1]) < UPPER * circle.radius_px
+    seen = rgb[upper & (validity == Validity.VALID) & (rgb.min(axis=2) > 0)].astype(np.float64)
     if len(seen) < LEAST_PX:
         raise LensError("too little of the sky is seen to find the filter's colour", advice="daylit rig calibrate --nd")
-    seen = seen[:: max(len(seen) // SAMPLES, 1)]
     red, blue = np.log(seen[:, 0] / seen[:, 1]), np.log(seen[:, 2] / seen[:, 1])
     moves, found = np.linspace(-MOST, MOST, 151), []
     mireds, locus_red, locus_blue = _locus()

@@ -27,13 +27,14 @@ LEAST_CELLS = 100  # chosen
 def kernel_from_lamps(pairs: Sequence[tuple[RelativeImage, RelativeImage]], *, two_lenses: bool) -> GlareKernel:
     """Return the kernel by pairs of one camera's pictures, linear and of one scale: the lamp seen, and hidden.
 
-    ``two_lenses``: a panorama camera, whose lenses scatter each within its half. Raises `LensError`: no lamp, or light
-    that changed between the two; `ParameterError`: pictures of different kinds.
+    ``two_lenses``: a panorama camera, whose lenses scatter each within its half; there the other one shows whether the
+    room's light changed meanwhile. Raises `LensError`: no lamp, light that changed, or all clipped; `ParameterError`:
+    pictures of different kinds.
     """
     places = [_scattered(*pair, two_lenses) for pair in pairs]
     parts, found, sector = (np.concatenate([place[k] for place in places], axis=-1) for k in range(3))
-    # One lamp at one setting: what clipping hides of it is the same in all.
-    fit = fit_kernel(parts, found, sector, places[0][3])
+    # One lamp: what clipping hides of it is taken to be the same wherever it is clipped.
+    fit = fit_kernel(parts, found, sector, max((place[3] for place in places), key=len))
     count = len(fit.shares)
     covariance = tuple(row[:count] for row in fit.covariance[:count])
     cells = cells_around(pairs[0][0].geometry, ROWS, two_lenses)
