@@ -19,8 +19,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from benchmarks.hostile.merging import merged_pictures
 from benchmarks.hostile.worlds import Curves, HostileCamera, HostileWorld, hostile_bracket
-from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
@@ -28,8 +28,7 @@ from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes, without_glare
 from processing.errors import ProcessingError
-from processing.ground.arrays import Bytes, Flags, Floats
-from processing.pictures.frames import array_frame
+from processing.ground.arrays import Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import widened
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels, solid_angles
@@ -67,7 +66,7 @@ def _by_lamps(world: HostileWorld, scene: Floats, seed: int) -> dict[str, float]
     fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)])
 
     kernel = lamp_kernel(world, geometry, fit, seed, _two_lens_glare)
-    image = _merged(bracket.frames, geometry, fit)
+    image = merged_pictures(bracket.frames, geometry, fit)
     truth = luminance_cd_m2(cv2.GaussianBlur(scene, (0, 0), 0.7))
     bright = truth >= np.percentile(truth, BRIGHT_PCT)
     apart = cv2.distanceTransform((~bright).astype(np.uint8), cv2.DIST_L2, 5) * math.pi / height
@@ -81,12 +80,6 @@ def _by_lamps(world: HostileWorld, scene: Floats, seed: int) -> dict[str, float]
         | {f"{k}_kept_pct": v for k, v in before.items()}
         | {f"{k}_pct": v for k, v in after.items()}
     )
-
-
-def _merged(frames: tuple[Bytes, ...], geometry: Equirectangular, fit: ResponseFit) -> RelativeImage:
-    sources = [array_frame(frame, f"frame {k}") for k, frame in enumerate(frames)]
-    times = {"geometry": geometry, "options": MergeOptions(own_curve=True), "time_sigma": fit.time_sigma}
-    return merge(sources, fit.times_s, fit.curve, fit.noise, **times).image  # type: ignore[arg-type]
 
 
 def lamp_kernel(
@@ -110,7 +103,7 @@ def lamp_kernel(
         hidden[near > math.cos(math.radians(7))] = 0.01
         both = [scattering(light) if scattering else light for light in (seen, hidden)]
         frames = [hostile_bracket(world, light, WHITE_S, seed + 50).frames for light in both]
-        pairs.append((_merged(frames[0], geometry, fit), _merged(frames[1], geometry, fit)))
+        pairs.append((merged_pictures(frames[0], geometry, fit), merged_pictures(frames[1], geometry, fit)))
     return kernel_from_lamps(pairs, two_lenses=scattering is not None)
 
 
@@ -141,15 +134,7 @@ def _one(world: HostileWorld, scene: Floats, even: bool, seed: int) -> dict[str,
     lit = _even_glare(light, lens) if even else light
     bracket = hostile_bracket(world, lit, 5.0, seed)
     fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)])
-    merged = merge(
-        [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)],
-        fit.times_s,
-        fit.curve,
-        fit.noise,
-        geometry=lens,
-        options=MergeOptions(own_curve=True),
-        time_sigma=fit.time_sigma,
-    ).image
+    merged = merged_pictures(bracket.frames, lens, fit)
     truth = luminance_cd_m2(cv2.GaussianBlur(light, (0, 0), 0.7))
     clean, kernel, found = glare_taken_off(merged, lens)
     if kernel is None:

@@ -21,16 +21,15 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.hostile.glare import lamp_kernel, stray_light_figures
+from benchmarks.hostile.merging import merged_pictures, merged_raws
 from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
 from mocks.worlds.hdr_world import read_equirect
-from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.merge.modes import local_contrast
-from processing.calibration.response.linear import fit_linear
-from processing.calibration.response.response import recover_response
+from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.luminance import ScaleFactor, scaled
@@ -38,10 +37,8 @@ from processing.calibration.scale.photometry import PLANES, illuminance_lx
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes, without_glare
 from processing.errors import ProcessingError
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.pictures.frames import array_frame, raw_frame
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import seam_mode, widened
-from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.sphere import Equirectangular
 from training.response_prior import published_curves
 
@@ -155,11 +152,15 @@ def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, 
     spot = _spot(truth)
     reading = float(truth[spot].mean() * (1 + METER_SIGMA * np.random.default_rng((seed, 9)).standard_normal()))
     try:
-        merged, kernel = _raw(bracket) if raw else _coded(bracket), None
-        if lamps:
+        kernel = None
+        if raw:
+            merged = merged_raws(bracket)[0].image
+        else:
             fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
-            height, width = truth.shape
-            kernel = lamp_kernel(replace(world, jitter_stops=0.0), Equirectangular(width, height), fit, seed)
+            merged = _coded(bracket, fit)
+            if lamps:
+                steady = replace(world, jitter_stops=0.0)
+                kernel = lamp_kernel(steady, Equirectangular(*truth.shape[::-1]), fit, seed)
         image = _measured(merged, spot, reading, kernel)
     except ProcessingError as error:
         score.refused = error.message[:160]
@@ -187,37 +188,10 @@ def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, 
     return score
 
 
-def _coded(bracket: HostileBracket) -> RelativeImage:
+def _coded(bracket: HostileBracket, fit: ResponseFit) -> RelativeImage:
     """Merge the pictures as the product does without a profile."""
-    fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
     height, width = bracket.frames[0].shape[:2]
-    return merge(
-        [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)],
-        fit.times_s,
-        fit.curve,
-        fit.noise,
-        geometry=Equirectangular(width, height),
-        options=MergeOptions(own_curve=True),
-        time_sigma=fit.time_sigma,
-        given_s=bracket.nominal_s,
-    ).image
-
-
-def _raw(bracket: HostileBracket) -> RelativeImage:
-    """Merge the raw files as the product does."""
-    files = [raw_frame(data, f"frame {k}") for k, data in enumerate(bracket.raw)]
-    codes = [np.asarray(file.decode(), np.uint16) for file in files]
-    fit = fit_linear(codes, bracket.nominal_s, PEDESTAL / FULL)
-    return merge(
-        [array_frame(code, file.name) for code, file in zip(codes, files, strict=True)],
-        fit.times_s,
-        None,
-        fit.noise,
-        geometry=Equirectangular(*files[0].size_px),
-        options=MergeOptions(own_curve=True, colours=files[0].colours),
-        time_sigma=fit.time_sigma,
-        given_s=bracket.nominal_s,
-    ).image
+    return merged_pictures(bracket.frames, Equirectangular(width, height), fit, given_s=bracket.nominal_s)
 
 
 def _measured(merged: RelativeImage, spot: Flags, reading: float, kernel: GlareKernel | None = None) -> LuminanceImage:

@@ -16,6 +16,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from benchmarks.hostile.merging import merged_pictures, merged_raws
 from benchmarks.hostile.worlds import (
     LENS_BLUR_PX,
     MATRIX_5D2,
@@ -29,16 +30,12 @@ from benchmarks.hostile.worlds import (
 from mocks.optics.lenses import TwoFisheyes
 from processing.calibration.merge.lens_pair import LensPair, stitched
 from processing.calibration.merge.lens_places import clearest, place_lenses
-from processing.calibration.merge.merge import MergeOptions, merge
-from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.veiling_glare import unmeasured_modes
 from processing.ground.arrays import Floats
-from processing.pictures.frames import array_frame, raw_frame
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import SEAM_KEY, seam_mode, widened
-from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.sphere import Equirectangular, point_directions
 
 SIDE_PX = 1.06  # of a lens's picture, over the panorama's height
@@ -76,21 +73,9 @@ def two_lens_bracket(camera: HostileCamera, scene: Floats, optics: TwoFisheyes, 
 
 def merged_raw(bracket: HostileBracket) -> tuple[RelativeImage, LensPair]:
     """Return what the product makes of the raw files."""
-    files = [raw_frame(data, f"frame {k}") for k, data in enumerate(bracket.raw)]
-    codes = [np.asarray(file.decode(), np.uint16) for file in files]
+    merged, files, codes = merged_raws(bracket)
     best = clearest(codes, bracket.frames)
     pair = place_lenses(codes[best], files[best].colours, bracket.frames[best])
-    fit = fit_linear(codes, bracket.nominal_s, PEDESTAL / FULL)
-    merged = merge(
-        [array_frame(code, file.name) for code, file in zip(codes, files, strict=True)],
-        fit.times_s,
-        None,
-        fit.noise,
-        geometry=Equirectangular(*files[0].size_px),
-        options=MergeOptions(own_curve=True, colours=files[0].colours),
-        time_sigma=fit.time_sigma,
-        given_s=bracket.nominal_s,
-    )
     height, width = bracket.frames[0].shape[:2]
     return stitched(merged, pair, Equirectangular(width, height)).image, pair
 
@@ -115,15 +100,7 @@ def _one(camera: HostileCamera, scene: Floats, seed: int) -> dict[str, float]:
     bracket = two_lens_bracket(camera, scene, optics, seed)
     raw, pair = merged_raw(bracket)
     fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
-    jpeg = merge(
-        [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)],
-        fit.times_s,
-        fit.curve,
-        fit.noise,
-        geometry=raw.geometry,
-        options=MergeOptions(own_curve=True),
-        time_sigma=fit.time_sigma,
-    ).image
+    jpeg = merged_pictures(bracket.frames, raw.geometry, fit)
     place, rim = misplaced_deg(pair, optics)
     error, cover = _error(raw, bracket)
     other, other_cover = _error(jpeg, bracket)

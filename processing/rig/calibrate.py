@@ -49,11 +49,11 @@ class RigRequest:
     sessions: tuple[Path, ...] = ()
     flats: tuple[Path, ...] = ()
     nd: tuple[Path, Path] | None = None
-    lamps: tuple[tuple[Path, Path], ...] = ()
     lens_data: tuple[str, ...] = ()
     corners: Mapping[Side, Sequence[float]] = field(default_factory=dict)
     rules: Mapping[Side, ShutterRule] = field(default_factory=dict)
     half_field_rad: float = math.pi / 2
+    lamps: tuple[tuple[Path, Path], ...] = ()
 
 
 @dataclass(frozen=True)

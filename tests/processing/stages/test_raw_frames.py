@@ -29,10 +29,9 @@ def light() -> np.ndarray:
     return np.repeat(np.repeat(parts, 16, axis=0), 16, axis=1).astype(np.float32)
 
 
-@pytest.fixture(scope="module")
-def bracket() -> HostileBracket:
+def makers_camera() -> HostileCamera:
     codes = np.linspace(0, 1, 256)
-    camera = HostileCamera(
+    return HostileCamera(
         codes,
         np.stack([codes ** (1 / g) for g in (2.0, 2.2, 2.3)]),
         prnu=0.004,
@@ -44,7 +43,13 @@ def bracket() -> HostileBracket:
         jpeg=("opencv", 93, "4:2:2"),
         seed=7,
     )
-    return hostile_bracket(HostileWorld("a camera", camera, jitter_stops=0.05), light(), 20.0, 900_004, raw=True)
+
+
+@pytest.fixture(scope="module")
+def bracket() -> HostileBracket:
+    return hostile_bracket(
+        HostileWorld("a camera", makers_camera(), jitter_stops=0.05), light(), 20.0, 900_004, raw=True
+    )
 
 
 def folder(bracket: HostileBracket, into: Path, *kinds: str) -> Path:

@@ -12,30 +12,19 @@ from PIL import Image
 
 import daylit
 from benchmarks.hostile.two_lenses import two_lens_bracket
-from benchmarks.hostile.worlds import MATRIX_5D2, TIMES_S, HostileBracket, HostileCamera
+from benchmarks.hostile.worlds import TIMES_S, HostileBracket
 from mocks.optics.lenses import TwoFisheyes
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import SEAM_KEY, modes_of
 from tests.processing.calibration.merge.test_two_lenses import HEIGHT, room
+from tests.processing.stages.test_raw_frames import makers_camera
 from tests.station.frames.pictures import exif
 
 
 @pytest.fixture(scope="module")
 def bracket() -> HostileBracket:
-    codes = np.linspace(0, 1, 256)
-    camera = HostileCamera(
-        codes,
-        np.stack([codes ** (1 / g) for g in (2.0, 2.2, 2.3)]),
-        prnu=0.004,
-        matrix=MATRIX_5D2,
-        mosaic=True,
-        denoise=True,
-        sharpen=0.3,
-        jpeg=("opencv", 93, "4:2:2"),
-        seed=7,
-    )
-    return two_lens_bracket(camera, 100 * room(), TwoFisheyes(gains=(1.0, 1.05)), 900_011)
+    return two_lens_bracket(makers_camera(), 100 * room(), TwoFisheyes(gains=(1.0, 1.05)), 900_011)
 
 
 def session(bracket: HostileBracket, at: Path, capsys: pytest.CaptureFixture[str], *kinds: str) -> Path:
