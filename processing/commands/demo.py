@@ -28,6 +28,8 @@ BESIDE_S = 600.0
 """For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
 SPHERE_WORLD = "uniform:2000"
 """cd/m2 all around: what a fall-off is measured on."""
+CHART_WORLD, CHART_STOPS = "chart:2", ("30", "20", "10", "4", "1", "1/4", "1/15", "1/60", "1/250", "1/1000", "1/4000")
+"""As the guide to rig calibration has it: lit like daylight, and long enough for dark patches through an ND 3.0."""
 
 
 QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
@@ -197,6 +199,7 @@ def _meanwhile(task: str, folder: Path) -> None:
 def _rig_session(folder: Path, name: str, *, as_json: bool) -> Path:
     """Return a whole session of the chart or the sphere: the one that is there, or one captured now."""
     from drivers.errors import DaylitError
+    from station.capture.rig_file import BracketTable
     from station.session.verify import verify_session
 
     for path in sorted(folder.glob(f"*_{name}")):
@@ -204,8 +207,11 @@ def _rig_session(folder: Path, name: str, *, as_json: bool) -> Path:
             checked = verify_session(path)
             if checked.intact and checked.status == "complete":
                 return path
-    world, without = ("chart", {}) if name == "chart" else (SPHERE_WORLD, {"indoor": None, "meter": None})
-    return _captured(world, RIG_SIZE, name, folder, as_json=as_json, rate=RIG_RATE, **without)[0]
+    changes: dict[str, object]
+    world, changes = SPHERE_WORLD, {"indoor": None, "meter": None}
+    if name == "chart":
+        world, changes = CHART_WORLD, {"bracket": BracketTable(stops=CHART_STOPS)}
+    return _captured(world, RIG_SIZE, name, folder, as_json=as_json, rate=RIG_RATE, **changes)[0]
 
 
 def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:

@@ -217,8 +217,9 @@ def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFi
 
 def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) -> CameraFit:
     """Return the camera with the filter that the chart with and without it shows."""
-    found = [_patches(camera, taken) for taken in (filtered, plain)]
-    return replace(camera, filter=fit_nd_filter(*found, source="chart with and without the filter"))
+    (dim, dim_u), (full, full_u) = (_patches(camera, taken) for taken in (filtered, plain))
+    found = fit_nd_filter(dim, full, np.hypot(dim_u, full_u), source="chart with and without the filter")
+    return replace(camera, filter=found)
 
 
 def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide]]) -> CameraFit:
@@ -230,8 +231,8 @@ def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide
     return replace(camera, glare=kernel_from_lamps(pictures, two_lenses=camera.lens is None))
 
 
-def _patches(camera: CameraFit, taken: SessionSide) -> Doubles:
-    """Return the chart's patches (24, 3) at equal exposure; those that are clipped or dark are not finite."""
+def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
+    """Return the chart's patches (24, 3) at equal exposure, not finite where clipped or dark, and their uncertainty."""
     image = replace(camera, filter=None).corrected(camera.merged(taken))
     chart = find_chart_around(image).chart
     state = taken.state
@@ -243,7 +244,7 @@ def _patches(camera: CameraFit, taken: SessionSide) -> Doubles:
         )
     rgb = chart.rgb / (state.iso / state.f_number**2)
     rgb[~chart.usable] = np.nan
-    return np.asarray(rgb)
+    return np.asarray(rgb), chart.uncertainty
 
 
 def _response(takes: Sequence[SessionSide], rule: ShutterRule) -> ResponseFit:

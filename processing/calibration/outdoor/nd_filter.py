@@ -23,6 +23,7 @@ METHOD = "Cheung 2004"
 """Of colour-science: a plain 3x3 matrix with three terms."""
 _WORST_CONDITION = 50.0  # of a tint that can be undone; chosen: noise would grow as much
 _MOST_SPREAD = 1e4  # chosen: real charts are at 2 to 20, equal patches beyond 1e15
+_PAINT_FRAC = 0.01  # chosen: what no patch is surer than
 _LEAST_PATCHES = 6  # chosen: twice the unknowns of a channel
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -120,13 +121,15 @@ def without_negatives(rgb: Floats) -> tuple[Floats, Flags]:
     return out, wrong
 
 
-def fit_nd_filter(filtered: npt.ArrayLike, plain: npt.ArrayLike, *, source: str = "") -> NdFilter:
+def fit_nd_filter(
+    filtered: npt.ArrayLike, plain: npt.ArrayLike, uncertainty: npt.ArrayLike = 0.0, *, source: str = ""
+) -> NdFilter:
     """Fit a filter to the patches of a colour chart, (N, 3) linear RGB with and without it, of one camera.
 
     Both are scaled to equal exposure (divided by time, ISO and aperture's area), so that their ratio is the filter's
     alone. Patches with a channel at 0 or not finite are left out. The 3x3 matrix is colour-science's least squares in
-    relative error (each patch is divided by its luminance, so that white does not outvote the dark patches). Raises
-    `LensError` for fewer than six patches.
+    relative error (each patch is divided by its luminance, so that white does not outvote the dark patches), over each
+    patch's ``uncertainty`` (N,), relative, by noise. Raises `LensError` for fewer than six patches.
     """
     from colour.characterisation import matrix_colour_correction
 
@@ -137,6 +140,7 @@ def fit_nd_filter(filtered: npt.ArrayLike, plain: npt.ArrayLike, *, source: str 
     if usable.sum() < _LEAST_PATCHES:
         raise LensError(f"{usable.sum()} patches above 0 in every channel", advice="expose the chart longer")
     before, after = before[usable], after[usable]
+    sure = np.hypot(np.broadcast_to(np.asarray(uncertainty, dtype=np.float64), usable.shape)[usable], _PAINT_FRAC)
     if max(_spread(before), _spread(after)) > _MOST_SPREAD:
         raise LensError(
             "the patches hold too few different colours to fit a filter",
@@ -147,7 +151,8 @@ def fit_nd_filter(filtered: npt.ArrayLike, plain: npt.ArrayLike, *, source: str 
     level = (before @ weights)[:, None]
     mean = float(np.mean(after @ weights / level[:, 0]))
     # From the filtered values to the plain ones, at about unit scale: columns of colour's matrix are rows of ours.
-    correction = np.asarray(matrix_colour_correction(after / mean / level, before / level, method=METHOD, terms=3)).T
+    shares = level * (sure / sure.min())[:, None]
+    correction = np.asarray(matrix_colour_correction(after / mean / shares, before / shares, method=METHOD, terms=3)).T
     found = (after / mean) @ correction
     off = (found @ weights) / level[:, 0] - 1
     sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 3, 1)))

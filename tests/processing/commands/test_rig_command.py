@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,18 @@ def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: py
     assert outdoor.lens.radius == pytest.approx(2 * 8 / 36 * 0.5**0.5, rel=0.01)
     assert all(camera.shutter.rule == "thirds" for camera in profile.cameras.values())
     assert [Path(p).read_bytes()[:4] for p in answer["pictures"]] == [b"\x89PNG"] * 2
+
+
+def test_a_chart_that_is_dark_through_the_filter_is_warned_of(sessions: Path, tmp_path: Path) -> None:
+    chart = tmp_path / "chart"
+    write_session(chart, Taken(ChartRoom(0), SMALL, stops_s=tuple(s for s in CHART_STOPS_S if s <= 4)))
+    varied = (sessions / "room", sessions / "plain")
+    dark, bright = (
+        calibrate.calibrate_rig(calibrate.RigRequest(path, sessions=varied), datetime.now(UTC)).profile.warnings
+        for path in (chart, sessions / "chart")
+    )
+    assert any("of the chart are dark" in text for text in dark)
+    assert not any("of the chart are dark" in text for text in bright)
 
 
 @dataclass(frozen=True)

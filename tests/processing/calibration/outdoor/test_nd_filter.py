@@ -72,6 +72,14 @@ def test_the_fit_states_its_uncertainty() -> None:
     assert np.abs(restored / luminance_cd_m2(clean.astype(np.float32)) - 1).max() < 4 * nd.relative_uncertainty
 
 
+def test_noisy_patches_weigh_less() -> None:
+    plain, filtered = chart(0.0)
+    unsure = np.where(np.arange(24) % 3 == 0, 0.3, 0.003)
+    noisy = filtered * np.random.default_rng(5).normal(1, unsure[:, None], filtered.shape)
+    errors = [np.abs(np.array(fit_nd_filter(noisy, plain, u).tint) - ND3_TINT).max() for u in (0.0, unsure)]
+    assert errors[1] < 0.05 < errors[0]
+
+
 def test_black_patches_are_left_out_and_few_are_refused() -> None:
     plain, filtered = chart(0.0)
     filtered[5] = 0.0
