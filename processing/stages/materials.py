@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Vector
+from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.seam import grown, resized
 from processing.light.picture.composite import Bare, differential, widen_doubt
 from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
@@ -16,7 +16,7 @@ from processing.light.scene.scene_file import read_scene, write_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import sight_of
 from processing.light.solver.sun import sun_of
-from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.patch import write_patch
 from processing.pictures.writing import estimated
 from processing.removal.lift import light_without
@@ -33,6 +33,9 @@ SUN_EFFORT = replace(EFFORTS["draft"], sun_samples=64)  # chosen: the sun is man
 SAME = 0.5  # of a pixel, from which it is one of a mask's
 GAP_RAD = math.radians(2.0)
 """Half as wide as the widest gap between parts of a patch of sun that is closed; chosen: 7 cm of a floor at 2 m."""
+LEAST_SUN = 0.3  # of the computed sunlight, that a pixel shows which is not in half shadow; chosen
+LEAST_SUNNY, SUN_SHARES = 2e-5, (0.5, 1.5)
+"""Pixels over a panorama's squared height, from which patches show the sun's colour, and what it may differ; chosen."""
 MOST_LAMPS = 100  # that are listed one by one; the light of all is in the scene
 
 
@@ -63,7 +66,8 @@ def run(context: StageContext) -> StageOutput:
     reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "the sun where furniture no longer stops it")
-    sunlit, why = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
+    sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
+    found = replace(found, scene=_under_share(found.scene, share))
     if sunlit is not None:
         write_patch(context.folder / "sun.npz", sunlit, context.artifact("remove", "empty"))
     write_scene(context.folder / "scene.npz", found.scene)
@@ -76,6 +80,7 @@ def run(context: StageContext) -> StageOutput:
             "floor_gloss": round(found.gloss, 3),
             "outdoors": source,
             "lamps": len(found.lamps),
+            "sun_share": [round(float(one), 3) for one in share],
             "units": "cd/m2" if image.absolute else "relative units",
             "notes": list(found.notes),
         },
@@ -86,23 +91,58 @@ def run(context: StageContext) -> StageOutput:
 
 def in_its_sun(
     empty: EmptyRoom, scene: Scene, eye_m: Vector, effort: Effort = SUN_EFFORT
-) -> tuple[LuminanceImage | None, str]:
-    """Return the emptied panorama with direct sun where nothing stops it any more; None, and why it gets none."""
-    image, sunless = empty.image, empty.sunless
+) -> tuple[LuminanceImage | None, str, Doubles]:
+    """Return the emptied panorama with direct sun where nothing stops it any more; None, and why it gets none; and the
+    share, shape (3,), of the sun's light that its photographed patches show."""
+    image, whole = empty.image, np.ones(3)
     as_seen = image if empty.sunlit is not None and empty.sunlit.any() else None
     if scene.outdoors.sun is None:
-        return None, "no sun is known outdoors"
-    if sunless is None or not sunless.any():
-        return as_seen, "nothing was removed of what the sun may fall on"
-    bare, rows = Bare.of(scene, effort), min(effort.rows, sunless.shape[0])
+        return None, "no sun is known outdoors", whole
+    if empty.sunless is None or not empty.sunless.any():
+        return as_seen, "nothing was removed of what the sun may fall on", whole
+    bare, rows = Bare.of(scene, effort), min(effort.rows, empty.sunless.shape[0])
     sight = sight_of(bare.stage, Equirectangular(2 * rows, rows), eye_m)
     lit = sun_of(bare.stage, sight, effort.sun_samples, 0).any(axis=1).reshape(rows, 2 * rows)
-    sunless = sunless & (resized(grown(lit, 2 * math.pi / rows).astype(np.float32), sunless.shape) > 0)
-    if not sunless.any():
-        return as_seen, "no direct sun falls on what was removed or shaded"
-    found, doubt = differential(image.rgb, bare, (), eye_m, effort=effort, sunless=sunless), image.uncertainty.copy()
-    widen_doubt(found.rgb, image.rgb, found.kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
-    return estimated(replace(image, rgb=found.rgb, uncertainty=doubt), ~found.kept), ""
+    reached = resized(grown(lit, 2 * math.pi / rows).astype(np.float32), empty.sunless.shape) > 0
+    if not (empty.sunless & reached).any():
+        return as_seen, "no direct sun falls on what was removed or shaded", whole
+    below, sunless = empty.without(empty.sunlit)
+    assert sunless is not None
+    found = differential(below, bare, (), eye_m, effort=effort, sunless=sunless & reached)
+    rgb, kept, doubt = found.rgb, found.kept, image.uncertainty.copy()
+    rgb -= below
+    if empty.sunlit is not None and empty.shaded is not None:
+        seen = image.rgb[empty.sunlit] - empty.shaded
+        valid = image.validity[empty.sunlit] == Validity.VALID
+        whole = share_of_sun(seen[valid], rgb[empty.sunlit][valid], len(rgb))
+        kept |= empty.sunlit
+    rgb *= whole.astype(np.float32)
+    rgb += below
+    rgb[kept] = image.rgb[kept]
+    widen_doubt(rgb, image.rgb, kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
+    return estimated(replace(image, rgb=rgb, uncertainty=doubt), ~kept), "", whole
+
+
+def share_of_sun(seen: Floats, computed: Floats, rows: int) -> Doubles:
+    """Return what patches show of the sun's light, over what was computed for them, (3,), within `SUN_SHARES`; 1 where
+    they are small. ``seen``, ``computed`` (N, 3): light that the sun adds to the pixels of a panorama of ``rows``.
+
+    Air, trees and glass colour the sun, of which the outdoor picture shows only where it is: its disc is clipped.
+    """
+    level = computed.min(axis=-1)
+    sure = (level > 0) & (seen.min(axis=-1) > LEAST_SUN * level)
+    if np.count_nonzero(sure) < LEAST_SUNNY * rows * rows:
+        return np.ones(3)
+    return np.asarray(np.clip(np.median(seen[sure].astype(np.float64) / computed[sure], axis=0), *SUN_SHARES))
+
+
+def _under_share(scene: Scene, share: Doubles) -> Scene:
+    """Return a scene under a share (3,) of its sun."""
+    if scene.outdoors.sun is None:
+        return scene
+    red, green, blue = (float(v) for v in share * scene.outdoors.sun.normal_illuminance_lx)
+    sun = replace(scene.outdoors.sun, normal_illuminance_lx=(red, green, blue))
+    return replace(scene, outdoors=replace(scene.outdoors, sun=sun))
 
 
 def emptied(context: StageContext) -> EmptyRoom:
@@ -121,10 +161,12 @@ def emptied(context: StageContext) -> EmptyRoom:
         if mask is not None:
             hidden |= mask_in_size(np.asarray(mask, bool), filled.shape[1])
     sunlit = mask_in_size(np.asarray(sunlight, bool), filled.shape[1])
-    found, shade = with_sunlight(empty, before, filled, sunlit, hidden), read_shade(context)
-    if shade is None or shade.returned is None or found.sunless is None or found.sunlit is None:
+    shade = read_shade(context)
+    returned = None if shade is None else shade.returned
+    found = with_sunlight(empty, before, filled, sunlit, hidden, returned)
+    if returned is None or found.sunless is None or found.sunlit is None:
         return found
-    return replace(found, sunless=_joined(found.sunless, found.sunlit, shade.returned))
+    return replace(found, sunless=_joined(found.sunless, found.sunlit, returned))
 
 
 def _joined(sunless: Flags, sunlit: Flags, returned: Flags) -> Flags:

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
+from processing.ground.seam import resized
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up, own_pixels
@@ -175,6 +176,7 @@ def gloss_factor(apparent: Doubles, mirror: Doubles, usable: np.ndarray) -> floa
 SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
 """By which sunlight stands again beyond its mask, and keeps away from what stood there (chosen: removal fills over the
 masks' edges, half shadow beside the sun and rims of furniture)."""
+SUNNY = 1.5  # times what removal left of a place, from which the photograph shows sun there; full sun is 4 to 20
 
 
 @dataclass(frozen=True)
@@ -200,14 +202,27 @@ class EmptyRoom:
         return rgb, self.sunless | patches
 
 
-def with_sunlight(empty: LuminanceImage, before: LuminanceImage, filled: Flags, sun: Flags, hidden: Flags) -> EmptyRoom:
+def with_sunlight(
+    empty: LuminanceImage,
+    before: LuminanceImage,
+    filled: Flags,
+    sun: Flags,
+    hidden: Flags,
+    returned: Flags | None = None,
+) -> EmptyRoom:
     """Return the emptied panorama with the direct sunlight that removal took away, where nothing hid it.
 
     The sun's patch lights the room, and furniture is put into the room as it was photographed. ``before``: the
     photograph; ``filled``, ``sun``, ``hidden``: (H, W), what removal filled, direct sunlight, and what stood in
-    the way (furniture, tripod, shadows).
+    the way (furniture, tripod, shadows); ``returned`` (h, w), smaller: seen places that old furniture shaded. Towards
+    these the patch's rim shows their shade, which goes with the furniture.
     """
     back = _grown(sun, SUN_RIM_RAD) & ~_grown(hidden, FURNITURE_RIM_RAD)
+    if returned is not None:
+        shaded = (resized((filled & ~back).astype(np.float32), returned.shape) > 0.5) | returned
+        rim = back & (resized(_grown(shaded, 2 * SUN_RIM_RAD).astype(np.float32), back.shape) > 0.5)
+        weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+        back[rim] = before.rgb[rim] @ weights > SUNNY * (empty.rgb[rim] @ weights)
     image = replace(
         empty,
         rgb=np.where(back[..., None], before.rgb, empty.rgb),

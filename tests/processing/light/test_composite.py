@@ -93,6 +93,14 @@ def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() ->
     removed = replace(image, rgb=np.where(sunny[..., None], np.float32(1), photograph))
     empty = with_sunlight(removed, image, sunny, sunny, np.zeros_like(sunny))
     assert np.array_equal(empty.image.rgb, photograph)
+    # Where old furniture threw its shade on the patch, removal's picture stands, and the sun falls anew.
+    dim = sunny & (np.indices(sunny.shape)[1] < np.median(np.nonzero(sunny)[1]))
+    shaded = replace(image, rgb=np.where(dim[..., None], np.float32(0.8), photograph))
+    mended = with_sunlight(removed, shaded, sunny, sunny, np.zeros_like(sunny), dim)
+    assert mended.sunless is not None
+    assert mended.sunless[dim].all()
+    assert np.array_equal(mended.image.rgb[dim], removed.rgb[dim])
+    assert np.array_equal(mended.image.rgb[sunny & ~dim], photograph[sunny & ~dim])
     bare = Bare.of(room, LOOK)
     shades, away = box((0.0, -0.8, 0.2), (1.0, 0.8, 0.4)), box((2.2, 1.8, 0.1), (0.2, 0.2, 0.2))
     parted, whole = (parted_sun(empty.sunlit, bare, (one,), EYE) for one in (shades, away))

@@ -173,6 +173,14 @@ def test_sunlight_stands_again_but_where_furniture_hid_it(photograph: LuminanceI
     assert np.array_equal(found.sunless, hidden)
 
 
+def test_small_patches_of_sun_and_wrong_ones_show_no_colour_of_it() -> None:
+    light = np.ones((100, 3), np.float32)
+    assert materials.share_of_sun(light * (0.9, 0.8, 0.7), light, 512) == pytest.approx((0.9, 0.8, 0.7))
+    assert materials.share_of_sun(light[:3] * 0.7, light[:3], 512) == pytest.approx((1, 1, 1))
+    assert materials.share_of_sun(light * 0.1, light, 512) == pytest.approx((1, 1, 1))
+    assert materials.share_of_sun(light * 9, light, 512) == pytest.approx((1.5, 1.5, 1.5))
+
+
 def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
     """Of a sunny room's picture its direct sun is taken away behind what stood there, and comes back as it was."""
     room = scene_of(ROOM, uniform_sky(4000.0), 0.5, reveal_m=0.2)
@@ -187,7 +195,7 @@ def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
     assert 10 < lit.sum() < 0.25 * lit.size
     hidden = np.indices(lit.shape)[1] < np.median(np.nonzero(lit)[1])
     image = luminance_image(np.where(hidden[..., None], np.maximum(whole - 0.5 / np.pi * direct, 0), whole))
-    found, _ = materials.in_its_sun(EmptyRoom(image, hidden, hidden), room, EYE, LOOK)
+    found, _, _ = materials.in_its_sun(EmptyRoom(image, hidden, hidden), room, EYE, LOOK)
     assert isinstance(found, LuminanceImage)
     back = found.rgb / whole
     assert np.median(back[lit & hidden]) == pytest.approx(1.0, abs=0.1)
@@ -195,6 +203,18 @@ def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
         found.rgb[~hidden & (direct.max(axis=2) == 0)], image.rgb[~hidden & (direct.max(axis=2) == 0)]
     )
     assert (found.uncertainty[lit & hidden] > 2 * image.uncertainty[lit & hidden]).all()
+    # The sun that is seen beside it has another colour than the outdoor picture's: what comes back has it too.
+    golden = np.array((0.9, 0.8, 0.6), np.float32)
+    warm = image.rgb - (1 - golden) * (0.5 / np.pi) * np.where(hidden[..., None], 0, direct)
+    shown = lit & ~hidden
+    below = np.maximum(warm - golden * (0.5 / np.pi) * direct, 0)[shown]
+    partly = EmptyRoom(replace(image, rgb=warm), hidden, hidden, shown, below)
+    found, _, share = materials.in_its_sun(partly, room, EYE, LOOK)
+    assert isinstance(found, LuminanceImage)
+    assert share == pytest.approx(golden, abs=0.08)
+    np.testing.assert_array_equal(found.rgb[shown], warm[shown])
+    returned = (found.rgb - image.rgb)[lit & hidden] / (whole - image.rgb)[lit & hidden]
+    assert np.median(returned, axis=0) == pytest.approx(golden, abs=0.1)
     dark = replace(room, outdoors=replace(room.outdoors, sun=None))
     assert "no sun" in str(materials.in_its_sun(EmptyRoom(image, hidden, hidden), dark, EYE, LOOK))
     away = hidden & (direct.max(axis=2) == 0) & (np.indices(lit.shape)[0] < ROWS // 3)
