@@ -267,8 +267,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
 
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
-    follows the picture's (guided filter, He et al. 2013). Bars and furniture before a pane thus stay; a window's reveal
-    and frame are lowered with the view, but balanced by half, as much of their light is the room's.
+    follows the picture's (guided filter, He et al. 2013). Bars and furniture before a pane thus stay, as do a window's
+    reveal and frame: white paint beside a view is white in any photograph of a room.
     """
     margin = max(2, round(_EDGE_RAD / math.pi * len(light))) if around else max(2, len(light) // 150)
     rows = np.flatnonzero(panes.any(axis=1))
@@ -277,8 +277,7 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
-    mask = np.asarray((panes[top:bottom] > 0) & view, np.float32)
-    glass = cv2.blur(panes[top:bottom] * np.float32(1 if panes.dtype == bool else 0.5), (margin, margin))
+    mask = np.asarray((panes[top:bottom] > (0 if panes.dtype == bool else 1)) & view, np.float32)
     mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.float32)
     guide = np.log2(np.maximum(level, np.float32(1e-3)))
     if around:
@@ -291,4 +290,4 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
         seen, share = level[row, columns], np.minimum(soft[row, columns], 1)[:, None]
         lowered = np.hypot(np.minimum(seen, np.float32(PLATEAU)), seen * np.float32(pull))
         lowered = np.minimum(lowered, seen) / np.maximum(seen, np.float32(1e-6))
-        part[row, columns] *= (lowered[:, None] * balanced ** glass[row, columns][:, None]) ** share
+        part[row, columns] *= (lowered[:, None] * balanced) ** share

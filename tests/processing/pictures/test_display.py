@@ -100,10 +100,8 @@ def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
     before, after = (float(one[2] / one[0]) for one in (plain, pulled))
     assert 1 < after < before
     assert after == pytest.approx(before ** (1 - DAYLIGHT_SHARE), rel=0.02)
-    # A reveal is as dark as the view beside it, and half as far from the room's white: not yellow.
-    rim = display.light(rgb, panes.astype(np.uint8))[27, 70]
-    assert luminance_cd_m2(rim) == pytest.approx(luminance_cd_m2(pulled), rel=0.02)
-    assert rim[2] / rim[0] == pytest.approx(before ** (1 - DAYLIGHT_SHARE / 2), rel=0.02)
+    # Reveals and frames are the room's.
+    np.testing.assert_array_equal(display.light(rgb, panes.astype(np.uint8)), display.light(rgb))
     np.testing.assert_array_equal(display.light(rgb, 2 * panes.astype(np.uint8)), display.light(rgb, panes))
 
 
