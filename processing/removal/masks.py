@@ -29,7 +29,7 @@ from processing.removal.furniture import (
     lower_ends,
     torn_boards,
 )
-from processing.removal.rests import crumbs_on_walls, rests_beside, with_things
+from processing.removal.rests import crumbs_on_walls, rests_beside, torn_glare, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import SunFound, find_sunlight
@@ -174,6 +174,7 @@ def _find(
     gone = furniture.mask | plain | (shadow.contact & ~hangs)
     bar = stays | openings | fixtures
     rests = rests_beside(gone, chances, luminance, maps, bar)
+    rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     rests |= crumbs_on_walls(gone | rests, rgb, maps, boards | other | grown(openings, 2 * SILL_RAD))
     plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~bar), hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)

@@ -149,6 +149,42 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
     return np.asarray(goes & ~gone)
 
 
+GLARE_RAD, GLARE_CHROMA, GLARE_TIMES, GLARE_MEAN = math.radians(0.35), 0.3, 3.0, 0.5
+"""Blur of its colour; natural logarithm by which that differs from the floor's, in multiples of the floor's own spread,
+and in the mean; the next: by which it is brighter; share of its outline that furniture cuts; largest size (chosen by
+looking at eight furnished real rooms: one has such a reflection, and nothing else is taken)."""
+GLARE_BRIGHT, GLARE_CUT, GLARE_SR = 0.7, 0.4, 0.15
+
+
+def torn_glare(gone: Flags, rgb: Floats, free: Flags) -> Flags:
+    """Return the reflections of windows in a floor (H, W) that what is ``gone`` (H, W) cuts: a torn piece would stay.
+
+    They are bright and of the colour of daylight. ``rgb`` (H, W, 3), linear, of any unit; ``free`` (H, W): floor that
+    is seen, without patches of sun.
+    """
+    found = np.zeros_like(gone)
+    if not free.any():
+        return found
+    light = cv2.GaussianBlur(np.nan_to_num(rgb, nan=0, posinf=0), (0, 0), GLARE_RAD / math.pi * len(rgb))
+    tone = np.log(np.maximum(light, 1e-4 * float(np.median(light)) + 1e-9))
+    chroma, level = tone[..., ::2] - tone[..., 1:2], tone.mean(axis=-1)
+    off = chroma - np.median(chroma[free], axis=0)
+    spread = 1.4826 * np.median(np.abs(off[free]), axis=0) + 0.02
+    apart = np.linalg.norm(off, axis=-1)
+    weight = np.broadcast_to(row_solid_angles((gone.shape[0], gone.shape[1])), gone.shape)
+    odd = free & (apart > GLARE_CHROMA) & (np.linalg.norm(off / spread, axis=-1) > GLARE_TIMES)
+    for box, part in _parts(odd):
+        bright = np.median(level[box][part]) - np.median(level[free]) > GLARE_BRIGHT
+        if not bright or apart[box][part].mean() < GLARE_MEAN or weight[box][part].sum() > GLARE_SR:
+            continue
+        whole = np.zeros_like(gone)
+        whole[box] = part
+        rim = grown(whole, TOUCH_RAD) & ~whole
+        if gone[rim].mean() > GLARE_CUT:
+            found |= whole
+    return found
+
+
 Part: TypeAlias = tuple[tuple[slice, slice], Flags]
 """A box of a picture, and the part of it."""
 

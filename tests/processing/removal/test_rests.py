@@ -4,7 +4,7 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.rests import rests_beside
+from processing.removal.rests import rests_beside, torn_glare
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import FLOOR
 from tests.processing.removal.test_whole_things import MAPS, NONE, ROWS, box, grey_room
@@ -103,3 +103,22 @@ def test_ends_nothing_gone_all_gone_black_not_finite_and_the_sun() -> None:
     cable, holes = box(186, 200, 280, 300), grey_room()
     holes[186:190, 280:285], holes[190:195, 285:290] = np.inf, np.nan
     assert rests(TABLE, evidence(FURNITURE=(cable, 0.45)), holes)[cable].all()
+
+
+def test_a_windows_reflection_that_furniture_cuts_goes_whole() -> None:
+    wood, floor = np.array((0.4, 0.2, 0.1), np.float32), MAPS.plane == FLOOR
+    cut, whole = box(200, 214, 280, 300), box(200, 214, 340, 360)
+    gone = box(190, 230, 240, 280) | box(214, 230, 240, 320) | box(190, 200, 240, 300)
+    light = np.broadcast_to(wood, (ROWS, 2 * ROWS, 3)) * np.float32(1)
+    light[cut | whole] = (0.8, 0.9, 1.2)
+    found = torn_glare(gone, light, floor & ~gone)
+    assert found[cut].mean() > 0.95
+    assert not found[whole].any(), "nothing hides a part of it"
+    assert not found[~np.roll(cut, 3, axis=1) & ~np.roll(cut, -3, axis=1) & ~box(196, 218, 276, 304)].any()
+    light[cut] = 4 * wood
+    assert not torn_glare(gone, light, floor & ~gone).any(), "a lighter board"
+    light[cut] = (0.1, 0.11, 0.14)
+    assert not torn_glare(gone, light, floor & ~gone).any(), "shade"
+    light[np.isfinite(light)] = np.nan
+    assert not torn_glare(gone, light, floor & ~gone).any()
+    assert not torn_glare(gone, light, NONE).any()
