@@ -82,8 +82,7 @@ def object_fields(item: StoredObject) -> bytes:
     """Return an object as C181 and GetObjectInfoEx describe it (flags, second handle and time inferred)."""
     taken = int(item.taken.timestamp()) if item.taken else 0
     head = struct.pack("<IIHHII", item.handle, item.storage_id, item.format, 0, 0, 0)
-    middle = struct.pack("<III", len(item.data), item.parent, item.handle)
-    return head + middle + _name(item) + struct.pack("<I", taken)
+    return head + struct.pack("<III", len(item.data), item.parent, item.handle) + _name(item) + struct.pack("<I", taken)
 
 
 def object_added(item: StoredObject) -> Record:

@@ -32,8 +32,7 @@ class Filter:
         if self == Filter():
             return radiance.copy()
         matrix = np.array(self.tint, dtype=np.float32) * np.float32(10**-self.density)
-        filtered = np.einsum("...i,ij->...j", radiance, matrix)
-        return np.asarray(np.maximum(filtered, 0), dtype=np.float32)
+        return np.asarray(np.maximum(np.einsum("...i,ij->...j", radiance, matrix), 0), dtype=np.float32)
 
 
 # The inverse of a published colour correction for an ND 3.0 filter, scaled to keep the luminance of white.
@@ -130,8 +129,7 @@ class _Scene:
 def image_rows(world: World, optics: CameraOptics, size: Size, rows: range, component: int | None = None) -> Floats:
     """Return rows of the image (H, W, 3), cd/m2 on the sensor, at time 0, of one component or all, without glare."""
     x, y = _centres(size, rows)
-    light = scene_rows(world, optics, size, rows, component)
-    filtered = optics.filter.apply(light)
+    filtered = optics.filter.apply(scene_rows(world, optics, size, rows, component))
     filtered *= optics.lens.falloff(x, y, size)[..., None]
     return filtered
 

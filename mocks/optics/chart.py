@@ -159,8 +159,7 @@ def _albedo(face: Indices, point: Floats) -> Floats:
 
 def patch_albedos() -> Floats:
     """Return the patches' linear Rec. 709 reflectances, shape (24, 3), from their sRGB values (IEC 61966-2-1)."""
-    value = np.array([rgb for _, rgb in PATCHES]) / 255
-    return srgb_decoded(value).astype(np.float32)
+    return srgb_decoded(np.array([rgb for _, rgb in PATCHES]) / 255).astype(np.float32)
 
 
 def _bounced_lx(flux_lm: float) -> float:

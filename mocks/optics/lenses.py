@@ -96,8 +96,7 @@ class EquirectangularLens:
         """Return the fall-off (broadcast shape, 0..1) of whichever fisheye sees the point."""
         longitude = (np.asarray(x, np.float32) / size[0] - 0.5) * np.float32(2 * math.pi)
         latitude = (0.5 - np.asarray(y, np.float32) / size[1]) * np.float32(math.pi)
-        cos_axis = np.abs(np.cos(latitude) * np.cos(longitude))
-        r = np.sqrt(np.maximum(1 - cos_axis, 0))
+        r = np.sqrt(np.maximum(1 - np.abs(np.cos(latitude) * np.cos(longitude)), 0))
         return np.asarray(_polynomial(r, self.vignetting), dtype=np.float32)
 
 

@@ -99,8 +99,7 @@ class RenderedShots:
             pairs = zip(shutters_s, times_s, strict=True)
             self._times_s.update({_rounded(shutter): time for shutter, time in pairs})
         exposures = [replace(usual, shutter_s=_rounded(shutter)) for shutter in shutters_s]
-        shots = [self._shot(exposure) for exposure in exposures]
-        return self._render(shots, (width, height), raw=raw)
+        return self._render([self._shot(exposure) for exposure in exposures], (width, height), raw=raw)
 
     def jpeg(self, request: ShotRequest) -> bytes:
         """Return the JPEG of an exposure; one that was not prepared is rendered now, which takes seconds."""

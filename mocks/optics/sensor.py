@@ -107,8 +107,7 @@ class Sensor:
 
     def mosaic_signal(self, radiance: Floats, exposure: Exposure, rng: np.random.Generator) -> Floats:
         """Return the noisy signal of the shape of ``radiance`` (H, W, 3), 1 at saturation, clipped, not balanced."""
-        gain = np.array(self.native_balance) * self.exposure_gain(exposure)
-        signal = _times(radiance, gain)
+        signal = _times(radiance, np.array(self.native_balance) * self.exposure_gain(exposure))
         np.minimum(signal, 4, out=signal)
         electrons = np.float32(self.full_well_e * 100 / exposure.iso)
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
@@ -144,6 +143,5 @@ def _daylight_rgb(color_temperature_k: float) -> Doubles:
     else:
         x = -2.0064e9 / t**3 + 1.9018e6 / t**2 + 0.24748e3 / t + 0.237040
     y = -3.0 * x * x + 2.870 * x - 0.275
-    xyz = np.array([x / y, 1.0, (1 - x - y) / y])
-    rgb: Doubles = np.array(RGB_OF_XYZ) @ xyz
+    rgb: Doubles = np.array(RGB_OF_XYZ) @ np.array([x / y, 1.0, (1 - x - y) / y])
     return rgb

@@ -221,8 +221,7 @@ def _bedding(rng: np.random.Generator, style: Style) -> Material:
         return cloth(rng, "bedding", colour, ("woven", "woven", "woven", "knit"))
     ground = colour if rng.random() < 0.5 else _CREAM
     stripes = [linear(pick(rng, style.second_fabrics)) for _ in range(int(rng.integers(1, 3)))]
-    checks = draw > 0.85
-    options = (("period_m", rng.uniform(0.05, 0.2)), ("share", rng.uniform(0.2, 0.5)), ("checks", float(checks)))
+    options = (("period_m", rng.uniform(0.05, 0.2)), ("share", rng.uniform(0.2, 0.5)), ("checks", float(draw > 0.85)))
     return textured("bedding", Texture("striped", a_seed(rng), (ground, *stripes), options))
 
 

@@ -42,8 +42,7 @@ def _smooth(lattice: Floats, x: Floats, y: Floats) -> Floats:
 
 @lru_cache(maxsize=32)
 def _lattices(seed: int, octaves: int) -> Floats:
-    rng = np.random.default_rng([seed, 7301])
-    return np.asarray(rng.uniform(-1, 1, (octaves, CELLS, CELLS)), dtype=np.float32)
+    return np.asarray(np.random.default_rng([seed, 7301]).uniform(-1, 1, (octaves, CELLS, CELLS)), dtype=np.float32)
 
 
 def smoothstep(low: float, high: float, x: Floats) -> Floats:
@@ -84,6 +83,5 @@ def _tiles() -> tuple[Floats, ...]:
     levels = [total]
     while levels[-1].shape[0] > 8:
         half = levels[-1].shape[0] // 2
-        smaller = cv2.resize(levels[-1], (half, half), interpolation=cv2.INTER_AREA)
-        levels.append(np.asarray(smaller, dtype=np.float32))
+        levels.append(np.asarray(cv2.resize(levels[-1], (half, half), interpolation=cv2.INTER_AREA), dtype=np.float32))
     return tuple(levels)

@@ -173,8 +173,7 @@ class MipTexture:
 
 
 def _remap(image: Floats, x: Floats, y: Floats) -> Floats:
-    out = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(out, dtype=np.float32)
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
 def _blocks(values: Floats) -> Floats:

@@ -120,8 +120,7 @@ class UsbPtpDevice:
             self._check_present(None)
             if request != ClassRequest.GET_DEVICE_STATUS:
                 raise LinkError(errno.EPIPE, "Pipe error")
-            cancelling = self.clock.monotonic_s() < self._cancelled_until_s
-            code = Response.DEVICE_BUSY if cancelling else Response.OK
+            code = Response.DEVICE_BUSY if self.clock.monotonic_s() < self._cancelled_until_s else Response.OK
             halted = ptp_wire.u32s(sorted(self.halted))
             return struct.pack("<HH", 4 + len(halted), code) + halted
 

@@ -116,8 +116,7 @@ def _split(transfers: list[InTransfer], fault: Fault, _dice: random.Random) -> b
         return False
     whole = transfers[index]
     head = InTransfer(whole.phase, whole.data[:HEADER_BYTES])
-    tail = InTransfer(whole.phase, whole.data[HEADER_BYTES:], zlp=whole.zlp)
-    transfers[index : index + 1] = [head, tail]
+    transfers[index : index + 1] = [head, InTransfer(whole.phase, whole.data[HEADER_BYTES:], zlp=whole.zlp)]
     return True
 
 

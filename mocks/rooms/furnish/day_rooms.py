@@ -112,8 +112,7 @@ def dining_essentials(a: Arrangement, finish: Finish) -> bool:
         return False
     if a.chance(0.35):
         x, y, _ = table.position_m
-        size = (table.size_m[0] + 1.1, table.size_m[1] + 1.1)
-        clutter.rug_under(a, x, y, size, table.turn_rad, finish.floor.name)
+        clutter.rug_under(a, x, y, (table.size_m[0] + 1.1, table.size_m[1] + 1.1), table.turn_rad, finish.floor.name)
     _chairs(a, table)
     return len([item for item in a.items if item.kind == "chair"]) >= 2
 

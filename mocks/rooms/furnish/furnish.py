@@ -78,8 +78,7 @@ def bedroom_extras(a: Arrangement, finish: Finish) -> None:
 def _bed(a: Arrangement) -> Item | None:
     """Place the largest bed that fits, its head to a wall, room beside it."""
     for width in [w for w in (DOUBLE_M + SINGLE_M) if a.chance(0.7)] + [SINGLE_M[-1]]:
-        size = (width, a.draw(2.08, 2.16), a.draw(0.88, 1.15))
-        bed = a.against_wall("bed", size, lambda item: _calm(a, item))
+        bed = a.against_wall("bed", (width, a.draw(2.08, 2.16), a.draw(0.88, 1.15)), lambda item: _calm(a, item))
         if bed:
             a.keep_free(bed, 0.35)
             return bed
@@ -215,8 +214,7 @@ def furnish(plan: Plan, finish: Finish, rng: np.random.Generator) -> tuple[Item,
 
     A room too small for what it is meant for is furnished as a study.
     """
-    uses = [plan.use] * ATTEMPTS + [Use.OFFICE] * 2 if plan.use in RECIPES else []
-    for use in uses:
+    for use in [plan.use] * ATTEMPTS + [Use.OFFICE] * 2 if plan.use in RECIPES else []:
         items = _furnished(plan, RECIPES[use], finish, rng)
         if items is not None:
             return items
@@ -254,8 +252,7 @@ def _stand_board(room: Arrangement) -> Item | None:
         far, azimuth = room.draw(1.05, 1.95), room.draw(0.0, 2 * math.pi)
         x, y = far * math.sin(azimuth), far * math.cos(azimuth)
         turn = math.atan2(-x, y) + float(np.clip(room.rng.normal(0, 0.15), -0.5, 0.5))
-        size = (0.5, 0.4, room.draw(1.2, 1.45))
-        board = room.item("meter board", size, (x, y, 0.0), turn, (), Role.EQUIPMENT)
+        board = room.item("meter board", (0.5, 0.4, room.draw(1.2, 1.45)), (x, y, 0.0), turn, (), Role.EQUIPMENT)
         if not any(hides_board(board, item) for item in room.items) and room.fits(board):
             found.append(board)
             if not sees_window(room.plan, board):

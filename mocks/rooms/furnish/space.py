@@ -51,8 +51,7 @@ class Arrangement:
         role: Role = Role.FURNITURE,
     ) -> Item:
         """Return a new item, not yet placed."""
-        seed = int(self.rng.integers(1, 2**31))
-        return Item(kind, role, len(self.items) + 1, at, size_m, turn_rad, seed, options)
+        return Item(kind, role, len(self.items) + 1, at, size_m, turn_rad, int(self.rng.integers(1, 2**31)), options)
 
     def fits(self, item: Item) -> bool:
         """Return whether an item would cause no problem and stand in no way."""
@@ -136,8 +135,7 @@ class Arrangement:
 
     def hang_over(self, below: Item, kind: str, size_m: Vector, low_m: float) -> Item | None:
         """Hang something on the wall behind an item, over its middle."""
-        back = below.size_m[1] / 2 + WALL_GAP_M - HANGING_GAP_M - size_m[1] / 2
-        x, y = beside(below, 0.0, back)
+        x, y = beside(below, 0.0, below.size_m[1] / 2 + WALL_GAP_M - HANGING_GAP_M - size_m[1] / 2)
         item = self.item(kind, size_m, (x, y, low_m), below.turn_rad, (), Role.CLUTTER)
         return self.add(item) if self._wall_is_free(item) else None
 

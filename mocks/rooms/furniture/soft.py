@@ -87,8 +87,7 @@ def moulded_back(b: Build, shell: Material) -> None:
     x = s * (w / 2 - 0.01) * narrow
     z = seat - 0.012 + t * (h - seat) * (1 - 0.10 * s**4)
     y = d / 2 - 0.095 + 0.065 * t**1.3 - 0.055 * s**2 * (1 - 0.5 * t)
-    from_below = np.stack([x, y, z], axis=-1)
-    b.add(sheet(from_below.transpose(1, 0, 2), 0.010), shell)
+    b.add(sheet(np.stack([x, y, z], axis=-1).transpose(1, 0, 2), 0.010), shell)
 
 
 VERBS: dict[str, Callable[..., None]] = {one.__name__: one for one in (leaning_cushion, duvet, pillows, moulded_back)}

@@ -35,8 +35,7 @@ class Geometry:
         self.corners: Floats = np.concatenate([m.vertices[m.faces] for m in meshes]).astype(np.float32)
         self.normals: Floats = np.concatenate([m.normals[m.faces] for m in meshes]).astype(np.float32)
         self.uv: Floats = np.concatenate([m.uv[m.faces] for m in meshes]).astype(np.float32)
-        counts = [len(m.faces) for m in meshes]
-        self.part_of: Int32s = np.repeat(np.arange(len(meshes), dtype=np.int32), counts)
+        self.part_of: Int32s = np.repeat(np.arange(len(meshes), dtype=np.int32), [len(m.faces) for m in meshes])
         edges = self.corners[:, 1:] - self.corners[:, :1]
         flat = np.cross(edges[:, 0], edges[:, 1])
         length = np.linalg.norm(flat, axis=1, keepdims=True)

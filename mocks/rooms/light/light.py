@@ -102,8 +102,7 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     # The pixels that see several surfaces, of parts that fill other pixels wholly; and the nearly black
     out: Flags = guide.albedo.min(axis=-1) < _LEAST_ALBEDO
     for face in range(6):
-        whole = np.unique(guide.part[face][guide.pure[face]])
-        out[face] |= ~guide.pure[face] & np.isin(guide.part[face], whole)
+        out[face] |= ~guide.pure[face] & np.isin(guide.part[face], np.unique(guide.part[face][guide.pure[face]]))
     unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | out | spoilt
     # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
     noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))

@@ -163,8 +163,7 @@ def sun_patches(
         albedo = geometry.parts[int(kind[0])].material.colour
         slope = float((normal[mine] @ sun).mean())
         light = [a * e * slope / math.pi for a, e in zip(albedo, normal_illuminance_rgb, strict=True)]
-        mesh = _tiles(corners[mine], normal[mine])
-        patches.append(SunPatch(mesh, albedo, (light[0], light[1], light[2])))
+        patches.append(SunPatch(_tiles(corners[mine], normal[mine]), albedo, (light[0], light[1], light[2])))
     return tuple(patches)
 
 
@@ -174,8 +173,7 @@ def _lit(geometry: Geometry, window: tuple[Doubles, Doubles, Doubles], towards: 
     across, up = (max(1, round(float(np.linalg.norm(side)) / CELL_M)) for side in (u, v))
     a, b = np.meshgrid((np.arange(across) + 0.5) / across, (np.arange(up) + 0.5) / up)
     start = corner + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
-    rays = np.broadcast_to(-towards.astype(np.float32), start.shape)
-    hits = geometry.cast(start.astype(np.float32), rays)
+    hits = geometry.cast(start.astype(np.float32), np.broadcast_to(-towards.astype(np.float32), start.shape))
     normal = geometry.face_normals[hits.face].astype(np.float64)
     normal *= np.where(normal @ towards < 0, -1, 1)[:, None]
     slope = normal @ towards

@@ -63,8 +63,7 @@ def _with_radiators(rng: np.random.Generator, plan: Plan) -> Plan:
     if not plan.fixtures:
         wall = int(rng.integers(len(plan.polygon)))
         width, start = float(rng.uniform(0.45, 0.6)), float(rng.uniform(0.1, 0.9)) * plan.wall_length_m(wall)
-        tall = Fixture("panel radiator", wall, start, width, RADIATOR_BOTTOM_M, 1.7, 0.1, seed=seed)
-        plan = _add(plan, tall)
+        plan = _add(plan, Fixture("panel radiator", wall, start, width, RADIATOR_BOTTOM_M, 1.7, 0.1, seed=seed))
     return plan
 
 
@@ -76,8 +75,7 @@ def _with_switches(rng: np.random.Generator, plan: Plan) -> Plan:
         sides = (door.start_m + door.width_m + aside, door.start_m - aside - PLATE_M)
         for start in sides if door.hinge == "start" else sides[::-1]:
             before = len(plan.fixtures)
-            switch = Fixture("switch", door.wall, start, PLATE_M, bottom, PLATE_M, 0.011, seed=_seed(rng))
-            plan = _add(plan, switch)
+            plan = _add(plan, Fixture("switch", door.wall, start, PLATE_M, bottom, PLATE_M, 0.011, seed=_seed(rng)))
             if len(plan.fixtures) > before:
                 if rng.random() < 0.3:
                     plan = _add(plan, Fixture("thermostat", door.wall, start, PLATE_M, 1.42, PLATE_M, 0.025))
@@ -147,8 +145,7 @@ def _with_lamps(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:
     if kind == "spot":
         return _with_spots(rng, plan, lamps_on)
     kind = "dome lamp" if kind == "none" else kind
-    circle = maximum_inscribed_circle(Polygon(plan.polygon), tolerance=0.02)
-    middle = Spot(circle.coords[0])
+    middle = Spot(maximum_inscribed_circle(Polygon(plan.polygon), tolerance=0.02).coords[0])
     width = float(rng.uniform(*{"dome lamp": (0.28, 0.42), "disc lamp": (0.3, 0.5), "pendant lamp": (0.3, 0.55)}[kind]))
     drop = 0.0
     seed = _seed(rng)

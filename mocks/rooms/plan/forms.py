@@ -121,8 +121,7 @@ def inner_angle_rad(points: Sequence[Point], corner: int) -> float:
     """Return the angle (0..2 pi) within the room at a corner of a counter-clockwise polygon."""
     x, y = points[corner]
     back, ahead = points[corner - 1], points[(corner + 1) % len(points)]
-    angle = math.atan2(back[1] - y, back[0] - x) - math.atan2(ahead[1] - y, ahead[0] - x)
-    return angle % (2 * math.pi)
+    return (math.atan2(back[1] - y, back[0] - x) - math.atan2(ahead[1] - y, ahead[0] - x)) % (2 * math.pi)
 
 
 def is_simple(points: Sequence[Point]) -> bool:

@@ -257,8 +257,7 @@ def _grille(x0: float, x1: float, back: float, front: float, top: float) -> list
         rounded_box((x0, front - rim, top - 0.014), (x1, front, top), 0.002),
     ]
     one = box((-bar / 2, back + rim, top - 0.01), (bar / 2, front - rim, top - 0.002))
-    places = np.linspace(x0 + bar, x1 - bar, max(4, round((x1 - x0) / 0.016)))
-    return [*bars, repeated(one, _along(places))]
+    return [*bars, repeated(one, _along(np.linspace(x0 + bar, x1 - bar, max(4, round((x1 - x0) / 0.016)))))]
 
 
 def _along(places: Doubles) -> Doubles:

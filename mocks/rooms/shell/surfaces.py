@@ -119,8 +119,7 @@ CORNICE_FROM_M = 2.85  # chosen: lower rooms have none
 def floor_and_ceiling(plan: Plan, finish: Finish) -> list[Part]:
     """Return floor and ceiling; texture u runs along the longest wall."""
     (ux, uy), (vx, vy) = plan.wall_axes(max(range(len(plan.polygon)), key=plan.wall_length_m))
-    turned = Polygon([(x * ux + y * uy, x * vx + y * vy) for x, y in plan.polygon])
-    area = turned.buffer(LAP_M, join_style="mitre")
+    area = Polygon([(x * ux + y * uy, x * vx + y * vy) for x, y in plan.polygon]).buffer(LAP_M, join_style="mitre")
     u, v = (ux, uy, 0.0), (vx, vy, 0.0)
     return [
         part_of(flat(area, (0.0, 0.0, 0.0), u, v), finish.floor, "floor", "floor"),

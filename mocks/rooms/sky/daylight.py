@@ -213,8 +213,7 @@ def sun(sun_elevation_rad: float, turbidity: float) -> Floats:
         0.008735 * um**-4.08 + OZONE_DEPTH * share + aerosol_depth(turbidity) * (um / 0.55) ** -1.3
         for um, share in zip(WAVELENGTHS_UM, ozone, strict=True)
     ]
-    passed = np.array([math.exp(-depth * mass) for depth in depths], dtype=np.float32)
-    return at_luminance_1(above * passed)
+    return at_luminance_1(above * np.array([math.exp(-depth * mass) for depth in depths], dtype=np.float32))
 
 
 def _from_xy(x: Reals, y: Reals) -> Floats:

@@ -246,8 +246,7 @@ def _lawn_and_street(x: Floats, y: Floats, footprint: Floats, surroundings: Surr
 @lru_cache(maxsize=2)
 def _lit_band(seed: int, eye_height_m: float, light: Ambient, component: Component) -> tuple[Halves, ...]:
     """Return the skyline's radiance times coverage, and coverage, (H, W, 4), at ever coarser levels."""
-    layers = backdrop.paint(seed, eye_height_m).layers
-    albedo, normal, mirror, haze, coverage = np.split(layers, (3, 6, 7, 8), axis=-1)
+    albedo, normal, mirror, haze, coverage = np.split(backdrop.paint(seed, eye_height_m).layers, (3, 6, 7, 8), axis=-1)
     lit = light.lit(component)
     received = lit.irradiance(normal)
     if component == "sun":

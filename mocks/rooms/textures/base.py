@@ -51,8 +51,7 @@ def blurred(picture: Floats, sigma_px: float) -> Floats:
     """Return a picture (H, W) or (H, W, 3) blurred by a Gaussian across its wrapping edges."""
     border = int(3 * sigma_px) + 1
     wide = cv2.copyMakeBorder(picture, border, border, border, border, cv2.BORDER_WRAP)
-    soft = cv2.GaussianBlur(wide, (0, 0), sigma_px)
-    return np.asarray(soft[border:-border, border:-border], dtype=np.float32)
+    return np.asarray(cv2.GaussianBlur(wide, (0, 0), sigma_px)[border:-border, border:-border], dtype=np.float32)
 
 
 def repeated(cell: Floats, repeats: int, pixels: int, wobble: Floats | None = None) -> Floats:

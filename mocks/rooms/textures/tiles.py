@@ -180,8 +180,7 @@ def _printed(rng: np.random.Generator, texture: Texture, covers: list[Floats]) -
     """Return paper with the motifs printed on it, the n-th in colour n + 1 (the last colour serves all further)."""
     albedo = base.toned(1 + np.float32(0.006) * base.noise(rng, _GRID, (512, 512)), texture.colours[0])
     for number, cover in enumerate(covers, 1):
-        colour = texture.colours[min(number, len(texture.colours) - 1)]
-        albedo = base.mixed(albedo, colour, np.minimum(cover, 1))
+        albedo = base.mixed(albedo, texture.colours[min(number, len(texture.colours) - 1)], np.minimum(cover, 1))
     return albedo
 
 

@@ -122,8 +122,7 @@ def planks(texture: Texture) -> Tile:
 
 def _run(rng: np.random.Generator, timber: Timber, texture: Texture, columns: int) -> tuple[Floats, list[float]]:
     """Return one row of boards end to end that wraps, and where its joints are in metres."""
-    count = max(2, round(_PLANK_TILE_M / texture.option("length_m", 1.4)))
-    shares = rng.uniform(0.6, 1.4, count)
+    shares = rng.uniform(0.6, 1.4, max(2, round(_PLANK_TILE_M / texture.option("length_m", 1.4))))
     stops = [0, *(int(s) for s in np.round(np.cumsum(shares) / shares.sum() * _PLANK_PIXELS))]
     run = np.empty((_PLANK_PIXELS, columns), dtype=np.float32)
     for low, high in itertools.pairwise(stops):
