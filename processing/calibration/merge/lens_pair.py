@@ -179,8 +179,7 @@ def _compared(lens: PlacedLens, half: Floats, number: int, panorama: Bytes) -> _
     plain = cv2.blur(log * log, (3, 3)) - cv2.blur(log, (3, 3)) ** 2 < PLAIN**2
     angle = np.arccos(np.clip(local[..., 2], -1, 1))
     use = seen & plain & (small > LEAST_LIGHT)
-    code = drawn(panorama, rays)
-    return _Compared(log[use].astype(np.float64), angle[use], rays[use], code[use].astype(np.float64))
+    return _Compared(log[use].astype(np.float64), angle[use], rays[use], drawn(panorama, rays)[use].astype(np.float64))
 
 
 def _overlap(

@@ -139,8 +139,7 @@ def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
             turns = [(Rotation.from_euler("z", 45 * n, degrees=True) * level).as_rotvec() for n in range(8)]
             tries = [np.array([0, 0, scale * math.pi / 2, 0, 0, *turn]) for turn in turns for scale in SCALES]
             best[k, ahead] = _turned(own, luma, max(tries, key=partial(_alike, own, luma)))
-    orders = [(best[0, ahead], best[1, -ahead]) for ahead in (1, -1)]
-    chosen = max(orders, key=lambda two: two[0][0] + two[1][0])
+    chosen = max([(best[0, ahead], best[1, -ahead]) for ahead in (1, -1)], key=lambda two: two[0][0] + two[1][0])
     if not min(alike for alike, _ in chosen) > LEAST_LIKENESS:
         raise BracketError(
             "its raw pictures and its panorama do not resemble each other",

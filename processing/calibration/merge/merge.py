@@ -215,8 +215,7 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     scaled = NoiseModel(
         tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12)), noise.black
     )
-    doubt = np.abs(agreement.offset) * math.log(2)
-    order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
+    order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, np.abs(agreement.offset) * math.log(2)))
     curve = job.curve
     if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
         # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.

@@ -34,8 +34,7 @@ def merge_modes(tables: MergeTables, curve: ResponseCurve, times_s: Doubles, tim
     ``times_s``: (F,) s, falling; ``time_sigma``: (F,) relative.
     """
     low = np.log2(curve.exposure[:, 1].min() / times_s[0])
-    high = np.log2(curve.exposure.max() / times_s[-1])
-    levels = np.linspace(low, high, LEVELS)
+    levels = np.linspace(low, np.log2(curve.exposure.max() / times_s[-1]), LEVELS)
     share = np.zeros((len(times_s), 3, LEVELS))
     codes = np.zeros((len(times_s), 3, LEVELS))
     for f, time_s in enumerate(times_s):
@@ -99,5 +98,4 @@ def only_texture(uncertainty: Floats, contrast: Floats, inner: slice, share: flo
 
     ``uncertainty`` (h, W), relative: of the ``inner`` rows of ``contrast`` (H, W), which has `CONTRAST_REACH_PX` more.
     """
-    near = cv2.dilate(contrast, np.ones((NEAR_PX, NEAR_PX), np.uint8))[inner]
-    return np.asarray(uncertainty <= share * near)
+    return np.asarray(uncertainty <= share * cv2.dilate(contrast, np.ones((NEAR_PX, NEAR_PX), np.uint8))[inner])

@@ -94,8 +94,7 @@ def _windows(frame: Codes, both: _Range) -> list[tuple[slice, slice]]:
     for top in np.linspace(0, height - tall, min(4, height // tall)).astype(int):
         for left in np.linspace(0, width - wide, min(6, width // wide)).astype(int):
             window = (slice(top, top + tall), slice(left, left + wide))
-            sparse = both.longer_log2(frame[window][::SPARSE, ::SPARSE])
-            candidates.append((float(np.std(sparse)), top, left, window))
+            candidates.append((float(np.std(both.longer_log2(frame[window][::SPARSE, ::SPARSE]))), top, left, window))
     candidates.sort(reverse=True, key=lambda one: one[:3])
     return [window for detail, _, _, window in candidates[:WINDOWS] if detail > MIN_DETAIL_STOPS]
 

@@ -172,8 +172,7 @@ def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error
             usable = slice(curve.low[c], curve.high[c] + 1)
             grid, snr2 = curve.log2_exposure[c, usable], 1.0 / own[c, usable]
             for f in range(k, count):
-                shifted = grid + np.log2(times_s[f] / times_s[k])
-                information[f, c, usable] = np.interp(shifted, grid, snr2, left=0.0)
+                information[f, c, usable] = np.interp(grid + np.log2(times_s[f] / times_s[k]), grid, snr2, left=0.0)
         behind = np.cumsum(information[::-1], axis=0)[::-1]
         total = np.maximum(behind[k], 1e-30)
         for f in range(k, count - 1):

@@ -38,8 +38,7 @@ def only_the_view(image: RelativeImage) -> tuple[RelativeImage, float]:
         raise _no_view(0.0)
     # The value (N,) of log2 luminance that parts the two classes best, weighted (N,) by solid angle
     counts, edges = np.histogram(stops[seen], BINS, weights=weights[seen])
-    middles = (edges[:-1] + edges[1:]) / 2
-    below, moment = np.cumsum(counts), np.cumsum(counts * middles)
+    below, moment = np.cumsum(counts), np.cumsum(counts * ((edges[:-1] + edges[1:]) / 2))
     with np.errstate(divide="ignore", invalid="ignore"):
         between = (moment[-1] * below / below[-1] - moment) ** 2 / (below * (below[-1] - below))
     bright = seen & (stops > float(edges[1 + int(np.nanargmax(between[:-1]))]))

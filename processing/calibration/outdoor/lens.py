@@ -211,8 +211,7 @@ def _agreed(rays: Indices, points: Doubles, weights: Doubles, size: tuple[int, i
     chance = weights / weights.sum()
     best, best_score = (0.0, 0.0, 0.0), 0.0
     for _ in range(_TRIALS):
-        three = rng.choice(len(points), 3, replace=False, p=chance)
-        circle = _through(points[three])
+        circle = _through(points[rng.choice(len(points), 3, replace=False, p=chance)])
         # As the tolerance grows with the radius, a circle as large as a field would agree with everything.
         if circle is None or circle[2] > diagonal or math.dist(circle[:2], middle) > circle[2]:
             continue
@@ -258,8 +257,7 @@ def _fine_edges(pictures: list[Floats], circle: Circle, reach: float) -> tuple[D
     # Short frames show the skyline's edge only, long ones the field's: the outermost clear one is meant.
     at = np.where(contrasts >= 0.5 * best, places, -np.inf).max(axis=0)
     kept = best > 0
-    points = np.stack([x + at * np.cos(angles), y + at * np.sin(angles)], axis=-1)
-    return points[kept], best[kept]
+    return np.stack([x + at * np.cos(angles), y + at * np.sin(angles)], axis=-1)[kept], best[kept]
 
 
 def _edge_of(profile: Floats, radii: Doubles) -> tuple[Doubles, Doubles]:

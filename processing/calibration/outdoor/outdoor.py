@@ -74,8 +74,7 @@ def cut_to_circle(image: RelativeImage) -> RelativeImage:
     part = slice(top, bottom), slice(left, right)
     geometry = replace(lens, width_px=right - left, height_px=bottom - top, centre_px=(x - left, y - top))
     planes = {name: getattr(image, name)[part] for name in ("rgb", "uncertainty", "validity")}
-    ghost = None if image.ghost is None else image.ghost[part]
-    return replace(image, **planes, ghost=ghost, geometry=geometry)
+    return replace(image, **planes, ghost=None if image.ghost is None else image.ghost[part], geometry=geometry)
 
 
 def correct_vignetting(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage:

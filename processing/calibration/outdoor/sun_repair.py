@@ -86,8 +86,7 @@ def repair_sun(
         f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx on level ground "
         f"beside {rest_lx:.4g} lx of the rest; the picture alone gave at least {before_lx:.4g} lx in all"
     )
-    count = int((cover > 0).sum())
-    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest_lx, count, note)
+    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest_lx, int((cover > 0).sum()), note)
     return replace(done, attributes={**image.attributes, "sun_repaired": note}), repair
 
 
@@ -140,8 +139,7 @@ def _without_sun(image: LuminanceImage, window: Window, cover: Doubles) -> Lumin
     chosen = near if near.any() else ring
     rgb = image.rgb.copy()
     part = rgb[window.rows, window.columns]
-    beside = np.median(part[chosen], axis=0) if chosen.any() else np.zeros(3, dtype=np.float32)
-    part[cover > 0] = beside
+    part[cover > 0] = np.median(part[chosen], axis=0) if chosen.any() else np.zeros(3, dtype=np.float32)
     return replace(image, rgb=rgb)
 
 

@@ -134,8 +134,7 @@ class FineCurve:
         smooth = gaussian_filter1d(np.interp(even, root, slope), SLOPE_SMOOTHING)
         smooth = np.asarray(np.exp(np.interp(root, even, smooth)) / root)
         slope = np.interp(codes, np.arange(256), smooth)
-        bend = np.interp(codes, np.arange(256), np.gradient(smooth))
-        return FineCurve(log2, slope, bend)
+        return FineCurve(log2, slope, np.interp(codes, np.arange(256), np.gradient(smooth)))
 
     def at(self, codes: Doubles) -> tuple[Doubles, Doubles, Doubles]:
         """Return log2 exposure, slope and bend at codes (clipped to 0..255).
@@ -151,8 +150,7 @@ class FineCurve:
 
     def code(self, log2_exposure: Doubles) -> Doubles:
         """Return the code of an exposure, 0..255. Of the shape of ``log2_exposure``."""
-        codes = np.linspace(0, 255, len(self.log2))
-        return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
+        return np.asarray(np.interp(log2_exposure, self.log2, np.linspace(0, 255, len(self.log2))), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -207,8 +207,7 @@ def equations(
     log2, _, _ = fine.at(data.mean)
     place, value = basis.entries(data.mean)
     target = log2_times[data.frame] - log2 - found.shift
-    last = np.full(len(target), k + n_frames)
-    columns = [*place.T, *([k + data.frame] if times else []), last]
+    columns = [*place.T, *([k + data.frame] if times else []), np.full(len(target), k + n_frames)]
     values = [*value.T, *([np.full(len(target), -1.0)] if times else []), target]
     gram = _gram(data, columns, values, weight, k + n_frames + 1)
     used = _per_sample(data, (weight > 0).astype(np.float64))

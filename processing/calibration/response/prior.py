@@ -73,8 +73,7 @@ def published_prior() -> CurvePrior:
 
 def drift_prior(known: Doubles) -> CurvePrior:
     """Return the prior of a camera whose curve is known: a smooth change of it. ``known``: of shape (256,), stops."""
-    nothing = np.zeros_like(spline_basis().penalty)
-    return CurvePrior(known, _candidates(nothing, (0.0,), DRIFT_LOG_STRENGTHS))
+    return CurvePrior(known, _candidates(np.zeros_like(spline_basis().penalty), (0.0,), DRIFT_LOG_STRENGTHS))
 
 
 def _candidates(spread: Doubles, amplitudes: Sequence[float], log_strengths: Sequence[float]) -> tuple[Candidate, ...]:
@@ -84,6 +83,5 @@ def _candidates(spread: Doubles, amplitudes: Sequence[float], log_strengths: Seq
         rest = np.linalg.inv(10.0**strength * penalty + np.eye(len(penalty)) / _FREE2)
         for amplitude in amplitudes:
             precision = np.asarray(np.linalg.inv(amplitude**2 * spread + rest), dtype=np.float64)
-            log_determinant = float(np.linalg.slogdet(precision)[1])
-            found.append(Candidate(amplitude, float(strength), precision, log_determinant))
+            found.append(Candidate(amplitude, float(strength), precision, float(np.linalg.slogdet(precision)[1])))
     return tuple(found)

@@ -303,8 +303,7 @@ def check_response(
     Raises `ResponseError`: frames with too few patches or codes; `BracketError`: frames that are no bracket.
     """
     samples = take_samples([bracket], seed)
-    priors = [drift_prior(known) for known in curve.log2_exposure]
-    fit = fit_daylit(samples, free_times=estimate_times, priors=priors)
+    fit = fit_daylit(samples, free_times=estimate_times, priors=[drift_prior(known) for known in curve.log2_exposure])
     drifts, sigmas, ratios = [], [], []
     for c, own in enumerate(fit.channels):
         seen = np.arange(max(FIRST, own.low, curve.low[c]), min(LAST, own.high, curve.high[c]) + 1)

@@ -197,8 +197,7 @@ def _channel(brackets: Sequence[tuple[Bytes, int]], channel: int, left_out: froz
     means, spreads = (np.concatenate([p[i] for p in parts]) for i in (2, 4))
     clear = np.concatenate([p[5] for p in parts])
     pixels = np.concatenate([p[3] for p in parts])
-    starts = np.flatnonzero(np.diff(sample, prepend=-1))
-    return ChannelSamples(sample, frame, means, pixels, spreads, starts, clear)
+    return ChannelSamples(sample, frame, means, pixels, spreads, np.flatnonzero(np.diff(sample, prepend=-1)), clear)
 
 
 def _moments(codes: Bytes) -> tuple[Doubles, Doubles]:

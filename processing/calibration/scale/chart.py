@@ -148,8 +148,7 @@ def _line(x: Doubles, y: Doubles, sigma: Doubles) -> _Line:
 
 def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> tuple[PatchPair, ...]:
     y_in, y_out = indoor.luminance, outdoor.luminance * fit.slope
-    predicted = np.maximum(y_out + fit.offset, 1e-30)
-    residual = np.log2(np.maximum(y_in, 1e-30) / predicted)
+    residual = np.log2(np.maximum(y_in, 1e-30) / np.maximum(y_out + fit.offset, 1e-30))
     lab_in, lab_out = (lab_of_linear(chart.rgb, chart.rgb[white]) for chart in (indoor, outdoor))
     differences = np.linalg.norm(lab_in - lab_out, axis=1)
     both = indoor.usable & outdoor.usable

@@ -59,8 +59,7 @@ class FoundChart:
 
 def reflectances() -> Doubles:
     """Return the linear Rec. 709 reflectances, 0..1, of the published colours, of shape (24, 3)."""
-    value = np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB.values()]) / 255
-    return srgb_decoded(value)
+    return srgb_decoded(np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB.values()]) / 255)
 
 
 def homography(corners_px: Doubles) -> Doubles:

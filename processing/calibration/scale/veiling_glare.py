@@ -109,8 +109,7 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> glare_f
     sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * glare_fit.SECTORS).astype(int)
     fit = glare_fit.fit_kernel(parts[..., use], found, sector, glare_fit.hidden_factors(light))
     field = float(light[:, 0] @ cells.area / (cells.area @ cells.inside))
-    index = min(1.0, float(np.median(found)) / field) if field > 0 else 0.0
-    return replace(fit, index=index)
+    return replace(fit, index=min(1.0, float(np.median(found)) / field) if field > 0 else 0.0)
 
 
 def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
