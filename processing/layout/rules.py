@@ -62,8 +62,7 @@ class Rules:
 @cache
 def built_in_rules() -> Rules:
     """Return the rules that come with daylit."""
-    text = (files("processing.layout") / "rules.toml").read_text("utf-8")
-    return _rules(tomllib.loads(text), "rules.toml", None)
+    return _rules(tomllib.loads((files("processing.layout") / "rules.toml").read_text("utf-8")), "rules.toml", None)
 
 
 def read_rules(path: Path) -> Rules:

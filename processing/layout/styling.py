@@ -214,8 +214,7 @@ def _under(room: _Room, row: Mapping[str, Any]) -> Groups:
             return
         for share in (1.0, 0.86, 0.74):
             x, y = place(host, 0.0, ahead * (0.4 + 0.6 * share))
-            turn = host.theta_rad
-            rug = room.piece(row["what"], (size[0] * share, size[1] * share, 0.012), x, y, 0.0, turn)
+            rug = room.piece(row["what"], (size[0] * share, size[1] * share, 0.012), x, y, 0.0, host.theta_rad)
             if room.floor.covers(shapely.Polygon(outline(rug, AIR_M))):
                 yield [rug]
                 break

@@ -336,8 +336,7 @@ def _unserved(
     near = radius - TOUCH_M + PATH_M
     for name, always, sides, need in asked:
         gaps = [part.distance(zone) for zone in always]
-        side_gaps = sorted(part.distance(zone) for zone in sides)[:need]
-        worst = max([*gaps, *side_gaps], default=0.0)
+        worst = max([*gaps, *sorted(part.distance(zone) for zone in sides)[:need]], default=0.0)
         if worst > near:
             found.append(Violation("path", (name,), worst - near))
     if rules.turning_circle > 0:

@@ -282,8 +282,7 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
     elsewhere = np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
     fill = fill_plane if isinstance(quality, str) else quality.fill
-    things = texture.known & (whole.values[..., 5] > 0.5)
-    done = fill(texture, hole, (mixed, things), room, elsewhere, skirting)
+    done = fill(texture, hole, (mixed, texture.known & (whole.values[..., 5] > 0.5)), room, elsewhere, skirting)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
     done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
@@ -331,8 +330,7 @@ def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, qu
     offset = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
     nearest_m = max(abs(float(offset @ plane.normal)), 0.3)
     texels = TEXELS[quality] if isinstance(quality, str) else QUICK_TEXELS
-    most = math.sqrt(texels / max(plane.width_m * plane.height_m, 1e-6))
-    return min(FINER * px_rad / nearest_m, most)
+    return min(FINER * px_rad / nearest_m, math.sqrt(texels / max(plane.width_m * plane.height_m, 1e-6)))
 
 
 # Pixels on the edges of floor and ceiling show two planes: filled ones are mixed as a camera would, not in steps.

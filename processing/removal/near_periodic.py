@@ -134,8 +134,7 @@ def analyse(values: Floats, known: Flags) -> Analysis:
             near_periodic_lattice.self_correlation(field, inner), near_periodic_lattice.ORIENTED_NCC
         )
     if lattice is not None:
-        scaled = Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength)
-        return Analysis(scaled, None, alike, factor)
+        return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None, alike, factor)
     return Analysis(None, near_periodic_lattice.find_line(field, inner), alike, factor)
 
 

@@ -140,8 +140,7 @@ def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list
     mean = total / np.maximum(count, 1)[..., None]
     flat = tone[known].mean(axis=0) if known.any() else np.zeros(tone.shape[2], np.float32)
     any_copy = np.asarray(count > 0)[..., None]
-    guess = np.where(known[..., None], tone, np.where(any_copy, mean, flat))
-    return np.asarray(guess, np.float32)
+    return np.asarray(np.where(known[..., None], tone, np.where(any_copy, mean, flat)), np.float32)
 
 
 def _usual_costs(tone: Floats, known: Flags, offsets: Doubles) -> Floats:
@@ -299,14 +298,12 @@ def window_around(flags: Flags, margin_px: int = 0) -> tuple[slice, slice]:
 def met_to_rim(filled: Floats, offered: Flags, tone: Floats, known: Flags, hole: Flags, rim_px: float) -> Floats:
     """Return the filling (H, W, C) moved by a membrane so that it meets the tones around the hole without a step."""
     width = max(1, round(rim_px))
-    near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * width + 1,) * 2, np.uint8)).astype(bool)
-    ring = near & known & offered
+    ring = cv2.dilate(hole.astype(np.uint8), np.ones((2 * width + 1,) * 2, np.uint8)).astype(bool) & known & offered
     if not ring.any():
         return filled
     weight = ring.astype(np.float32)
     sigma = max(rim_px / 2, 0.5)
     share = blurred(weight, sigma)
     step = blurred(np.where(ring[..., None], tone - filled, 0).astype(np.float32), sigma)
-    mean = step / np.maximum(share, 1e-6)[..., None]
-    bounded = np.clip(mean, -LARGEST_STEP, LARGEST_STEP).astype(np.float32)
+    bounded = np.clip(step / np.maximum(share, 1e-6)[..., None], -LARGEST_STEP, LARGEST_STEP).astype(np.float32)
     return np.asarray(filled + spread(bounded, ring & (share > 1e-3)), np.float32)

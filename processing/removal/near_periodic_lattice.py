@@ -257,8 +257,7 @@ def lattice_offsets(lattice: Lattice, shape: tuple[int, int]) -> Doubles:
     """Return the nodes (N, 2) within a texture's size, nearest first: what is near has like light and like wear."""
     height, width = shape
     shortest = max(np.linalg.norm(lattice.basis_px, axis=1).min(), 1.0)
-    reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / shortest)))
-    nodes = lattice.nodes(reach)
+    nodes = lattice.nodes(min(40, int(np.ceil(1.1 * np.hypot(height, width) / shortest))))
     nodes = nodes[(np.abs(nodes[:, 0]) < 0.9 * width) & (np.abs(nodes[:, 1]) < 0.9 * height)]
     nodes = nodes[np.argsort(np.hypot(*nodes.T))]
     if len(nodes) <= MOST:

@@ -335,8 +335,7 @@ def _rectangle(unlike: Flags, thing: Flags, hole: Flags) -> tuple[slice, slice] 
     seen, lost = ~hole[box], float(hole[box].mean())
     if not LOST[0] < lost < LOST[1]:
         return None
-    full = ndimage.binary_fill_holes(own | hole)[box] & seen
-    return box if full.sum() > FULL * seen.sum() else None
+    return box if (ndimage.binary_fill_holes(own | hole)[box] & seen).sum() > FULL * seen.sum() else None
 
 
 def _is_picture(whole: Flags, px_per_m: float) -> bool:

@@ -291,8 +291,7 @@ def _left_on(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Floats:
     nothing = np.zeros((*known.shape, 2), np.float32)
     if clean.sum() < LEAST_TEXELS:
         return nothing
-    tone = known_mean(ToneScale.of(light, clean).tone(light), known, 1.0)[0]
-    rest, spread = _about_light(tone, clean)
+    rest, spread = _about_light(known_mean(ToneScale.of(light, clean).tone(light), known, 1.0)[0], clean)
     if spread > PLAIN:
         return nothing
     dark = grey(rest)

@@ -143,8 +143,7 @@ def thin_and_dark(rgb8: Bytes) -> Floats:
     """Return (H, W) in 0..1: how surely each pixel is narrower than `LEG_PX` and darker than what is beside it."""
     encoded = cv2.cvtColor(rgb8, cv2.COLOR_RGB2GRAY).astype(np.float32)
     light = np.log((encoded / 255) ** 2.2 + 1e-3)
-    brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
-    darker = cv2.morphologyEx(light, cv2.MORPH_BLACKHAT, brush)
+    darker = cv2.morphologyEx(light, cv2.MORPH_BLACKHAT, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX)))
     low, high = np.log(DARKER)
     return np.asarray(np.clip((darker - low) / (high - low), 0, 1), np.float32)
 
@@ -170,8 +169,7 @@ def _boards(evidence: Floats, rgb8: Bytes, near: Flags) -> tuple[Flags, int]:
         return np.zeros(near.shape, bool), 0
     count, labels = components(snapped(evidence, rgb8) > 0.5)
     sums = np.bincount(labels.ravel(), evidence.ravel(), count + 1)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    strong = sums >= STRONG * np.maximum(sizes, 1)
+    strong = sums >= STRONG * np.maximum(np.bincount(labels.ravel(), minlength=count + 1), 1)
     strong[0] = False
     strong[np.unique(labels[near])] = False
     return strong[labels], int(strong.sum())

@@ -51,8 +51,7 @@ def tidied(floor_m: Doubles) -> Doubles | None:
 
 def _straight(before: Doubles, corner: Doubles, after: Doubles) -> bool:
     one, other = corner - before, after - corner
-    turn = math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))
-    return abs(turn) < STRAIGHT_RAD
+    return abs(math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))) < STRAIGHT_RAD
 
 
 EDGE_WEIGHT = 500.0  # squared standard deviations for edges of full strength all along floor or ceiling

@@ -52,8 +52,7 @@ def find_openings_in_sun(
         return found
     patches, maps = sun_patches(image, room.model_copy(update={"openings": found}), sun)
     panes = [maps.opening == i for i in range(len(found))]
-    touched = any((patches & pane).sum() > LEAST_SHARE_OF_OPENING * max(1, pane.sum()) for pane in panes)
-    if not touched:
+    if not any((patches & pane).sum() > LEAST_SHARE_OF_OPENING * max(1, pane.sum()) for pane in panes):
         return found
     # Evidence of a wall where it was of a window
     shape = evidence.probabilities.shape[1:]

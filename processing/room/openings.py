@@ -48,8 +48,7 @@ def _cloth(one: Candidate, rows: tuple[float, float], columns: tuple[float, floa
     p, share = view.px_per_m, view.share[SceneClass.FIXTURE]
     y0, y1 = (int(np.clip(round(v * p), 0, share.shape[0])) for v in rows)
     x0, x1 = (int(np.clip(round(u * p), 0, share.shape[1])) for u in columns)
-    part = share[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
-    return np.asarray(part.mean(axis=1 - axis), dtype=np.float64)
+    return np.asarray(share[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)].mean(axis=1 - axis), dtype=np.float64)
 
 
 def _run(cloth: Doubles, px_per_m: float) -> float:
@@ -73,8 +72,7 @@ def _between_curtains(one: Candidate) -> Candidate:
         return one
     middle = ((u0 - left) + (u1 + right)) / 2
     half = max(middle - u0, u1 - middle)
-    box = (max(u0 - left, middle - half), v0, min(u1 + right, middle + half), v1)
-    return replace(one, box=box)
+    return replace(one, box=(max(u0 - left, middle - half), v0, min(u1 + right, middle + half), v1))
 
 
 def _behind_blind(one: Candidate) -> Candidate:

@@ -164,8 +164,7 @@ def panoannotator_room(data: Any, *, camera_height_m: float | None = None) -> Ro
     if not 0 < camera < height:
         raise LayoutFileError(f"a room {height:g} high with the camera at {camera:g}", where="layoutHeight")
     scale = 1.0 if camera_height_m is None else camera_height_m / camera
-    floor = np.array(places).reshape(-1, 2) * scale
-    return _room(floor, camera * scale, height * scale, (), "PanoAnnotator")
+    return _room(np.array(places).reshape(-1, 2) * scale, camera * scale, height * scale, (), "PanoAnnotator")
 
 
 def horizonnet_room(text: str, *, camera_height_m: float = 1.6) -> RoomModel:

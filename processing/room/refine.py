@@ -233,8 +233,7 @@ def _classes(evidence: SceneEvidence, azimuth_rad: Doubles, latitude_rad: Double
     """Return the probabilities (CLASSES, N) at places of the sphere."""
     rows, columns = evidence.probabilities.shape[1:]
     x = ((azimuth_rad / (2 * math.pi) + 0.5) * columns).astype(int) % columns
-    y = np.clip(((0.5 - latitude_rad / math.pi) * rows).astype(int), 0, rows - 1)
-    return evidence.probabilities[:, y, x]
+    return evidence.probabilities[:, np.clip(((0.5 - latitude_rad / math.pi) * rows).astype(int), 0, rows - 1), x]
 
 
 def _moved(sight: _Sight, shift: npt.ArrayLike, ratio_shift: float = 0.0) -> tuple[Doubles, Doubles]:

@@ -162,8 +162,7 @@ def find_axes(arcs: Arcs, *, most_tilt_rad: float = MOST_TILT_RAD) -> Axes | Non
     turns = []
     for left_out in range(SECTORS):
         kept = np.where(sector == left_out, 0.0, worth)
-        turn = rotation_vector(_refined(arcs, kept, rows, FINE_RAD, 3).T @ rows)
-        turns.append(rows @ turn)
+        turns.append(rows @ rotation_vector(_refined(arcs, kept, rows, FINE_RAD, 3).T @ rows))
     off = np.array(turns) - np.mean(turns, axis=0)
     return Axes(rows, np.asarray((SECTORS - 1) / SECTORS * off.T @ off), *_excess(arcs, worth, rows, FINE_RAD))
 

@@ -148,8 +148,7 @@ def _stitched(
     segmented: Sequence[tuple[Perspective, Floats, float]], target: Equirectangular, first: SceneEvidence | None
 ) -> Floats:
     """Return (8, H, W); where no view sees, what was known first, else uniform."""
-    shape = (target.height_px, target.width_px)
-    rest = np.full((*shape, len(SceneClass)), 1 / len(SceneClass), dtype=np.float32)
+    rest = np.full((target.height_px, target.width_px, len(SceneClass)), 1 / len(SceneClass), dtype=np.float32)
     if first is not None:
         known = np.ascontiguousarray(first.probabilities.transpose(1, 2, 0))
         rest, _ = resample(known, Equirectangular(known.shape[1], known.shape[0]), target, method="bilinear")

@@ -71,8 +71,7 @@ def installed(model: KnownModel = ADE20K_DEEPLAB) -> Path | None:
         state = path.stat()
     except OSError:
         return None
-    whole = state.st_size == model.size_bytes and _digest(path, state.st_mtime_ns) == model.sha256
-    return path if whole else None
+    return path if state.st_size == model.size_bytes and _digest(path, state.st_mtime_ns) == model.sha256 else None
 
 
 @lru_cache(maxsize=16)

@@ -146,8 +146,7 @@ class _Pen:
     fills: dict[str, str]
 
     def verbs(self) -> dict[str, Callable[..., None]]:
-        verbs = (self.rect, self.round, self.circle, self.leaf, self.books, self.line)
-        return {verb.__name__: verb for verb in verbs}
+        return {verb.__name__: verb for verb in (self.rect, self.round, self.circle, self.leaf, self.books, self.line)}
 
     def _area(self, rim: Sequence[Point], fill: str, thin: int) -> None:
         self.drawn.append(Area(rim, self.fills[fill], INK, THIN if thin else FINE))

@@ -203,8 +203,7 @@ def write_drawings(result: Arrangements, folder: Path, rules: RuleSet | None = N
     written: list[Path] = []
     pictures = []
     for arrangement in result.arrangements:
-        sheet = plan_sheet(plan, arrangement, rules=rules)
-        written += write_sheet(sheet, folder / f"layout-{arrangement.rank}")
+        written += write_sheet(plan_sheet(plan, arrangement, rules=rules), folder / f"layout-{arrangement.rank}")
         pictures.append(Image.open(written[-1]).convert("RGB"))
     if pictures:
         path = folder / "contact-sheet.png"

@@ -59,8 +59,7 @@ def checked_size(category: str, size_m: Size | None) -> Size:
     """Return a size within the kind's limits, its usual one for None; raise `CatalogueError` for others."""
     kind = BUILT_IN[category]
     size = kind.usual_m if size_m is None else size_m
-    rows = zip(("wide", "deep", "high"), size, kind.smallest_m, kind.largest_m, strict=True)
-    for word, value, low, high in rows:
+    for word, value, low, high in zip(("wide", "deep", "high"), size, kind.smallest_m, kind.largest_m, strict=True):
         if not low - 1e-6 <= value <= high + 1e-6:
             raise CatalogueError(f"{value:g} m {word}: it is made {low:g} to {high:g} m {word}", where=category)
     return size

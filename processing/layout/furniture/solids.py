@@ -248,8 +248,7 @@ def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12
 def _ring_tube(p: Doubles, radius_m: float, sides: int) -> Solid:
     tangents = np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    up = np.linalg.svd(p - p.mean(axis=0))[2][2]
-    outward = np.cross(tangents, up)
+    outward = np.cross(tangents, np.linalg.svd(p - p.mean(axis=0))[2][2])
     a = 2 * np.pi * np.arange(sides) / sides
     rings = p[:, None] + radius_m * (
         np.cos(a)[None, :, None] * outward[:, None] + np.sin(a)[None, :, None] * np.cross(tangents, outward)[:, None]

@@ -169,8 +169,7 @@ _STAND = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 def _misfit(extent: Doubles, size: Size) -> float:
     """Return how unlike two boxes' proportions are, 0 for alike."""
-    ratio = np.log(np.maximum(extent, 1e-3 * extent.max()) / np.array(size))
-    return float(np.ptp(ratio))
+    return float(np.ptp(np.log(np.maximum(extent, 1e-3 * extent.max()) / np.array(size))))
 
 
 def _up(extent: Doubles, category: str, given: Given, notes: list[str]) -> str:
