@@ -258,8 +258,7 @@ class Studio:
     async def _changes(self, request: Request, session: Path) -> AsyncIterator[str]:
         last = ""
         while not await request.is_disconnected():
-            state = {"stamp": await run_in_threadpool(seen.stamp, session), "job": self.jobs.state(session)}
-            text = json.dumps(state)
+            text = json.dumps({"stamp": await run_in_threadpool(seen.stamp, session), "job": self.jobs.state(session)})
             if text != last:
                 yield f"data: {text}\n\n"
                 last = text

@@ -134,8 +134,7 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     found = found_of(pictures, calibration, merged)
     folder = into or session / "certificate"
     folder.mkdir(parents=True, exist_ok=True)
-    page = build_certificate(manifest.name, session_facts(manifest), found)
-    write_bytes(folder / "index.html", page.encode("utf-8"))
+    write_bytes(folder / "index.html", build_certificate(manifest.name, session_facts(manifest), found).encode("utf-8"))
     write_bytes(folder / "certificate.json", json.dumps(found, indent=1).encode("utf-8"))
     page_file = str(folder / "index.html")
     budgets = (f"{b['figure']}: {b['value']:.5g} ± {b['expanded']:.2g} {b['unit']} (k = 2)" for b in found["budgets"])

@@ -300,8 +300,7 @@ def proof(
         if sign is not None:
             signer = self_made_signer(SystemClock().utc_now()) if sign == "self" else read_signer(Path(sign))
         path, own = write_proof(session.resolve(), folder, signer)
-        facts = {"ok": True, "file": str(path), "sha256": own}
-        return answer(facts, (str(path), f"sha256 {own}"), as_json=as_json)
+        return answer({"ok": True, "file": str(path), "sha256": own}, (str(path), f"sha256 {own}"), as_json=as_json)
     wrong = check_proof(folder, session=session.resolve(), digest=digest)
     lines = wrong or ["every byte is as it was"]
     return answer({"ok": not wrong, "problems": wrong}, lines, as_json=as_json, exit_code=1 if wrong else 0)

@@ -67,8 +67,7 @@ def room(
     manifest = load_manifest(session)
     path = check or session / ROOM_FILE
     if edit:
-        begin = _beginning(session, start, (imported, panorama), manifest.camera_height_m)
-        _prepare(path, start, begin)
+        _prepare(path, start, _beginning(session, start, (imported, panorama), manifest.camera_height_m))
         if sys.stdin.isatty() and sys.stdout.isatty() and not as_json:
             click.edit(filename=str(path))
         remember(session, {"room": path}, by="daylit room --edit")
@@ -110,8 +109,7 @@ def _estimate_around(session: Path, path: Path) -> None:
     from processing.running.choices import remember
     from processing.running.room_anew import room_around
 
-    made = room_around(session, read_room(path))
-    write_room(path, made.model_copy(update={"source": "given", "confidence": 1.0}))
+    write_room(path, room_around(session, read_room(path)).model_copy(update={"source": "given", "confidence": 1.0}))
     remember(session, {"room": path}, by="daylit room --around")
 
 

@@ -105,8 +105,7 @@ class Glb:
         small = np.uint16 if len(places) < 65_536 else np.uint32
         indices = self._accessor(same[np.asarray(faces).ravel()].astype(small), "SCALAR", index=True)
         part = {"attributes": attributes, "indices": indices, "material": material}
-        mesh = self._append("meshes", {"name": name, "primitives": [part]})
-        self._put({"name": name, "mesh": mesh}, group)
+        self._put({"name": name, "mesh": self._append("meshes", {"name": name, "primitives": [part]})}, group)
 
     def add_camera(self, eye_m: Vector) -> None:
         """Add a camera at a place (m, our frame) that looks ahead (+y), as wide as a still."""
@@ -266,8 +265,7 @@ def _add_surface(glb: Glb, surface: Surface, picture: Bytes | None, most_px: int
     offset = corners - surface.origin_m
     uv = np.column_stack([offset @ surface.u_axis / surface.width_m, offset @ surface.v_axis / surface.height_m])
     normals = np.broadcast_to(surface.normal, corners.shape)
-    faces = np.arange(len(corners)).reshape(-1, 3)
-    glb.add_mesh(surface.name, corners, normals, uv, faces, glb.add_material(material))
+    glb.add_mesh(surface.name, corners, normals, uv, np.arange(len(corners)).reshape(-1, 3), glb.add_material(material))
 
 
 def _add_part(glb: Glb, part: Part, most_px: int) -> None:

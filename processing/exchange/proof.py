@@ -88,8 +88,7 @@ def self_made_signer(now: datetime) -> Signer:
             .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(above), critical=False)
             .sign(keys[0], None)
         )
-    chain = b"".join(one.public_bytes(form.Encoding.PEM) for one in reversed(made))
-    return _signer(chain, keys[1], self_made=True)
+    return _signer(b"".join(one.public_bytes(form.Encoding.PEM) for one in reversed(made)), keys[1], self_made=True)
 
 
 def read_signer(path: Path) -> Signer:
@@ -109,8 +108,7 @@ def read_signer(path: Path) -> Signer:
     except (ValueError, TypeError) as error:
         advice = "give one PEM file with the certificate, those above it, and the private key without a password"
         raise ParameterError(f"no certificate with its key: {error}", where=str(path), advice=advice) from error
-    chain = b"".join(one.public_bytes(form.Encoding.PEM) for one in certificates)
-    return _signer(chain, key, self_made=False)
+    return _signer(b"".join(one.public_bytes(form.Encoding.PEM) for one in certificates), key, self_made=False)
 
 
 def _signer(chain: bytes, key: Any, *, self_made: bool) -> Signer:

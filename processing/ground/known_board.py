@@ -107,8 +107,7 @@ def _view(values: Floats, seed: tuple[int, int], reach: float) -> Floats:
     coarser = reach / VIEW_PX * high / math.pi
     if coarser > 0.5:  # finer pictures are blurred first, that no pixel is skipped
         values = np.asarray(cv2.GaussianBlur(values, (0, 0), coarser), np.float32)
-    sampled = cv2.remap(values, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
-    return np.asarray(sampled, np.float32)
+    return np.asarray(cv2.remap(values, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR), np.float32)
 
 
 def _edges(view: Floats, share: float) -> tuple[Doubles, Doubles]:

@@ -139,5 +139,4 @@ def turned(mesh: Mesh, axis: Vector, angle_rad: float, about: Vector = (0.0, 0.0
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix = np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * cross @ cross
-    vertices = (mesh.vertices - about) @ matrix.T + about
-    return replace(mesh, vertices=vertices, normals=mesh.normals @ matrix.T)
+    return replace(mesh, vertices=(mesh.vertices - about) @ matrix.T + about, normals=mesh.normals @ matrix.T)

@@ -93,8 +93,7 @@ def candidates() -> Iterator[Path]:
 def version_in_name(path: Path) -> int:
     """Return the major version in a library's path (libLLVM.so.19.1, llvm-19/, llvm/19.1.7/), else 0."""
     in_file = re.search(r"libLLVM-?(?:\.so\.)?(\d+)", path.name)
-    in_folder = re.search(r"/llvm(?:@\d+)?[-/]?(\d+)", path.as_posix())
-    version = in_file or in_folder
+    version = in_file or re.search(r"/llvm(?:@\d+)?[-/]?(\d+)", path.as_posix())
     return int(version.group(1)) if version else 0
 
 

@@ -92,8 +92,7 @@ def widened(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImag
     u2 = np.square(image.uncertainty)
     for mode in modes:
         u2 += np.square(relative_error(mode, image, luminance))
-    attributes = with_modes(image.attributes, [*modes_of(image), *modes])
-    return replace(image, uncertainty=np.sqrt(u2), attributes=attributes)
+    return replace(image, uncertainty=np.sqrt(u2), attributes=with_modes(image.attributes, [*modes_of(image), *modes]))
 
 
 def modes_of(image: RelativeImage | LuminanceImage) -> tuple[SharedMode, ...]:

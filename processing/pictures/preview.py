@@ -35,8 +35,7 @@ def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
     for top in range(0, rgb.shape[0], _ROWS):
         rows = rgb[top : top + _ROWS] * np.float32(scale)
         luminance = luminance_cd_m2(rows)[..., None]
-        shown = rows * ((1 + luminance / np.float32(white * white)) / (1 + luminance))
-        out[top : top + _ROWS] = srgb_of_linear(shown)
+        out[top : top + _ROWS] = srgb_of_linear(rows * ((1 + luminance / np.float32(white * white)) / (1 + luminance)))
     return out
 
 

@@ -60,8 +60,7 @@ def check_array(
 ) -> None:
     """Raise unless an array has this shape and type."""
     if array.shape != shape or array.dtype != dtype:
-        wanted = f"{np.dtype(dtype)} {shape}"
-        raise refused(where, f"{name} is {array.dtype} {array.shape}, and should be {wanted}")
+        raise refused(where, f"{name} is {array.dtype} {array.shape}, and should be {np.dtype(dtype)} {shape}")
 
 
 def check_light(rgb: Floats, where: Path | str) -> None:

@@ -81,8 +81,7 @@ class _Piece:
         there = np.flatnonzero(found.label >= FIRST_PART)
         found, turned = found.some(there), self.body.turned
         point = turned(found.point) + np.asarray(pose[2:], np.float32)
-        moved = replace(found, point=point.astype(np.float32), normal=turned(found.normal))
-        return _Seen(pixel[there], moved, found)
+        return _Seen(pixel[there], replace(found, point=point.astype(np.float32), normal=turned(found.normal)), found)
 
 
 class LiveFurniture:
@@ -184,8 +183,7 @@ class LiveFurniture:
             sight = seen.sight.some(np.flatnonzero(mine))
             sight = replace(sight, label=(sight.label + PARTS * number).astype(np.int32))
             places = self._places._replace(row=self._places.row[pixel], column=self._places.column[pixel])
-            every = np.ones(len(pixel), bool)
-            found = Steps.of(small, sight, every, places, wraps=True, any_solid=True).apply(smooth)
+            found = Steps.of(small, sight, np.ones(len(pixel), bool), places, wraps=True, any_solid=True).apply(smooth)
             rgb[pixel] = piece.albedo[mine] * (found + bright[mine]) / np.float32(math.pi) + piece.emission[mine]
 
 

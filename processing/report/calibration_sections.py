@@ -162,8 +162,7 @@ def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Pictur
     ]
     temperature = plots.cct_picture(image.rgb)
     found.append(Picture(f"{name}: correlated colour temperature", temperature, "false colours of CCT", wide=wide))
-    marked = (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any())
-    if marked:
+    if (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any()):
         ghost = None if image.ghost is None else image.ghost[rows, rows]
         overlay = validity_overlay(small, image.validity[rows, rows], ghost)
         found.append(Picture(f"{name}: validity", jpeg_bytes(overlay), "clipped, dark, repaired, moved", wide=wide))

@@ -149,8 +149,7 @@ def luminance_picture(luminance: Floats, unit: str = "cd/m2") -> bytes:
 
 def uncertainty_map(uncertainty: Floats) -> bytes:
     """Return a JPEG (4:4:4) of relative standard uncertainty (H, W) in per cent with its scale; grey: nothing known."""
-    finite = np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)
-    picture = uncertainty_picture(_shrunk(finite))
+    picture = uncertainty_picture(_shrunk(np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)))
     return jpeg_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
 
 

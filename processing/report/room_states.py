@@ -77,8 +77,7 @@ def look_of(context: StageContext, views: Vector, image: LuminanceImage) -> Look
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
     known, room = context.has("stills", "display"), context.optional_artifact("room", "room")
     display = display_in(context, (image if known else next(room_states(context)).read()).rgb)
-    panes = panes_of(room, image.geometry, display.views)
-    return Look(display, panes, views[0], "" if plain else TEXT, views[1], room)
+    return Look(display, panes_of(room, image.geometry, display.views), views[0], "" if plain else TEXT, views[1], room)
 
 
 def display_in(context: StageContext, rgb: Floats) -> Display:

@@ -80,8 +80,7 @@ def report_data(context: StageContext) -> ReportData:
 def _panorama(context: StageContext) -> list[str | bool]:
     """Return the unit of luminance, and whether the room was seen all around."""
     image = upright_panorama(context)
-    whole = isinstance(image.geometry, Equirectangular) and image.rgb.shape[1] == 2 * image.rgb.shape[0]
-    return [image.unit, whole]
+    return [image.unit, isinstance(image.geometry, Equirectangular) and image.rgb.shape[1] == 2 * image.rgb.shape[0]]
 
 
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
@@ -201,6 +200,5 @@ def _files(context: StageContext, unit: str) -> tuple[FileLine, ...]:
     for (stage, name), what in FILES.items():
         path = context.session_path / "stages" / stage / name
         if path.exists():
-            text = what.replace("cd/m2", unit)
-            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, text))
+            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, what.replace("cd/m2", unit)))
     return tuple(lines)

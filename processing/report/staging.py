@@ -194,8 +194,7 @@ def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | N
         staged = context.optional_artifact("render", "staged")
         found.append(alternatives_section(arranged, staged, cuts, _plans(context)))
         if (context.session_path / FOLDER).is_dir():
-            look = look_of(context, views, upright_panorama(context))
-            found.append(relight_section(context.session_path, look))
+            found.append(relight_section(context.session_path, look_of(context, views, upright_panorama(context))))
     materials = context.optional_artifact("materials", "materials")
     if materials is not None:
         found.append(materials_section(materials, context.summary("materials").get("metrics", {})))
@@ -280,8 +279,7 @@ def _card(moment: Moment, look: Look) -> Card:
     if isinstance(facts.get("global_horizontal_lx"), int | float):
         figures.append(Quantity("Outdoors", round(float(facts["global_horizontal_lx"]), -1), "lx"))
     if isinstance(facts.get("median_luminance"), int | float):
-        unit = str(facts.get("unit", ""))
-        figures.append(Quantity("Room, median", float(f"{facts['median_luminance']:.3g}"), unit))
+        figures.append(Quantity("Room, median", float(f"{facts['median_luminance']:.3g}"), str(facts.get("unit", ""))))
     if isinstance(facts.get("sun_elevation_deg"), int | float):
         figures.append(Quantity("Sun's height", round(float(facts["sun_elevation_deg"]), 1), "°"))
     weather = _WEATHER.get(str(facts.get("weather", "")), "")

@@ -139,8 +139,7 @@ def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem])
             advice = f"a lens of {WIDEST_MM:g} to {LONGEST_MM:g} mm, a drop of 0 to {MOST_DROP:g}"
             raise ParameterError(f"--aim {one}: no frame of a room", advice=advice)
         frame = Frame(math.remainder(math.radians(yaw_deg), 2 * math.pi), lens_mm, drop)
-        states = _seen(frame, things, room) if room else np.empty(0)
-        frames.append(replace(frame, shows=_whole_ones(states, things)))
+        frames.append(replace(frame, shows=_whole_ones(_seen(frame, things, room) if room else np.empty(0), things)))
     return tuple(frames)
 
 

@@ -189,8 +189,7 @@ class Work:
     def records(self, made: list[Artifact]) -> dict[str, FileRecord]:
         """Return the records of the files, which are then durable; those taken over are known."""
         names = sorted(set(map(file_name, made)) - set(self.parts.kept))
-        records = self.building.sync_files(names, self.memory) | self.parts.kept
-        return dict(sorted(records.items()))
+        return dict(sorted((self.building.sync_files(names, self.memory) | self.parts.kept).items()))
 
 
 def make_result(stage: Stage, context: StageContext, work: Work) -> Made:

@@ -110,8 +110,7 @@ class Choices(BaseModel):
 
 def known() -> dict[str, type]:
     """Return the names that can be chosen, with the type of their values (`Path`: a file or folder)."""
-    kinds = {flag[2:]: o.type if o.kind == "parameter" else Path for flag, o in options().items()}
-    return kinds | TRADES | PLACES
+    return {flag[2:]: o.type if o.kind == "parameter" else Path for flag, o in options().items()} | TRADES | PLACES
 
 
 def check_known(names: Iterable[str], where: str) -> None:

@@ -108,8 +108,7 @@ class PastSeconds:
 
     def add(self, key: str, seconds: float, megapixels: float) -> None:
         """Note a run."""
-        runs = [*self._runs.get(key, []), (round(seconds, 3), round(megapixels, 3))]
-        self._runs[key] = runs[-KEPT_RUNS:]
+        self._runs[key] = [*self._runs.get(key, []), (round(seconds, 3), round(megapixels, 3))][-KEPT_RUNS:]
 
     def save(self) -> None:
         """Keep the notes; failing to do so is no harm."""

@@ -77,8 +77,7 @@ class StageResult(_Record):
 
     def summary(self) -> dict[str, Any]:
         """Return what later stages may read beside the artifacts, as JSON values."""
-        seen = {"given", "skipped", "left_out", "metrics", "warnings", "honoured"}
-        return self.model_dump(mode="json", include=seen)
+        return self.model_dump(mode="json", include={"given", "skipped", "left_out", "metrics", "warnings", "honoured"})
 
     def sealed(self) -> StageResult:
         """Return the result with its seal."""

@@ -41,8 +41,7 @@ def process(
         store = ResultStore(folder, memory)
         if write:
             store.recover()
-        inputs = StageInputs(session, root, load_manifest(session), request, memory)
-        run = PipelineRun(inputs, plan, store, on_event)
+        run = PipelineRun(StageInputs(session, root, load_manifest(session), request, memory), plan, store, on_event)
         try:
             reports = tuple(run.steps())
         finally:

@@ -369,5 +369,4 @@ def _density(geometry: Geometry, x: Doubles, y: Doubles, d: Doubles) -> Doubles:
     if isinstance(geometry, Perspective):
         return np.asarray((d @ view_axes(geometry)[2]) ** 3)
     column, row = geometry.axis_px
-    radius = np.minimum(np.hypot(x - column, y - row) / geometry.radius_px, 1.0)
-    return radial_density(geometry, radius)
+    return radial_density(geometry, np.minimum(np.hypot(x - column, y - row) / geometry.radius_px, 1.0))

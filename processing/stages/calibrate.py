@@ -232,8 +232,7 @@ def _scale(
     longitude, latitude, target = _target(image, session, asked)
     frames = [frame for frame in session.frames if frame.side is Side.INDOOR]
     scale = scale_from_reading(image, session.readings, longitude, latitude, frames=frames)
-    place = {"longitude_deg": math.degrees(longitude), "latitude_deg": math.degrees(latitude)}
-    return scale, target | place
+    return scale, target | {"longitude_deg": math.degrees(longitude), "latitude_deg": math.degrees(latitude)}
 
 
 def _target(

@@ -130,8 +130,7 @@ def read_shade(context: StageContext) -> Shade | None:
     with np.load(path) as kept:
         light = np.exp(kept["log_without_lx"].astype(np.float32))
         # 1e-6 lx stands for a place whose light is unknown.
-        known = light.max(axis=-1, keepdims=True) > UNKNOWN_LX
-        light = np.where(known, light, np.float32(0))
+        light = np.where(light.max(axis=-1, keepdims=True) > UNKNOWN_LX, light, np.float32(0))
         return Shade(kept["log_change"].astype(np.float32), light, kept["seen"], kept["returned"])
 
 
@@ -170,8 +169,7 @@ def light_outdoors(
     picture = context.optional_artifact("calibrate", "outdoor")
     if picture is None:
         why = context.summary("calibrate")["left_out"].get("outdoor", "the session has no outdoor picture")
-        text = f"the windows light as they look from inside, without direct sun: {why}"
-        return None, inside, [text]
+        return None, inside, [f"the windows light as they look from inside, without direct sun: {why}"]
     try:
         found = outdoors_of(picture)
     except SceneError as error:

@@ -52,8 +52,7 @@ def run(context: StageContext) -> StageOutput:
     filled = found.provenance > 0
     if change is not None:
         with (context.folder / "lift.npz").open("wb") as file:
-            steps = np.round(change / LIFT_STEP) * LIFT_STEP
-            np.savez_compressed(file, log_luminance=steps.astype(np.float16))
+            np.savez_compressed(file, log_luminance=(np.round(change / LIFT_STEP) * LIFT_STEP).astype(np.float16))
         filled |= change != 0
     assert isinstance(found.image, LuminanceImage)
     found = replace(found, image=estimated(found.image, filled))

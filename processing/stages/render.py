@@ -168,8 +168,7 @@ def _alternative(
 ) -> dict[str, Any]:
     """Render one alternative, write its picture and its model (``path`` without an ending), and return its facts."""
     work = common()
-    lit = work.asked.lamps == "on"
-    parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=lit)
+    parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=work.asked.lamps == "on")
     staged = _staged(work, parts, work.effort)
     write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged))
     write_scene_glb(path.with_suffix(".glb"), work.model.furnished(parts), work.eye_m)

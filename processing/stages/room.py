@@ -90,8 +90,7 @@ def _evidence(context: StageContext, image: LuminanceImage, turned: Upright, mod
         return evidence
     network = load_layout_network(model)
     boundary = layout_boundary(image, network, turn_rad=turned.manhattan_rad)
-    source = f"{evidence.source}; boundaries: {network.kind} {network.name}"
-    return replace(evidence, boundary=boundary, source=source)
+    return replace(evidence, boundary=boundary, source=f"{evidence.source}; boundaries: {network.kind} {network.name}")
 
 
 def _seen(own: SceneEvidence, image: LuminanceImage, asked: RoomParameters) -> SceneEvidence:

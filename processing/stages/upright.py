@@ -64,8 +64,7 @@ def mask_in_size(mask: Flags, width_px: int) -> Flags:
 
 def _worst(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
     height, width = values.shape
-    blocks = values.reshape(height // factor, factor, width // factor, factor)
-    return np.ascontiguousarray(blocks.max(axis=(1, 3)))
+    return np.ascontiguousarray(values.reshape(height // factor, factor, width // factor, factor).max(axis=(1, 3)))
 
 
 def known_room(context: StageContext) -> RoomModel:

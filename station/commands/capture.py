@@ -336,8 +336,7 @@ def dry_run(file: RigFile, options: dict[str, Any]) -> int:
         lines.append(f"and up to {MOST_FURTHER} further exposures, {MOST_FURTHER_S:g} s in all, for the noise asked")
     if plan.mode == "adaptive":
         lines.append("adaptive: the most it can take; stops that the frames prove useless are left out")
-    facts = {"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}
-    return answer(facts, lines, as_json=options["as_json"])
+    return answer({"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}, lines, as_json=options["as_json"])
 
 
 def _require_stops(file: RigFile, plan: BracketPlan) -> None:

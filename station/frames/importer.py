@@ -322,5 +322,4 @@ def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]
                 yield WarningRecord(code="frame_note", message=f"{side}/{candidate.facts.name}: {note}"[:500])
     yield from request.notes
     if found.ignored:
-        names = ", ".join(found.ignored)
-        yield WarningRecord(code="ignored_files", message=f"not frames, left out: {names}"[:500])
+        yield WarningRecord(code="ignored_files", message=f"not frames, left out: {', '.join(found.ignored)}"[:500])

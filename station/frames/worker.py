@@ -105,8 +105,7 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
         if status.st_size > limit_bytes:
             raise FrameProblemError(Reason.TOO_LARGE, f"{status.st_size} bytes; the limit is {limit_bytes}")
         if format_ == "jpeg":
-            data = file.read(status.st_size)
-            return _inspect_jpeg(data, request["exact"], request.get("circle"), complaints)
+            return _inspect_jpeg(file.read(status.st_size), request["exact"], request.get("circle"), complaints)
         if format_ in ("png", "tiff"):
             return _inspect_lossless(file.read(status.st_size), format_, request.get("circle"), complaints)
         if status.st_size == 0:

@@ -164,8 +164,7 @@ class Journal:
 
     def _rewrite(self) -> None:
         """Write the good lines to a new file and put it in the journal's place."""
-        raw = self._folder.read_file(JOURNAL_NAME, MAX_JOURNAL_BYTES) or b""
-        good = raw[: self._size_bytes]
+        good = (self._folder.read_file(JOURNAL_NAME, MAX_JOURNAL_BYTES) or b"")[: self._size_bytes]
         if len(parse_journal(good, str(self.path)).entries) != self._seq:
             raise JournalError("lines that were there are gone", where=str(self.path))
         write_file(self._folder, JOURNAL_NAME, good)

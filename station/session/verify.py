@@ -197,8 +197,7 @@ def _compare(journalled: SessionManifest, manifest: SessionManifest, report: Ver
         for record in _lacking(ours, theirs):
             file = getattr(record, "file", None) or JOURNAL_NAME
             report.add("not-journalled", file, f"a {kind} of the manifest is not in the journal")
-    lists = {name for name, _ in RECORDS.values()} | {"status", "missing"}
-    for name in set(SessionManifest.model_fields) - lists:
+    for name in set(SessionManifest.model_fields) - ({name for name, _ in RECORDS.values()} | {"status", "missing"}):
         if getattr(manifest, name) != getattr(journalled, name):
             report.add("manifest-differs", MANIFEST_NAME, f"{name} is not what the journal says")
 
