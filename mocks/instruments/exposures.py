@@ -88,9 +88,7 @@ class ExposureRecord:
 
 def true_time_s(nominal_s: float, *, power_of_two: bool) -> float:
     """Return the time a shutter marked ``nominal_s`` really stays open."""
-    if not power_of_two:
-        return nominal_s
-    return float(2.0 ** (round(3 * math.log2(nominal_s)) / 3))
+    return float(2.0 ** (round(3 * math.log2(nominal_s)) / 3)) if power_of_two else nominal_s
 
 
 class Darkroom:

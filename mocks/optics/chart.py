@@ -124,9 +124,7 @@ def _turned(directions: Floats, site: Site) -> Floats:
 
     The turn is its own inverse: right becomes left, ahead and up change places.
     """
-    if site is Site.INDOOR:
-        return directions
-    return directions[:, [0, 2, 1]] * np.array((-1, 1, 1), dtype=np.float32)
+    return directions if site is Site.INDOOR else directions[:, [0, 2, 1]] * np.array((-1, 1, 1), dtype=np.float32)
 
 
 def _wall_met(way: Floats) -> tuple[Indices, Floats]:

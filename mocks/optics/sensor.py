@@ -66,9 +66,7 @@ class TrueShutter(StrEnum):
 
     def seconds(self, nominal_s: float) -> float:
         """Return the true exposure time of a nominal one."""
-        if self is TrueShutter.NOMINAL:
-            return nominal_s
-        return float(2.0 ** (round(3 * math.log2(nominal_s)) / 3))
+        return nominal_s if self is TrueShutter.NOMINAL else float(2.0 ** (round(3 * math.log2(nominal_s)) / 3))
 
 
 @dataclass(frozen=True)

@@ -115,9 +115,7 @@ class LightDrift:
 
     def factor(self, t_s: float) -> float:
         """Return the light at ``t_s`` relative to time 0."""
-        if self.amplitude == 0.0:
-            return 1.0
-        return self._raw(t_s) / self._raw(0.0)
+        return 1.0 if self.amplitude == 0.0 else self._raw(t_s) / self._raw(0.0)
 
     def _raw(self, t_s: float) -> float:
         phases = np.random.default_rng(self.seed).uniform(0, 2 * math.pi, 3)

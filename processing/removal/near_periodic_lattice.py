@@ -232,9 +232,7 @@ def _vertex(left: float, middle: float, right: float) -> float:
 def _measured(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> Lattice | None:
     a, b = reduced(a, b)
     values = [peak[1] for node in Lattice(a, b, 0.0).nodes(1) if (peak := peak_near(correlation, node, 2)) is not None]
-    if len(values) < 4:
-        return None
-    return Lattice(a, b, float(np.mean(values)))
+    return None if len(values) < 4 else Lattice(a, b, float(np.mean(values)))
 
 
 # Shifts from which a hole may be filled: lattice nodes, steps along planks, or wherever a texture is like itself.

@@ -254,10 +254,7 @@ def _one_beam(log2_luminance: Floats, depth: Floats, here: Flags) -> Flags:
     beam = here & (depth > -SLACK_M)
     if core.sum() < LEAST_PX // 4:
         core = beam
-    if ring.sum() < LEAST_PX // 4:
-        shade = 0.0
-    else:
-        shade = float(np.median(log2_luminance[ring]))
+    shade = 0.0 if ring.sum() < LEAST_PX // 4 else float(np.median(log2_luminance[ring]))
     bright = log2_luminance[core & (log2_luminance > shade + math.log2(LEAST_RATIO))]
     if bright.size < LEAST_PX // 8:
         return np.zeros(here.shape, bool)

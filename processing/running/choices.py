@@ -379,6 +379,4 @@ def _renewed(session: Path, name: str, choice: Choice) -> str:
 
 def shown(choice: Choice) -> str:
     """Return what was chosen, in a few words."""
-    if choice.file is None:
-        return str(choice.value)
-    return PurePosixPath(choice.given or choice.file).name
+    return str(choice.value) if choice.file is None else PurePosixPath(choice.given or choice.file).name

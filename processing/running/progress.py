@@ -174,9 +174,7 @@ def left_s(expected: Iterable[float | None], running_s: float | None, elapsed_s:
     else:
         current = share * own + (1 - share) * past
     known = [seconds for seconds in rest if seconds is not None]
-    if current is None or len(known) < len(rest):
-        return None
-    return current + sum(known)
+    return None if current is None or len(known) < len(rest) else current + sum(known)
 
 
 def _load(folder: Path) -> dict[str, list[Run]]:

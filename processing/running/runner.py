@@ -234,9 +234,7 @@ class PipelineRun:
         artifact = next((a for a in self._rows[stage].makes if a.name == name), None)
         if artifact is None:
             raise ProcessingError(f"the stage {stage} makes no {name}")
-        if name not in result.artifacts:
-            return None
-        return load(artifact, self._store.path(stage) / file_name(artifact))
+        return load(artifact, self._store.path(stage) / file_name(artifact)) if name in result.artifacts else None
 
     def _check_need(self, stage: Stage, other: str) -> None:
         if other not in stage.needs:

@@ -53,9 +53,7 @@ def pixels(geometry: Geometry, directions: npt.ArrayLike) -> tuple[Doubles, Doub
     if d.shape[-1:] != (3,) or not np.isfinite(d).all():
         raise ParameterError("directions must be finite and of shape (..., 3)", likely="NaN from an earlier step")
     x, y, placed = places(geometry, d)
-    if isinstance(geometry, Equirectangular):
-        return x, y, placed
-    return x, y, placed & _inside(geometry, x, y)
+    return (x, y, placed) if isinstance(geometry, Equirectangular) else (x, y, placed & _inside(geometry, x, y))
 
 
 def places(geometry: Geometry, directions: Doubles) -> tuple[Doubles, Doubles, Flags]:

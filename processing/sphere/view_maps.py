@@ -172,9 +172,7 @@ def stitch_map(view: Perspective, target: Equirectangular) -> StitchMap:
 def _make_cut(panorama: Equirectangular, view: Perspective, *, fixed: bool) -> CutMap:
     first, second = view_in_panorama(panorama, view)
     polar = _polar_pixels(panorama, first, second)
-    if fixed:
-        return CutMap(*cv2.convertMaps(first, second, cv2.CV_16SC2), polar)
-    return CutMap(first, second, polar)
+    return CutMap(*cv2.convertMaps(first, second, cv2.CV_16SC2), polar) if fixed else CutMap(first, second, polar)
 
 
 def _polar_pixels(panorama: Equirectangular, x: Floats, y: Floats) -> PolarPixels | None:

@@ -50,9 +50,7 @@ def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ..
 def nothing_to_arrange(context: StageContext) -> str | None:
     """Return why there is nothing to do: no furniture asked, no room, no door."""
     asked = context.parameters_of(ArrangeParameters)
-    if not asked.wanted:
-        return "no furniture asked"
-    return why_unfit(context, asked=asked.doubtful_room)
+    return why_unfit(context, asked=asked.doubtful_room) if asked.wanted else "no furniture asked"
 
 
 def run(context: StageContext) -> StageOutput:

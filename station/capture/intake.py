@@ -65,9 +65,7 @@ def drift_frac(readings: tuple[ReadingRecord, ...]) -> float | None:
     """Return the change from the last "before" to the last "after", relative to before; None without both."""
     found = {r.when: r.luminance_cd_m2 for r in readings if r.luminance_cd_m2 is not None}
     before, after = found.get("before"), found.get("after")
-    if not before or after is None:
-        return None
-    return (after - before) / before
+    return (after - before) / before if before and after is not None else None
 
 
 class ReadingTaker:

@@ -132,9 +132,7 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
 
 def clock_offset_s(status: CameraStatus, clock: Clock) -> float | None:
     """Return the camera's clock minus ours, in seconds, where it reports its time."""
-    if status.clock_utc is None:
-        return None
-    return (status.clock_utc - clock.utc_now()).total_seconds()
+    return None if status.clock_utc is None else (status.clock_utc - clock.utc_now()).total_seconds()
 
 
 def _body_checks(side: Side, body: Sequence[BodySetting], accepted: Sequence[str]) -> Iterator[Check]:

@@ -164,9 +164,7 @@ def _line(event: CaptureEvent) -> str:
     """Return the text of an event as a terminal shows it, where no field beside it says the kind."""
     if event.kind is EventKind.STOP:
         return f"exposing {event.text}"
-    if event.kind is EventKind.WARNING:
-        return f"warning: {event.text}"
-    return event.text
+    return f"warning: {event.text}" if event.kind is EventKind.WARNING else event.text
 
 
 def printable(text: str) -> str:

@@ -155,9 +155,7 @@ def _day_of(word: str) -> str:
 def room_and_minute(word: str) -> tuple[str, int | None]:
     """Return the room and the minute of the day of a bracket folder's name: ``coda320_16:56``, ``1349_Kitchen``."""
     found = _ROOM_TIME.fullmatch(word) or _TIME_ROOM.fullmatch(word)
-    if found is None:
-        return word, None
-    return found["room"] or "", int(found["h"]) * 60 + int(found["m"])
+    return (word, None) if found is None else (found["room"] or "", int(found["h"]) * 60 + int(found["m"]))
 
 
 def pair_brackets(brackets: Iterable[Bracket], limit_min: float = PAIR_LIMIT_MIN) -> tuple[list[Pair], list[Doubt]]:

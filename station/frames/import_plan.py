@@ -155,9 +155,7 @@ def join_stops(times_s: Sequence[float]) -> tuple[float, ...]:
 
 def stop_of(stops_s: Sequence[float], time_s: float | None) -> int:
     """Return the index of the stop that a time belongs to; -1 for an unknown time."""
-    if time_s is None:
-        return -1
-    return min(range(len(stops_s)), key=lambda i: abs(stops_s[i] / time_s - 1))
+    return -1 if time_s is None else min(range(len(stops_s)), key=lambda i: abs(stops_s[i] / time_s - 1))
 
 
 # The files of a folder that may be frames: JPEGs, the raw file beside each, and what the checker finds in them.

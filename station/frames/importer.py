@@ -283,9 +283,7 @@ def _taken_utc(candidate: import_plan.Candidate, zone_min: int | None) -> dateti
     """Return the moment of the frame by the camera's clock, where its zone is known."""
     taken, own_min = candidate.exif.taken_local, candidate.exif.offset_min
     zone_min = own_min if zone_min is None else zone_min
-    if taken is None or zone_min is None:
-        return None
-    return taken.replace(tzinfo=UTC) - timedelta(minutes=zone_min)
+    return None if taken is None or zone_min is None else taken.replace(tzinfo=UTC) - timedelta(minutes=zone_min)
 
 
 def _other_side_only(found: _Sorted) -> Iterator[SkippedStop]:

@@ -306,6 +306,4 @@ def folder_name(created_utc: datetime, room: str) -> str:
 
 def shutter_label(shutter_s: float) -> str:
     """Return the time as photographers write it: ``4 s``, ``1/60 s``."""
-    if shutter_s >= 0.3:
-        return f"{shutter_s:g} s"
-    return f"1/{round(1 / shutter_s)} s"
+    return f"{shutter_s:g} s" if shutter_s >= 0.3 else f"1/{round(1 / shutter_s)} s"

@@ -235,9 +235,7 @@ def fixture_volumes(plan: Plan) -> tuple[Volume, ...]:
 
 
 def _fixture_floor(plan: Plan, fixture: Fixture) -> Polygon:
-    if fixture.wall >= 0:
-        return fixture_floor(fixture, plan)
-    return Spot(fixture.centre).buffer(fixture.width_m / 2)
+    return fixture_floor(fixture, plan) if fixture.wall >= 0 else Spot(fixture.centre).buffer(fixture.width_m / 2)
 
 
 def sees_window(plan: Plan, board: Item) -> bool:

@@ -166,9 +166,7 @@ def dispersion(data: ChannelSamples, found: Weighed, weight: Doubles) -> float:
     total = np.bincount(cell, weight)
     mean = np.bincount(cell, weight * found.residual)
     full = (np.bincount(cell, weight > 0) >= _CELL_PATCHES) & (total > 0)
-    if full.sum() < _CELLS / 2:
-        return 1.0
-    return max(1.0, float(np.mean(mean[full] ** 2 / total[full])))
+    return 1.0 if full.sum() < _CELLS / 2 else max(1.0, float(np.mean(mean[full] ** 2 / total[full])))
 
 
 def _per_sample(data: ChannelSamples, values: Doubles) -> Doubles:

@@ -270,9 +270,7 @@ def checked_obj(data: bytes, where: str) -> bytes:
         raise ModelFileError("a face names vertex 0; they are counted from 1", where=where)
     if np.abs(index).max() > vertices:
         raise ModelFileError(f"a face names vertex {int(index[np.abs(index).argmax()])} of {vertices}", where=where)
-    if (index < 0).any():
-        return _absolute(data)
-    return data
+    return _absolute(data) if (index < 0).any() else data
 
 
 def _absolute(data: bytes) -> bytes:

@@ -307,6 +307,4 @@ def _together(placed: Sequence[Stand]) -> float | None:
     present.discard("")
     rugs = {"sofa", "dining"} & present
     bound = [s for s in placed if s.item.spec.group_with in present or (rugs and s.item.spec.is_rug)]
-    if not bound:
-        return None
-    return sum(1.0 for s in bound if s.group != s.item.id) / len(bound)
+    return sum(1.0 for s in bound if s.group != s.item.id) / len(bound) if bound else None
