@@ -261,8 +261,7 @@ def _write(folder: Path, room: Room, pictures: TruthPictures, lights: list[Point
         _write_exr(folder / file, getattr(pictures, name))
     for name, file in NUMBERS.items():
         values = getattr(pictures, name)
-        stored = values if name in COUNTED_FROM_0 else values + np.int16(1)
-        _write_png(folder / file, stored.astype(np.uint16))
+        _write_png(folder / file, (values if name in COUNTED_FROM_0 else values + np.int16(1)).astype(np.uint16))
     for name, file in MASKS.items():
         _write_png(folder / file, getattr(pictures, name).astype(np.uint8) * np.uint8(255))
     facts = {

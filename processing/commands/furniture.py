@@ -241,11 +241,8 @@ def _lines(result: Arrangements) -> list[str]:
     lines = [f"note: {note}" for note in result.notes]
     if not result.arrangements:
         return [*lines, "no arrangement was found"]
-    for one in result.arrangements:
-        lines.append(_line(one))
-    for refused in result.arrangements[0].not_placed:
-        lines.append(f"not placed: {refused.id}: {refused.rule}: {refused.reason}")
-    return lines
+    refused = (f"not placed: {one.id}: {one.rule}: {one.reason}" for one in result.arrangements[0].not_placed)
+    return [*lines, *map(_line, result.arrangements), *refused]
 
 
 def _line(one: Arrangement) -> str:

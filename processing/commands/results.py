@@ -105,8 +105,9 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
         glare = _glare(session.resolve(), target, done)
     files = [str(path) for path in done.files]
     lines = [*files, *(f"left out: {name}: {why}" for name, why in done.left_out.items())]
-    for name, one in glare.items():
-        lines.append(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()))
+    lines += [
+        f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()) for name, one in glare.items()
+    ]
     return answer({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}, lines, as_json=as_json)
 
 

@@ -65,8 +65,7 @@ class Glb:
         else:
             image.save(out, "JPEG", quality=92, subsampling=0)
         view = self._view(out.getvalue())
-        kind = "image/png" if lossless else "image/jpeg"
-        source = self._append("images", {"bufferView": view, "mimeType": kind})
+        source = self._append("images", {"bufferView": view, "mimeType": "image/png" if lossless else "image/jpeg"})
         sampler: Json = {"magFilter": _LINEAR, "minFilter": _MIPMAP}
         if not repeat:
             sampler |= {"wrapS": _CLAMP, "wrapT": _CLAMP}

@@ -188,19 +188,15 @@ def _pick(
     parts = [p for p in getattr(region, "geoms", [region]) if not p.is_empty]
     if not parts:
         return None
-    levels = []
-    for part in parts:
-        away = (np.asarray(part.exterior.coords) - corner) @ inward
-        levels.append((float(away.min()), float(away.max())))
+    away = [(np.asarray(part.exterior.coords) - corner) @ inward for part in parts]
+    levels = [(float(one.min()), float(one.max())) for one in away]
     distance_m = _at_ratio(_joined(levels), place.away)
     reach_m = 4 * (length_m + sum(abs(b - a) for a, b in levels)) + 100.0
     middle = corner + inward * distance_m
     cut = LineString([middle - along * reach_m, middle + along * reach_m]).intersection(region)
     pieces = [g for g in getattr(cut, "geoms", [cut]) if not g.is_empty]
-    spans = []
-    for piece in pieces:
-        at = (np.asarray(piece.coords) - corner) @ along
-        spans.append((float(at.min()), float(at.max())))
+    at = [(np.asarray(piece.coords) - corner) @ along for piece in pieces]
+    spans = [(float(one.min()), float(one.max())) for one in at]
     if not spans:  # a level that touches the region in a point only
         point = parts[0].representative_point()
         return point.x, point.y

@@ -297,8 +297,7 @@ def _zones(
     reached: list[_Reached] = []
     found = []
     for piece, (always, sides, need) in zip(pieces, asked, strict=True):
-        clashes = [_clash(room, piece, zone, pieces, shapes) for zone in always]
-        found += [clash for clash in clashes if clash is not None]
+        found += [clash for zone in always if (clash := _clash(room, piece, zone, pieces, shapes)) is not None]
         side_clashes = [_clash(room, piece, zone, pieces, shapes) for zone in sides]
         free = [zone for zone, clash in zip(sides, side_clashes, strict=True) if clash is None]
         if len(free) < need:

@@ -226,10 +226,7 @@ def _tidied(best: Indices, offered: list[Flags], box_px: int) -> Indices:
 
 
 def _mean(copies: list[Floats], share: Floats) -> Floats:
-    total = np.zeros_like(copies[0])
-    for copy, one in zip(copies, share, strict=True):
-        total += copy * one[..., None]
-    return total
+    return sum((copy * one[..., None] for copy, one in zip(copies, share, strict=True)), np.zeros_like(copies[0]))
 
 
 # The filled hole at full size: the copies' weighted mean, with the fine detail of the best one, met to the rim.

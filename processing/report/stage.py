@@ -196,9 +196,8 @@ def _remove(context: StageContext, display: Display) -> list[Section]:
 
 
 def _files(context: StageContext, unit: str) -> tuple[FileLine, ...]:
-    lines = []
-    for (stage, name), what in FILES.items():
-        path = context.session_path / "stages" / stage / name
-        if path.exists():
-            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, what.replace("cd/m2", unit)))
-    return tuple(lines)
+    return tuple(
+        FileLine(f"stages/{stage}/{name}", path.stat().st_size, what.replace("cd/m2", unit))
+        for (stage, name), what in FILES.items()
+        if (path := context.session_path / "stages" / stage / name).exists()
+    )

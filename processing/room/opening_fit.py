@@ -220,8 +220,7 @@ class Field:
         """Return for and against the kind at each texel (H, W), -1..1; 0 where something hides the wall."""
         shown = self.shown
         hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
-        hidden = self.share[hiding].sum(axis=0)
-        return np.where(self.view.known, 2 * shown + hidden - 1, 0.0).astype(np.float32)
+        return np.where(self.view.known, 2 * shown + self.share[hiding].sum(axis=0) - 1, 0.0).astype(np.float32)
 
     @cached_property
     def _sums(self) -> WallSums:

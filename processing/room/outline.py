@@ -255,9 +255,8 @@ def _merged(parts: list[tuple[Wall, float]]) -> list[tuple[Wall, float]]:
     """Return walls and the azimuths at which they begin, without neighbours that are one wall."""
     found: list[tuple[Wall, float]] = []
     for wall, begin in parts:
-        if found and _same(found[-1][0], wall):
-            continue
-        found.append((wall, begin))
+        if not (found and _same(found[-1][0], wall)):
+            found.append((wall, begin))
     while len(found) > 2 and _same(found[-1][0], found[0][0]):
         found.pop(0)
     return found

@@ -45,8 +45,7 @@ class Strip:
 
     def at(self, offsets: Doubles) -> Doubles:
         """Return the strength at offsets (rad) of shape (..., N), one a column; 0 beyond the strip."""
-        step = self.offset_rad[1] - self.offset_rad[0]
-        place = (offsets - self.offset_rad[0]) / step
+        place = (offsets - self.offset_rad[0]) / (self.offset_rad[1] - self.offset_rad[0])
         inside = (place >= 0) & (place <= len(self.offset_rad) - 1)
         low = np.clip(place.astype(int), 0, len(self.offset_rad) - 2)
         part = np.clip(place - low, 0, 1)

@@ -150,8 +150,7 @@ class PipelineRun:
         read: Any = stored.result.ingredients.get("reads", {}) if stored.result else stage.needs
         upstream = [name for name in self._unknown if any(one.partition("/")[0] == name for one in read)]
         decision = self._decide(stage, stored)
-        known = [change for change in decision.changes if not change[0].startswith("reads ")]
-        if upstream and not known:
+        if upstream and not [change for change in decision.changes if not change[0].startswith("reads ")]:
             self._unknown[stage.name] = None
             return StageReport(stage.name, Action.DEPENDS, f"on what {_listed(upstream)} will give")
         if decision.result is None:

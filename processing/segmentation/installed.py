@@ -60,8 +60,7 @@ def model_named(name: str) -> KnownModel:
     for model in KNOWN_MODELS:
         if model.name == name:
             return model
-    known = ", ".join(model.name for model in KNOWN_MODELS)
-    raise ModelError(f"there is no model {name!r}", advice=f"models: {known}")
+    raise ModelError(f"there is no model {name!r}", advice=f"models: {', '.join(one.name for one in KNOWN_MODELS)}")
 
 
 def installed(model: KnownModel = ADE20K_DEEPLAB) -> Path | None:

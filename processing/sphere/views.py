@@ -76,8 +76,7 @@ def cut_view(panorama: Panorama | AnyArray, view: Perspective, *, method: ViewMe
     whole = panorama if isinstance(panorama, Panorama) else Panorama(panorama)
     if method == "linear":
         level = whole.for_view(view)
-        fixed = level.picture.dtype != np.float32
-        return _remapped(level.picture, cut_map(level.geometry, view, fixed=fixed))
+        return _remapped(level.picture, cut_map(level.geometry, view, fixed=level.picture.dtype != np.float32))
     if method not in ("cubic", "area"):
         raise ParameterError(f"no view method {method!r}", advice="choose linear, cubic or area")
     level = whole.for_view(view) if method == "cubic" else whole

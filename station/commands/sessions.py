@@ -155,8 +155,7 @@ def _show(report: ImportReport) -> None:
     for frame in manifest.frames:
         click.echo(f"  {frame.side:<8} {seconds_text(frame.camera_s):>9}  {frame.camera_name}")
     for refused in report.refused:
-        mark = click.style("  refused", fg="yellow")
-        click.echo(f"  {refused.side:<8} {mark}  {refused.name}: {refused.message}")
+        click.echo(f"  {refused.side:<8} {click.style('  refused', fg='yellow')}  {refused.name}: {refused.message}")
     for warning in manifest.warnings:
         click.echo(f"  note: {warning.message}")
     click.echo(f"{len(manifest.frames)} frames in {report.session}: {manifest.status}")

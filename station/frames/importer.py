@@ -112,8 +112,7 @@ def import_session(
         raise _nothing_error(found)
     with SessionStore.create(request.into, _manifest(request, found, clock), clock=clock) as store:
         refused = (*found.refused, *_fill(store, request, found, clock))
-        manifest = store.finish()
-        return ImportReport(store.path, manifest, refused, found.ignored)
+        return ImportReport(store.path, store.finish(), refused, found.ignored)
 
 
 def _strict_error(refused: Sequence[import_plan.Refusal]) -> FrameRejectedError:

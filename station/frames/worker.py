@@ -58,8 +58,7 @@ def main() -> None:
     os.chdir(folder)
     with suppress(OSError):
         os.rmdir(folder)  # noqa: PTH106 (the folder lives on as our working folder, and nobody has to clean it up)
-    limits = [_leave_network(), *_limit_resources(int(sys.argv[1]))]
-    _answer(answers, {"ok": True, "limits": limits})
+    _answer(answers, {"ok": True, "limits": [_leave_network(), *_limit_resources(int(sys.argv[1]))]})
     while line := requests.readline(100_000):
         request = json.loads(line)
         # So many more seconds of processor time; the system ends the process behind them

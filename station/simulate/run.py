@@ -89,8 +89,7 @@ def _attempt(draft: Draft, request: DatasetRequest, ledger: Ledger, summary: Sum
     try:
         plan = draft.build()
         name = plan.folder
-        new = _make(plan, request, ledger, report)
-        (summary.made if new else summary.kept).append(name)
+        (summary.made if _make(plan, request, ledger, report) else summary.kept).append(name)
     except ResourceError:
         raise
     except Exception as error:  # noqa: BLE001 (reported, with its trace)

@@ -137,8 +137,7 @@ def curtain_rod(fixture: Fixture, finish: Finish) -> list[Part]:
     """Return the rod with a finial at each end and its brackets."""
     x0, x1, z = fixture.start_m, fixture.start_m + fixture.width_m, fixture.bottom_m + fixture.height_m / 2
     meshes = [tube([(x0 + 0.02, ROD_AWAY_M, z), (x1 - 0.02, ROD_AWAY_M, z)], 0.0125, 14)]
-    for x in (x0 + 0.02, x1 - 0.02):
-        meshes.append(ball((x, ROD_AWAY_M, z), 0.021))
+    meshes += [ball((x, ROD_AWAY_M, z), 0.021) for x in (x0 + 0.02, x1 - 0.02)]
     for x in (x0 + 0.05, x1 - 0.05):
         meshes.append(tube([(x, 0.0, z), (x, ROD_AWAY_M, z)], 0.007))
         meshes.append(turned(cylinder((x, 0.0, z), 0.022, 0.006, 0.002), (1.0, 0.0, 0.0), -math.pi / 2, (x, 0.0, z)))

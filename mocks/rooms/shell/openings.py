@@ -68,10 +68,7 @@ def window_panes(plan: Plan) -> list[Pane]:
 
 def window_parts(plan: Plan, finish: Finish) -> list[Part]:
     """Return all that belongs to the windows."""
-    parts: list[Part] = []
-    for window in plan.windows:
-        parts += on_wall(plan, window.wall, _window(window, finish))
-    return parts
+    return [part for window in plan.windows for part in on_wall(plan, window.wall, _window(window, finish))]
 
 
 def _opening(window: Window) -> _Rect:

@@ -104,8 +104,7 @@ def _facing(mesh: Mesh) -> Mesh:
 
 def plan_rng(plan: Plan, number: int) -> np.random.Generator:
     """Return a generator for details that the plan leaves open; equal plans give equal details."""
-    digest = zlib.crc32(repr((plan.polygon, plan.height_m, plan.skirting_m)).encode())
-    return np.random.default_rng([digest, number])
+    return np.random.default_rng([zlib.crc32(repr((plan.polygon, plan.height_m, plan.skirting_m)).encode()), number])
 
 
 # Floor, ceiling, walls with their holes, skirting and cornice.

@@ -89,10 +89,7 @@ class CloudDrift:
     def _shade(self, t_s: float) -> float:
         """Return the share of the sun's light that clouds take; none at time 0."""
         first = math.floor(t_s / self.interval_s)
-        passed = 1.0
-        for slot in range(first - 1, first + 2):
-            passed *= 1 - self._cloud(slot, t_s)
-        return 1 - passed
+        return 1 - math.prod(1 - self._cloud(slot, t_s) for slot in range(first - 1, first + 2))
 
     def _cloud(self, slot: int, t_s: float) -> float:
         """Return the shade of the one cloud of a slot of time."""

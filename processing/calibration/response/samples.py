@@ -93,8 +93,7 @@ class ChannelSamples:
 
     def part(self, count: int) -> ChannelSamples:
         """Return about ``count`` of the patches, spread over all."""
-        every = max(self.n_samples // max(count, 1), 1)
-        return self.only(self.sample % every == 0)
+        return self.only(self.sample % max(self.n_samples // max(count, 1), 1) == 0)
 
     def only(self, kept: Flags) -> ChannelSamples:
         """Return the observations ``kept``, of shape (n,), of patches that two frames still show."""

@@ -106,8 +106,7 @@ def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: fl
     white = chart_patches.WHITE if chart_patches.WHITE in numbers else numbers[0]
     ratio = float(y_in[white] / y_out[white])
     patches = _pairs(indoor, outdoor, fit, white)
-    residuals = np.array([p.residual_stops for p in patches if p.fitted])
-    spread = 1.4826 * float(np.median(np.abs(residuals)))
+    spread = 1.4826 * float(np.median(np.abs(np.array([p.residual_stops for p in patches if p.fitted]))))
     scale = ScaleFactor(
         value=fit.slope,
         relative_uncertainty=math.sqrt(fit.sigma**2 + 2 * curve_frac**2),

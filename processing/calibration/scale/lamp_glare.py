@@ -90,5 +90,4 @@ def _thinned(cells: Cells) -> Flags:
     """Return cells (N,) of about one density: those of a panorama crowd at its poles."""
     rows, columns = cells.shape
     share = cells.area.reshape(rows, columns) / max(float(cells.area.max()), 1e-30)
-    steps = np.floor(np.cumsum(share, axis=1))
-    return np.asarray(np.diff(steps, axis=1, prepend=0) > 0).ravel()
+    return np.asarray(np.diff(np.floor(np.cumsum(share, axis=1)), axis=1, prepend=0) > 0).ravel()

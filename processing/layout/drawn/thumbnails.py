@@ -220,8 +220,7 @@ def _base(material: Material, uv: Doubles, grain_m: float) -> Doubles:
         step = 2 ** max(0, min(6, round(math.log2(max(texels, 1.0)))))
         tall, wide = (n // step for n in texture.shape[:2])
         if min(tall, wide) > 0:
-            cut = texture[: tall * step, : wide * step]
-            texture = cut.reshape(tall, step, wide, step, 3).mean(axis=(1, 3))
+            texture = texture[: tall * step, : wide * step].reshape(tall, step, wide, step, 3).mean(axis=(1, 3))
     tall, wide = texture.shape[:2]
     column = np.floor((uv[:, 0] % 1.0) * wide).astype(int) % wide
     row = np.floor(((1 - uv[:, 1]) % 1.0) * tall).astype(int) % tall

@@ -235,8 +235,7 @@ def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12
     first = np.cross(tangents[0], (0.0, 0.0, 1.0))
     frames = carried(tangents, first if np.linalg.norm(first) >= 1e-6 else np.array((1.0, 0.0, 0.0)))
     a = 2 * np.pi * np.arange(sides) / sides
-    wheel = np.stack([np.cos(a), np.sin(a)], axis=1)
-    rings = p[:, None, :] + radii[:, None, None] * (wheel @ frames)
+    rings = p[:, None, :] + radii[:, None, None] * (np.stack([np.cos(a), np.sin(a)], axis=1) @ frames)
     head = p[0] + 0.6 * (rings[0] - p[0]) - 0.0
     tail = p[-1] + 0.6 * (rings[-1] - p[-1])
     t0, t1 = p[1] - p[0], p[-1] - p[-2]

@@ -81,8 +81,7 @@ def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
     whole, rules = _Look(field, tuple(placed)), field.rules
     hosts = [s for s in placed if host_role(item, [s.item.spec.category])]
     if whole.fits(item):
-        path_m = rules.path
-        return _reason(item, "path", "", None, f"every place left for it closes a path of {path_m:.2f} m")
+        return _reason(item, "path", "", None, f"every place left for it closes a path of {rules.path:.2f} m")
     if hosts and replace(whole, keeps_near=False).fits(item):
         why = f"no place is left for it within {rules.together:.2f} m of {hosts[0].item.id}"
         return _reason(item, "kept together", hosts[0].item.id, None, why)

@@ -133,13 +133,12 @@ def _step(value: float) -> int:
 def _edge_list(plan: FloorPlan) -> list[tuple[object, ...]]:
     count = len(plan.corners)
     listed: list[tuple[object, ...]] = []
-    openings: list[tuple[int, tuple[object, ...]]] = []
-    for d in plan.doors:
-        openings.append((d.edge, (0, _step(d.start_m), _step(d.end_m), d.hinge, d.swing)))
-    for w in (*plan.windows, *plan.hung):
-        openings.append(
-            (w.edge, (1 + isinstance(w, Hung), _step(w.start_m), _step(w.end_m), _step(w.sill_m), _step(w.head_m)))
-        )
+    openings: list[tuple[int, tuple[object, ...]]]
+    openings = [(d.edge, (0, _step(d.start_m), _step(d.end_m), d.hinge, d.swing)) for d in plan.doors]
+    openings += [
+        (w.edge, (1 + isinstance(w, Hung), _step(w.start_m), _step(w.end_m), _step(w.sill_m), _step(w.head_m)))
+        for w in (*plan.windows, *plan.hung)
+    ]
     for i in range(count):
         _, along, length_m = plan.edge(i)
         _, following, _ = plan.edge((i + 1) % count)
