@@ -11,6 +11,7 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -100,50 +101,45 @@ class RecordedTransport:
         self.name = inner.name
         self.max_packet_bytes = inner.max_packet_bytes
         self._inner = inner
-        self._transcript = transcript
-        self._who = who
+        self._call = partial(transcript.call, who)
         transcript.write(who, "open", info={"name": inner.name, "max_packet_bytes": inner.max_packet_bytes})
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send on bulk-out."""
-        self._transcript.call(self._who, "out", lambda: self._inner.write(data, timeout_s), sent=data)
+        self._call("out", lambda: self._inner.write(data, timeout_s), sent=data)
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Return one bulk-in transfer."""
-        return self._transcript.call(self._who, "in", lambda: self._inner.read(max_bytes, timeout_s))
+        return self._call("in", lambda: self._inner.read(max_bytes, timeout_s))
 
     def read_event(self, timeout_s: float) -> bytes | None:
         """Return one interrupt transfer or None."""
-        return self._transcript.call(self._who, "event", lambda: self._inner.read_event(timeout_s))
+        return self._call("event", lambda: self._inner.read_event(timeout_s))
 
     def control_out(self, request: int, data: bytes, timeout_s: float) -> None:
         """Send a class request; its number goes before its data in the transcript."""
         sent = bytes([request]) + data
-        self._transcript.call(
-            self._who, "control_out", lambda: self._inner.control_out(request, data, timeout_s), sent=sent
-        )
+        self._call("control_out", lambda: self._inner.control_out(request, data, timeout_s), sent=sent)
 
     def control_in(self, request: int, length: int, timeout_s: float) -> bytes:
         """Return the answer to a class request."""
-        return self._transcript.call(
-            self._who, "control_in", lambda: self._inner.control_in(request, length, timeout_s)
-        )
+        return self._call("control_in", lambda: self._inner.control_in(request, length, timeout_s))
 
     def clear_halt(self, pipe: Pipe) -> None:
         """Clear the halt of one endpoint."""
-        self._transcript.call(self._who, "clear_halt", lambda: self._inner.clear_halt(pipe), sent=pipe.encode())
+        self._call("clear_halt", lambda: self._inner.clear_halt(pipe), sent=pipe.encode())
 
     def reset(self) -> None:
         """Reset the port."""
-        self._transcript.call(self._who, "reset", self._inner.reset)
+        self._call("reset", self._inner.reset)
 
     def reopen(self) -> None:
         """Find and open the instrument anew."""
-        self._transcript.call(self._who, "open", self._inner.reopen)
+        self._call("open", self._inner.reopen)
 
     def close(self) -> None:
         """Release the instrument."""
-        self._transcript.call(self._who, "close", self._inner.close)
+        self._call("close", self._inner.close)
 
 
 class RecordedLine:

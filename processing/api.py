@@ -319,8 +319,7 @@ def arrange(
 
     plan = floor_plan(Path(room), keep_camera_free=keep_camera_free) if isinstance(room, str | os.PathLike) else room
     name = fitting_choice(plan, rules, seed).name if items == "auto" else items
-    wanted = set_items(name) if name in SETS else parse_items(name)
-    return solve(plan, wanted, rules, n=alternatives, seed=seed)
+    return solve(plan, set_items(name) if name in SETS else parse_items(name), rules, n=alternatives, seed=seed)
 
 
 def floor_plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:

@@ -91,8 +91,7 @@ class Guard:
                 message["headers"] = [*message["headers"], *HEADERS]
             await send(message)
 
-        request = Request(scope)
-        await (self._refused(request) or self._app)(scope, receive, with_headers)
+        await (self._refused(Request(scope)) or self._app)(scope, receive, with_headers)
 
     def _refused(self, request: Request) -> Response | None:
         host = request.headers.get("host", "")

@@ -53,7 +53,7 @@ DESTINATIONS = {1: "card", 2: "card", 4: "computer", 5: "card and computer", 6: 
 BATTERY_FRAC = {0: 0.05, 1: 0.5, 2: 1.0, 4: 0.75, 5: 0.25}
 """D111 -> charge; the camera reports quarters only, and "low" for 0 (libgphoto2)."""
 
-RELEASE_OK = 0  # as libgphoto2 numbers the results
+# As libgphoto2 numbers the results; 0 is good
 RELEASE_RESULTS = {1: "no focus", 3: "the mirror is up", 7: "the card is full", 8: "the card is write-protected"}
 RELEASE_CARD_RESULTS = frozenset({7, 8})
 _RELEASE_ERROR_MASK, _RELEASE_ERROR = 0x7000, 0x2000

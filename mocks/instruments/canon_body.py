@@ -20,7 +20,7 @@ from mocks.instruments.faults import FaultKind, FaultSchedule
 from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, Property, PropertyTable, Storage, StoredObject
-from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
+from mocks.instruments.ptp.wire import Answer, Refusal, Request, Rule
 from mocks.instruments.recorded import recording
 
 # Chosen: plausible for the camera's age; no figures are published.
@@ -38,12 +38,6 @@ PLAIN_PROPERTIES = (
     Property(0x5001, DataType.UINT8, 50, choices=(100, 0, 75, 0, 50)),
 )
 """As a 60D describes them, but for its name."""
-
-
-def canon_identity(options: CanonOptions) -> DeviceIdentity:
-    """Return the camera's USB identity and DeviceInfo."""
-    who = recording(options.body)
-    return who.identity(version=options.firmware, serial=options.serial, interrupt_packet_bytes=8, serial_on_usb=False)
 
 
 class CanonBody(SimulatedCamera):
@@ -74,9 +68,12 @@ class CanonBody(SimulatedCamera):
         self._next_memory_handle = FIRST_MEMORY_HANDLE
         self._last_active_s = clock.monotonic_s()
         self._warned = False
-        card = recording(options.body).raw["storage"]
+        body = recording(options.body)
+        card = body.raw["storage"]
         storage = Storage(card["id"], card["type"], options.card_bytes, card["description"], "", card["free_images"])
-        identity = canon_identity(options)
+        identity = body.identity(
+            version=options.firmware, serial=options.serial, interrupt_packet_bytes=8, serial_on_usb=False
+        )
         plain = (p for p in PLAIN_PROPERTIES if p.code in identity.properties)
         super().__init__(
             identity,

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ClusterError
-from processing.ground.threads import SPINNING
+from processing.ground.threads import SPINNING, cores_here
 
 LOOPBACK = "127.0.0.1"
 SESSION_BYTES = 5 << 30  # of memory that one full-size session may take
@@ -30,11 +30,6 @@ def usual_workers() -> int:
     except (ValueError, OSError):
         memory = SESSION_BYTES
     return max(1, min(cores // 2, memory // SESSION_BYTES))
-
-
-def cores_here() -> int:
-    """Return how many cores this process may use: a job of a queue often has a part of the machine."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def threads_each(sessions: int) -> int:

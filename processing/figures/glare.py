@@ -149,8 +149,7 @@ def glare_of(spots: BrightSpots, vertical_lx: float, azimuth_rad: float) -> Glar
     """
     if not (math.isfinite(vertical_lx) and vertical_lx >= 0):
         raise ParameterError(f"an illuminance of {vertical_lx} lx")
-    ahead = np.array([math.sin(azimuth_rad), math.cos(azimuth_rad), 0.0])
-    seen = spots.rays @ ahead > 0
+    seen = spots.rays @ np.array([math.sin(azimuth_rad), math.cos(azimuth_rad), 0.0]) > 0
     area = np.bincount(spots.source[seen], spots.area_sr[seen], spots.count)
     light = np.bincount(spots.source[seen], (spots.area_sr * spots.luminance_cd_m2)[seen], spots.count)
     weights = (spots.area_sr * spots.luminance_cd_m2)[seen]
@@ -167,8 +166,7 @@ def probability(vertical_lx: float, sources: float) -> float:
     """Return DGP (0 to 1) of the illuminance at the eye and the sum of L^2 w / P^2 over sources."""
     if vertical_lx <= 0:
         return 0.0
-    found = 5.87e-5 * vertical_lx + 0.0918 * math.log10(1 + sources / vertical_lx**1.87) + 0.16
-    return min(found, 1.0)
+    return min(5.87e-5 * vertical_lx + 0.0918 * math.log10(1 + sources / vertical_lx**1.87) + 0.16, 1.0)
 
 
 def position_index(rays: Doubles, azimuth_rad: float) -> Doubles:

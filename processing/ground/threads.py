@@ -30,8 +30,12 @@ def threads() -> int:
         return min(int(asked), MOST)
     if given.isdecimal() and int(given) > 0:
         return min(int(given), MOST)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, MOST)
+    return min(cores_here(), MOST)
+
+
+def cores_here() -> int:
+    """Return how many cores this process may use: a job of a queue often has a part of the machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def limit_libraries() -> None:

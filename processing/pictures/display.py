@@ -229,8 +229,7 @@ def _light(rgb: Floats, board_rgb: Doubles | None, panes: Flags | None) -> tuple
     sample = np.asarray(rgb[::step, ::step], np.float64)
     level = luminance_cd_m2(sample)
     inside = sample[level < np.quantile(level, 0.98)]  # lamps and windows are no surfaces
-    norm = np.mean(inside**_NORM, axis=0) ** (1 / _NORM) if inside.size else np.zeros(3)
-    found = _plausible(norm)
+    found = _plausible(np.mean(inside**_NORM, axis=0) ** (1 / _NORM) if inside.size else np.zeros(3))
     return (np.ones(3), "given") if found is None else (found, "surfaces")
 
 

@@ -71,11 +71,6 @@ def png_bytes(array: Bytes) -> bytes:
     return out.getvalue()
 
 
-def write_jpeg(path: Path, rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = None) -> None:
-    """Write `jpeg_bytes` durably. ``rgb8``: (H, W, 3) sRGB codes."""
-    write_bytes(path, jpeg_bytes(rgb8, quality=quality, geometry=geometry))
-
-
 def write_png(path: Path, array: Bytes) -> None:
     """Write `png_bytes` durably. ``array``: (H, W) or (H, W, 3)."""
     write_bytes(path, png_bytes(array))

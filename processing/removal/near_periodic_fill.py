@@ -134,9 +134,8 @@ def _penalties(density: Floats | None, known: Flags, offsets: Doubles, window: t
 
 def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list[Flags]) -> Floats:
     count = np.sum(offered, axis=0, dtype=np.float32)
-    total = np.zeros_like(tone)
-    for copy, some in zip(copies, offered, strict=True):
-        total += np.where(some[..., None], copy, 0)
+    shown = (np.where(some[..., None], copy, 0) for copy, some in zip(copies, offered, strict=True))
+    total = sum(shown, np.zeros_like(tone))
     mean = total / np.maximum(count, 1)[..., None]
     flat = tone[known].mean(axis=0) if known.any() else np.zeros(tone.shape[2], np.float32)
     any_copy = np.asarray(count > 0)[..., None]

@@ -281,8 +281,7 @@ def find_line(field: Floats, known: Flags) -> Line | None:
 def line_offsets(line: Line, correlation: SelfCorrelation) -> Doubles:
     """Return shifts (N, 2) along the line, both ways, and those of highest NCC whatever their direction."""
     rng = np.random.default_rng(3)
-    reach = 0.95 * max(correlation.centre)
-    along = np.linspace(0.08, 1, MOST // 3) * reach
+    along = np.linspace(0.08, 1, MOST // 3) * (0.95 * max(correlation.centre))
     along = along * (1 + 0.1 * rng.uniform(-1, 1, along.size))
     straight = along[:, None] * line.direction
     return np.concatenate([straight, -straight, loose_offsets(correlation, MOST // 3)])

@@ -224,20 +224,16 @@ def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
     """Return (H, W, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
     height, width = clean.shape
     out, left = np.zeros_like(grain), hole.copy()
-    rng = np.random.default_rng(11)
+    rng, nearest = np.random.default_rng(11), cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     shifts = [(0, int(s * width * r)) for r in np.arange(0.05, 0.9, 0.06) for s in (1, -1)]
     shifts += [(int(rng.integers(-height // 2, height // 2 + 1)), int(rng.integers(-width, width))) for _ in range(24)]
     for dy, dx in shifts:
         if not left.any():
             break
         move = np.array([[1, 0, dx], [0, 1, dy]], np.float64)
-        there = cv2.warpAffine(
-            clean.astype(np.uint8), move, (width, height), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        ).astype(bool)
-        take = left & there
+        take = left & cv2.warpAffine(clean.astype(np.uint8), move, (width, height), flags=nearest).astype(bool)
         if take.any():
-            copy = cv2.warpAffine(grain, move, (width, height), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-            out[take] = copy[take]
+            out[take] = cv2.warpAffine(grain, move, (width, height), flags=nearest)[take]
             left &= ~take
     return out
 

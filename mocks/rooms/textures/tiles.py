@@ -92,8 +92,7 @@ def terrazzo(texture: Texture) -> Tile:
     """Return stone chips in cement. Colours: cement, then one for each sort of chip. Options: chip_m, density."""
     rng, size_m = base.generator(texture.seed), 1.6
     chip_px = texture.option("chip_m", 0.012) / size_m * _PIXELS
-    cement = 1 + np.float32(0.03) * base.clouds(rng, _GRID, 8, 5)
-    albedo = base.toned(cement, texture.colours[0])
+    albedo = base.toned(1 + np.float32(0.03) * base.clouds(rng, _GRID, 8, 5), texture.colours[0])
     sorts = texture.colours[1:]
     count = int(texture.option("density", 0.35) * _PIXELS**2 / (2.0 * chip_px**2) / len(sorts))
     for colour in sorts:

@@ -87,8 +87,7 @@ def local_contrast(luminance: Floats) -> Floats:
     """Return the standard deviation of log luminance over 3 x 3 pixels, of shape (H, W) like ``luminance``."""
     log = cv2.log(np.maximum(luminance, np.float32(1e-20)))
     size = (CONTRAST_PX, CONTRAST_PX)
-    mean = cv2.blur(log, size)
-    square = cv2.sqrBoxFilter(log - mean, -1, size)
+    square = cv2.sqrBoxFilter(log - cv2.blur(log, size), -1, size)
     # Running sums leave a trace below zero where nothing varies.
     return np.sqrt(np.maximum(square, 0), dtype=np.float32)
 

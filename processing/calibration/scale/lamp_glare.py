@@ -55,8 +55,7 @@ def _scattered(
     more = both[0] - both[1]
     found = in_cells(np.stack([more, more * clipped[0], clipped[0] | clipped[1], both[1]], axis=-1), cells.shape)
     lamp = int(np.argmax(found[:, 0]))
-    apart = np.arccos(np.clip(cells.places @ cells.places[lamp], -1, 1))
-    near = apart < NEAR_RAD
+    near = np.arccos(np.clip(cells.places @ cells.places[lamp], -1, 1)) < NEAR_RAD
     far = cells.inside & ~near
     room = float(np.median(found[far, 3]))
     if not found[lamp, 0] > LEAST_CONTRAST * max(room, 1e-30):

@@ -125,13 +125,13 @@ def _furniture(items: Sequence[PlacedItem]) -> list[Shape]:
     return shapes
 
 
+def _zone_rims(item: PlacedItem) -> list[list[Point]]:
+    zones = (((x0, y0), (x1, y0), (x1, y1), (x0, y1)) for x0, x1, y0, y1 in item.use_zones_m)
+    return [[_place(item, corner) for corner in zone] for zone in zones]
+
+
 def _zones(items: Sequence[PlacedItem]) -> list[Shape]:
-    shapes: list[Shape] = []
-    for item in items:
-        for x0, x1, y0, y1 in item.use_zones_m:
-            rim = [_place(item, p) for p in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
-            shapes.append(Line([*rim, rim[0]], ZONE, 0.008, (0.06, 0.05)))
-    return shapes
+    return [Line([*rim, rim[0]], ZONE, 0.008, (0.06, 0.05)) for item in items for rim in _zone_rims(item)]
 
 
 def _routes(plan: FloorPlan, arrangement: Arrangement, rules: RuleSet | None) -> list[Shape]:
@@ -144,10 +144,7 @@ def _routes(plan: FloorPlan, arrangement: Arrangement, rules: RuleSet | None) ->
         w, d, _ = (v / 2 for v in item.size_m)
         if item.category != "rug" and item.base_m < 2.0:
             solid.append(Polygon([_place(item, p) for p in ((-w, -d), (w, -d), (w, d), (-w, d))]))
-        goals += [
-            Polygon([_place(item, p) for p in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
-            for x0, x1, y0, y1 in item.use_zones_m
-        ]
+        goals += [Polygon(rim) for rim in _zone_rims(item)]
     found = routes(plan, solid, doors, goals, rules.path)
     shapes: list[Shape] = []
     for line in found:

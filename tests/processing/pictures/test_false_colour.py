@@ -25,7 +25,7 @@ from processing.pictures.false_colour import (
     with_legend,
 )
 from processing.pictures.images import Validity, luminance_cd_m2
-from processing.pictures.preview import KEY, jpeg_bytes, png_bytes, preview_rgb8, write_jpeg, write_png
+from processing.pictures.preview import KEY, jpeg_bytes, png_bytes, preview_rgb8, write_png
 from processing.sphere import Equirectangular
 
 ENDS = st.tuples(st.floats(1e-6, 1e8), st.floats(1.01, 1e9)).map(lambda pair: (pair[0], pair[0] * pair[1]))
@@ -136,8 +136,7 @@ def test_preview_keeps_the_order_of_light() -> None:
 def test_jpeg_and_png_files(tmp_path: Path) -> None:
     ramp = np.linspace(0.5, 3, 32 * 64, dtype=np.float32).reshape(32, 64, 1)
     rgb8 = preview_rgb8(np.repeat(ramp, 3, axis=2))
-    write_jpeg(tmp_path / "p.jpg", rgb8, geometry=Equirectangular(64, 32))
-    data = (tmp_path / "p.jpg").read_bytes()
+    data = jpeg_bytes(rgb8, geometry=Equirectangular(64, 32))
     assert b'GPano:FullPanoWidthPixels="64"' in data
     assert data == jpeg_bytes(rgb8, geometry=Equirectangular(64, 32))
     assert b"GPano" not in jpeg_bytes(rgb8)
