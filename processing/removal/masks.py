@@ -165,8 +165,7 @@ def _find(
     # Twice the margin: crumbs of furniture stayed on skirting and frames.
     hangs |= (boards | grown(openings, SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
     hangs |= completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
-    torn = boards_between(boards, furniture.mask | plain) & ~openings
-    hangs &= ~torn
+    hangs &= ~(torn := boards_between(boards, furniture.mask | plain) & ~openings)
     stays = hangs | tripod.mask | sunlight.mask
     if seen[0] is not None:
         stays |= seen[0] > BEYOND * maps.depth_m

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.ground.colour import lab_of_linear, linear_of_srgb, luminance_cd_m2, srgb_encoded
+from processing.ground.colour import lab_of_linear, linear_of_srgb, srgb_encoded
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
