@@ -58,7 +58,10 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     from drivers.clock import SystemClock
     from processing.calibration.profile import save_profile
     from processing.rig.calibrate import calibrate_rig
+    from station.errors import UsageError
 
+    if not out.absolute().parent.is_dir():
+        raise UsageError("there is no such folder to write to", where=f"--into {out}", advice="make it first")
     progress = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
     result = calibrate_rig(_request(options), SystemClock().utc_now(), progress)
     save_profile(out, result.profile)

@@ -46,6 +46,9 @@ def camera_rgb(raw: Any) -> UInt16s:
     return codes
 
 
+_WORST_CONDITION = 100.0  # of a camera's matrix; chosen: cameras' are below 5
+
+
 class CameraColours(NamedTuple):
     """What the channels of raw frames are."""
 
@@ -63,7 +66,13 @@ def camera_colours(raw: Any, name: str) -> CameraColours:
     """
     colours, known = raw.color_desc.decode("ascii", "replace"), np.array(raw.color_matrix, np.float64)[:, :3]
     cell = None if raw.raw_pattern is None else np.array(raw.raw_pattern)
-    if not known.any() or set(colours) != set("RGB") or cell is None or cell.shape != (2, 2):
+    if (
+        not known.any()
+        or not np.linalg.cond(known) < _WORST_CONDITION
+        or set(colours) != set("RGB")
+        or cell is None
+        or cell.shape != (2, 2)
+    ):
         what = f"its colours are not known: filters {colours}, {'a' if known.any() else 'no'} matrix"
         raise PictureFileError(what, where=name, advice="give the camera's JPEGs")
     # LibRaw's matrix is of channels that are balanced for daylight.

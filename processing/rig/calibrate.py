@@ -79,6 +79,7 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
     for side, corners in request.corners.items():
         if side in charts:
             chart_patches.check_corners(np.reshape(corners, (-1, 2)), charts[side].size_px)
+    _require_use(request, charts)
     cameras, views = {}, {}
     for side, taken in charts.items():
         report(f"{side}: response, noise, shutter times")
@@ -97,6 +98,8 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
             cameras[Side.OUTDOOR] = replace(camera, warnings=(*camera.warnings, text))
     k2 = _k2(cameras, views, charts) if len(charts) == 2 else None
     warnings = [w for camera in cameras.values() for w in camera.warnings]
+    if k2 is None:
+        warnings.append(f"no k2: the chart session has frames of the {next(iter(charts))} camera only")
     profile = RigProfile(
         created_utc=now,
         software={"daylit": version("daylit")},
@@ -105,6 +108,17 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
         warnings=tuple(text[:500] for text in (*warnings, *(k2[1].scale.warnings if k2 else ()))),
     )
     return RigResult(profile, views, cameras)
+
+
+def _require_use(request: RigRequest, charts: Mapping[Side, SessionSide]) -> None:
+    """Refuse what no camera of the chart session would use."""
+    for side in request.corners.keys() - charts:
+        raise ParameterError(f"the chart session has no frames of the {side} camera", where=f"--corners {side}")
+    for seen, hidden in request.lamps:
+        if not any(read_side(seen, side) and read_side(hidden, side) for side in charts):
+            raise ParameterError("no camera of the chart session took both pictures", where=f"--lamp {seen} {hidden}")
+    if request.flats and not any(read_side(path, Side.OUTDOOR) for path in request.flats):
+        raise ParameterError("no frames of the outdoor camera", where=f"--flat {request.flats[0]}")
 
 
 def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
@@ -128,11 +142,7 @@ def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
         camera = with_filter(camera, filtered, plain)
     lamps = [(read_side(seen, side), read_side(hidden, side)) for seen, hidden in request.lamps]
     pairs = [(seen, hidden) for seen, hidden in lamps if seen is not None and hidden is not None]
-    try:
-        return with_lamps(camera, pairs) if pairs else camera
-    except LensError as error:  # the other camera may see the lamp
-        text = f"{side}: stray light is not measured: {error.message}"
-        return replace(camera, warnings=(*camera.warnings, text))
+    return with_lamps(camera, pairs) if pairs else camera
 
 
 def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[SessionSide]:

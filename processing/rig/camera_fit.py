@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from processing.calibration.scale.chart import find_chart_around
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
-from processing.errors import BracketError, LensError, ProfileError, ResponseError
+from processing.errors import BracketError, LensError, ParameterError, ProfileError, ResponseError
 from processing.ground.arrays import Bytes, Doubles
 from processing.pictures.frames import FrameSource, frame_of
 from processing.pictures.images import RelativeImage
@@ -56,7 +57,7 @@ class SessionSide:
 
     def sources(self) -> list[FrameSource]:
         """Return the frames, not yet decoded."""
-        return [frame_of(self.path / record.file, record.file) for record in self.records]
+        return [frame_of(self.path / record.file, f"{self.path.name}/{record.file}") for record in self.records]
 
     def bracket(self, times_s: Sequence[float]) -> Bracket8:
         """Return the decoded frames (uint8 RGB) with their times."""
@@ -116,6 +117,7 @@ def outdoor_lens(side: SessionSide, frames: Sequence[Bytes], half_field_rad: flo
 
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
+_LEAST_DENSITY = 0.05  # of a filter that sessions with and without it show; chosen: the weakest made is ND 0.15
 _FLAT_POWERS = (2, 4, 6, 8)  # as in the published fall-offs of the 8 mm fisheye: with fewer the middle is off by 1 %
 _CLEAR_RATIO = 0.8  # of the residuals of two rules: nearer to 1 the frames do not distinguish them
 
@@ -216,19 +218,39 @@ def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFi
 
 
 def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) -> CameraFit:
-    """Return the camera with the filter that the chart with and without it shows."""
+    """Return the camera with the filter that the chart with and without it shows.
+
+    Raises `ParameterError`: the two sessions are one, or exchanged.
+    """
     (dim, dim_u), (full, full_u) = (_patches(camera, taken) for taken in (filtered, plain))
     found = fit_nd_filter(dim, full, np.hypot(dim_u, full_u), source="chart with and without the filter")
+    if found.density < _LEAST_DENSITY:
+        raise ParameterError(
+            f"{filtered.path.name} shows {found.transmittance:.2g} times the light that {plain.path.name} does",
+            where="--nd",
+            likely="the two sessions are exchanged, or one session was given twice",
+            advice="--nd WITH WITHOUT",
+        )
     return replace(camera, filter=found)
 
 
 def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide]]) -> CameraFit:
     """Return the camera with the stray light that a lamp, seen and then hidden, shows; at one place or several.
 
-    Raises `LensError`: no lamp, or light that changed between the two.
+    A pair that shows none, such as a lamp that only the other camera sees, is left out with a warning.
     """
-    pictures = [(camera.merged(seen), camera.merged(hidden)) for seen, hidden in pairs]
-    return replace(camera, glare=kernel_from_lamps(pictures, two_lenses=camera.lens is None))
+    fit, doubts = partial(kernel_from_lamps, two_lenses=camera.lens is None), []
+    good, found = [], None
+    for seen, hidden in pairs:
+        pictures = camera.merged(seen), camera.merged(hidden)
+        try:
+            found = fit([pictures])
+            good.append(pictures)
+        except LensError as error:
+            advice = f"; do: {error.advice}" if error.advice else ""
+            doubts.append(f"{camera.side}: {seen.path.name} is left out of stray light: {error.message}{advice}")
+    glare = fit(good) if len(good) > 1 else found
+    return replace(camera, glare=glare, warnings=(*camera.warnings, *doubts))
 
 
 def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:

@@ -87,8 +87,10 @@ def _raw_bracket(
     session_path: Path, pictures: Sequence[FrameRecord], raws: Sequence[FrameRecord], device: DeviceRecord | None
 ) -> SideBracket:
     """Return the raw files beside pictures, where each has one that shows the same; or the raw files alone."""
-    if [raw.stop for raw in raws] != [picture.stop for picture in pictures]:
-        raise BracketError(f"{len(raws)} raw files beside {len(pictures)} pictures", where=pictures[0].file)
+    alone = [picture for picture in pictures if picture.stop not in {raw.stop for raw in raws}]
+    if alone or len(raws) != len(pictures):
+        what = f"{len(raws)} raw files beside {len(pictures)} pictures"
+        raise BracketError(what, where=(alone or pictures)[0].file, advice="give each picture its raw file")
     _check_settings(pictures[0].side, raws)
     apart = is_panorama_camera(device)
     beside = () if pictures[0].is_raw else tuple(frame_of(session_path / one.file, one.file) for one in pictures)
@@ -97,6 +99,9 @@ def _raw_bracket(
         raise BracketError(what, where=raws[0].file, advice="give the camera's JPEGs with them")
     size_px = beside[0].size_px if beside and not apart else None
     frames = tuple(raw_frame(session_path / raw.file, raw.file, size_px) for raw in raws)
+    for frame in frames:
+        if not all(np.array_equal(a, b) for a, b in zip(frame.colours, frames[0].colours, strict=True)):
+            raise BracketError("its colours are not those of the first raw file", where=frame.name)
     return SideBracket(pictures[0].side, tuple(raws), frames, device, panoramas=beside if apart else ())
 
 

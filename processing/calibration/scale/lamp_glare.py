@@ -20,6 +20,7 @@ ROWS = 48  # of cells; chosen: 3.75 degrees, half the narrowest part's width at 
 NEAR_RAD = 0.2  # around the lamp, which a card may hide; chosen: 11 degrees
 LEAST_CONTRAST = 30.0  # of the lamp's cell over the room's mean; chosen: what it lights is then not the lamp
 LEAST_INDEX = 1e-4  # of the lamp's light, evenly spread: less is not measured. Chosen.
+MOST_CLIPPED = 0.02  # of what is seen of the lamp; chosen: what clipping hides may be many times as much
 MOST_CHANGE = 0.05  # of the room's light between the two; chosen
 LEAST_CELLS = 100  # chosen
 
@@ -57,6 +58,11 @@ def _scattered(
     lamp = int(np.argmax(found[:, 0]))
     near = np.arccos(np.clip(cells.places @ cells.places[lamp], -1, 1)) < NEAR_RAD
     far = cells.inside & ~near
+    if found[near, 1].sum() > MOST_CLIPPED * found[near, 0].sum():
+        raise LensError(
+            "the lamp is clipped in every frame: how bright it is, is not known",
+            advice="shorter exposures too, or a weaker lamp",
+        )
     room = float(np.median(found[far, 3]))
     if not found[lamp, 0] > LEAST_CONTRAST * max(room, 1e-30):
         raise LensError("no lamp is seen that the second picture lacks", advice="a darker room, or a brighter lamp")

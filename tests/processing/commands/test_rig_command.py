@@ -22,6 +22,7 @@ from processing.calibration.profile import load_profile
 from processing.calibration.profile_records import ShutterRecord
 from processing.calibration.scale.chart import ChartView
 from processing.calibration.scale.chart_patches import FoundChart, reflectances
+from processing.errors import ParameterError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.modes import modes_of
@@ -76,6 +77,15 @@ def test_a_chart_that_is_dark_through_the_filter_is_warned_of(sessions: Path, tm
     )
     assert any("of the chart are dark" in text for text in dark)
     assert not any("of the chart are dark" in text for text in bright)
+
+
+def test_a_chart_of_one_camera_gives_no_k2_and_says_so(sessions: Path) -> None:
+    profile = calibrate.calibrate_rig(calibrate.RigRequest(sessions / "plain"), datetime.now(UTC)).profile
+    assert profile.k2 is None
+    assert "no k2: the chart session has frames of the outdoor camera only" in profile.warnings
+    asked = calibrate.RigRequest(sessions / "plain", corners={Side.INDOOR: (1, 1, 2, 1, 2, 2, 1, 2)})
+    with pytest.raises(ParameterError, match="no frames of the indoor camera"):
+        calibrate.calibrate_rig(asked, datetime.now(UTC))
 
 
 @dataclass(frozen=True)
@@ -143,7 +153,8 @@ def test_a_lamp_that_a_camera_does_not_see_is_a_warning(sessions: Path, monkeypa
     monkeypatch.setattr(calibrate, "fit_camera", lambda *_: camera)
     found = calibrate._camera(calibrate.RigRequest(room, lamps=((room, room),)), Side.INDOOR, taken)
     assert found.glare is None
-    assert found.warnings[0].startswith("indoor: stray light is not measured: no lamp")
+    assert found.warnings[0].startswith("indoor: room is left out of stray light: no lamp")
+    assert "a darker room" in found.warnings[0]
 
 
 def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
@@ -169,18 +180,30 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
         (["--shutter", "indoor:fifths"], "fifths"),
         (["--corners", "indoor:1,1,2,1,2,2,1,2"], "pixels to a patch of the chart"),
         (["--corners", "indoor:1,1,2000,1,2000,40,1,40"], "outside the frame"),
+        (["--nd", "plain", "chart"], "exchanged"),
+        (["--nd", "chart", "chart"], "given twice"),
+        (["--flat", "room"], "outdoor camera"),
+        (["--lamp", "room", "plain"], "took both"),
     ],
 )
 def test_what_cannot_be_is_refused(
     sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], named: str
 ) -> None:
     out = tmp_path / "lab.json"
-    code = daylit.main(
-        ["rig", "calibrate", str(sessions / "chart"), str(sessions / "room"), "--into", str(out), *words]
-    )
-    assert code in (2, 5)
+    words = [str(sessions / word) if word in ("chart", "plain", "room") else word for word in words]
+    taken = [str(sessions / name) for name in ("chart", "room", "plain")]
+    assert daylit.main(["rig", "calibrate", *taken, "--into", str(out), *words]) in (2, 5)
     assert named in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_folder_that_is_not_there_is_refused_before_the_work(
+    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibrate, "calibrate_rig", None)
+    out = str(tmp_path / "nowhere" / "lab.json")
+    assert daylit.main(["rig", "calibrate", str(sessions / "chart"), "--into", out]) == 2
+    assert "nowhere" in capsys.readouterr().err
 
 
 def test_no_session_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

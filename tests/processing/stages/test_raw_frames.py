@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +105,26 @@ def test_raw_files_come_first_and_are_nearer_the_truth(
     tint = raw.rgb / bracket.radiance
     assert np.median(np.abs(tint / np.median(tint) - 1), axis=(0, 1)).max() < 0.02
     assert load_manifest(session).bracket.raw_sides == ("indoor",)
+
+
+def recoloured(dng: bytes, *, singular: bool) -> bytes:
+    """Return a DNG with another colour matrix: its first row twice, or its rows exchanged."""
+    entry = dng.index(struct.pack("<HHI", 50721, 10, 9))
+    (at,) = struct.unpack_from("<I", dng, entry + 8)
+    rows = [dng[at + 24 * k : at + 24 * (k + 1)] for k in range(3)]
+    return dng[:at] + rows[0] + (rows[0] + rows[2] if singular else rows[2] + rows[1]) + dng[at + 72 :]
+
+
+@pytest.mark.parametrize(("singular", "why"), [(True, "colours are not known"), (False, "not those of the first")])
+def test_raw_files_of_other_or_impossible_colours_leave_the_jpegs(
+    bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str], *, singular: bool, why: str
+) -> None:
+    some = range(len(TIMES_S)) if singular else (4,)
+    raw = tuple(recoloured(one, singular=singular) if k in some else one for k, one in enumerate(bracket.raw))
+    _, result, session = merged(capsys, folder(replace(bracket, raw=raw), tmp_path / "card", "jpg", "dng"))
+    assert result["metrics"]["indoor"]["response_source"] == "recovered"
+    assert why in result["left_out"]["indoor raw files"]
+    assert daylit.main(["process", str(session), "--until", "merge", "--frames", "raw"]) != 0
 
 
 def test_raw_files_alone_are_a_session(
