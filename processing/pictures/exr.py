@@ -288,7 +288,8 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
     header, arrays = _read(path)
     together = next((arrays[name] for name in ("RGB", "RGBA") if name in arrays), None)
     if together is None:
-        raise refused(path, f"has the channels {sorted(arrays)}, not R, G and B")
+        names = ", ".join(sorted(read_header(path)[0].channels))
+        raise refused(path, f"has the channels {names}, not R, G and B", advice="save what is wanted as R, G and B")
     rgb = np.ascontiguousarray(together[..., :3], dtype=np.float32)
     primaries = np.ravel(header.get("chromaticities", CHROMATICITIES))
     if not np.allclose(primaries, CHROMATICITIES, atol=2e-3):
@@ -296,10 +297,10 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
     low, mean = float(rgb.min()), float(rgb.mean(dtype=np.float64))
     if math.isfinite(mean) and -_UNDERSHOOT * max(mean, 0.0) <= low < 0:
         rgb = np.maximum(rgb, np.float32(0))
-    check_light(rgb, path)
     white = header.get("whiteLuminance")
     if white is not None and not (isinstance(white, float) and math.isfinite(white) and white > 0):
         raise refused(path, f"has whiteLuminance {white}")
+    check_light(rgb, path, 1.0 if white is None else white)
     return rgb, white if isinstance(white, float) else None
 
 
@@ -369,8 +370,10 @@ def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage
 def _read(path: Path) -> tuple[dict[str, Any], Channels]:
     """Return the only part's header and channels as the library gives them, compared with the file's own header."""
     library, parts = _library(), read_header(path)
-    if len(parts) != 1 or not parts[0].whole or not parts[0].sampled_everywhere:
-        raise refused(path, "has several parts, or is cropped or subsampled; one whole picture is taken")
+    whole, full = parts[0].whole, parts[0].sampled_everywhere
+    wrong = {len(parts) > 1: "of several parts", not whole: "cropped (data window)", not full: "subsampled"}.get(True)
+    if wrong is not None:
+        raise refused(path, f"is {wrong}", advice="save the whole picture, as one part, each channel at full size")
     try:
         # The library reports damage on standard output, where commands write their JSON.
         with redirect_stdout(sys.stderr), library.File(str(path)) as file:
@@ -389,9 +392,9 @@ def _differences(part: ExrPart, arrays: Channels) -> Iterator[str]:
     """Yield the names of channels that are missing, unasked for, or of another size than the header says."""
     found: set[str] = set()
     for name, pixels in arrays.items():
-        together = name in ("RGB", "RGBA")
-        found |= set(name) if together else {name}
-        shape = (part.height, part.width, len(name)) if together else (part.height, part.width)
-        if pixels is None or pixels.shape != shape:
+        # The library joins R, G, B (and A); of a layer ("left.R") under its name.
+        ends = "RGBA"[: np.shape(pixels)[2]] if np.ndim(pixels) == 3 else ""
+        found |= set(ends) if name in ("RGB", "RGBA") else {f"{name}.{end}" for end in ends} or {name}
+        if np.shape(pixels)[:2] != (part.height, part.width):
             yield name
     yield from found ^ set(part.channels)

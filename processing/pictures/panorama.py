@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import PanoramaError, PictureFileError
+from processing.errors import PanoramaError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2
 from processing.pictures.exr import read_exr, read_exr_rgb, read_header
@@ -24,6 +24,7 @@ from processing.pictures.frames import Codes
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.photographs import KINDS, pillow_formats, read_codes
 from processing.pictures.radiance import read_radiance_hdr
+from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular
 
 # What a photograph's own tags say of a panorama: projection and crop (GPano), orientation (EXIF), colours (ICC).
@@ -170,10 +171,10 @@ def read_panorama(path: Path, *, k1: float | None = None) -> GivenPanorama:
     height, width = found.image.rgb.shape[:2]
     _check_shape(width, height, path.name)
     _check_not_two_circles(found.image.rgb, path.name)
-    return _scaled(found, k1)
+    return _scaled(found, k1, path)
 
 
-def _scaled(found: GivenPanorama, k1: float | None) -> GivenPanorama:
+def _scaled(found: GivenPanorama, k1: float | None, path: Path) -> GivenPanorama:
     image = found.image
     if k1 is not None:
         factor, absolute = k1, True
@@ -183,9 +184,8 @@ def _scaled(found: GivenPanorama, k1: float | None) -> GivenPanorama:
         middle = float(np.median(luminance_cd_m2(image.rgb)))
         photograph = found.factor == WHITE
         factor, absolute = WHITE if photograph or middle <= 0 else MIDDLE / middle, False
+    check_light(image.rgb, path, factor)
     rgb = (image.rgb * np.float32(factor)).astype(np.float32)
-    if not np.isfinite(rgb).all():
-        raise PictureFileError(f"its values are too large to be multiplied by {factor:g}", where="--k1")
     return replace(found, image=replace(image, rgb=rgb, absolute=absolute), factor=factor)
 
 

@@ -304,9 +304,9 @@ def read_radiance_hdr(path: Path) -> RadiancePicture:
         rgbe = decode_rows(data[start:], width, height)
     except RunLengthError as error:
         raise refused(path, f"is damaged: {error}", likely="cut off or overwritten", advice="copy it again") from error
-    with np.errstate(over="ignore"):
-        rgb = from_rgbe(rgbe) * np.float32(WHITE_EFFICACY_LM_W / exposure)
-    check_light(rgb, path)
+    rgb = from_rgbe(rgbe)
+    check_light(rgb, path, WHITE_EFFICACY_LM_W / exposure)
+    rgb *= np.float32(WHITE_EFFICACY_LM_W / exposure)
     if MARK in lines:
         rgb *= _ratio(rgb, RADIANCE_WEIGHTS, LUMINANCE_WEIGHTS)[..., None]
     views = [line.partition("=")[2].strip() for line in lines if line.startswith("VIEW=")]

@@ -22,6 +22,7 @@ from station.session.folder import Folder, part_name, write_file
 
 MAX_PIXELS = 1 << 28  # a picture of the whole sphere at 1 arc minute; more is a damaged header, or a bomb
 MAX_SIDE_PX = 1 << 16  # chosen
+LEAST_LIGHT = 1e-36  # chosen: of such values, and of 1 over them, float32 still holds products and sums
 
 _ROWS = 256  # rows looked at in one go, so that checks need little memory beside the picture
 _BAND_ROWS = 32  # chosen: of a panorama these stay in the processor's cache
@@ -63,10 +64,10 @@ def check_array(
         raise refused(where, f"{name} is {array.dtype} {array.shape}, and should be {np.dtype(dtype)} {shape}")
 
 
-def check_light(rgb: Floats, where: Path | str) -> None:
+def check_light(rgb: Floats, where: Path | str, factor: float | None = None) -> None:
     """Raise unless all values are finite and not negative; the message counts the wrong ones and names the first.
 
-    ``rgb``: (H, W, 3).
+    ``rgb``: (H, W, 3). With a ``factor``, also where times it they are too large for sums, or all 0 and were not.
     """
     for top in range(0, rgb.shape[0], _ROWS):
         rows = rgb[top : top + _ROWS]
@@ -77,9 +78,14 @@ def check_light(rgb: Floats, where: Path | str) -> None:
         y, x, channel = (int(v) for v in np.argwhere(wrong)[0])
         raise refused(
             where,
-            f"{int(wrong.sum())} values in rows {top} to {top + rows.shape[0] - 1} are no light; the first, "
+            f"rows {top} to {top + rows.shape[0] - 1} hold what is no light, {int(wrong.sum())} in all; the first, "
             f"{rows[y, x, channel]}, is {'RGB'[channel]} of the pixel in column {x}, row {top + y}",
         )
+    most = float(rgb.max(initial=0)) or 1.0
+    if factor is not None and not all(LEAST_LIGHT <= one <= 1 / LEAST_LIGHT for one in (most, factor, most * factor)):
+        ends = f"{LEAST_LIGHT:g} to {1 / LEAST_LIGHT:g}"
+        what = f"its brightest value, {rgb.max():g}, times {factor:g}: both, and what comes of it, are to be {ends}"
+        raise refused(where, what, likely="a wrong unit, scale or exposure", advice="write it anew in usual units")
 
 
 def refused(where: Path | str, what: str, *, likely: str = "", advice: str = "") -> PictureFileError:

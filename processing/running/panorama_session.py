@@ -64,7 +64,8 @@ def _bytes(path: Path) -> bytes:
     except OSError as error:
         raise PictureFileError(f"cannot be read: {error.strerror}", where=str(path)) from error
     if not data or len(data) > MAX_FILE_BYTES:
-        raise PictureFileError(f"it has {len(data)} bytes or more", where=str(path), advice="give a panorama's file")
+        what = "it is too large" if data else "it is empty"
+        raise PictureFileError(what, where=str(path), advice="give a panorama's file")
     return data
 
 

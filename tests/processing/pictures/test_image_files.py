@@ -233,7 +233,7 @@ def test_pictures_of_other_programs(tmp_path: Path, name: str) -> None:
 def test_other_channels_primaries_parts_and_layouts_are_refused(tmp_path: Path) -> None:
     rgb, path = np.ones((8, 16, 3), np.float32), tmp_path / "f.exr"
     foreign(path, {"Y": rgb[..., 0].copy()})
-    with pytest.raises(PictureFileError, match="channels"):
+    with pytest.raises(PictureFileError, match="channels Y, not R, G and B"):
         read_exr_rgb(path)
     foreign(path, {"RGB": rgb}, chromaticities=(0.7, 0.29, 0.17, 0.8, 0.13, 0.05, 0.31, 0.33))
     with pytest.raises(PictureFileError, match="primaries"):
@@ -243,12 +243,49 @@ def test_other_channels_primaries_parts_and_layouts_are_refused(tmp_path: Path) 
         read_exr_rgb(path)
     window = (np.array([0, 0], np.int32), np.array([31, 31], np.int32))
     foreign(path, {"RGB": rgb}, displayWindow=window)
-    with pytest.raises(PictureFileError, match="cropped"):
+    with pytest.raises(PictureFileError, match=r"is cropped .* do: save the whole picture"):
         read_exr_rgb(path)
     parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"RGB": rgb}, name) for name in "ab"]
     OpenEXR.File(parts).write(str(path))
-    with pytest.raises(PictureFileError, match="parts"):
+    with pytest.raises(PictureFileError, match=r"is of several parts .* do: save .* as one part"):
         read_exr_rgb(path)
+
+
+def test_fewer_samples_than_pixels_are_named_so(tmp_path: Path) -> None:
+    rgb, path = np.ones((8, 16, 3), np.float32), tmp_path / "f.exr"
+    foreign(path, {"RGB": rgb})
+    data = bytearray(path.read_bytes())
+    # Of the channel list's first entry: name, type, linearity, then steps in x and y.
+    place = data.index(b"chlist\0") + len(b"chlist\0") + 4 + len(b"B\0") + 8
+    assert data[place : place + 4] == b"\1\0\0\0"
+    data[place] = 2
+    path.write_bytes(data)
+    with pytest.raises(PictureFileError, match=r"is subsampled .* do: save .* at full size"):
+        read_exr_rgb(path)
+
+
+def test_layers_are_named_and_looked_past(tmp_path: Path) -> None:
+    rgb, path = np.full((8, 16, 3), 2, np.float32), tmp_path / "f.exr"
+    layer = {f"left.{name}": np.ones((8, 16), np.float32) for name in "RGBA"}
+    foreign(path, dict(layer))
+    with pytest.raises(
+        PictureFileError, match=r"channels left\.A, left\.B, left\.G, left\.R, not R, G and B .* do: save"
+    ):
+        read_exr_rgb(path)
+    foreign(path, {**{name: np.full((8, 16), 2, np.float32) for name in "RGB"}, **layer})
+    assert np.array_equal(read_exr_rgb(path)[0], rgb)
+
+
+@pytest.mark.parametrize(("level", "white"), [(3e38, None), (1e-40, None), (40.0, 3e38), (1e-20, 1e-20)])
+def test_light_that_cannot_be_worked_with_is_refused(tmp_path: Path, level: float, white: float | None) -> None:
+    path = tmp_path / "far.exr"
+    foreign(
+        path, {"RGB": np.full((8, 16, 3), level, np.float32)}, **({} if white is None else {"whiteLuminance": white})
+    )
+    with pytest.raises(PictureFileError, match=r"far\.exr: its brightest value"):
+        read_exr_rgb(path)
+    foreign(path, {"RGB": np.zeros((8, 16, 3), np.float32)})
+    assert read_exr_rgb(path)[0].max() == 0
 
 
 def test_no_file_another_file_and_a_folder(tmp_path: Path) -> None:

@@ -173,6 +173,17 @@ def test_another_colour_profile_is_converted_or_reported(tmp_path: Path) -> None
     assert "cannot be read" in broken.notes[0]
 
 
+@pytest.mark.parametrize(("level", "k1"), [(1e-40, None), (0.4, 1e300), (0.4, 1e-300)])
+def test_light_beyond_numbers_blames_the_file(tmp_path: Path, level: float, k1: float | None) -> None:
+    path = tmp_path / "far.exr"
+    with OpenEXR.File({}, {"RGB": np.full((HEIGHT, WIDTH, 3), level, np.float32)}) as file:
+        file.write(str(path))
+    with pytest.raises(PictureFileError) as caught:
+        read_panorama(path, k1=k1)
+    assert caught.value.where == str(path)
+    assert "k1" not in str(caught.value)
+
+
 def test_damage_and_other_files_are_named(tmp_path: Path) -> None:
     whole = saved(tmp_path / "p.jpg", grey()).read_bytes()
     (tmp_path / "cut.jpg").write_bytes(whole[: len(whole) // 2])

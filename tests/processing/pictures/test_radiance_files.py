@@ -237,6 +237,10 @@ def test_files_of_others_exposure_and_size(tmp_path: Path) -> None:
         (b"EXPOSURE=1", b"EXPOSURE=0"),
         (b"EXPOSURE=1", b"EXPOSURE=nan"),
         (b"EXPOSURE=1", b"EXPOSURE=one"),
+        # All of it 0, and none of it a number.
+        (b"EXPOSURE=1", b"EXPOSURE=1e300"),
+        (b"EXPOSURE=1", b"EXPOSURE=1e-300"),
+        (b"EXPOSURE=1", b"EXPOSURE=1e-320"),
         (b"EXPOSURE=1", b"COLORCORR= 1 .5 1"),
         (b"\n\n", b"\n"),
     ],
