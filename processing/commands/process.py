@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -235,6 +236,11 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
         if into is not None:
             raise UsageError("--into goes with --panorama", where="daylit process", advice="leave it out")
         assert session is not None
+        from processing.pictures.panorama import FORMATS
+
+        if session.is_file() and session.suffix.lower() in FORMATS:
+            advice = f"daylit process --panorama {quote(str(session))}"
+            raise UsageError("is a picture, and a session is a folder", where=str(session), advice=advice)
         return session
     from processing.running.panorama_session import panorama_session
 

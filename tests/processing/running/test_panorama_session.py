@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 import daylit
-from processing.errors import PanoramaError
+from processing.errors import PanoramaError, PictureFileError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.running.panorama_session import panorama_session
@@ -62,6 +63,24 @@ def test_nothing_is_made_of_what_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PanoramaError):
         panorama_session(tmp_path / "photo.png", tmp_path / "sessions")
     assert not (tmp_path / "sessions").exists()
+
+
+def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
+    (tmp_path / "none.jpg").touch()
+    with pytest.raises(PictureFileError, match="is empty"):
+        panorama_session(tmp_path / "none.jpg", tmp_path / "sessions")
+
+
+@pytest.mark.parametrize("name", ["my room.png", "room.JPG", "room.exr", "room.hdr", "room.tif"])
+def test_a_picture_in_the_place_of_a_session_is_told_from_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    (tmp_path / name).write_bytes(b"\x89PNG")
+    for more in ((), ("--dry-run",)):
+        assert daylit.main(["process", str(tmp_path / name), *more, "--json"]) == 2
+        error = json.loads(capsys.readouterr().out)["error"]
+        assert "is a picture" in error["message"]
+        assert shlex.split(error["advice"]) == ["daylit", "process", "--panorama", str(tmp_path / name)]
 
 
 def test_merge_has_nothing_to_do_and_calibrate_is_relative(photo: Path, tmp_path: Path) -> None:
