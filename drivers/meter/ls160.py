@@ -126,7 +126,7 @@ class KonicaMinoltaMeter:
                 advice="LS-100: hold F while switching on. Find out: daylit meter probe. Or type: --reading",
             )
         return ProtocolViolationError(
-            f"this is not what a {title} answers: {answer.detail}",
+            f"this is not what the {title} answers: {answer.detail}",
             where=where,
             likely="another dialect, other port settings, or a bad cable",
             advice="find out: daylit meter probe. Or type: --reading",

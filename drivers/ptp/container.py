@@ -91,7 +91,7 @@ def encode(container: Container) -> bytes:
     limit = _MAX_PAYLOAD_BYTES.get(container.type, UNKNOWN_LENGTH - 1 - HEADER_BYTES)
     size = len(container.payload)
     if size > limit or (container.type is not ContainerType.DATA and size % 4):
-        raise ValueError(f"a {container.type.name.lower()} container cannot carry {size} bytes")
+        raise ValueError(f"a container of type {container.type.name.lower()} cannot carry {size} bytes")
     header = _HEADER.pack(HEADER_BYTES + size, container.type, container.code, container.transaction_id)
     return header + container.payload
 
@@ -113,7 +113,7 @@ def decode_header(data: bytes | bytearray) -> Header:
         if length < HEADER_BYTES:
             raise violation(f"a data container of {length} bytes is shorter than its own header", data)
     elif not HEADER_BYTES <= length <= HEADER_BYTES + _MAX_PAYLOAD_BYTES[container_type] or length % 4:
-        raise violation(f"a {container_type.name.lower()} container cannot be {length} bytes long", data)
+        raise violation(f"a container of type {container_type.name.lower()} cannot be {length} bytes long", data)
     return header
 
 
@@ -223,7 +223,7 @@ class BulkAssembler:
             return False
         header = decode_header(self._raw)
         if header.type not in (ContainerType.DATA, ContainerType.RESPONSE):
-            raise violation(f"a {header.type.name.lower()} container cannot come from bulk-in", self._raw)
+            raise violation(f"a container of type {header.type.name.lower()} cannot come from bulk-in", self._raw)
         self._limit = admit(header)
         if self._limit is not None and not header.unbounded and header.payload_bytes > self._limit:
             raise violation(

@@ -242,13 +242,13 @@ def _entry(data: Any, key: str, kind: Any, where: str = "") -> Any:
         raise LayoutFileError("is missing", where=place)
     value = data[key]
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise LayoutFileError(f"is a {type(value).__name__}", where=place)
+        raise LayoutFileError(f"is of type {type(value).__name__}", where=place)
     return value
 
 
 def _items(data: Any, where: str) -> list[tuple[str, Any]]:
     if not isinstance(data, dict):
-        raise LayoutFileError(f"is a {type(data).__name__}, not an object", where=where)
+        raise LayoutFileError(f"is of type {type(data).__name__}, not an object", where=where)
     return list(data.items())
 
 

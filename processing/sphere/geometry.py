@@ -124,7 +124,7 @@ def _check_field(mapping: LensMapping, half_field_rad: float) -> None:
     most = {LensMapping.ORTHOGRAPHIC: math.pi / 2, LensMapping.STEREOGRAPHIC: math.pi * 0.999}.get(mapping, math.pi)
     if not 0 < half_field_rad <= most:
         raise LensError(
-            f"a {mapping} fisheye with a half field of {half_field_rad} rad",
+            f"a fisheye, {mapping}, with a half field of {half_field_rad} rad",
             likely="degrees were given, or the full field",
             advice=f"give a half field above 0 and up to {most:.4f} rad",
         )
@@ -133,7 +133,7 @@ def _check_field(mapping: LensMapping, half_field_rad: float) -> None:
 def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> None:
     if (mapping is LensMapping.POLYNOMIAL) != bool(coefficients):
         raise LensError(
-            f"a {mapping} fisheye with {len(coefficients)} coefficients",
+            f"a fisheye, {mapping}, with the coefficients {list(coefficients)}",
             advice="give coefficients to the polynomial mapping, and to no other",
         )
     if not coefficients:

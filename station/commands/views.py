@@ -26,13 +26,15 @@ def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise click.UsageError(f"{flag} {text[:40]!r}: {count} numbers with commas between, {what}")
+        wanted = "one finite number" if count == 1 else f"{count} numbers with commas between"
+        raise click.UsageError(f"{flag} {text[:40]!r}: {wanted}, {what}")
     return values
 
 
 def answer(facts: Mapping[str, Any], lines: Iterable[str], *, as_json: bool, exit_code: int = 0) -> int:
-    """Write what a command found, as one JSON object or as lines for people, and return its exit code."""
-    for line in [json.dumps(facts)] if as_json else map(printable, lines):
+    """Write what a command found, as one JSON object (null: no finite number) or as lines; return its exit code."""
+    found = json.loads(json.dumps(facts), parse_constant=lambda _: None) if as_json else None
+    for line in [json.dumps(found)] if as_json else map(printable, lines):
         click.echo(line)
     return exit_code
 

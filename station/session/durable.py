@@ -96,6 +96,8 @@ def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
         likely, advice = "the computer is out of file handles or memory", "close other programs, then resume"
     elif exc.errno in (errno.EACCES, errno.EPERM):
         likely, advice = "no permission to write here", "choose a folder you may write to"
+    elif exc.errno in (errno.ENOENT, errno.ENOTDIR):
+        likely, advice = "its folder is not there", "make the folder, or check that its disk is mounted"
     elif exc.errno == errno.EFBIG:
         likely, advice = ("a limit on the size of files", "lift the limit (ulimit -f) or use another file system")
     reason = exc.strerror or str(exc)

@@ -79,7 +79,7 @@ class VerifyReport:
             listed = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
             more = f"; and {len(self.problems) - 5} more" if len(self.problems) > 5 else ""
             raise IntegrityError(
-                f"{len(self.problems)} problems: {listed}{more}",
+                f"{len(self.problems)} problem{'s'[: len(self.problems) - 1]}: {listed}{more}",
                 where=self.path,
                 advice="restore the files from a copy, or take them anew with `daylit capture --resume`",
                 files=[p.file for p in self.problems],

@@ -172,7 +172,7 @@ def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
     category = exact or next((c for c in reversed(found) if c != OTHER), OTHER)
     if not said or of_said != OTHER:
         return category, ()
-    instead = f"by its name it is taken for a {category}" if category != OTHER else "it is not arranged by itself"
+    instead = f"by its name it is of the kind {category}" if category != OTHER else "it is not arranged by itself"
     return category, (f"its category '{said[:40]}' is not known; {instead}",)
 
 

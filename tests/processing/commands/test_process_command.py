@@ -12,7 +12,7 @@ import daylit
 import processing.pipeline
 from processing.commands.process import PlainView, TerminalView, process, stage_view
 from processing.running.results import RunEvent, RunEventKind
-from station.commands.views import printable
+from station.commands.views import answer, numbers, printable
 from tests.processing.running.toy_stages import TOTAL, TOYS
 from tests.station.session.sessions import complete_session
 
@@ -157,3 +157,15 @@ def test_choices_are_shown_set_and_dropped(session: Path, tmp_path: Path, capsys
     assert json.loads(capsys.readouterr().out)["chosen"] == {}
     assert daylit.main(["choices", str(session), "scale"]) == 2
     assert "'scale' is not NAME=VALUE" in capsys.readouterr().err
+
+
+def test_answers_are_json_that_everyone_reads(capsys: pytest.CaptureFixture[str]) -> None:
+    assert answer({"a": float("inf"), "b": [float("nan"), 1.5], "c": "NaN"}, (), as_json=True, exit_code=1) == 1
+    assert capsys.readouterr().out == '{"a": null, "b": [null, 1.5], "c": "NaN"}\n'
+
+
+def test_one_number_is_asked_for_in_the_singular() -> None:
+    with pytest.raises(click.UsageError, match="one finite number, cd/m2"):
+        numbers("--scale", "nan", 1, "cd/m2")
+    with pytest.raises(click.UsageError, match="2 numbers with commas between"):
+        numbers("--at", "1", 2, "degrees")

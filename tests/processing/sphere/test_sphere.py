@@ -161,3 +161,11 @@ def test_a_fisheye_may_see_below_the_horizon():
         lens, np.array([[1.0, 0.0, -math.tan(math.radians(2.9))], [1.0, 0.0, -math.tan(math.radians(3.1))]])
     )
     assert seen.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("mapping", [LensMapping.EQUIDISTANT, LensMapping.STEREOGRAPHIC])
+def test_every_mapping_fits_into_the_sentence(mapping: LensMapping) -> None:
+    with pytest.raises(LensError, match=f"^a fisheye, {mapping}, with a half field of 180"):
+        fisheye(mapping, half_field_rad=180.0)
+    with pytest.raises(LensError, match=f"^a fisheye, {mapping}, with the coefficients"):
+        fisheye(mapping, polynomial=(1.0,))

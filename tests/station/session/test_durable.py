@@ -23,6 +23,7 @@ from tests.station.session.sessions import frame_record, manifest
         (errno.EROFS, DiskError),
         (errno.EACCES, DiskError),
         (errno.EFBIG, DiskError),
+        (errno.ENOENT, DiskError),
         (errno.EMFILE, ResourceError),
         (errno.ENOMEM, ResourceError),
     ],

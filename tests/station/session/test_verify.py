@@ -141,7 +141,9 @@ def test_every_damage_is_named(path: Path, name: str) -> None:
     make(path)
     report = verify_session(path)
     assert {(p.code, p.file) for p in report.problems} == expected
-    with pytest.raises(IntegrityError, match=f"{len(report.problems)} problem"):
+    with pytest.raises(
+        IntegrityError, match=rf"{len(report.problems)} problem{'' if len(report.problems) == 1 else 's'}:"
+    ):
         report.raise_for_problems()
 
 
