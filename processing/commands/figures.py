@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +43,9 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     image = _opened(file, asked)
     found = _figures(image, asked)
     if table is not None:
-        with table.open("w", newline="", encoding="utf-8") as out:
+        from station.session.durable import disk_errors
+
+        with disk_errors(table, "writing"), table.open("w", newline="", encoding="utf-8") as out:
             rows = csv.writer(out)
             rows.writerow(["figure", "value", "standard_uncertainty"])
             rows.writerows([name, one["value"], one["uncertainty"]] for name, one in found.items())
@@ -50,29 +53,32 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         from processing.figures.foreign import write_falsecolour
 
         write_falsecolour(falsecolour, image)
-    lines = (f"{name:<24} {one['value']:.5g} ± {one['uncertainty']:.2g}" for name, one in found.items())
-    return answer({"ok": True, "file": file.name, "unit": image.unit, "figures": found}, lines, as_json=as_json)
+    lines = [f"{name:<24} {one['value']:.5g} ± {one['uncertainty']:.2g}" for name, one in found.items()]
+    left_out = {} if image.absolute else {"glare": f"in {image.unit}; --scale or --reading give lx, cd/m2 and glare"}
+    facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
+    return answer(facts, [*lines, *left_out.values()], as_json=as_json)
 
 
 def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     """Return the picture in cd/m2: by the frames' settings, a factor, a reading, or as the file says."""
     from processing.errors import ParameterError
     from processing.figures import foreign
+    from processing.sphere import Fisheye
 
     cals = [foreign.read_cal(path) for path in asked["cal"]]
     if file.is_dir():
-        words = (asked["view"] or "fisheye,equidistant,180").split(",")
-        if len(words) != 3 or words[0] != "fisheye":
+        lens = foreign.view_geometry(asked["view"] or "fisheye,equidistant,180", 2, 1)
+        if not isinstance(lens, Fisheye):
             raise ParameterError("a folder of frames is a fisheye's bracket", advice="--view fisheye,MAPPING,DEGREES")
         response = None if asked["response"] is None else foreign.read_rsp(asked["response"])
         frames = foreign.taken_frames(file)
-        [degrees] = numbers("--view", words[2], 1, "degrees")
-        image = foreign.merged_bracket(frames, response, words[1], degrees)
+        image = foreign.merged_bracket(frames, response, lens.mapping, math.degrees(2 * lens.half_field_rad))
     else:
         image = foreign.picture_of(file, asked["view"])
     image = foreign.applied(image, cals)
     if asked["scale"] is not None:
-        return foreign.rescaled(image, asked["scale"], 0.0)
+        numbers("--scale", str(asked["scale"]), 1, "cd/m2 of one unit of the file")
+        return foreign.rescaled(image, asked["scale"], 0.0, f"{file.name}, --scale")
     if asked["reading"] is None:
         return image
     level, _, place = asked["reading"].partition("@")
@@ -82,6 +88,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
 
 
 def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str, float]]:
+    from processing.errors import ParameterError
     from processing.figures import foreign
     from processing.figures.glare import glare_indices
     from processing.sphere import Fisheye
@@ -90,8 +97,13 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str
     if asked["task"]:
         right, up, across = numbers("--task", asked["task"], 3, "degrees right, up and across")
         task = (right, up, across)
+        if not (abs(right) <= 180 and abs(up) <= 90 and 0 < across <= 180):
+            raise ParameterError(f"--task {asked['task']}", advice="within ±180, ±90, and above 0 up to 180 degrees")
+    has_glare = isinstance(image.geometry, Fisheye) and image.absolute
+    if task and not has_glare:
+        raise ParameterError("--task is for glare, of a fisheye in cd/m2", advice="give --view, --scale or --reading")
     found = foreign.light_figures(image)
-    if isinstance(image.geometry, Fisheye) and image.absolute:
+    if has_glare:
         found |= glare_indices(image, task=task)
     for number, text in enumerate(asked["region"]):
         x0, y0, x1, y1 = (int(v) for v in numbers("--region", text, 4, "pixels: left, top, right, bottom"))

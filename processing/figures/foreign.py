@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,10 @@ from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.modes import falloff_mode, modes_of, widened, with_modes
-from processing.pictures.radiance import read_radiance_hdr
+from processing.pictures.radiance import RELATIVE_MARK, read_radiance_hdr
+from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
+from station.session.durable import disk_errors
 
 HDRGEN = (87.0, 0.05, "exposure settings, hdrgen's constant")
 """cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO)), its relative standard
@@ -56,15 +59,19 @@ class CalFile:
 def read_cal(path: Path) -> CalFile:
     """Read a fall-off or factors; raises `PictureFileError` for a file that holds neither."""
     text = _text(path)
-    if "sf=" in text.replace(" ", ""):
-        pairs = [(a or c, b or "1") for a, b, c in _TERM.findall(text)]
-        known = {int(power): float(value) for value, power in pairs if abs(float(value)) > 1e-9}
-        if known:
-            # Centred on 500 they are for pictures turned into equidistant ones before; else for those as taken.
-            turned = "500" in text
-            falloff = Vignetting(tuple(known), tuple(known.values()), FALLOFF_SIGMA, in_angle=turned, source=path.name)
-            return CalFile(falloff, (1.0, 1.0, 1.0))
-    found = {channel: float(before or after or 1) for channel, before, after in _GAIN.findall(text)}
+    terms = _TERM.findall(text) if "sf=" in text.replace(" ", "") else []
+    try:
+        known = {int(b or 1): value for a, b, c in terms if abs(value := float(a or c)) > 1e-9}
+        found = {channel: float(before or after or 1) for channel, before, after in _GAIN.findall(text)}
+    except ValueError as error:
+        raise PictureFileError(f"holds what is no number ({error})", where=path.name) from error
+    if not all(map(math.isfinite, known.values())) or not all(0 < gain < math.inf for gain in found.values()):
+        raise PictureFileError("holds an infinite number, or a factor of 0", where=path.name)
+    if known:
+        # Centred on 500 they are for pictures turned into equidistant ones before; else for those as taken.
+        turned = "500" in text
+        falloff = Vignetting(tuple(known), tuple(known.values()), FALLOFF_SIGMA, in_angle=turned, source=path.name)
+        return CalFile(falloff, (1.0, 1.0, 1.0))
     if set(found) != set("rgb"):
         raise PictureFileError("holds neither a fall-off nor factors a channel", where=path.name)
     return CalFile(None, (found["r"], found["g"], found["b"]))
@@ -91,13 +98,13 @@ def _text(path: Path) -> str:
 
 def view_geometry(view: str, width: int, height: int) -> Fisheye | Equirectangular:
     """Return the geometry of "fisheye,MAPPING,DEGREES" (filling the picture's shorter side) or "panorama"."""
-    kind, *rest = view.lower().split(",")
-    if kind == "panorama" and not rest:
+    if view.lower() == "panorama":
         return Equirectangular(width, height)
     try:
-        mapping, degrees = LensMapping(rest[0]), float(rest[1])
-    except (ValueError, IndexError):
-        names = ", ".join(m.value for m in LensMapping)
+        kind, name, angle = view.lower().split(",")
+        mapping, degrees = {"fisheye": LensMapping}[kind](name), float(angle)
+    except (ValueError, KeyError):
+        names = ", ".join(m.value for m in LensMapping if m is not LensMapping.POLYNOMIAL)
         raise ParameterError(f"--view {view!r}", advice=f"panorama, or fisheye,MAPPING,DEGREES ({names})") from None
     return Fisheye(width, height, mapping, min(width, height) / 2, math.radians(degrees) / 2)
 
@@ -105,6 +112,7 @@ def view_geometry(view: str, width: int, height: int) -> Fisheye | Equirectangul
 def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:
     """Return the picture after the .cal files: fall-off taken off, channels multiplied; their doubt is shared."""
     for one in files:
+        check_light(image.rgb, "--cal", max(one.gains))
         rgb = image.rgb * np.array(one.gains, np.float32)
         modes = []
         if one.falloff is not None:
@@ -190,13 +198,13 @@ def picture_of(path: Path, view: str | None) -> LuminanceImage:
     head = path.read_bytes()[:4]
     if head.startswith(b"#?"):
         picture = read_radiance_hdr(path)
-        return _plain(picture.rgb, picture.geometry, view, path)
+        return _plain(picture.rgb, picture.geometry, view, path, absolute=RELATIVE_MARK not in picture.header)
     if head != b"\x76\x2f\x31\x01":
         raise PictureFileError("is neither EXR nor Radiance HDR", where=path.name, advice="give an HDR picture")
     image = read_any_exr(path)
     if isinstance(image, tuple):
         rgb, white = image
-        return _plain(rgb * np.float32(white or 1.0), None, view, path)
+        return _plain(rgb * np.float32(white or 1.0), None, view, path, absolute=white is not None)
     if isinstance(image, RelativeImage):
         image = LuminanceImage(
             image.rgb, image.uncertainty, image.validity, image.geometry, 0.0, None, image.attributes, absolute=False
@@ -205,7 +213,7 @@ def picture_of(path: Path, view: str | None) -> LuminanceImage:
     return image if view is None else replace(image, geometry=view_geometry(view, width, height))
 
 
-def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path) -> LuminanceImage:
+def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path, *, absolute: bool) -> LuminanceImage:
     height, width = rgb.shape[:2]
     if view is None and not isinstance(known, Fisheye | Equirectangular):
         if width != 2 * height:
@@ -216,11 +224,13 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path) -> Lumi
     _, seen = directions(geometry)
     validity = np.where(seen, Validity.VALID, Validity.OUTSIDE).astype(np.uint8)
     light = np.where(seen[..., None], rgb, 0).astype(np.float32)
-    return LuminanceImage(light, np.zeros((height, width), np.float32), validity, geometry, UNKNOWN_SIGMA)
+    sigma = UNKNOWN_SIGMA if absolute else 0.0
+    return LuminanceImage(light, np.zeros((height, width), np.float32), validity, geometry, sigma, absolute=absolute)
 
 
-def rescaled(image: LuminanceImage, factor: float, sigma: float) -> LuminanceImage:
-    """Return the picture times a factor of a relative standard uncertainty."""
+def rescaled(image: LuminanceImage, factor: float, sigma: float, where: str = "--scale") -> LuminanceImage:
+    """Return the picture times a factor of a relative standard uncertainty; errors name ``where`` it is from."""
+    check_light(image.rgb, where, factor)
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     rgb = np.asarray(image.rgb * np.float32(factor))
     attributes = with_modes(image.attributes, modes)
@@ -237,34 +247,34 @@ def by_reading(image: LuminanceImage, level: float, place: tuple[float, float], 
     shown = float(luminance_map(image)[spot].mean(dtype=np.float64))
     if not shown > 0 or np.any(image.validity[spot] != Validity.VALID):
         raise ScaleError("the reading's place is black, clipped or outside", advice="read a place in the picture")
-    found = rescaled(image, level / shown, sigma)
+    found = rescaled(image, level / shown, sigma, "--reading")
     modes = [mode.moved(0.0, math.log2(level)) for mode in modes_of(found)]
     return replace(found, attributes=with_modes(found.attributes, modes))
 
 
 def light_figures(image: LuminanceImage) -> dict[str, Figure]:
-    """Return illuminances: of a fisheye on the plane across its axis, of a panorama on five planes; and luminances."""
+    """Return illuminances (fisheye: across its axis; panorama: five planes) and luminances, if absolute named so."""
     fisheye = isinstance(image.geometry, Fisheye)
     planes = {"illuminance": (0.0, 0.0, 1.0)} if fisheye else {f"illuminance-{n}": p for n, p in PLANES.items()}
     found = {}
     for name, light in zip(planes, illuminances_lx(image, list(planes.values())), strict=True):
-        found[f"{name}_lx"] = {"value": light.value_lx, "uncertainty": light.uncertainty_lx}
+        found[f"{name}_lx" if image.absolute else name] = {"value": light.value_lx, "uncertainty": light.uncertainty_lx}
     height, width = image.validity.shape
     return found | region_figures(image, (0, 0, width, height), "picture")
 
 
 def region_figures(image: LuminanceImage, box: tuple[int, int, int, int], name: str) -> dict[str, Figure]:
     """Return mean, median, lowest and highest luminance of the valid pixels in a box (left, top, right, bottom)."""
-    left, top, right, bottom = box
+    left, top, right, bottom = (max(edge, 0) for edge in box)
     part = (slice(top, bottom), slice(left, right))
     usable = image.validity[part] != Validity.OUTSIDE
     if not usable.any():
         raise ParameterError(f"{name} shows nothing", advice="give a part inside the picture")
-    kinds = {"mean": np.mean, "median": np.median, "lowest": np.min, "highest": np.max}
+    kinds = {"mean": partial(np.mean, dtype=np.float64), "median": np.median, "lowest": np.min, "highest": np.max}
     found = {}
     for kind, of in kinds.items():
         value, off = with_uncertainty(lambda one, of=of: float(of(luminance_map(one)[part][usable])), image)  # type: ignore[misc]
-        found[f"{name}-{kind}_cd_m2"] = {"value": value, "uncertainty": off}
+        found[f"{name}-{kind}{'_cd_m2' if image.absolute else ''}"] = {"value": value, "uncertainty": off}
     return found
 
 
@@ -296,7 +306,7 @@ def write_falsecolour(path: Path, image: LuminanceImage) -> None:
 
     level = luminance_map(image)
     seen = (image.validity != Validity.OUTSIDE) & (level > 0)
-    low, high = (math.log10(v) for v in np.percentile(level[seen], (1, 99.9)))
+    low, high = (math.log10(v) for v in np.percentile(level[seen] if seen.any() else [1.0], (1, 99.9)))
     share = np.clip((np.log10(np.maximum(level, 1e-9)) - low) / max(high - low, 1e-9), 0, 1)
     height = level.shape[0]
     bar = np.repeat(np.linspace(1, 0, height)[:, None], max(24, height // 12), axis=1)
@@ -304,5 +314,5 @@ def write_falsecolour(path: Path, image: LuminanceImage) -> None:
     for k in range(6):
         text, row = f"{10 ** (high - k / 5 * (high - low)):.3g}", int(12 + k / 5 * (height - 20))
         cv2.putText(view, text, (level.shape[1] + 2, row), cv2.FONT_HERSHEY_PLAIN, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
-    if not cv2.imwrite(str(path), view):
-        raise PictureFileError("cannot be written", where=path.name)
+    with disk_errors(path, "writing"):
+        path.write_bytes(cv2.imencode(".png", view)[1].tobytes())

@@ -66,6 +66,25 @@ def test_what_is_no_calibration_is_refused(tmp_path: Path, text: str) -> None:
         read_rsp(path)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sf=1/(((---)*r^2)+1);",
+        "sf=1/(((-0.5)*r^4)+((1.2.3)*r^2)+1);",
+        "sf=1/(((1e400)*r^2)+1);",
+        "ro=1.2.3*ri(1);go=1*gi(1);bo=1*bi(1);",
+        "ro=0*ri(1);go=0*gi(1);bo=0*bi(1);",
+        "ro=1*ri(1);go=0.0*gi(1);bo=1*bi(1);",
+    ],
+)
+def test_numbers_of_a_cal_file_are_checked(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "odd.cal"
+    path.write_text(text)
+    with pytest.raises(PictureFileError) as caught:
+        read_cal(path)
+    assert caught.value.where == "odd.cal"
+
+
 def test_a_response_polynomial_is_read(tmp_path: Path) -> None:
     path = tmp_path / "camera.rsp"
     path.write_text("2 0.9 0.05 0.001\n2 0.9 0.05 0.001\n2 0.9 0.05 0.001\n")
@@ -79,7 +98,13 @@ def test_views_are_checked() -> None:
     found = view_geometry("fisheye,equisolid,180", 64, 64)
     assert isinstance(found, Fisheye)
     assert found.half_field_rad == pytest.approx(math.pi / 2)
-    for wrong in ("fisheye", "fisheye,round,180", "fisheye,equisolid,x"):
+    for wrong in (
+        "fisheye",
+        "fisheye,round,180",
+        "fisheye,equisolid,x",
+        "eye,equisolid,180",
+        "fisheye,equisolid,180,2",
+    ):
         with pytest.raises(ParameterError):
             view_geometry(wrong, 64, 64)
 

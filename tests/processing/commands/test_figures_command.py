@@ -1,0 +1,173 @@
+"""`daylit figures`: whose units the figures are in, and what is said of values, files and options that cannot be."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from daylit import main
+from processing.pictures.exr import write_exr
+from processing.pictures.radiance import write_radiance_hdr
+from tests.processing.pictures.picture_strategies import luminance_image
+
+FISHEYE = ("--view", "fisheye,equidistant,180")
+
+
+def exr(path: Path, *, level: float = 40.0, size: tuple[int, int] = (32, 64), white: float | None = None) -> str:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {} if white is None else {"whiteLuminance": white}
+    OpenEXR.File(header, {"RGB": np.full((*size, 3), level, np.float32)}).write(str(path))
+    return str(path)
+
+
+def said(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict]:
+    """Run with --json; standard error stays empty: neither warnings nor crash reports."""
+    code = main(["figures", *words, "--json"])
+    streams = capsys.readouterr()
+    assert not streams.err
+
+    def refuse(name: str) -> float:
+        raise AssertionError(f"{name} is no JSON")
+
+    return code, json.loads(streams.out, parse_constant=refuse)
+
+
+def error(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+    code, answer = said(capsys, *words)
+    assert code in (2, 5, 6)
+    return answer["error"]
+
+
+def test_a_picture_without_a_scale_is_in_relative_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = exr(tmp_path / "plain.exr", size=(32, 32))
+    code, found = said(capsys, path, *FISHEYE)
+    assert (code, found["unit"]) == (0, "relative units")
+    # No name may promise lx or cd/m2, and glare depends on the scale.
+    assert set(found["figures"]) == {"illuminance", *(f"picture-{n}" for n in ("mean", "median", "lowest", "highest"))}
+    assert found["figures"]["picture-mean"]["value"] == pytest.approx(40)
+    assert "--scale" in found["left_out"]["glare"]
+    assert main(["figures", path, *FISHEYE]) == 0
+    text = capsys.readouterr().out
+    assert "cd_m2" not in text
+    assert "_lx" not in text
+    assert "in relative units; --scale or --reading" in text
+
+
+@pytest.mark.parametrize("words", [("--scale", "2"), ("--reading", "80@16,16")])
+def test_a_scale_makes_it_absolute(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]) -> None:
+    code, found = said(capsys, exr(tmp_path / "plain.exr", size=(32, 32)), *FISHEYE, *words)
+    assert (code, found["unit"], found["left_out"]) == (0, "cd/m2", {})
+    assert found["figures"]["picture-mean_cd_m2"]["value"] == pytest.approx(80)
+    assert {"illuminance_lx", "dgp", "ugr"} <= set(found["figures"])
+
+
+def test_a_file_that_states_its_scale_is_absolute(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = said(capsys, exr(tmp_path / "white.exr", white=3.0))
+    assert found["unit"] == "cd/m2"
+    assert found["figures"]["picture-mean_cd_m2"]["value"] == pytest.approx(120)
+
+
+def test_our_own_files_stay_what_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = luminance_image(np.full((32, 64, 3), 40, np.float32))
+    for absolute, unit in ((True, "cd/m2"), (False, "relative units")):
+        write_radiance_hdr(tmp_path / "own.hdr", replace(image, absolute=absolute))
+        write_exr(tmp_path / "own.exr", replace(image, absolute=absolute))
+        for name in ("own.hdr", "own.exr"):
+            assert said(capsys, str(tmp_path / name))[1]["unit"] == unit, name
+
+
+def test_radiance_files_of_others_follow_its_convention(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + bytes((127, 127, 127, 128)) * 32
+    (tmp_path / "other.hdr").write_bytes(rows)
+    _, found = said(capsys, str(tmp_path / "other.hdr"))
+    assert found["unit"] == "cd/m2"
+    assert found["figures"]["picture-mean_cd_m2"]["value"] == pytest.approx(127.5 / 256 * 179)
+
+
+def test_tables_go_where_there_is_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, table, colours = exr(tmp_path / "p.exr"), tmp_path / "t.csv", tmp_path / "t.png"
+    assert said(capsys, path, "--csv", str(table), "--falsecolour", str(colours))[0] == 0
+    assert next(csv.reader(table.read_text("utf-8").splitlines())) == ["figure", "value", "standard_uncertainty"]
+    assert colours.read_bytes().startswith(b"\x89PNG")
+    for option in ("--csv", "--falsecolour"):
+        found = error(capsys, path, option, str(tmp_path / "no" / "x.png"))
+        assert found["code"] == "RES-002"
+        assert "folder is not there" in found["likely"]
+
+
+def test_a_black_picture_has_false_colours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = exr(tmp_path / "black.exr", level=0.0)
+    assert said(capsys, path, "--falsecolour", str(tmp_path / "x.png"))[0] == 0
+
+
+@pytest.mark.parametrize("view", ["fisheye,foo,180", "fisheye,equisolid,nan", "fisheye,equisolid", "panorama"])
+def test_a_brackets_view_is_checked_before_it_is_merged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], view: str
+) -> None:
+    found = error(capsys, str(tmp_path), "--view", view)
+    assert found["code"] in ("USE-004", "CAL-006")
+    assert "bracket" not in found["message"] or view == "panorama"
+
+
+@pytest.mark.parametrize("scale", ["nan", "inf"])
+def test_a_scale_that_is_no_number_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: str) -> None:
+    assert "--scale" in error(capsys, exr(tmp_path / "p.exr"), "--scale", scale)["message"]
+
+
+@pytest.mark.parametrize("task", ["0,0,1e9", "0,0,0", "200,0,10", "0,-91,10"])
+def test_a_task_zone_lies_on_the_sphere(tmp_path: Path, capsys: pytest.CaptureFixture[str], task: str) -> None:
+    path = exr(tmp_path / "p.exr", size=(32, 32), white=1.0)
+    assert said(capsys, path, *FISHEYE, "--task", "0,0,20")[0] == 0
+    assert "--task" in error(capsys, path, *FISHEYE, "--task", task)["message"]
+
+
+def test_a_task_without_glare_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    panorama = exr(tmp_path / "p.exr", white=1.0)
+    relative = exr(tmp_path / "f.exr", size=(32, 32))
+    for words in ((panorama,), (relative, *FISHEYE)):
+        assert "--task" in error(capsys, *words, "--task", "0,0,20")["message"]
+
+
+def test_a_region_is_what_lies_inside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = exr(tmp_path / "p.exr")
+    _, found = said(capsys, path, "--region", "-5,-5,10,10")
+    assert found["figures"]["region-1-mean"]["value"] == pytest.approx(40)
+    assert "shows nothing" in error(capsys, path, "--region", "-5,-5,0,0")["message"]
+
+
+@pytest.mark.parametrize(
+    ("level", "white", "words"),
+    [
+        (3e38, None, ()),
+        (40.0, 3e38, ()),
+        (1e-40, None, ()),
+        (40.0, None, ("--scale", "1e300")),
+        (40.0, None, ("--scale", "1e-300")),
+    ],
+)
+def test_light_beyond_numbers_names_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], level: float, white: float | None, words: tuple[str, ...]
+) -> None:
+    found = error(capsys, exr(tmp_path / "far.exr", level=level, white=white), *words)
+    assert found["code"] == "PIC-001"
+    assert "far.exr" in found["where"]
+
+
+def test_large_values_have_a_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = said(capsys, exr(tmp_path / "p.exr", level=9e35))
+    assert found["figures"]["picture-mean"]["value"] == pytest.approx(9e35)
+    assert all(math.isfinite(number) for one in found["figures"].values() for number in one.values())
+
+
+def test_factors_of_a_lens_may_not_carry_it_too_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cal = tmp_path / "far.cal"
+    cal.write_text("".join(f"{c}o={'9' * 38}*{c}i(1);" for c in "rgb"))
+    path = exr(tmp_path / "p.exr", size=(32, 32))
+    assert error(capsys, path, *FISHEYE, "--cal", str(cal))["where"] == "--cal"
