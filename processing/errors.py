@@ -16,6 +16,10 @@ class ChoicesError(SessionError, code="SES-011"):
     """choices.toml of a session cannot be right, or names a file that is not there; it is left as it is."""
 
 
+class ResultFileError(ProcessingError, code="PRC-001"):
+    """A file of a stage's result that is missing, damaged or changed; names it, and what makes it anew."""
+
+
 class PictureFileError(ProcessingError, code="PIC-001"):
     """A picture file that is damaged, of the wrong kind, or holds values that light cannot have; names the file."""
 

@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.errors import DaylitError
+from processing.ground.finished import digest as digest
 from station.session import strict_json
 from station.session.folder import READ_BYTES, Folder, write_file
 from station.session.session import SessionManifest
@@ -19,10 +20,8 @@ from station.session.session import SessionManifest
 # SHA-256 of files, remembered as long as size, times and inode are the same.
 #
 # The memory is a cache beside the results (stages/.digests.json): losing it costs one reading of the files, and a copy
-# of
-# the session starts anew (other inodes). A file changed in place gets a new change time (ctime), which no program can
-# set back; a disk that corrupts a file silently changes no time: `--recheck` reads everything.
-
+# of the session starts anew (other inodes). A file changed in place gets a new change time (ctime), which no program
+# can set back; a disk that corrupts a file silently changes no time: `--recheck` reads everything.
 
 MEMORY_NAME = ".digests.json"
 MAX_MEMORY_BYTES = 4 << 20
@@ -111,16 +110,6 @@ _NO_FIELDS = {FOLDER, RELIGHT}
 
 Json = Any
 Ingredients = dict[str, Json]
-
-
-def canonical(value: Json) -> bytes:
-    """Return JSON as bytes, one way only: sorted keys, no spaces, shortest exact numbers."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode()
-
-
-def digest(value: Json) -> str:
-    """Return the SHA-256 of a JSON value, hexadecimal."""
-    return hashlib.sha256(canonical(value)).hexdigest()
 
 
 def visible_part(manifest: SessionManifest, reads: tuple[str, ...]) -> SessionManifest:

@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from processing.ground.finished import CLEANED
 from processing.running import results
 from processing.running.fingerprint import DigestMemory
 from station.errors import IntegrityError
@@ -95,11 +96,14 @@ class ResultStore:
         return self._memory.sha256(folder, name, f"{STAGES}/{stage}/{name}") == record.sha256
 
     def drop(self, stage: str) -> int:
-        """Remove a stage's result; return how many bytes its files had."""
+        """Remove a stage's result but for what it found (`CLEANED`); return how many bytes its files had."""
         parent = self._open()
         if parent.lstat(stage) is None:
             return 0
         size = sum(path.stat().st_size for path in self.path(stage).iterdir() if path.is_file())
+        with parent.sub(stage) as folder:
+            if folder.lstat(results.RESULT_NAME) is not None:
+                folder.move(results.RESULT_NAME, parent, CLEANED.format(stage))
         # First out of its place, so that a kill leaves no half result.
         old = f"{_OLD_PREFIX}{stage}"
         _clear(parent, old)
@@ -138,6 +142,7 @@ class ResultStore:
                 durable.os_calls.rename(name, stage, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
         parent.sync()
         _clear(parent, f"{_OLD_PREFIX}{stage}")
+        _clear(parent, CLEANED.format(stage))
         return sealed
 
     def known_again(self, stage: str, files: Mapping[str, results.FileRecord]) -> None:

@@ -14,16 +14,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, ValidationError
 
-from processing.running.fingerprint import digest
+from processing.ground.finished import PLAIN_NAME, digest
+from processing.ground.finished import RESULT_NAME as RESULT_NAME
 from processing.running.progress import Cost
 from processing.stages.contract import StageWarning
 from station.session import strict_json
 from station.session.session import SafeText
 
-RESULT_NAME = "result.json"
 RUN_NAME = "run.json"
 MAX_RESULT_BYTES = 8 << 20
-FileName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+FileName = Annotated[str, StringConstraints(pattern=PLAIN_NAME)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 

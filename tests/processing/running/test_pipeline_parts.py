@@ -12,6 +12,7 @@ import pytest
 from pydantic import Field
 
 from processing.errors import ParameterError
+from processing.ground.finished import Finished
 from processing.pipeline import Artifact, Stage
 from processing.running.requests import RunRequest
 from processing.running.results import Action, RunEvent, RunEventKind
@@ -151,13 +152,15 @@ def look(context: StageContext) -> StageOutput:
 
 def test_what_only_stages_need_can_be_dropped(session: Path) -> None:
     run(session, TOYS)
-    before = contents(session)
+    before, before_metrics = contents(session), result(session, "frames")["metrics"]
     (session / "stages" / ".old-half").mkdir()
     freed = clean(session, ("total",), stages=TOYS)
     assert set(freed) == {"frames", "half"}
     assert freed["frames"] >= sum(len(data) for name, data in before.items() if name.startswith("frames/"))
     assert sorted(path.name for path in (session / "stages").iterdir() if path.is_dir()) == ["total"]
+    assert Finished(session, "frames").facts["metrics"] == before_metrics, "what it found is still known"
     assert actions(run(session, TOYS)) == [RAN, SKIPPED, RAN], "what depends on it gives the same and stands"
+    assert not list((session / "stages").glob(".cleaned-*")), "and does not outlive what is made anew"
     assert contents(session) == before
     with pytest.raises(ParameterError, match="no stage 'roof'"):
         clean(session, ("roof",), stages=TOYS)
