@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,7 +120,7 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
     from processing.pictures.exr import read_exr
     from processing.pictures.images import LuminanceImage
 
-    path = pictures_of(session).get(ROOM)
+    path = pictures_of(session, done.left_out).get(ROOM)
     image = None if path is None else read_exr(path)
     if not isinstance(image, LuminanceImage):
         raise ParameterError("has no calibrated room picture yet", where=str(session), advice="daylit process it first")
@@ -207,20 +208,14 @@ def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
     return answer({"ok": True, "session": session.name, "freed_bytes": freed}, lines, as_json=as_json)
 
 
-_STILLS = Path("stages", "stills")
-
-
-def stills_of(session: Path) -> list[dict[str, Any]]:
-    """Return the facts of a session's stills (docs/guides/report.md), the first the best; none where there are none."""
-    from station.session import strict_json
-
-    path = session / _STILLS / "stills.json"
-    return list(strict_json.loads(path.read_bytes())["stills"]) if path.is_file() else []
-
-
 def still_paths(session: Path) -> list[Path]:
-    """Return a session's stills, the first the best."""
-    return [session / _STILLS / one["file"] for one in stills_of(session)]
+    """Return a session's stills, the first the best; none where they are damaged: they are made anew when asked for."""
+    from processing.errors import ResultFileError
+    from processing.exchange.proof import STILLS, stills_of
+
+    with suppress(ResultFileError):
+        return [session / STILLS / one["file"] for one in stills_of(session)]
+    return []
 
 
 @click.command()
@@ -243,6 +238,7 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
       daylit stills sessions/2023-05-19T1554Z_coda-320 --into pictures
     """
     from processing.errors import ProcessingError
+    from processing.exchange.proof import STILLS, stills_of
 
     if aim:
         from processing.api import process
@@ -251,7 +247,7 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
     facts = stills_of(session)
     if not facts:
         raise ProcessingError("there are no stills yet", where=str(session), advice=f"daylit process {session}")
-    folder = session / _STILLS
+    folder = session / STILLS
     names = [name for one in facts for name in (one["file"], one["original"])]
     if into is not None:
         into.mkdir(parents=True, exist_ok=True)

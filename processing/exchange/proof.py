@@ -8,22 +8,23 @@ content credentials (C2PA) that are chained to the frames.
 import hashlib
 import io
 import json
+import re
 from collections.abc import Mapping
 from datetime import datetime, timedelta
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 from processing.errors import ParameterError
+from processing.ground.finished import PLAIN_NAME, Finished
 from processing.pictures.writing import write_bytes
 from station.session import strict_json
 from station.session.folder import file_sha256
 from station.session.store import load_manifest
 
-# C2PA content credentials in JPEG files: signed by a named certificate, or by one made here that says so.
-#
-# Signing and reading are c2pa-python's (C2PA specification 2); this module says what is signed. A self-made certificate
+# C2PA content credentials in JPEG files, signed and read by c2pa-python (C2PA specification 2); a self-made certificate
 # shows that bytes are as they were written, and vouches for nobody: readers call it untrusted.
 
 LABEL = "org.daylit.proof"
@@ -53,15 +54,13 @@ class Signer(NamedTuple):
 
 def _c2pa() -> ModuleType:
     try:
-        import c2pa
+        return import_module("c2pa")
     except ImportError as error:
         raise ParameterError(
             "content credentials need c2pa-python, which is not installed",
             where="--sign",
             advice="pip install 'daylit[c2pa]', or leave --sign out",
         ) from error
-    module: ModuleType = c2pa
-    return module
 
 
 def self_made_signer(now: datetime) -> Signer:
@@ -134,8 +133,7 @@ def signed_jpeg(jpeg: bytes, signer: Signer, title: str, proof: Mapping[str, Any
     """
     c2pa = _c2pa()
     kind = "original" if original is None else "result"
-    made: dict[str, Any] = {"action": "c2pa.created", "digitalSourceType": SOURCES[kind]}
-    steps = [made]
+    steps: list[dict[str, Any]] = [{"action": "c2pa.created", "digitalSourceType": SOURCES[kind]}]
     if original is not None:
         made = {"action": "c2pa.edited", "digitalSourceType": SOURCES[kind], "description": str(proof["statement"])}
         steps = [{"action": "c2pa.opened", "parameters": {"ingredientIds": ["original"]}}, made]
@@ -171,27 +169,40 @@ def credentials_of(jpeg: bytes) -> tuple[bool, Mapping[str, Any]]:
     return holds, next((one["data"] for one in said if one["label"] == LABEL), {})
 
 
-NAME = "proof.json"
+NAME, STILLS = "proof.json", Path("stages", "stills")
 STATEMENT = (
     "Pictures of kind 'result' were altered by computer as listed under 'changes'; those of kind 'original' are the "
     "photograph in the same frame, altered in nothing but white balance, exposure and tone."
 )
 
 
+def stills_of(session: Path) -> list[dict[str, Any]]:
+    """Return the facts of a session's stills (docs/guides/report.md), the first the best; none where there are none.
+
+    Raises `ResultFileError` where the facts, a still or its original are not as the stage wrote them.
+    """
+    if not (session / STILLS).is_dir():
+        return []
+    made = Finished(session, STILLS.name)
+    found = list(made.json("stills.json")["stills"]) if "stills.json" in made else []
+    for name in [one[key] for one in found for key in ("file", "original")]:
+        made.path(name)
+    return found
+
+
 def write_proof(session: Path, into: Path, signer: Signer | None = None) -> tuple[Path, str]:
     """Write the pack of a processed session into a folder; return proof.json and its digest (hex SHA-256).
 
     ``signer``: puts content credentials into each picture, the original's into its result's. Raises `ParameterError`
-    where the session has no stills.
+    where the session has no stills, `ResultFileError` where they, or what is known of the changes, are damaged or gone.
     """
-    folder = session / "stages" / "stills"
-    if not (folder / "stills.json").is_file():
+    folder, stills = session / STILLS, stills_of(session)
+    if not stills:
         raise ParameterError("there are no stills to prove", where=str(session), advice=f"daylit process {session}")
-    stills = strict_json.loads((folder / "stills.json").read_bytes())["stills"]
     manifest = load_manifest(session)
     frames = [{"file": frame.file, "sha256": frame.sha256} for frame in manifest.frames]
+    changes = _changes(session, {one["state"] for one in stills})
     into.mkdir(parents=True, exist_ok=True)
-    changes = _changes(session / "stages")
     pictures: list[dict[str, Any]] = []
     for one in stills:
         above: bytes | None = None
@@ -238,8 +249,7 @@ def check_proof(folder: Path, *, session: Path | None = None, digest: str | None
         body = strict_json.loads(raw)
         own = body.pop("sha256")
         intact = _canonical(body | {"sha256": own}) == raw and hashlib.sha256(_canonical(body)).hexdigest() == own
-        pictures = [(str(one["file"]), str(one["sha256"])) for one in body["pictures"]]
-        frames = [(str(one["file"]), str(one["sha256"])) for one in body["frames"]]
+        pictures, frames = _listed(body["pictures"]), _listed(body["frames"])
         chained = body["chain"] == _chain([sha for _, sha in frames], [sha for _, sha in pictures])
     except (strict_json.StrictJsonError, KeyError, TypeError, AttributeError, ValueError):
         return [f"{NAME}: changed"]
@@ -247,17 +257,25 @@ def check_proof(folder: Path, *, session: Path | None = None, digest: str | None
     if not chained:
         found.append("chain: does not lead from these frames to these pictures")
     if body.get("signed_by"):
-        for one in body["pictures"]:
-            data = (folder / one["file"]).read_bytes() if (folder / one["file"]).is_file() else b""
+        for (name, _), one in zip(pictures, body["pictures"], strict=True):
+            data = (folder / name).read_bytes() if (folder / name).is_file() else b""
             holds, said = credentials_of(data)
             if not holds or said.get("chain") != _chain([sha for _, sha in frames], [one.get("unsigned_sha256", "")]):
-                found.append(f"{one['file']}: its content credentials do not hold")
+                found.append(f"{name}: its content credentials do not hold")
     beside = [(folder, *one) for one in pictures] + ([] if session is None else [(session, *one) for one in frames])
     for place, name, sha in beside:
         if not (place / name).is_file():
             found.append(f"{name}: missing")
         elif file_sha256(place / name) != sha:
             found.append(f"{name}: changed")
+    return found
+
+
+def _listed(entries: Any) -> list[tuple[str, str]]:
+    """Return names and digests; `ValueError` for a name that leads out of its folder."""
+    found = [(str(one["file"]), str(one["sha256"])) for one in entries]
+    if not all(re.fullmatch(rf"(\w+/)?{PLAIN_NAME[1:]}", name) for name, _ in found):
+        raise ValueError("no plain file name")
     return found
 
 
@@ -269,29 +287,31 @@ def _chain(frames: list[str], pictures: list[str]) -> str:
     return link
 
 
-def _changes(stages: Path) -> dict[str, Any]:
-    """Return what was added, what was removed, and by how much the room's light was changed."""
-    arranged = _json(stages / "arrange" / "arrangement.json").get("arrangements", [])
-    rendered = _json(stages / "render" / "staged.json").get("alternatives", [])
-    detected = _json(stages / "detect" / "result.json").get("summary", {}).get("metrics", {})
-    removed = _json(stages / "remove" / "result.json").get("summary", {}).get("metrics", {})
-    added = {
-        f"staged-{number}": [{key: item[key] for key in ("id", "category", "size_m", "t_m")} for item in one["items"]]
-        for number, one in enumerate(arranged[: len(rendered)], 1)
-    }
-    relit = {
-        f"staged-{number}": {name: one[name] for name in ("changed_share", "error", "method") if name in one}
-        for number, one in enumerate(rendered, 1)
-    }
-    if "lifted_median_pct" in removed:
-        relit["emptied"] = {"median_brighter_pct": removed["lifted_median_pct"]}
-    kept = {name: removed[name] for name in ("filled_share", "synthesised_share") if name in removed}
-    return {"added": added, "removed": {"shares_of_directions": detected.get("shares", {}), **kept}, "relit": relit}
+def _changes(session: Path, states: set[str]) -> dict[str, Any]:
+    """Return what was added, what was removed, and by how much the room's light was changed.
 
-
-def _json(path: Path) -> Mapping[str, Any]:
-    found = strict_json.loads(path.read_bytes()) if path.is_file() else {}
-    return found if isinstance(found, dict) else {}
+    Raises `ResultFileError` where a stage's record of it is gone: nothing is said to be unchanged that is not known.
+    """
+    arrange, render, detect, remove = (Finished(session, one) for one in ("arrange", "render", "detect", "remove"))
+    added, relit = dict[str, Any](), dict[str, Any]()
+    if "arrangement.json" in arrange and "staged.json" in render:
+        arranged = arrange.json("arrangement.json")["arrangements"]
+        rendered = render.json("staged.json")["alternatives"]
+        for number, (of, one) in enumerate(zip(arranged, rendered, strict=False), 1):
+            pieces, keys = [*of["items"], *one.get("added", ())], ("id", "category", "size_m", "t_m")
+            added[f"staged-{number}"] = [{key: piece[key] for key in keys} for piece in pieces]
+            relit[f"staged-{number}"] = {key: one[key] for key in ("changed_share", "error", "method") if key in one}
+    if unknown := sorted({one for one in states if one.startswith("staged")} - added.keys()):
+        raise ParameterError(
+            f"what was added to {unknown} has been made anew since", advice=f"daylit process {session}"
+        )
+    metrics = remove.facts["metrics"]
+    if "lifted_median_pct" in metrics:
+        relit["emptied"] = {"median_brighter_pct": metrics["lifted_median_pct"]}
+    removed = {key: metrics[key] for key in ("filled_share", "synthesised_share") if key in metrics}
+    removed |= {"shares_of_directions": detect.facts["metrics"].get("shares", {}) if metrics else {}}
+    removed |= {"mask": "given by the user"} if detect.facts["given"] else {}
+    return {"added": added, "removed": removed, "relit": relit}
 
 
 def _canonical(body: Mapping[str, Any]) -> bytes:

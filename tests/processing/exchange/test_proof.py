@@ -6,6 +6,8 @@ import hashlib
 import io
 import json
 import os
+import shutil
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,7 +16,7 @@ import pytest
 from PIL import Image
 
 import daylit
-from processing.errors import ParameterError
+from processing.errors import ParameterError, ResultFileError
 from processing.exchange.proof import (
     LABEL,
     NAME,
@@ -26,9 +28,13 @@ from processing.exchange.proof import (
     self_made_signer,
     write_proof,
 )
+from processing.ground.finished import digest as digest_of
+from tests.processing.finished import finish, finish_all
 from tests.station.session.sessions import complete_session
 
 MUTATIONS = 10_000 if os.environ.get("DAYLIT_TORTURE") == "1" else 200
+SHARES = {"furniture": 0.16, "tripod": 0.02}
+REMOVED = {"filled_share": 0.27, "synthesised_share": 0.04, "lifted_median_pct": 8.7}
 
 
 @pytest.fixture
@@ -42,7 +48,7 @@ def session(tmp_path: Path) -> Path:
         for name in (f"still-{number}.jpg", f"still-{number}-original.jpg"):
             (folder / name).write_bytes(name.encode() * 40)
         names = {"file": f"still-{number}.jpg", "original": f"still-{number}-original.jpg"}
-        stills.append({**names, "state": state, "statement": "Furniture is virtual."})
+        stills.append({**names, "state": state, "statement": "Furniture is virtual.", "shows": [], "lens_mm": 20.0})
     (folder / "stills.json").write_text(json.dumps({"stills": stills}))
     (path / "stages" / "arrange").mkdir()
     (path / "stages" / "render").mkdir()
@@ -50,6 +56,7 @@ def session(tmp_path: Path) -> Path:
     (path / "stages" / "arrange" / "arrangement.json").write_text(json.dumps({"arrangements": [{"items": [bed]}]}))
     rendered = {"alternatives": [{"changed_share": 0.2, "error": 0.01, "method": "differential"}]}
     (path / "stages" / "render" / "staged.json").write_text(json.dumps(rendered))
+    finish_all(path, detect={"shares": SHARES}, remove=REMOVED)
     return path
 
 
@@ -89,6 +96,7 @@ def photographed(session: Path) -> Path:
     rng = np.random.default_rng(5)
     for path in sorted((session / "stages" / "stills").glob("*.jpg")):
         Image.fromarray(rng.integers(0, 255, (64, 96, 3), dtype=np.uint8)).save(path, quality=85)
+    finish(session, "stills")
     return session
 
 
@@ -167,6 +175,142 @@ def test_what_is_missing_is_named_and_the_command_has_its_exit_codes(
     assert daylit.main(["proof", str(session), "--check", "--json"]) == 1
     assert "still-1.jpg: missing" in capsys.readouterr().out
     assert check_proof(tmp_path) == [f"{NAME}: missing"]
-    (session / "stages" / "stills" / "stills.json").unlink()
+    shutil.rmtree(session / "stages" / "stills")
     with pytest.raises(ParameterError, match="no stills"):
         write_proof(session, tmp_path / "none")
+
+
+def test_shares_removed_and_light_lifted_are_said(session: Path, tmp_path: Path) -> None:
+    path, _ = write_proof(session, tmp_path / "proof")
+    changes = json.loads(path.read_bytes())["changes"]
+    assert changes["removed"] == {"shares_of_directions": SHARES, "filled_share": 0.27, "synthesised_share": 0.04}
+    assert changes["relit"]["emptied"] == {"median_brighter_pct": 8.7}
+
+
+def test_pieces_that_the_rendering_added_are_said(session: Path, tmp_path: Path) -> None:
+    file = session / "stages" / "render" / "staged.json"
+    rug = {"id": "rug-s1", "category": "rug", "model": "", "size_m": [2, 1, 0.01], "theta_rad": 0.0, "t_m": [0, 0, 0]}
+    file.write_text(json.dumps({"alternatives": [{"changed_share": 0.2, "added": [rug]}]}))
+    finish(session, "render")
+    path, _ = write_proof(session, tmp_path / "proof")
+    added = json.loads(path.read_bytes())["changes"]["added"]["staged-1"]
+    assert [one["category"] for one in added] == ["bed", "rug"]
+
+
+def test_a_mask_of_the_users_is_said(session: Path, tmp_path: Path) -> None:
+    finish(session, "detect", given=("target",))
+    path, _ = write_proof(session, tmp_path / "proof")
+    assert json.loads(path.read_bytes())["changes"]["removed"]["mask"] == "given by the user"
+
+
+@pytest.mark.parametrize("stage", ["arrange", "render", "detect", "remove"])
+def test_what_was_changed_and_is_not_known_any_more_is_not_proved(session: Path, tmp_path: Path, stage: str) -> None:
+    shutil.rmtree(session / "stages" / stage)
+    with pytest.raises(ResultFileError, match=f"stages/{stage}: result.json .*daylit process .*--force {stage}"):
+        write_proof(session, tmp_path / "proof")
+    assert not (tmp_path / "proof").exists()
+
+
+def test_after_clean_the_proof_is_the_same(session: Path, tmp_path: Path) -> None:
+    _, digest = write_proof(session, tmp_path / "proof")
+    assert daylit.main(["clean", str(session)]) == 0
+    assert not (session / "stages" / "remove").exists()
+    assert write_proof(session, tmp_path / "again")[1] == digest
+
+
+def test_stills_of_an_alternative_that_was_made_anew_are_not_proved(session: Path, tmp_path: Path) -> None:
+    (session / "stages" / "arrange" / "arrangement.json").write_text('{"arrangements": []}')
+    finish(session, "arrange")
+    with pytest.raises(ParameterError, match="staged-1"):
+        write_proof(session, tmp_path / "proof")
+
+
+def changed(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1] + b"?")
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def exchanged(path: Path) -> None:
+    path.write_bytes((path.parent / "still-2.jpg").read_bytes())
+
+
+@pytest.mark.parametrize("harm", [changed, cut, exchanged, Path.unlink])
+@pytest.mark.parametrize("name", ["still-1.jpg", "still-1-original.jpg"])
+def test_stills_that_are_not_as_they_were_made_are_neither_proved_nor_copied(
+    session: Path, tmp_path: Path, harm: Callable[[Path], None], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    harm(session / "stages" / "stills" / name)
+    for words in (["proof", str(session)], ["stills", str(session)]):
+        assert daylit.main([*words, "--into", str(tmp_path / "out")]) == 5
+        said = capsys.readouterr().err
+        assert "PRC-001" in said
+        assert name in said
+        assert f"daylit process {session}" in said
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["garbage", "[]", "null", "{}", '{"stills": []}'])
+@pytest.mark.parametrize("file", ["stills/stills.json", "stills/result.json"])
+def test_damaged_facts_of_stills_are_a_typed_error(
+    session: Path, tmp_path: Path, text: str, file: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (session / "stages" / file).write_text(text)
+    for words in (["proof", str(session)], ["stills", str(session)]):
+        assert daylit.main([*words, "--into", str(tmp_path / "out")]) == 5
+        assert Path(file).name in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["garbage", "[]", "null", "{}"])
+@pytest.mark.parametrize(
+    "file", ["render/staged.json", "arrange/arrangement.json", "detect/result.json", "remove/result.json"]
+)
+def test_damaged_records_of_changes_are_a_typed_error(session: Path, tmp_path: Path, text: str, file: str) -> None:
+    (session / "stages" / file).write_text(text)
+    with pytest.raises(ResultFileError, match=Path(file).name):
+        write_proof(session, tmp_path / "proof")
+
+
+@pytest.mark.parametrize("key", ["file", "original"])
+@pytest.mark.parametrize("forged", [False, True])
+def test_names_that_lead_out_of_the_folder_are_refused(
+    session: Path, tmp_path: Path, key: str, forged: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Even where the result's own records, seal and all, were written anew to fit."""
+    folder = session / "stages" / "stills"
+    victim = "../../../victim.txt"
+    (folder / victim).write_text("theirs")
+    facts = json.loads((folder / "stills.json").read_text())
+    facts["stills"][0][key] = victim
+    (folder / "stills.json").write_text(json.dumps(facts))
+    if forged:
+        finish(session, "stills")
+        result = json.loads((folder / "result.json").read_text())
+        del result["seal"]
+        result["files"][victim] = {"size_bytes": 6, "sha256": hashlib.sha256(b"theirs").hexdigest()}
+        (folder / "result.json").write_text(json.dumps(result | {"seal": digest_of(result)}))
+    deep = tmp_path / "a" / "b" / "c" / "d"
+    deep.mkdir(parents=True)
+    for words in (["proof", str(session)], ["stills", str(session)]):
+        assert daylit.main([*words, "--into", str(deep)]) == 5
+        assert "PRC-001" in capsys.readouterr().err
+    assert list((tmp_path / "a").rglob("*.txt")) == []
+
+
+@pytest.mark.parametrize("what", ["pictures", "frames"])
+def test_a_pack_that_names_files_outside_is_changed_and_they_are_not_read(
+    session: Path, tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pack = tmp_path / "proof"
+    write_proof(session, pack)
+    body = json.loads((pack / NAME).read_bytes())
+    del body["sha256"]
+    (tmp_path / "victim.txt").write_text("theirs")
+    body[what][0] |= {"file": "../victim.txt", "sha256": hashlib.sha256(b"theirs").hexdigest()}
+    body["chain"] = _chain([one["sha256"] for one in body["frames"]], [one["sha256"] for one in body["pictures"]])
+    body["sha256"] = hashlib.sha256(_canonical(body)).hexdigest()
+    (pack / NAME).write_bytes(_canonical(body))
+    monkeypatch.setattr("processing.exchange.proof.file_sha256", lambda _path: pytest.fail("read"))
+    assert check_proof(pack, session=session) == [f"{NAME}: changed"]
