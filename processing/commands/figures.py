@@ -128,22 +128,23 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     """
     from processing.errors import ParameterError
     from processing.figures.certificate import certificate as found_of
+    from processing.ground.finished import Finished
     from processing.pictures.exr import read_exr
     from processing.pictures.images import LuminanceImage
     from processing.pictures.writing import write_bytes
     from processing.report.page import build_certificate
     from processing.report.stage import session_facts
+    from station.session.session import Side
     from station.session.store import load_manifest
 
-    manifest, stages = load_manifest(session), session / "stages"
-    paths = {side: stages / "calibrate" / f"{side}.exr" for side in ("indoor", "outdoor")}
-    read = {side: read_exr(path) for side, path in paths.items() if path.is_file()}
-    pictures = {side: one for side, one in read.items() if isinstance(one, LuminanceImage) and one.absolute}
+    manifest, pictures = load_manifest(session), dict[str, LuminanceImage]()
+    if (session / "stages" / "calibrate").is_dir():
+        calibrated = Finished(session, "calibrate")
+        read = {side: read_exr(calibrated.path(f"{side}.exr")) for side in Side if f"{side}.exr" in calibrated}
+        pictures = {side: one for side, one in read.items() if isinstance(one, LuminanceImage) and one.absolute}
     if not pictures:
         raise ParameterError("has no picture in cd/m2", where=str(session), advice="daylit process it first")
-    calibration = json.loads((stages / "calibrate" / "calibration.json").read_text("utf-8"))
-    merged = json.loads((stages / "merge" / "result.json").read_text("utf-8"))["metrics"]
-    found = found_of(pictures, calibration, merged)
+    found = found_of(pictures, calibrated.json("calibration.json"), Finished(session, "merge").facts["metrics"])
     folder = into or session / "certificate"
     folder.mkdir(parents=True, exist_ok=True)
     write_bytes(folder / "index.html", build_certificate(manifest.name, session_facts(manifest), found).encode("utf-8"))

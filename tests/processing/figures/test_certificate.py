@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from processing.pictures.images import LuminanceImage
 from processing.pictures.modes import seam_mode, widened
 from processing.sphere import Equirectangular
 from station.session.session import Side
+from tests.processing.finished import finish_all
 
 SIZE = (80, 40)
 CALIBRATION = {
@@ -63,10 +65,9 @@ def test_the_command_writes_page_and_json(tmp_path: Path, capsys: pytest.Capture
     assert daylit.main(["certificate", str(tmp_path / "room")]) == 2
     stages = tmp_path / "room" / "stages"
     (stages / "calibrate").mkdir(parents=True)
-    (stages / "merge").mkdir()
     write_exr(stages / "calibrate" / "indoor.exr", picture())
     (stages / "calibrate" / "calibration.json").write_text(json.dumps(CALIBRATION))
-    (stages / "merge" / "result.json").write_text(json.dumps({"metrics": MERGED}))
+    finish_all(tmp_path / "room", merge=MERGED)
     capsys.readouterr()
     assert daylit.main(["certificate", str(tmp_path / "room"), "--json"]) == 0, session
     answer = json.loads(capsys.readouterr().out)
@@ -74,3 +75,62 @@ def test_the_command_writes_page_and_json(tmp_path: Path, capsys: pytest.Capture
     assert "not determined" in page
     assert f"{answer['budgets'][0]['value']:.4g}" in page
     assert json.loads((tmp_path / "room" / "certificate" / "certificate.json").read_text())["version"] == 1
+
+
+@pytest.fixture
+def calibrated(tmp_path: Path) -> Path:
+    """A session with both sides calibrated, as its stages leave it."""
+    session = tmp_path / "room"
+    write_session(session, Taken(SimpleRoom(3), 32, (Side.INDOOR,)))
+    (session / "stages" / "calibrate").mkdir(parents=True)
+    for side in Side:
+        write_exr(session / "stages" / "calibrate" / f"{side}.exr", picture())
+    facts = {**CALIBRATION, "outdoor": {"k2_source": "calibration", "k2_relative_uncertainty": 0.01}}
+    (session / "stages" / "calibrate" / "calibration.json").write_text(json.dumps(facts))
+    finish_all(session, merge=MERGED)
+    return session
+
+
+def test_a_certificate_after_clean_is_the_same(calibrated: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for _ in range(2):
+        assert daylit.main(["certificate", str(calibrated), "--json"]) == 0
+        said.append(capsys.readouterr().out)
+        assert daylit.main(["clean", str(calibrated)]) == 0
+        capsys.readouterr()
+    assert not (calibrated / "stages" / "merge").exists()
+    assert said[0] == said[1]
+
+
+def test_a_session_that_was_cleaned_without_a_record_says_what_to_run(
+    calibrated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.rmtree(calibrated / "stages" / "merge")
+    assert daylit.main(["certificate", str(calibrated)]) == 5
+    said = capsys.readouterr().err
+    assert "stages/merge" in said
+    assert f"daylit process {calibrated}" in said
+
+
+@pytest.mark.parametrize("text", ["garbage", "{}", "null", "[]", '{"metrics": {}}'])
+@pytest.mark.parametrize("file", ["calibrate/calibration.json", "calibrate/result.json", "merge/result.json"])
+def test_damaged_facts_are_a_typed_error(
+    calibrated: Path, file: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (calibrated / "stages" / file).write_text(text)
+    assert daylit.main(["certificate", str(calibrated)]) == 5
+    said = capsys.readouterr().err
+    assert Path(file).name in said
+    assert f"--force {Path(file).parent}" in said
+    assert not (calibrated / "certificate").exists()
+
+
+@pytest.mark.parametrize("side", Side)
+@pytest.mark.parametrize("gone", [False, True])
+def test_no_certificate_of_one_side_where_the_others_picture_is_damaged_or_gone(
+    calibrated: Path, side: Side, gone: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = calibrated / "stages" / "calibrate" / f"{side}.exr"
+    path.unlink() if gone else path.write_bytes(path.read_bytes()[:-9])
+    assert daylit.main(["certificate", str(calibrated)]) == 5
+    assert f"{side}.exr" in capsys.readouterr().err
