@@ -3,15 +3,16 @@
 Each file is written whole or not at all. What cannot be written is left out with the reason; the rest stands.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from processing.errors import ParameterError, PictureFileError, ProcessingError
+from processing.errors import ParameterError, PictureFileError, ProcessingError, ResultFileError
 from processing.exchange.gltf import write_scene_glb
 from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
 from processing.exchange.showing import Shown, session_shown
-from processing.ground.room_model import RoomModel
+from processing.ground.finished import Finished
+from processing.ground.room_model import read_room
 from processing.light.scene.scene_file import read_scene
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
@@ -33,17 +34,27 @@ class Exported:
     left_out: dict[str, str] = field(default_factory=dict)
 
 
-def pictures_of(session: Path) -> dict[str, Path]:
-    """Return the calibrated pictures that a session's results hold, by name: room, sky, empty, staged-1 ..."""
-    stages = session / "stages"
-    upright = stages / "room" / "panorama.exr"
-    found = {
-        ROOM: upright if upright.is_file() else stages / "calibrate" / "indoor.exr",
-        SKY: stages / "calibrate" / "outdoor.exr",
-        EMPTY: stages / "remove" / "empty.exr",
-    }
-    found |= {f"staged-{n}": stages / "render" / f"staged-{n}.exr" for n in range(1, MOST_STAGED + 1)}
-    return {name: path for name, path in found.items() if path.is_file()}
+def pictures_of(session: Path, left_out: dict[str, str]) -> dict[str, Path]:
+    """Return the calibrated pictures that a session's results hold, by name: room, sky, empty, staged-1 ...
+
+    ``left_out``: gets what is missing or damaged, and why.
+    """
+    every = [(ROOM, "calibrate", "indoor"), (ROOM, "room", "panorama")]  # the upright one, where there is one
+    every += [(SKY, "calibrate", "outdoor"), (EMPTY, "remove", "empty")]
+    every += [(f"staged-{n}", "render", f"staged-{n}") for n in range(1, MOST_STAGED + 1)]
+    made = ((name, recorded(session, stage, f"{file}.exr", left_out)) for name, stage, file in every)
+    return {name: path for name, path in made if path is not None}
+
+
+def recorded(session: Path, stage: str, name: str, left_out: dict[str, str]) -> Path | None:
+    """Return a file as its stage made it; None where it made none, or, named in ``left_out``, it is not there so."""
+    what = stage
+    try:
+        made, what = Finished(session, stage), f"{stage}/{name}"
+        return made.path(name) if name in made else None
+    except ResultFileError as error:
+        left_out[what] = str(error)
+        return None
 
 
 def export(
@@ -60,23 +71,21 @@ def export(
     unknown = set(what) - set(KINDS)
     if unknown or not what:
         raise ParameterError(f"no such kind of file: {sorted(unknown)}", advice=f"some of {', '.join(KINDS)}")
-    pictures = pictures_of(session)
-    if not pictures:
+    if not (session / "stages" / "calibrate").is_dir():
         raise ParameterError("has no results yet", where=str(session), advice="daylit process it first")
     into.mkdir(parents=True, exist_ok=True)
     done = Exported()
     if set(what) & {"jpeg", "hdr", "exr"}:
-        _pictures(session, into, what, pictures, done, (heading_rad, label))
+        _pictures(session, into, what, done, (heading_rad, label))
     if "gltf" in what:
         _models(session, into, done)
     return done
 
 
-def _pictures(
-    session: Path, into: Path, what: Sequence[str], found: dict[str, Path], to: Exported, how: tuple[float | None, bool]
-) -> None:
+def _pictures(session: Path, into: Path, what: Sequence[str], to: Exported, how: tuple[float | None, bool]) -> None:
+    recorded(session, "room", "room.json", to.left_out)  # where the windows are
     showing = session_shown(session) if "jpeg" in what else None
-    for name, made in found.items():
+    for name, made in pictures_of(session, to.left_out).items():
         image = read_shown(made)
         assert isinstance(image, LuminanceImage)
         stem = into / f"{session.name}_{name}"
@@ -94,8 +103,7 @@ def _pictures(
 
 def _jpeg(stem: Path, image: LuminanceImage, name: str, showing: Shown, how: tuple[float | None, bool]) -> Path:
     heading_rad, label = how
-    staged = name.startswith("staged")
-    sky = name == SKY
+    staged, sky = name.startswith("staged"), name == SKY
     shown = showing.display.exposed(image.rgb).shown(image.rgb) if sky else showing.rgb8(image.rgb, image.geometry)
     if staged and label:
         shown = labelled(shown)
@@ -108,26 +116,20 @@ def _jpeg(stem: Path, image: LuminanceImage, name: str, showing: Shown, how: tup
 
 
 def _models(session: Path, into: Path, done: Exported) -> None:
-    scene = session / "stages" / "materials" / "scene.npz"
-    if scene.is_file():
+    scene = recorded(session, "materials", "scene.npz", done.left_out)
+    if scene is not None:
         path = into / f"{session.name}_room.glb"
         try:
-            room = session / "stages" / "room" / "room.json"
-            known = RoomModel.model_validate_json(room.read_bytes()) if room.is_file() else None
-            write_scene_glb(path, read_scene(scene), None if known is None else (0.0, 0.0, known.camera_height_m))
+            room = recorded(session, "room", "room.json", done.left_out)
+            eye_m = None if room is None else (0.0, 0.0, read_room(room).camera_height_m)
+            write_scene_glb(path, read_scene(scene), eye_m)
             done.files.append(path)
         except ProcessingError as error:
             done.left_out["room.gltf"] = str(error)
     else:
-        done.left_out["room.gltf"] = "the room's materials were not estimated (stage materials)"
-    for name, model in _staged_models(session):
-        path = into / f"{session.name}_{name}.glb"
-        write_bytes(path, model.read_bytes())
-        done.files.append(path)
-
-
-def _staged_models(session: Path) -> Iterator[tuple[str, Path]]:
+        done.left_out["room.gltf"] = "the room's materials were not estimated, or are gone (stage materials)"
     for number in range(1, MOST_STAGED + 1):
-        path = session / "stages" / "render" / f"staged-{number}.glb"
-        if path.is_file():
-            yield f"staged-{number}", path
+        if (model := recorded(session, "render", f"staged-{number}.glb", done.left_out)) is not None:
+            path = into / f"{session.name}_staged-{number}.glb"
+            write_bytes(path, model.read_bytes())
+            done.files.append(path)

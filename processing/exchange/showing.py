@@ -11,15 +11,13 @@ import numpy as np
 
 from processing.errors import ProcessingError
 from processing.ground.arrays import Bytes, Floats
-from processing.ground.room_model import RoomModel, read_room
+from processing.ground.room_model import RoomModel, read_json, read_room
 from processing.light.scene.scene import REVEAL_M
 from processing.pictures.display import AS_GIVEN, LEAST_VIEW, Display, display_of, spot_colour
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.sphere import Equirectangular, Geometry
 from processing.surfaces.maps import opening_map
-from station.session import strict_json
-from station.session.session import SessionManifest
 from station.session.store import load_manifest
 
 SASH_M = 0.06  # width of a sash's frame, seen within its opening; chosen
@@ -93,15 +91,14 @@ def session_shown(session: Path) -> Shown:
     except (ProcessingError, OSError):
         room = None
     if (session / DISPLAY_FILE).is_file():
-        return Shown(Display.read(strict_json.loads((session / DISPLAY_FILE).read_bytes())), room)
+        return Shown(Display.read(read_json(session / DISPLAY_FILE, ProcessingError)), room)
     indoor = _picture(stages / "calibrate" / "indoor.exr")
     photograph = _picture(stages / "room" / "panorama.exr") or indoor
     if indoor is None or photograph is None:
         return Shown(AS_GIVEN, room)
     facts_file = stages / "calibrate" / "calibration.json"
-    facts = strict_json.loads(facts_file.read_bytes()) if facts_file.is_file() else {}
-    manifest: SessionManifest = load_manifest(session)
-    return shown_as(photograph, indoor, facts.get("indoor") or {}, room, manifest.bracket.mode)
+    facts = read_json(facts_file, ProcessingError) if facts_file.is_file() else {}
+    return shown_as(photograph, indoor, facts.get("indoor") or {}, room, load_manifest(session).bracket.mode)
 
 
 def _picture(path: Path) -> LuminanceImage | None:

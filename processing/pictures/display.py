@@ -101,7 +101,7 @@ class Display:
             views = facts.get("views")
             given = float(facts["pull"]), str(facts["source"]), None if views is None else tuple(map(int, views))
             found = cls(tuple(float(v) for v in facts["matrix"]), *given)
-        except (KeyError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ParameterError("not a display's parameters", advice="process the session again") from error
         if len(found.matrix) != 9 or not 0 < found.pull <= 1 or not np.isfinite(found.matrix).all():
             raise ParameterError("a display's matrix has 9 numbers, its pull is above 0 and at most 1")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,13 +14,17 @@ import trimesh
 from PIL import Image
 
 import daylit
+from drivers.errors import DaylitError
 from processing.errors import ParameterError
 from processing.exchange.export import export, pictures_of
 from processing.light.scene.scene_file import write_scene
+from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.radiance import write_radiance_hdr
+from processing.running.runner import clean
 from processing.sphere import Equirectangular, Fisheye, LensMapping
+from tests.processing.finished import finish, finish_all
 from tests.processing.light.rooms import box_room, scene_of, uniform_sky
 from tests.station.session.sessions import complete_session
 
@@ -46,6 +51,7 @@ def session(tmp_path: Path) -> Path:
         write_exr(path / "stages" / stage / f"{name}.exr", picture(level))
     (path / "stages" / "materials").mkdir()
     write_scene(path / "stages" / "materials" / "scene.npz", scene_of(box_room(), uniform_sky()))
+    finish_all(path)
     return path
 
 
@@ -86,6 +92,7 @@ def test_what_radiance_cannot_show_is_left_out_with_the_reason(session: Path, tm
         0.02,
     )
     write_exr(session / "stages" / "calibrate" / "outdoor.exr", sky)
+    finish(session, "calibrate")
     done = export(session, tmp_path / "out", ("hdr", "jpeg"))
     assert set(done.left_out) == {"sky.hdr"}
     assert (tmp_path / "out" / f"{session.name}_sky.jpg").exists()
@@ -93,15 +100,16 @@ def test_what_radiance_cannot_show_is_left_out_with_the_reason(session: Path, tm
 
 def test_relative_pictures_say_so(session: Path, tmp_path: Path) -> None:
     write_exr(session / "stages" / "calibrate" / "indoor.exr", replace(picture(1.0), absolute=False))
+    finish(session, "calibrate")
     export(session, tmp_path / "out", ("jpeg",))
     assert b'daylit:Units="relative"' in (tmp_path / "out" / f"{session.name}_room.jpg").read_bytes()
 
 
 def test_an_upright_panorama_comes_first_and_models_are_named(session: Path, tmp_path: Path) -> None:
-    (session / "stages" / "room").mkdir()
     write_exr(session / "stages" / "room" / "panorama.exr", picture(50.0))
     (session / "stages" / "render" / "staged-1.glb").write_bytes(b"glTF")
-    assert pictures_of(session)["room"].name == "panorama.exr"
+    finish_all(session)
+    assert pictures_of(session, {})["room"].name == "panorama.exr"
     done = export(session, tmp_path / "out", ("gltf",))
     assert [path.name.rpartition("_")[2] for path in done.files] == ["room.glb", "staged-1.glb"]
     assert set(trimesh.load(done.files[0]).geometry) >= {"floor", "ceiling", "wall-0"}
@@ -166,3 +174,73 @@ def test_the_tools_that_falsecolor_is_made_of_take_our_hdr(tmp_path: Path) -> No
     assert float(high[1]) * 179 == pytest.approx(600, rel=0.02)
     if (tools / "falsecolor").exists():
         assert pyradiance.falsecolor(str(path), scale="1200").startswith(b"#?RADIANCE")
+
+
+ALL = ("jpeg", "hdr", "exr", "gltf")
+HARMS: dict[str, Callable[[Path], object]] = {
+    "cut": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    "gone": Path.unlink,
+}
+
+
+@pytest.mark.parametrize("harm", HARMS)
+@pytest.mark.parametrize("file", ["render/staged-1.exr", "calibrate/indoor.exr", "remove/empty.exr", "room/room.json"])
+def test_what_is_damaged_or_missing_is_named_and_the_rest_stands(
+    session: Path, tmp_path: Path, file: str, harm: str
+) -> None:
+    (session / "stages" / "room" / "room.json").write_text("{}")
+    (session / "stages" / "stills" / "display.json").write_text(json.dumps(AS_GIVEN.to_dict()))
+    finish_all(session)
+    HARMS[harm](session / "stages" / file)
+    done = export(session, tmp_path / "out", ("jpeg", "exr"))
+    assert set(done.left_out) == {file}
+    assert "daylit process" in done.left_out[file]
+    lost = {"indoor": "room", "room": ""}.get(Path(file).stem, Path(file).stem)
+    names = {path.stem.rpartition("_")[2] for path in done.files}
+    assert names == {"room", "empty", "staged-1", "staged-2"} - {lost}
+
+
+@pytest.mark.parametrize("harm", HARMS)
+def test_a_damaged_model_is_not_copied(session: Path, tmp_path: Path, harm: str) -> None:
+    model = session / "stages" / "render" / "staged-1.glb"
+    model.write_bytes(b"glTF" * 20)
+    finish(session, "render")
+    HARMS[harm](model)
+    done = export(session, tmp_path / "out", ("gltf",))
+    assert set(done.left_out) == {"render/staged-1.glb"}
+    assert not (tmp_path / "out" / f"{session.name}_staged-1.glb").exists()
+
+
+@pytest.mark.parametrize("text", ["garbage", "null", "[]"])
+def test_a_damaged_room_or_result_is_named(session: Path, tmp_path: Path, text: str) -> None:
+    (session / "stages" / "room" / "room.json").write_text("{}")
+    finish(session, "room")
+    (session / "stages" / "room" / "room.json").write_text(text)
+    (session / "stages" / "render" / "result.json").write_text(text)
+    done = export(session, tmp_path / "out", ALL)
+    assert set(done.left_out) == {"room/room.json", "render"}
+    assert any(path.name.endswith("_room.glb") for path in done.files)
+
+
+@pytest.mark.parametrize("text", ["garbage", "null", "[]", "{}"])
+def test_a_damaged_display_is_a_typed_error(session: Path, tmp_path: Path, text: str) -> None:
+    (session / "stages" / "stills" / "display.json").write_text(text)
+    with pytest.raises(DaylitError, match="display"):
+        export(session, tmp_path / "out", ("jpeg",))
+
+
+def test_what_was_cleaned_away_is_named(session: Path, tmp_path: Path) -> None:
+    (session / "stages" / "room" / "panorama.exr").write_bytes(b"upright")
+    finish(session, "room")
+    clean(session)
+    done = export(session, tmp_path / "out", ALL)
+    assert set(done.left_out) == {"remove/empty.exr", "room/panorama.exr", "materials/scene.npz", "room.gltf"}
+
+
+def test_a_session_whose_every_picture_is_damaged_says_so(session: Path, tmp_path: Path) -> None:
+    pictures = [path.relative_to(session / "stages") for path in session.rglob("*.exr")]
+    for path in pictures:
+        (session / "stages" / path).write_bytes(b"")
+    done = export(session, tmp_path / "out", ("exr",))
+    assert not done.files
+    assert set(done.left_out) == {path.as_posix() for path in pictures}
