@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 import daylit
+from processing.commands.results import still_paths
 from processing.errors import ParameterError, ResultFileError
 from processing.exchange.proof import (
     LABEL,
@@ -314,3 +315,9 @@ def test_a_pack_that_names_files_outside_is_changed_and_they_are_not_read(
     (pack / NAME).write_bytes(_canonical(body))
     monkeypatch.setattr("processing.exchange.proof.file_sha256", lambda _path: pytest.fail("read"))
     assert check_proof(pack, session=session) == [f"{NAME}: changed"]
+
+
+def test_a_run_lists_stills_that_are_whole_and_goes_on_without_damaged_ones(session: Path) -> None:
+    assert [path.name for path in still_paths(session)] == ["still-1.jpg", "still-2.jpg"]
+    cut(session / "stages" / "stills" / "still-2.jpg")
+    assert still_paths(session) == []
