@@ -321,3 +321,10 @@ def test_a_run_lists_stills_that_are_whole_and_goes_on_without_damaged_ones(sess
     assert [path.name for path in still_paths(session)] == ["still-1.jpg", "still-2.jpg"]
     cut(session / "stages" / "stills" / "still-2.jpg")
     assert still_paths(session) == []
+
+
+def test_a_share_that_was_changed_by_hand_is_not_proved(session: Path, tmp_path: Path) -> None:
+    path = session / "stages" / "detect" / "result.json"
+    path.write_text(path.read_text().replace("0.16", "0.06"))
+    with pytest.raises(ResultFileError, match=r"result.json is not as it was written"):
+        write_proof(session, tmp_path / "proof")
