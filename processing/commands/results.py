@@ -191,8 +191,8 @@ def _page(session: Path) -> Path:
 def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
     """Remove from SESSION what only its stages need; frames, calibrated and staged pictures and the report stay.
 
-    Kept are the stages calibrate, figures, arrange, render and report. The next `daylit process` makes the others
-    again, and nothing more, as what they give is the same.
+    Kept are the stages calibrate, figures, arrange, render, stills and report. The next `daylit process` makes the
+    others again, and nothing more, as what they give is the same.
 
     \b
     Examples:
