@@ -266,8 +266,9 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
 
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
-    follows the picture's (guided filter, He et al. 2013). Bars and furniture before a pane thus stay, as do a window's
-    reveal and frame: white paint beside a view is white in any photograph of a room.
+    follows the picture's (guided filter, He et al. 2013). Bars and furniture before a pane thus stay. A window's reveal
+    and frame are lowered by half as many stops, brighter ones more, but none below what the film shows in proportion:
+    white paint beside a view is white and has a form.
     """
     margin = max(2, round(_EDGE_RAD / math.pi * len(light))) if around else max(2, len(light) // 150)
     rows = np.flatnonzero(panes.any(axis=1))
@@ -276,17 +277,24 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
-    mask = np.asarray((panes[top:bottom] > (0 if panes.dtype == bool else 1)) & view, np.float32)
-    mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.float32)
+    panes = panes[top:bottom]
+    glass, frame = (panes, np.zeros_like(panes)) if panes.dtype == bool else (panes > 1, panes == 1)
+    closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     guide = np.log2(np.maximum(level, np.float32(1e-3)))
-    if around:
-        guide, mask = wrapped(guide, 2 * margin), wrapped(mask, 2 * margin)
-    soft = np.asarray(cv2.ximgproc.guidedFilter(guide, mask, margin, _EDGE_EPS), np.float32)
-    soft = soft[:, 2 * margin : -2 * margin] if around else soft
+
+    def soft(mask: npt.NDArray[Any]) -> Floats:
+        given, edges = np.asarray(mask, np.float32), guide
+        if around:
+            given, edges = wrapped(given, 2 * margin), wrapped(guide, 2 * margin)
+        found = np.clip(cv2.ximgproc.guidedFilter(edges, given, margin, _EDGE_EPS), 0, 1)
+        return np.asarray(found[:, 2 * margin : -2 * margin] if around else found, np.float32)
+
+    shares = soft(closed), soft(frame)
     balanced = (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE
     for row in range(len(part)):  # memory: three powers a pixel; where nothing is pulled, none
-        columns = np.flatnonzero(soft[row] > 0)
-        seen, share = level[row, columns], np.minimum(soft[row, columns], 1)[:, None]
+        columns = np.flatnonzero((shares[0][row] > 0) | (shares[1][row] > 0))
+        seen, pane, beside = level[row, columns], shares[0][row, columns], shares[1][row, columns]
         lowered = np.hypot(np.minimum(seen, np.float32(PLATEAU)), seen * np.float32(pull))
         lowered = np.minimum(lowered, seen) / np.maximum(seen, np.float32(1e-6))
-        part[row, columns] *= (lowered[:, None] * balanced) ** share
+        half = np.maximum(np.sqrt(lowered), np.minimum(KNEE / np.maximum(seen, np.float32(1e-6)), 1))
+        part[row, columns] *= (lowered[:, None] * balanced) ** pane[:, None] * (half ** (beside * (1 - pane)))[:, None]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.ground.colour import lab_of_linear, linear_of_srgb, srgb_encoded
+from processing.ground.colour import lab_of_linear, linear_of_srgb, luminance_cd_m2, srgb_encoded
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
@@ -100,8 +101,17 @@ def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
     before, after = (float(one[2] / one[0]) for one in (plain, pulled))
     assert 1 < after < before
     assert after == pytest.approx(before ** (1 - DAYLIGHT_SHARE), rel=0.02)
-    # Reveals and frames are the room's.
-    np.testing.assert_array_equal(display.light(rgb, panes.astype(np.uint8)), display.light(rgb))
+    # A reveal keeps the room's white, and is lowered by half as many stops.
+    rim = display.light(rgb, panes.astype(np.uint8))[27, 70]
+    np.testing.assert_allclose(rim / rim[1], plain / plain[1], rtol=1e-4)
+    stops = [math.log2(luminance_cd_m2(one) / luminance_cd_m2(plain)) for one in (rim, pulled)]
+    assert stops[0] == pytest.approx(stops[1] / 2, abs=0.05)
+    # What the film shows in proportion stays as it is, and nothing brighter becomes darker than that.
+    steps = np.geomspace(0.1, 50, 200, dtype=np.float32)
+    ramp = np.repeat(np.tile(steps, (64, 1))[..., None], 3, axis=2)
+    shown = replace(AS_GIVEN, pull=0.05).light(ramp, np.ones(ramp.shape[:2], np.uint8), around=False)[32, :, 0]
+    assert (np.diff(shown) > -1e-3).all()
+    np.testing.assert_allclose(shown[steps < KNEE], steps[steps < KNEE], rtol=1e-3)
     np.testing.assert_array_equal(display.light(rgb, 2 * panes.astype(np.uint8)), display.light(rgb, panes))
 
 
