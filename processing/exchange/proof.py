@@ -294,6 +294,11 @@ def _changes(session: Path, states: set[str]) -> dict[str, Any]:
     """
     arrange, render, detect, remove = (Finished(session, one) for one in ("arrange", "render", "detect", "remove"))
     added, relit = dict[str, Any](), dict[str, Any]()
+    shown = Finished(session, STILLS.name).facts.get("ingredients", {}).get("reads", {})
+    for name, made in (("arrange", arrange.facts), ("render", render.facts)):
+        for key, file in made.get("artifacts", {}).items():
+            if shown.get(f"{name}/{key}") not in (None, made["files"].get(file, {}).get("sha256")):
+                raise ParameterError(f"{file} has been made anew since the stills", advice=f"daylit process {session}")
     if "arrangement.json" in arrange and "staged.json" in render:
         arranged = arrange.json("arrangement.json")["arrangements"]
         rendered = render.json("staged.json")["alternatives"]

@@ -10,13 +10,14 @@ from processing.running.results import FileRecord, StageResult, result_bytes
 from station.session.folder import file_sha256
 
 
-def finish(session: Path, stage: str, **fields: Any) -> Path:
+def finish(session: Path, stage: str, *, ingredients: dict[str, Any] | None = None, **fields: Any) -> Path:
     """Write the result.json of a stage for the files that lie in its folder, and return the folder."""
     folder = session / "stages" / stage
     folder.mkdir(parents=True, exist_ok=True)
     paths = [path for path in sorted(folder.iterdir()) if path.name != RESULT_NAME]
     files = {path.name: FileRecord(size_bytes=path.stat().st_size, sha256=file_sha256(path)) for path in paths}
-    result = StageResult(stage=stage, version=1, fingerprint=digest({}), ingredients={}, files=files, **fields)
+    known = {"fingerprint": digest({}), "ingredients": ingredients or {}, "files": files}
+    result = StageResult(stage=stage, version=1, **known, **fields)
     (folder / RESULT_NAME).write_bytes(result_bytes(result.sealed()))
     return folder
 

@@ -30,6 +30,7 @@ from processing.exchange.proof import (
     write_proof,
 )
 from processing.ground.finished import digest as digest_of
+from station.session.folder import file_sha256
 from tests.processing.finished import finish, finish_all
 from tests.station.session.sessions import complete_session
 
@@ -217,6 +218,15 @@ def test_after_clean_the_proof_is_the_same(session: Path, tmp_path: Path) -> Non
     assert daylit.main(["clean", str(session)]) == 0
     assert not (session / "stages" / "remove").exists()
     assert write_proof(session, tmp_path / "again")[1] == digest
+
+
+def test_an_arrangement_that_was_made_anew_since_the_stills_is_not_proved(session: Path, tmp_path: Path) -> None:
+    shown = file_sha256(finish(session, "arrange", artifacts={"arrangement": "arrangement.json"}) / "arrangement.json")
+    finish(session, "stills", ingredients={"reads": {"arrange/arrangement": shown}})
+    assert write_proof(session, tmp_path / "same")[0].is_file()
+    finish(session, "stills", ingredients={"reads": {"arrange/arrangement": "0" * 64}})
+    with pytest.raises(ParameterError, match=r"arrangement.json has been made anew since the stills"):
+        write_proof(session, tmp_path / "other")
 
 
 def test_stills_of_an_alternative_that_was_made_anew_are_not_proved(session: Path, tmp_path: Path) -> None:
