@@ -53,7 +53,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         from processing.figures.foreign import write_falsecolour
 
         write_falsecolour(falsecolour, image)
-    lines = [f"{name:<24} {one['value']:.5g} ± {one['uncertainty']:.2g}" for name, one in found.items()]
+    lines = [f"{name:<24} {one['value']:.5g} ± {_two(one['uncertainty'])}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; --scale or --reading give lx, cd/m2 and glare"}
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
     return answer(facts, [*lines, *left_out.values()], as_json=as_json)
@@ -150,5 +150,10 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     write_bytes(folder / "index.html", build_certificate(manifest.name, session_facts(manifest), found).encode("utf-8"))
     write_bytes(folder / "certificate.json", json.dumps(found, indent=1).encode("utf-8"))
     page_file = str(folder / "index.html")
-    budgets = (f"{b['figure']}: {b['value']:.5g} ± {b['expanded']:.2g} {b['unit']} (k = 2)" for b in found["budgets"])
+    budgets = (f"{b['figure']}: {b['value']:.5g} ± {_two(b['expanded'])} {b['unit']} (k = 2)" for b in found["budgets"])
     return answer({"ok": True, "page": page_file, **found}, (*budgets, page_file), as_json=as_json)
+
+
+def _two(value: float) -> str:
+    """Return a number to two digits, below a million without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
