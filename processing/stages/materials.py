@@ -127,7 +127,7 @@ def share_of_sun(seen: Floats, computed: Floats, rows: int) -> Doubles:
     """Return what patches show of the sun's light, over what was computed for them, (3,), within `SUN_SHARES`; 1 where
     they are small. ``seen``, ``computed`` (N, 3): light that the sun adds to the pixels of a panorama of ``rows``.
 
-    Air, trees and glass colour the sun, of which the outdoor picture shows only where it is: its disc is clipped.
+    The sun's disc is clipped outdoors, air, trees and glass colour its light, and the surface's albedo is an estimate.
     """
     level = computed.min(axis=-1)
     sure = (level > 0) & (seen.min(axis=-1) > LEAST_SUN * level)
@@ -137,12 +137,13 @@ def share_of_sun(seen: Floats, computed: Floats, rows: int) -> Doubles:
 
 
 def _under_share(scene: Scene, share: Doubles) -> Scene:
-    """Return a scene under a share (3,) of its sun."""
+    """Return a scene under a share (3,) of its sun, which keeps its colour: the floor's may be as wrong."""
     if scene.outdoors.sun is None:
         return scene
-    red, green, blue = (float(v) for v in share * scene.outdoors.sun.normal_illuminance_lx)
-    sun = replace(scene.outdoors.sun, normal_illuminance_lx=(red, green, blue))
-    return replace(scene, outdoors=replace(scene.outdoors, sun=sun))
+    sun, weights = np.array(scene.outdoors.sun.normal_illuminance_lx), np.asarray(LUMINANCE_WEIGHTS)
+    red, green, blue = (float(v) for v in sun * ((share * sun) @ weights / max(float(sun @ weights), 1e-30)))
+    dimmed = replace(scene.outdoors.sun, normal_illuminance_lx=(red, green, blue))
+    return replace(scene, outdoors=replace(scene.outdoors, sun=dimmed))
 
 
 def emptied(context: StageContext) -> EmptyRoom:
