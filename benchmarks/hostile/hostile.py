@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from benchmarks.hostile.glare import lamp_kernel, stray_light_figures
 from benchmarks.hostile.merging import merged_pictures, merged_raws
+from benchmarks.hostile.odd_even import odd_even_figures
 from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
@@ -101,6 +102,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         **stray_light_figures(_curves(), scenes, number),
         **two_lens_figures(_curves(), scenes, number),
         **spectral_figures(QUICK_RIGS if quick else RIGS, number),
+        **odd_even_figures(SMOOTH, TEXTURED),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "

@@ -152,7 +152,7 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
 GLARE_RAD, GLARE_CHROMA, GLARE_TIMES, GLARE_MEAN = math.radians(0.35), 0.3, 3.0, 0.5
 """Blur of its colour; natural logarithm by which that differs from the floor's, in multiples of the floor's own spread,
 and in the mean; the next: by which it is brighter; share of its outline that furniture cuts; largest size (chosen by
-looking at eight furnished real rooms: one has such a reflection, and nothing else is taken)."""
+looking at eight furnished real rooms: one has such a reflection; of the others next to nothing is taken)."""
 GLARE_BRIGHT, GLARE_CUT, GLARE_SR = 0.7, 0.4, 0.15
 
 

@@ -27,7 +27,8 @@ KEYS = {
     "hostile": "worlds scenes worst_cover95_pct median_cover95_pct smooth_cover95_pct textured_cover95_pct "
     "lux_cover95_pct worlds_better_than_opencv median_gain_over_opencv false_ghost_pct "
     "glare_in_family_near_pct glare_in_family_dark_kept_pct glare_hostile_near_pct glare_hostile_dark_kept_pct "
-    "glare_lamps_near_pct theta_raw_gain theta_raw_cover95_pct spectral_lux_err_pct spectral_lux_cover95_pct",
+    "glare_lamps_near_pct theta_raw_gain theta_raw_cover95_pct spectral_lux_err_pct spectral_lux_cover95_pct "
+    "odd_even_canon_cover95_pct odd_even_room_cover95_pct",
     "merge": "cpu_ratio_robertson cpu_ratio_debevec median_err_stops p95_err_stops decade_bias_stops "
     "jpeg_median_err_stops jpeg_p95_err_stops decode_ratio peak_mb coverage68_pct coverage95_pct",
     "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct",
