@@ -47,8 +47,9 @@ class Session:
     @property
     def stages(self) -> dict[str, str]:
         """What each stage that has run made, by its name: a list of files, or why it had nothing to do."""
+        from processing.ground.finished import RESULT_NAME
         from processing.pipeline import STAGES
-        from processing.running.results import RESULT_NAME, parse_result
+        from processing.running.results import parse_result
 
         states = {}
         for stage in STAGES:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ParameterError
+from processing.ground.finished import RESULT_NAME
 from processing.running.choices import forget, read_choices, remember
 from processing.running.corrections import ESTIMATED, LAYERS, current
-from processing.running.results import RESULT_NAME
 from processing.running.screens import STATES, picture_of
 from station.errors import SessionLockedError, SessionNotFoundError
 from station.session.durable import SessionLock

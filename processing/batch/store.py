@@ -20,8 +20,8 @@ from uuid import uuid4
 
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, StoreError
+from processing.ground.finished import digest
 from processing.running.choices import FILE as CHOICES
-from processing.running.fingerprint import digest
 from station.session import strict_json
 from station.session.folder import file_sha256
 from station.session.session import MANIFEST_NAME

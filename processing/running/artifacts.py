@@ -16,10 +16,11 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from processing.errors import ProcessingError
+from processing.ground.finished import digest
 from processing.ground.room_model import read_json
 from processing.ground.threads import side_by_side
 from processing.pipeline import Artifact, Stage, resolve
-from processing.running.fingerprint import DigestMemory, Ingredients, digest
+from processing.running.fingerprint import DigestMemory, Ingredients
 from processing.running.progress import Cost
 from processing.running.reads import Parts, Reads
 from processing.running.result_store import Building

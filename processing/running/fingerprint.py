@@ -12,7 +12,6 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.errors import DaylitError
-from processing.ground.finished import digest as digest
 from station.session import strict_json
 from station.session.folder import READ_BYTES, Folder, write_file
 from station.session.session import SessionManifest

@@ -17,7 +17,8 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from processing.running.fingerprint import Ingredients, Json, digest
+from processing.ground.finished import digest
+from processing.running.fingerprint import Ingredients, Json
 from processing.running.results import FileRecord, PartRecord, StageResult
 from processing.stages.parameters import StageParameters
 from station.session import strict_json

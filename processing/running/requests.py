@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from processing.errors import ParameterError
+from processing.ground.finished import digest
 from processing.pipeline import Stage, Trade, options, selected, stage_named
 from processing.running.fingerprint import (
     FOLDER,
@@ -17,7 +18,6 @@ from processing.running.fingerprint import (
     DigestMemory,
     Ingredients,
     changes,
-    digest,
     session_ingredients,
     visible_part,
 )

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from processing.ground.finished import CLEANED
+from processing.ground.finished import CLEANED, RESULT_NAME
 from processing.running import results
 from processing.running.fingerprint import DigestMemory
 from station.errors import IntegrityError
@@ -78,15 +78,15 @@ class ResultStore:
             return Stored()
         with self._folder.sub(stage) as folder:
             try:
-                raw = folder.read_file(results.RESULT_NAME, results.MAX_RESULT_BYTES)
+                raw = folder.read_file(RESULT_NAME, results.MAX_RESULT_BYTES)
                 if raw is None:
-                    return Stored(problem=f"{results.RESULT_NAME} is missing")
+                    return Stored(problem=f"{RESULT_NAME} is missing")
                 result = results.parse_result(raw)
                 if result.stage != stage:
-                    return Stored(problem=f"{results.RESULT_NAME} is of another stage")
+                    return Stored(problem=f"{RESULT_NAME} is of another stage")
                 damaged = [name for name, file in result.files.items() if not self._intact(folder, stage, name, file)]
             except (IntegrityError, ValueError) as exc:
-                return Stored(problem=f"{results.RESULT_NAME}: {exc}"[:400])
+                return Stored(problem=f"{RESULT_NAME}: {exc}"[:400])
         return Stored(problem=f"damaged or missing: {', '.join(damaged)}"[:400]) if damaged else Stored(result)
 
     def _intact(self, folder: Folder, stage: str, name: str, record: results.FileRecord) -> bool:
@@ -102,8 +102,8 @@ class ResultStore:
             return 0
         size = sum(path.stat().st_size for path in self.path(stage).iterdir() if path.is_file())
         with parent.sub(stage) as folder:
-            if folder.lstat(results.RESULT_NAME) is not None:
-                folder.move(results.RESULT_NAME, parent, CLEANED.format(stage))
+            if folder.lstat(RESULT_NAME) is not None:
+                folder.move(RESULT_NAME, parent, CLEANED.format(stage))
         # First out of its place, so that a kill leaves no half result.
         old = f"{_OLD_PREFIX}{stage}"
         _clear(parent, old)
@@ -132,7 +132,7 @@ class ResultStore:
         name = building.folder.path.name
         write_file(building.folder, results.RUN_NAME, results.result_bytes(run))
         sealed = result.sealed()
-        write_file(building.folder, results.RESULT_NAME, results.result_bytes(sealed))
+        write_file(building.folder, RESULT_NAME, results.result_bytes(sealed))
         with durable.disk_errors(parent.path / stage, "putting the result in its place"):
             if parent.lstat(stage) is None:
                 durable.os_calls.rename(name, stage, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)

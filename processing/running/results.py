@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, ValidationError
 
 from processing.ground.finished import PLAIN_NAME, digest
-from processing.ground.finished import RESULT_NAME as RESULT_NAME
 from processing.running.progress import Cost
 from processing.stages.contract import StageWarning
 from station.session import strict_json

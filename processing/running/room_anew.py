@@ -4,13 +4,13 @@ import math
 from pathlib import Path
 
 from processing.errors import ParameterError
+from processing.ground.finished import RESULT_NAME
 from processing.ground.room_model import RoomModel, read_json, read_room
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.room.estimate import estimate_room
 from processing.room.held import Held
 from processing.room.opening_sun import find_openings_in_sun
-from processing.running.results import RESULT_NAME
 from processing.running.screens import picture_of
 from processing.segmentation.evidence import read_evidence
 from processing.stages.upright import sun_direction

@@ -20,6 +20,7 @@ import numpy as np
 from drivers.errors import DaylitError
 from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats
+from processing.ground.finished import RESULT_NAME
 from processing.ground.seam import resized
 from processing.ground.threads import limit_libraries
 from processing.layout.arrangement import PlacedItem
@@ -31,7 +32,7 @@ from processing.running.artifacts import file_name, load
 from processing.running.choices import go_on_with, going_on
 from processing.running.fingerprint import visible_part
 from processing.running.requests import RunRequest, given_answers, given_files, parameters
-from processing.running.results import RESULT_NAME, parse_result
+from processing.running.results import parse_result
 from processing.running.screens import SCREEN_PX, look_of, shown_jpeg
 from processing.stages.contract import Quality, StageContext
 from processing.stages.detect import LAYERS, drawn_over

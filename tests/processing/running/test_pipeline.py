@@ -12,8 +12,8 @@ from typing import Annotated
 import pytest
 
 from processing.errors import ParameterError, ProcessingError
+from processing.ground.finished import digest
 from processing.pipeline import STAGES, Artifact, Stage, check_table, options, resolve, selected, stage_named
-from processing.running.fingerprint import digest
 from processing.running.requests import RunRequest, decide, planned
 from processing.running.result_store import Stored
 from processing.running.results import Action, RunEvent, RunEventKind, RunReport, StageResult
