@@ -10,7 +10,8 @@ then a room is scaled by its meter, and a sky, which is bluer the farther from t
 already: curves have figures of their own.
 
 Errors: horizontal illuminance of the sky against the truth; whether it lies within its stated 95 % interval; colour of
-the zenith, the larger of red and blue over green against what the indoor camera would show of it.
+the zenith, the larger of red and blue over green against what the indoor camera would show of it. The certificate's
+spectral mismatch (published colours) stands beside the true one (V(lambda) on the patches' spectra under that lamp).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.outdoor.session_sky import with_shared_modes
-from processing.calibration.scale.chart import ChartView, scale_from_charts
+from processing.calibration.scale.chart import ChartView, scale_from_charts, spectral_mismatch
 from processing.calibration.scale.chart_patches import WHITE, FoundChart
 from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor, combined, scaled
 from processing.calibration.scale.photometry import illuminances
@@ -98,12 +99,14 @@ def spectral_figures(draws: int, seed: int) -> dict[str, float]:
     data, rows = spectra(), []
     for k in range(draws):
         rows.append(_one(data, np.random.default_rng((seed, 17, k))))
-    error, within, colour = (np.array([row[j] for row in rows]) for j in range(3))
+    error, within, colour, index, mismatch = np.array(rows).T
     return {
         "spectral_lux_err_pct": 100 * float(np.median(np.abs(error))),
         "spectral_lux_worst_pct": 100 * float(np.max(np.abs(error))),
         "spectral_lux_cover95_pct": 100 * float(np.mean(within)),
         "spectral_zenith_colour_pct": 100 * float(np.median(colour)),
+        "spectral_mismatch_pct": 100 * float(np.median(index)),
+        "spectral_mismatch_true_pct": 100 * float(np.median(mismatch)),
     }
 
 
@@ -123,7 +126,7 @@ def _camera(data: Spectra, rng: np.random.Generator) -> tuple[Doubles, Doubles]:
     return sees, np.linalg.lstsq(light @ sees, rgb, rcond=None)[0]
 
 
-def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float]:
+def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float, float, float]:
     (inside, to_rgb), (outside, to_rgb_out) = _camera(data, rng), _camera(data, rng)
     bow = (data.nm - 550) / 150
     density = 3.0 - rng.normal(0, 0.08) * bow - rng.normal(0, 0.05) * bow**2 - 0.15 * rng.random() * (data.nm > 650)
@@ -176,7 +179,11 @@ def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float]:
     row, column = int(copy.centre[1]), int(copy.centre[0])
     shown, true = picture.rgb[row, column].astype(float), seen_in(zenith)
     off = np.abs((shown / shown[1]) / (true / true[1]) - 1)
-    return error, abs(lux["value"] - truth) <= 1.96 * lux["uncertainty"], float(off.max())
+    against = charts[0].luminance / (chart @ data.eye)
+    against = against[:18] / np.median(against[18:]) - 1
+    index = spectral_mismatch(charts[0].luminance, charts[0].usable, lit) or math.nan
+    within = abs(lux["value"] - truth) <= 1.96 * lux["uncertainty"]
+    return error, within, float(off.max()), index, math.sqrt(float(np.mean(against**2)))
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AwareDatetime, Field, ValidationError
 
 from processing.calibration import profile_records
+from processing.calibration.scale.chart import spectral_mismatch
+from processing.calibration.scale.chart_patches import PATCH_NAMES
 from processing.errors import ProfileError
 from station.errors import IntegrityError
 from station.session import strict_json
@@ -119,6 +122,14 @@ class K2Record(Model):
     responses: dict[Side, SafeText] = Field(default={})
     """Digests of the response curves it was measured with (`ResponseRecord.digest`)."""
 
+    def spectral_mismatch(self, side: Side) -> float | None:
+        """Return a camera's by the chart (`chart.spectral_mismatch`); a residual of 0: clipped or dark somewhere."""
+        if tuple(patch.name for patch in self.patches) != PATCH_NAMES:
+            return None
+        seen = np.array([patch.indoor if side is Side.INDOOR else patch.outdoor for patch in self.patches])
+        usable = (seen > 0) & np.array([patch.residual_stops != 0 for patch in self.patches])
+        return spectral_mismatch(seen, np.asarray(usable), self.light)
+
 
 class RigProfile(Model):
     """calibration.json."""
@@ -176,6 +187,21 @@ def unlike_profile(profile: RigProfile | None, session: SessionManifest) -> list
         if device and camera.response is None:
             found += profile_matches(profile, side, device, [f for f in session.frames if f.side == side])
     return found
+
+
+def states_of(session: SessionManifest) -> dict[Side, CameraState]:
+    """Return what a session says of both cameras."""
+    devices = {device.role: device for device in session.devices}
+    return {s: camera_state(devices.get(s.value), [f for f in session.frames if f.side is s]) for s in Side}
+
+
+def chart_mismatches(profile: RigProfile | None, session: SessionManifest) -> dict[Side, float | None]:
+    """Return the spectral mismatch of a session's cameras by the profile's chart; none of a camera set otherwise."""
+    if profile is None or profile.k2 is None:
+        return {}
+    k2, now = profile.k2, states_of(session)
+    measured = {Side.INDOOR: k2.indoor, Side.OUTDOOR: k2.outdoor}
+    return {side: k2.spectral_mismatch(side) for side, old in measured.items() if not old.differences(now[side])}
 
 
 def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str = "") -> K2Record:

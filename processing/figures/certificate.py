@@ -90,6 +90,7 @@ def _indices(
         ("repeatability", _repeatability(image), "", "median uncertainty of the brighter half of the valid pixels"),
         ("limit of detection", _detection_limit(image), image.unit, "luminance of three standard deviations"),
         ("stability", facts.get("meter_drift_frac"), "", "readings before and after the bracket"),
+        ("spectral mismatch", facts.get("spectral_mismatch"), "", "coloured patches of the rig's chart, rms (not f1')"),
     ]
     return [
         {"index": f"{side}: {name}", "value": value, "unit": unit, "why": why if value is not None else "no data"}

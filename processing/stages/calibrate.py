@@ -10,7 +10,7 @@ from typing import Any
 
 from processing.calibration.optics import LAMPS, glare_facts, indoor_falloff, lamp_kernel
 from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
-from processing.calibration.profile import RigProfile, load_profile, unlike_profile
+from processing.calibration.profile import RigProfile, chart_mismatches, load_profile, unlike_profile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
 from processing.calibration.scale.photometry import PLANES, illuminances
@@ -63,6 +63,8 @@ def run(context: StageContext) -> StageOutput:
     if not sides:
         raise ScaleError(f"nothing can be scaled: {'; '.join(left_out.values())}", advice="give what is named")
     facts = {name: side.facts for name, side in sides.items()}
+    for name, off in chart_mismatches(profile, context.session).items():
+        facts.get(name, {})["spectral_mismatch"] = off
     warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
     warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
     if sky is not None and outdoor is None:

@@ -14,7 +14,7 @@ from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView
 from processing.calibration.outdoor.sun_disc import Sun, find_sun
 from processing.calibration.outdoor.sun_place import North, Place
 from processing.calibration.outdoor.sun_repair import repair_sun
-from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
+from processing.calibration.profile import K2Record, RigProfile, require_k2, states_of
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
@@ -101,7 +101,9 @@ def calibrate_outdoor(
     """
     if isinstance(merged.geometry, Equirectangular):
         return _through_glass(merged, session, asked, profile, k1)
-    k2 = None if profile is None or asked.k2 is not None or profile.k2 is None else _k2(session, profile)
+    k2 = None
+    if profile is not None and asked.k2 is None and profile.k2 is not None:
+        k2 = require_k2(profile, states_of(session), session.name)
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR))
     north, north_warnings = _north(sky, session, asked)
@@ -188,14 +190,6 @@ def _through_glass(
         "light has passed the glass, and the illuminance is a lower bound"
     )
     return Calibrated(picture, scale, facts, (text, *warnings, *_unturned(north, session), *low))
-
-
-def _k2(session: SessionManifest, profile: RigProfile) -> K2Record:
-    states = {}
-    for side in (Side.INDOOR, Side.OUTDOOR):
-        device = next((d for d in session.devices if d.role == side.value), None)
-        states[side] = camera_state(device, [f for f in session.frames if f.side is side])
-    return require_k2(profile, states, session.name)
 
 
 def _corrected(

@@ -18,15 +18,17 @@ from processing.calibration.scale import chart_patches
 from processing.calibration.scale.chart_patches import FoundChart
 from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Flags
 from processing.ground.colour import lab_of_linear
-from processing.pictures.images import RelativeImage, Validity
+from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions, pixels, point_directions
 
 MAX_MISMATCH = 0.25  # right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5.
 WHITE_WARNING_FRAC = 0.02  # chosen: the patches' own uncertainty
 _MIN_SIGMA = 0.003
 """Relative, of any patch: paint and angle differ that much between two cameras that stand side by side."""
+_RED_BY_BLUE = -0.56
+"""Log of red over green by that of blue over green (linear Rec. 709): slope of black bodies from 2856 to 6500 K."""
 _HUBER = 1.5  # standard deviations (Huber 1964); chosen
 
 
@@ -117,6 +119,27 @@ def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: fl
         warnings=_warnings(ratio, fit, white),
     )
     return ChartScale(scale, ratio, fit.offset / float(y_in[white]), spread, patches)
+
+
+def spectral_mismatch(luminance: Doubles, usable: Flags, light: float = 0.0) -> float | None:
+    """Return by how much a camera's luminances of coloured patches differ from the published ones: relative rms.
+
+    The neutral patches set level and veil. What differs is the camera's match to V(lambda), and some of the chart:
+    paint, uneven light. A lamp of few bands adds to it. Not f1' of ISO/CIE 19476, which needs the camera's spectral
+    response. None: fewer than three neutral or six coloured patches.
+
+    ``luminance``, ``usable``: shape (24,), of all patches in the published order, in any unit. ``light``: blueness of
+    the light on the chart.
+    """
+    white = np.exp(light * np.array((_RED_BY_BLUE, 0.0, 1.0)))
+    known = luminance_cd_m2(chart_patches.reflectances() * white).astype(np.float64)
+    neutral = np.isin(np.arange(known.size), chart_patches.NEUTRALS)
+    grey, coloured = usable & neutral, usable & ~neutral
+    if np.count_nonzero(grey) < 3 or np.count_nonzero(coloured) < 6:
+        return None
+    fit = _line(known[grey], luminance[grey], np.zeros(int(grey.sum())))
+    off = luminance[coloured] / (fit.slope * known[coloured] + fit.offset) - 1
+    return float(np.sqrt(np.mean(off**2)))
 
 
 @dataclass(frozen=True)

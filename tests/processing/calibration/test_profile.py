@@ -15,8 +15,10 @@ from processing.calibration.profile import (
     CameraProfile,
     CameraState,
     K2Record,
+    PatchRecord,
     RigProfile,
     camera_state,
+    chart_mismatches,
     load_profile,
     profile_matches,
     require_k2,
@@ -34,10 +36,13 @@ from processing.calibration.profile_records import (
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.shutter import ShutterRule
+from processing.calibration.scale.chart_patches import PATCH_NAMES, reflectances
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import ProfileError
+from processing.pictures.images import luminance_cd_m2
 from processing.sphere import LensMapping
 from station.session.session import DeviceRecord, SessionManifest, SettingRecord, Side
+from tests.station.session.sessions import manifest
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 INDOOR = CameraState(kind="theta_z1", model="RICOH THETA Z1", serial="1", f_number=5.6, iso=100)
@@ -172,6 +177,32 @@ def test_k2_holds_for_its_settings_only() -> None:
     require_k2(made, {Side.OUTDOOR: CameraState()})  # nothing known, nothing to compare
     with pytest.raises(ProfileError, match="no k2"):
         require_k2(made.model_copy(update={"k2": None}), {})
+
+
+def test_the_charts_spectral_mismatch_is_each_cameras_own_at_the_settings_of_the_profile() -> None:
+    published = luminance_cd_m2(reflectances()).astype(float)
+    equal, clipped = reflectances().mean(axis=1), "yellow"
+    patches = [
+        PatchRecord(
+            name=name,
+            indoor=100 * published[n],
+            outdoor=3 * equal[n],
+            residual_stops=0.0 if name == clipped else 0.01,
+            color_difference=1.0,
+        )
+        for n, name in enumerate(PATCH_NAMES)
+    ]
+    made = profile()
+    assert made.k2 is not None
+    made = made.model_copy(update={"k2": made.k2.model_copy(update={"patches": tuple(patches)})})
+    body, session = INDOOR.model_dump(include={"kind", "model", "serial"}), manifest()
+    other = DeviceRecord(role="indoor", **(body | {"serial": "another"}))
+    found = chart_mismatches(made, session.model_copy(update={"devices": ()}))
+    assert found[Side.INDOOR] == pytest.approx(0.0, abs=1e-4)
+    assert found[Side.OUTDOOR] == pytest.approx(0.4, abs=0.05)  # blue patches twice as bright
+    assert set(chart_mismatches(made, session.model_copy(update={"devices": (other,)}))) == {Side.OUTDOOR}
+    assert chart_mismatches(profile(), session.model_copy(update={"devices": ()}))[Side.INDOOR] is None
+    assert chart_mismatches(None, session) == {}
 
 
 def test_disagreements_are_listed() -> None:

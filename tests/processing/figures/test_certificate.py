@@ -24,7 +24,7 @@ from tests.processing.finished import finish_all
 
 SIZE = (80, 40)
 CALIBRATION = {
-    "indoor": {"k1_parts": {"meter": 0.012, "spot": 0.005}, "meter_drift_frac": 0.002},
+    "indoor": {"k1_parts": {"meter": 0.012, "spot": 0.005}, "meter_drift_frac": 0.002, "spectral_mismatch": 0.043},
 }
 MERGED = {"indoor": {"offset_stops": [0.01, 0.0, -0.02]}}
 
@@ -57,6 +57,7 @@ def test_indices_that_a_session_shows_and_those_that_it_cannot() -> None:
     assert found["indoor: f11 (change of range)"]["value"] == pytest.approx(1 - 2**-0.02)
     limit = found["indoor: limit of detection"]["value"]
     assert 0.1 / DETECTED / 2 < limit < 2 * 0.1 / DETECTED
+    assert found["indoor: spectral mismatch"]["value"] == 0.043
     assert all(found[name]["value"] is None for name in NOT_DETERMINED)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site
-from processing.calibration.scale.chart import find_chart, scale_from_charts
+from processing.calibration.scale.chart import find_chart, scale_from_charts, spectral_mismatch
 from processing.calibration.scale.chart_patches import WHITE, reflectances
 from processing.errors import ChartError
 from processing.pictures.images import Validity, luminance_cd_m2
@@ -121,3 +121,15 @@ def test_reflectances_are_the_published_ones() -> None:
     white = reflectances()[WHITE]
     assert white[0] == pytest.approx(((243 / 255 + 0.055) / 1.055) ** 2.4)
     assert np.all(np.diff(luminance_cd_m2(reflectances())[18:]) < 0)
+
+
+def test_a_camera_of_other_spectra_shows_in_the_coloured_patches() -> None:
+    true, all_seen = luminance_cd_m2(reflectances()).astype(np.float64), np.ones(24, dtype=bool)
+    assert spectral_mismatch(300 * true + 2.0, all_seen) == pytest.approx(0.0, abs=1e-5)
+    # Luminance by equal weights in place of V(lambda)'s; and by a lamp's colour, which is known
+    equal = reflectances().mean(axis=1)
+    assert spectral_mismatch(equal, all_seen) == pytest.approx(np.sqrt(np.mean((equal / true - 1)[:18] ** 2)), rel=0.1)
+    lamp = luminance_cd_m2(reflectances() * (2.0, 1.0, 0.28)).astype(np.float64)
+    assert spectral_mismatch(lamp, all_seen, math.log(0.28)) < 0.02 < spectral_mismatch(lamp, all_seen)
+    assert spectral_mismatch(true, np.arange(24) > 12) is None
+    assert spectral_mismatch(true, np.arange(24) < 20) is None
