@@ -105,7 +105,10 @@ def _repeatability(image: LuminanceImage) -> float | None:
 
 
 def _detection_limit(image: LuminanceImage) -> float | None:
-    """Return the lowest luminance whose pixels are surer than `DETECTED`; None where even the brightest are not."""
+    """Return the luminance that best parts unsure pixels below from sure ones above (`DETECTED`); None: all unsure.
+
+    Few pixels do not count much: a sun's edge is unsure, and bright.
+    """
     level = luminance_map(image)
     seen = (image.validity != Validity.OUTSIDE) & (image.validity != Validity.CLIPPED) & (level > 0)
     if not seen.any():
@@ -113,8 +116,7 @@ def _detection_limit(image: LuminanceImage) -> float | None:
     place = np.floor(BINS_A_STOP * np.log2(level[seen])).astype(np.int64)
     unsure = image.uncertainty[seen] > DETECTED
     first = int(place.min())
-    share = np.bincount(place - first, unsure) / np.maximum(np.bincount(place - first), 1)
-    bad = np.flatnonzero(share > 0.5)
-    if len(bad) and bad[-1] + 1 >= len(share):
-        return None
-    return float(2.0 ** ((first + (bad[-1] + 1 if len(bad) else 0)) / BINS_A_STOP))
+    above, below = (np.bincount(place[which] - first, minlength=np.ptp(place) + 2) for which in (unsure, ~unsure))
+    wrong = above[::-1].cumsum()[::-1] + below.cumsum() - below
+    best = int(np.argmin(wrong))
+    return None if unsure.all() else float(2.0 ** ((first + best) / BINS_A_STOP))

@@ -61,6 +61,19 @@ def test_indices_that_a_session_shows_and_those_that_it_cannot() -> None:
     assert all(found[name]["value"] is None for name in NOT_DETERMINED)
 
 
+def limit_of_detection(image: LuminanceImage) -> float | None:
+    rows = certificate({"outdoor": image}, {"outdoor": {"k2_source": "k2"}}, {})["indices"]
+    return {row["index"]: row["value"] for row in rows}["outdoor: limit of detection"]
+
+
+def test_the_unsure_edge_of_a_sun_is_no_limit_of_detection() -> None:
+    image = picture(veil=False)
+    image.rgb[0, :3], image.uncertainty[0, :3] = 1e8, 0.7
+    assert 0.1 < limit_of_detection(image) < 1.0
+    image.uncertainty[:] = 0.5
+    assert limit_of_detection(image) is None
+
+
 def test_the_command_writes_page_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session = write_session(tmp_path / "room", Taken(SimpleRoom(3), 32, (Side.INDOOR,)))
     assert daylit.main(["certificate", str(tmp_path / "room")]) == 2
