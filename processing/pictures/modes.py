@@ -9,7 +9,7 @@ Modes are independent: the variance of a sum over pixels is the sum of its squar
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -145,20 +145,16 @@ def level_error(image: LuminanceImage, levels: Doubles) -> float:
     return math.hypot(*found)
 
 
-def placed_parts(image: LuminanceImage, whole: slice) -> Floats:
-    """Return what modes that go by place add to rows' valid luminance, (M, h, W), in its unit.
+def placed_parts(image: LuminanceImage, rows: slice) -> Iterator[Floats]:
+    """Yield what each mode that goes by place adds to rows' valid luminance, (h, W), in its unit.
 
-    What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it.
+    What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it. ``rows``: few at once.
     """
-    modes = [mode for mode in modes_of(image) if mode.kind != "level"]
-    parts = np.empty((len(modes), whole.stop - whole.start, image.rgb.shape[1]), np.float32)
-    for start in range(whole.start, whole.stop if modes else whole.start, ROWS_AT_ONCE):
-        rows = slice(start, min(start + ROWS_AT_ONCE, whole.stop))
-        luminance = luminance_cd_m2(image.rgb[rows])
-        valid = luminance * (image.validity[rows] == Validity.VALID)
-        for part, mode in zip(parts, modes, strict=True):
-            part[start - whole.start : rows.stop - whole.start] = valid * relative_error(mode, image, luminance, rows)
-    return parts
+    luminance = luminance_cd_m2(image.rgb[rows])
+    valid = luminance * (image.validity[rows] == Validity.VALID)
+    for mode in modes_of(image):
+        if mode.kind != "level":
+            yield valid * relative_error(mode, image, luminance, rows)
 
 
 def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:

@@ -260,7 +260,7 @@ def projected_bands(geometry: Geometry, normal: npt.ArrayLike) -> Iterator[tuple
         else:
             signed = fisheye_projected(geometry, n)
         y, x = _crossed_cells(geometry, n, rows)
-        out = np.maximum(signed, 0.0)
+        out = np.maximum(signed, 0.0, out=signed)
         if y.size:
             row = isinstance(geometry, Equirectangular)
             solid = _row_solid(geometry)[y] if row else solid_angles(geometry)[y, x]  # type: ignore[arg-type]

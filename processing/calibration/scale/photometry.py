@@ -17,7 +17,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.ground.kernels import compiled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
-from processing.pictures.modes import LEVEL_SHIFT, LEVELS, level_error, placed_parts
+from processing.pictures.modes import LEVEL_SHIFT, LEVELS, ROWS_AT_ONCE, level_error, placed_parts
 from processing.sphere import Equirectangular
 from processing.sphere.area import projected_bands
 
@@ -83,7 +83,7 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
 def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -> list[Illuminance]:
     """Return `illuminance_lx` of several planes; of a panorama, whose rows come in bands, in one pass."""
     directions, whole = [_unit(normal) for normal in normals], isinstance(image.geometry, Equirectangular)
-    found, parts, of = list[Illuminance](), np.empty((0, 0, 0), np.float32), slice(0)
+    found = list[Illuminance]()
     for some in [directions] if whole else [[one] for one in directions]:
         sums, levels, off = np.zeros((len(some), 5 + len(Validity))), np.zeros((len(some), LEVELS)), np.zeros(())
         for bands in zip(*(projected_bands(image.geometry, one) for one in some), strict=True):
@@ -91,10 +91,12 @@ def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -
             picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]
             for k, each in enumerate(weights):
                 _add_light(*picture, each, np.array(LUMINANCE_WEIGHTS), sums[k], levels[k])
-            if rows != of:
-                parts, of = placed_parts(image, rows), rows
-            own = [[np.vdot(each, wide) for each in weights] for wide in (part.astype(np.float64) for part in parts)]
-            off = off + np.reshape(own, (len(parts), len(some))).T
+            for start in range(rows.start, rows.stop, ROWS_AT_ONCE):
+                band = slice(start, min(start + ROWS_AT_ONCE, rows.stop))
+                within = [each[band.start - rows.start : band.stop - rows.start] for each in weights]
+                parts = (part.astype(np.float64) for part in placed_parts(image, band))
+                own = [[np.vdot(each, part) for each in within] for part in parts]
+                off = off + np.reshape(own, (-1, len(some))).T
         found += [_illuminance(image, *each) for each in zip(sums, levels, off, strict=True)]
     return found
 
