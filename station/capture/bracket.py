@@ -60,11 +60,8 @@ def plan_bracket(stops_s: Sequence[float], mode: Mode, sides: Sequence[Side]) ->
         raise UsageError("a bracket needs at least one exposure time", advice="give --stops or [bracket] stops")
     bad = [s for s in stops if not SHORTEST_S * 0.99 <= s <= LONGEST_S]
     if bad or len(set(stops)) != len(stops):
-        raise UsageError(
-            f"exposure times {bad} s are out of range" if bad else "an exposure time is given twice",
-            where="bracket",
-            advice=f"give different times between 1/25000 and {LONGEST_S:g} s",
-        )
+        text = f"exposure times {bad} s are out of range" if bad else "an exposure time is given twice"
+        raise UsageError(text, where="bracket", advice=f"give different times between 1/25000 and {LONGEST_S:g} s")
     order = tuple(reversed(range(len(stops)))) if mode == "full" else _outwards(len(stops))
     return BracketPlan(stops, order, mode, tuple(sides))
 
@@ -94,9 +91,7 @@ def useless_because(stop: int, frames: Mapping[int, FrameStatistics]) -> str | N
     if longer:
         return f"nothing is clipped any more at stop {max(longer)}"
     shorter = [i for i in frames if i > stop and frames[i].dark_frac <= DARK_LIMIT_FRAC]
-    if shorter:
-        return f"nothing is dark any more at stop {min(shorter)}"
-    return None
+    return f"nothing is dark any more at stop {min(shorter)}" if shorter else None
 
 
 def unavailable_stops(stops_s: Sequence[float], offered_s: Sequence[float]) -> tuple[str, ...]:

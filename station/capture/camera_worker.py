@@ -1,8 +1,7 @@
 """The thread that owns one camera during a bracket: sets, releases, polls, and fetches behind exposures.
 
 The conductor (`station.capture.capture`) gives orders through an inbox and hears back through notices; nobody else
-touches
-the camera. Idle → (SetUp) → armed → (Fire) → exposing → idle. Transfers of earlier frames run a chunk at a time
+touches the camera. Idle → (SetUp) → armed → (Fire) → exposing → idle. Transfers of earlier frames run a chunk at a time
 while exposing (where the camera can) and while idle, never while armed, so that both shutters open together.
 """
 
@@ -218,11 +217,8 @@ class CameraWorker:
             if progress.done and progress.frames:
                 return progress.frames
             if progress.done:
-                raise ExposureFailedError(
-                    "the exposure ended without a picture",
-                    where=str(self.side),
-                    likely="no focus, or the card refused it",
-                )
+                likely = "no focus, or the card refused it"
+                raise ExposureFailedError("the exposure ended without a picture", where=str(self.side), likely=likely)
             if self._backlog and self._camera.can_transfer_while_exposing:
                 self._transfer_chunk(EXPOSING_CHUNK_BYTES)
         raise DeviceTimeoutError(

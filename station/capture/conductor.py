@@ -138,7 +138,7 @@ class Conductor:
         errors, time_s = self._noise(asked)
         found = ", ".join(f"{side} within {error:.1%}" for side, error in errors.items())
         text = f"noise: 95 % {found}; asked {asked:.1%}" + (f": {seconds_text(time_s)} more" if time_s else "")
-        yield self._event(events.EventKind.NOISE, text, error_frac=errors, asked_frac=asked, next_s=time_s)
+        yield self._event(_KINDS.NOISE, text, error_frac=errors, asked_frac=asked, next_s=time_s)
         if time_s is None:
             if not all(error <= asked for error in errors.values()):
                 yield self._warn("noise", f"{text}, not reached")
@@ -162,10 +162,10 @@ class Conductor:
         """Let both buttons go and take in what comes, until asked to go on; the cameras' threads keep them awake."""
         begun_s = self._clock.monotonic_s()
         self._pairing.stand_down(self._workers)
-        yield self._event(events.EventKind.PAUSED, "paused")
+        yield self._event(_KINDS.PAUSED, "paused")
         while self.paused and not (self._stop_asked or self.dead):
             yield from self._pump()
-        yield self._event(events.EventKind.CONTINUED, "continued")
+        yield self._event(_KINDS.CONTINUED, "continued")
         if self._todo:
             text = f"paused for {self._clock.monotonic_s() - begun_s:.0f} s: the light may have changed meanwhile"
             yield self._warn("paused", text)
@@ -178,7 +178,7 @@ class Conductor:
             self._retakes[side, stop] += 1
             self._todo.append((stop, (side,)))
             text = f"{side} {self._label(stop)}: {why}; taken again"
-            yield self._event(events.EventKind.REJECTED, text, side=side, stop=stop, reason=why, retaken=True)
+            yield self._event(_KINDS.REJECTED, text, side=side, stop=stop, reason=why, retaken=True)
         return bool(found)
 
     def _dismiss(self, error: Exception | None) -> Iterator[events.CaptureEvent]:
@@ -216,11 +216,11 @@ class Conductor:
                 continue
             self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
             text = f"{side} {self._label(stop)} left out: {reason}"
-            yield self._event(events.EventKind.SKIPPED, text, side=side, stop=stop, reason=reason)
+            yield self._event(_KINDS.SKIPPED, text, side=side, stop=stop, reason=reason)
         return tuple(needed)
 
     def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[events.CaptureEvent]:
-        yield self._event(events.EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
+        yield self._event(_KINDS.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
         self._pairing.set_up(stop, sides)
         yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
         if not self._pairing.ready(stop, sides) or self.dead:
@@ -286,7 +286,7 @@ class Conductor:
                 yield self._opened_or_closed(notice)
             case events.Progress(side, stop, done_bytes, total_bytes):
                 data = {"side": side, "stop": stop, "done_bytes": done_bytes, "total_bytes": total_bytes}
-                yield events.CaptureEvent(events.EventKind.PROGRESS, "", self._clock.monotonic_s(), data)
+                yield events.CaptureEvent(_KINDS.PROGRESS, "", self._clock.monotonic_s(), data)
             case events.Left(side):
                 self._left.add(side)
             case _:
@@ -297,11 +297,11 @@ class Conductor:
         if isinstance(notice, events.Released):
             self._pairing.released_s[side] = notice.at_s
             text = f"{side} {self._label(stop)} released"
-            return self._event(events.EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
+            return self._event(_KINDS.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
         self._pairing.take(notice)
         self._in_flight[side, stop] += notice.n_frames
         self._set_up_ahead(notice)
-        return self._event(events.EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
+        return self._event(_KINDS.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
 
     def _outcome(self, notice: events.Notice) -> Iterator[events.CaptureEvent]:
         match notice:
@@ -323,7 +323,7 @@ class Conductor:
         if record.statistics is not None:
             self._statistics[side][stop] = record.statistics
         data = {"side": side, "stop": stop, "file": record.file, "size_bytes": record.size_bytes}
-        yield self._event(events.EventKind.SAVED, f"{side} {self._label(stop)} saved: {record.file}", **data)
+        yield self._event(_KINDS.SAVED, f"{side} {self._label(stop)} saved: {record.file}", **data)
         yield from self._settle(side, stop)
 
     def _repeated(self, notice: events.Repeated) -> Iterator[events.CaptureEvent]:
@@ -331,7 +331,7 @@ class Conductor:
             text = f"{record.side} {self._label(record.stop)} repeated: " + (
                 f"light x {record.ratio:.3f}" if record.ratio else "nothing to compare"
             )
-            yield self._event(events.EventKind.REFERENCE, text, **record.model_dump(mode="json"))
+            yield self._event(_KINDS.REFERENCE, text, **record.model_dump(mode="json"))
             if moved := in_words(record, self._max_drift_frac):
                 yield self._warn("moving_light", moved)
         yield from self._settle(notice.side, notice.stop)
@@ -354,7 +354,7 @@ class Conductor:
         again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked or self._pairing.repeats)
         kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
         text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
-        yield self._event(events.EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
+        yield self._event(_KINDS.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
         if again:
             self._retakes[side, stop] += 1
             self._todo.append((stop, (side,)))
@@ -366,21 +366,19 @@ class Conductor:
         self._pairing.take(notice)
         data = {"side": side, "stop": notice.stop, "error": error.to_dict()}
         if isinstance(notice, events.Breaking):
-            return self._event(
-                events.EventKind.RECOVERING, f"{side}: {error.message}; recovering", **data, recovered=False
-            )
+            return self._event(_KINDS.RECOVERING, f"{side}: {error.message}; recovering", **data, recovered=False)
         data["recovered"] = notice.recovered
         if notice.recovered and not isinstance(error, NEEDS_A_PERSON):
-            return self._event(events.EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
+            return self._event(_KINDS.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
         self.dead[side] = error
-        return self._event(events.EventKind.FAILED, f"{side}: {error}", **data)
+        return self._event(_KINDS.FAILED, f"{side}: {error}", **data)
 
     def _label(self, stop: int) -> str:
         return shutter_label(self._plan.stops_s[stop])
 
     def _warn(self, code: str, text: str, /, **data: object) -> events.CaptureEvent:
         self._store.add_warning(WarningRecord(code=code, message=text[:500]))
-        return self._event(events.EventKind.WARNING, text, code=code, **data)
+        return self._event(_KINDS.WARNING, text, code=code, **data)
 
     def _event(self, kind: events.EventKind, text: str, /, **data: object) -> events.CaptureEvent:
         if kind in JOURNALLED:

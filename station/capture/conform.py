@@ -215,10 +215,9 @@ def transfers_while_exposing_or_says_busy(bench: CameraBench) -> str:
     bench.camera.set_shutter(1.0)
     bench.camera.arm()
     bench.camera.release()
-    got, busy, done = 0, 0, False
-    frames: tuple[FrameRef, ...] = ()
+    got, busy, progress = 0, 0, ExposureProgress(done=False)
     deadline = Deadline.after(bench.clock, EXPOSURE_GRACE_S)
-    while not done:
+    while not progress.done:
         deadline.check("picture", "conform")
         try:
             if bench.camera.can_transfer_while_exposing and got < earlier.size_bytes:
@@ -226,10 +225,9 @@ def transfers_while_exposing_or_says_busy(bench: CameraBench) -> str:
         except DeviceBusyError:
             busy += 1
         progress = bench.camera.poll_exposure()
-        done, frames = progress.done, progress.frames
-    bench.frames += frames
-    expect(len(frames) >= 1, "the exposure gave no picture")
-    for frame in (earlier, *frames):
+    bench.frames += progress.frames
+    expect(len(progress.frames) >= 1, "the exposure gave no picture")
+    for frame in (earlier, *progress.frames):
         bench.camera.finish_frame(frame)
     return f"{got} bytes meanwhile" if got else f"says busy ({busy} times): transfers wait for the exposure"
 

@@ -31,20 +31,9 @@ TYPED_RANGE_CD_M2 = (1e-3, 1e7)
 
 
 def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
-    """Return the record of a reading, whatever its status."""
-    return ReadingRecord(
-        when=when,
-        status=str(reading.status),
-        luminance_cd_m2=reading.luminance_cd_m2,
-        taken_utc=reading.taken_utc,
-        taken_monotonic_s=reading.taken_monotonic_s,
-        raw=reading.raw[:500],
-        dialect=reading.dialect,
-        dialect_verified=reading.dialect_verified,
-        n_samples=reading.n_samples,
-        spread_frac=reading.spread_frac,
-        detail=reading.detail[:500],
-    )
+    """Return the record of a reading, whatever its status; it has all of a reading's fields."""
+    texts = {"status": str(reading.status), "raw": reading.raw[:500], "detail": reading.detail[:500]}
+    return ReadingRecord(when=when, **(vars(reading) | texts))
 
 
 def check_typed(luminance_cd_m2: float) -> None:

@@ -104,7 +104,7 @@ def open_links(record: Path | None, rig: RigFile, clock: Clock, *, simulated: bo
     return Links(clock, transcript=transcript, file=file, simulated=simulated)
 
 
-def replayed_links(path: Path, clock: Clock | None = None) -> tuple[Links, RigFile]:
+def replayed_links(path: Path) -> tuple[Links, RigFile]:
     """Return links that replay a transcript, and the rig it was made with, of the instruments that are in it.
 
     Raises `ProtocolViolationError`: no transcript, or one without its rig.
@@ -125,4 +125,4 @@ def replayed_links(path: Path, clock: Clock | None = None) -> tuple[Links, RigFi
             advice="record it with: daylit conform --record FILE",
         ) from error
     missing = {who: None for who in (*map(str, Side), METER) if who not in entries}
-    return Links(clock, entries=entries, simulated=simulated), rig.model_copy(update=missing)
+    return Links(entries=entries, simulated=simulated), rig.model_copy(update=missing)

@@ -67,11 +67,8 @@ def require_same_camera(rig: Rig, manifest: SessionManifest, side: Side, where: 
     now = rig.file.cameras()[side].model_dump(mode="json")
     changed = [f"{key} was {was[key]}, is {now[key]}" for key in SAME_ON_RESUME if was.get(key, now[key]) != now[key]]
     if changed:
-        raise SessionError(
-            f"the rig has another {side} camera: {'; '.join(changed)}",
-            where=where,
-            advice="use the rig (and --size) it was made with",
-        )
+        advice = "use the rig (and --size) it was made with"
+        raise SessionError(f"the rig has another {side} camera: {'; '.join(changed)}", where=where, advice=advice)
 
 
 def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = None) -> Rig:
@@ -312,7 +309,5 @@ def find_rig_file(path: Path | None) -> Path:
     for candidate in (Path("rig.toml"), user_config_path("daylit") / "rig.toml"):
         if candidate.is_file():
             return candidate
-    raise RigError(
-        "no rig file: neither ./rig.toml nor one in your configuration folder",
-        advice="write one with `daylit doctor --write-rig rig.toml`, or try `--simulate room`",
-    )
+    text = "no rig file: neither ./rig.toml nor one in your configuration folder"
+    raise RigError(text, advice="write one with `daylit doctor --write-rig rig.toml`, or try `--simulate room`")

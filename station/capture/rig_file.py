@@ -66,15 +66,8 @@ class CameraTable(_Table):
 
     def settings(self) -> CameraSettings:
         """Return what the driver is asked to set."""
-        width_px, height_px = self.size_px
-        return CameraSettings(
-            iso=self.iso,
-            f_number=self.f_number,
-            color_temperature_k=self.color_temperature_k,
-            width_px=width_px,
-            height_px=height_px,
-            keep_raw=self.keep_raw,
-        )
+        exposure = self.iso, self.f_number, self.color_temperature_k
+        return CameraSettings(*exposure, *self.size_px, keep_raw=self.keep_raw)
 
 
 class MeterTable(_Table):

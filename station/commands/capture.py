@@ -207,20 +207,15 @@ def _changes(options: dict[str, Any]) -> dict[str, Any]:
 def _rig_file(options: dict[str, Any]) -> RigFile:
     from station.capture.rig import find_rig_file
     from station.capture.rig_file import PAPER_RIG, load_rig
+    from station.errors import RigError
 
     simulated = options["simulate"] and options["rig_path"] is None
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
-    file = file.model_copy(update=_changes(options))
-    file = _typed(file, options)
-    from station.errors import RigError
-
+    file = _typed(file.model_copy(update=_changes(options)), options)
     if not file.cameras():
         table = f"[{options['only']}]" if options["only"] else "[indoor] or [outdoor]"
-        raise RigError(
-            f"has no table {table}: no camera to capture with",
-            where=str(options["rig_path"] or "rig.toml"),
-            advice="an example: daylit doctor --write-rig FILE",
-        )
+        text, where = f"has no table {table}: no camera to capture with", str(options["rig_path"] or "rig.toml")
+        raise RigError(text, where=where, advice="an example: daylit doctor --write-rig FILE")
     return file
 
 
@@ -350,11 +345,8 @@ def _require_stops(file: RigFile, plan: BracketPlan) -> None:
         if (names := unavailable_stops(plan.stops_s, known_times_s(table.kind)))
     ]
     if lacking:
-        raise UsageError(
-            f"stops that a camera does not have: {'; '.join(lacking)}",
-            where="bracket",
-            advice="change --stops, or [bracket] stops of the rig",
-        )
+        advice = "change --stops, or [bracket] stops of the rig"
+        raise UsageError(f"stops that a camera does not have: {'; '.join(lacking)}", where="bracket", advice=advice)
 
 
 def _table(estimate: Estimate) -> Iterator[str]:

@@ -32,15 +32,12 @@ class Job(Protocol):
 
     def events(self) -> Iterator[CaptureEvent]:
         """Run it."""
-        ...
 
     def ask_stop(self) -> None:
         """End after the running pair."""
-        ...
 
     def ask_pause(self, *, paused: bool) -> None:
         """Pause before the next pair, or continue."""
-        ...
 
 
 def follow(job: Job, view: SilentView, *, notify: str | None = None) -> bool:

@@ -102,8 +102,7 @@ def import_session(**options: Any) -> int:
 
 
 def parse_site(text: str | None) -> Site:
-    """Return the place given as ``LAT,LON`` in degrees (an empty one for None); UsageError for anything
-    else."""
+    """Return the place given as ``LAT,LON`` in degrees (an empty one for None); UsageError for anything else."""
     from station.errors import UsageError
     from station.session.session import Site
 
@@ -113,9 +112,8 @@ def parse_site(text: str | None) -> Site:
         latitude_deg, longitude_deg = (float(v) for v in text.split(","))
         return Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
     except ValueError as error:
-        raise UsageError(
-            f"{text!r} is not a place", where="--site", advice="write LAT,LON in degrees, e.g. 40.44,-79.99"
-        ) from error
+        advice = "write LAT,LON in degrees, e.g. 40.44,-79.99"
+        raise UsageError(f"{text!r} is not a place", where="--site", advice=advice) from error
 
 
 def parse_zone(text: str | None) -> int | None:
@@ -183,11 +181,8 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
 
     if repair:
         repair_session(session)
-    if look:
-        with FrameChecker() as checker:
-            report = verify_session(session, fast=fast, frame_check=checker.verify_frame)
-    else:
-        report = verify_session(session, fast=fast)
+    with FrameChecker() as checker:  # its process starts at the first frame
+        report = verify_session(session, fast=fast, frame_check=checker.verify_frame if look else None)
     whole = report.intact and report.status == "complete"
     advice = _advice(report)
     lines = [f"note: {note}" for note in report.notes]

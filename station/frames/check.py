@@ -194,15 +194,8 @@ class FrameChecker:
         A decoder sees broken data, not every changed bit; that nothing changed since capture is what the
         SHA-256 in the manifest proves, which `station.session.verify` compares first.
         """
-        expected = ExpectedFrame(
-            exposure_s=record.exif_s,
-            iso=record.iso,
-            f_number=record.f_number,
-            width_px=record.width_px,
-            height_px=record.height_px,
-            require_exif=False,
-            light_expected=False,
-        )
+        asked = record.exif_s, record.iso, record.f_number, record.width_px, record.height_px
+        expected = ExpectedFrame(*asked, require_exif=False, light_expected=False)
         try:
             if record.format == "cr2" or record.format == "dng":
                 self.check_raw(path, record.format)

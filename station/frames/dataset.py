@@ -158,7 +158,7 @@ def room_and_minute(word: str) -> tuple[str, int | None]:
     return (word, None) if found is None else (found["room"] or "", int(found["h"]) * 60 + int(found["m"]))
 
 
-def pair_brackets(brackets: Iterable[Bracket], limit_min: float = PAIR_LIMIT_MIN) -> tuple[list[Pair], list[Doubt]]:
+def pair_brackets(brackets: Iterable[Bracket]) -> tuple[list[Pair], list[Doubt]]:
     """Return each indoor bracket with the sky nearest in time of the same day, place and room.
 
     A sky may serve several indoor brackets; one that serves none is a session of its own. Without times, the only sky
@@ -173,7 +173,7 @@ def pair_brackets(brackets: Iterable[Bracket], limit_min: float = PAIR_LIMIT_MIN
             indoor.append(bracket)
     pairs, doubts, used = [], [], set()
     for bracket in indoor:
-        near = _nearest(bracket, rooms.get(bracket.key, []), limit_min)
+        near = _nearest(bracket, rooms.get(bracket.key, []))
         if len(near) > 1:
             paths = tuple(str(b.folder) for b in (bracket, *near))
             doubts.append(Doubt(f"{bracket.name}: {len(near)} outdoor brackets are equally near in time", paths))
@@ -185,12 +185,12 @@ def pair_brackets(brackets: Iterable[Bracket], limit_min: float = PAIR_LIMIT_MIN
     return pairs, doubts
 
 
-def _nearest(bracket: Bracket, skies: Sequence[Bracket], limit_min: float) -> list[Bracket]:
+def _nearest(bracket: Bracket, skies: Sequence[Bracket]) -> list[Bracket]:
     if bracket.minute is None or any(sky.minute is None for sky in skies):
         return list(skies)
     apart = {sky: abs((sky.minute or 0) - bracket.minute) for sky in skies}
-    near = min(apart.values(), default=limit_min + 1)
-    return [sky for sky, minutes in apart.items() if minutes == near <= limit_min]
+    near = min(apart.values(), default=PAIR_LIMIT_MIN + 1)
+    return [sky for sky, minutes in apart.items() if minutes == near <= PAIR_LIMIT_MIN]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from datetime import date, datetime, time
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import DaylitError
 from station.errors import AmbiguousImportError, IncompleteBracketError, SessionError
 from station.frames.check import FrameChecker
@@ -109,15 +108,12 @@ def doubt_error(doubts: Sequence[Doubt]) -> AmbiguousImportError:
     )
 
 
-def import_dataset(
-    request: DatasetRequest, plan: DatasetPlan, checker: FrameChecker, *, clock: Clock | None = None
-) -> Iterator[Outcome]:
+def import_dataset(request: DatasetRequest, plan: DatasetPlan, checker: FrameChecker) -> Iterator[Outcome]:
     """Make the sessions of a plan, one after the other; what fails is an outcome, and the rest goes on.
 
     A complete session of the same name that is there already is not made again. Raises `ResourceError`: the disk is
     full or failing.
     """
-    clock = clock or SystemClock()
     done = set()
     for path in request.into.glob("*/session.json"):
         with suppress(SessionError):
@@ -129,7 +125,7 @@ def import_dataset(
             yield Outcome(pair)
             continue
         try:
-            yield Outcome(pair, import_session(_request_of(pair, plan, request), checker=checker, clock=clock))
+            yield Outcome(pair, import_session(_request_of(pair, plan, request), checker=checker))
         except SessionError as error:
             yield Outcome(pair, error=error)
 

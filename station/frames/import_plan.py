@@ -112,8 +112,7 @@ def _keep_most(sieve: _Sieve, reason: Reason, key: Callable[[Candidate], Hashabl
 
 
 def _judge_each(sieve: _Sieve) -> None:
-    """Refuse repeated pictures, times that contradict EXIF, times that are there already, and black
-    frames."""
+    """Refuse repeated pictures, times that contradict EXIF, times that are there already, and black frames."""
     accepted: list[Candidate] = []
     for candidate in list(sieve.kept):
         time_s = _time(candidate)
@@ -144,8 +143,7 @@ def _keep_order(sieve: _Sieve) -> None:
 
 
 def join_stops(times_s: Sequence[float]) -> tuple[float, ...]:
-    """Return the stops of a session from the exposure times of both sides, longest first, forms of one stop
-    once."""
+    """Return the stops of a session from the exposure times of both sides, longest first, forms of one stop once."""
     stops: list[float] = []
     for time_s in sorted(times_s, reverse=True):
         if not stops or not same_stop(stops[-1], time_s):
@@ -190,9 +188,8 @@ def sort_entries(entries: Sequence[Path], folder: Path, *, raw: bool) -> tuple[l
     raws = {path.stem.lower(): path for path in entries if raw and has_suffix(path, RAW_SUFFIXES)}
     files, raws = (files, raws) if files else (list(raws.values()), {})
     if len(files) > MAX_FRAMES:
-        raise UsageError(
-            f"{len(files)} pictures, a bracket has at most {MAX_FRAMES}", where=str(folder), advice="sort the folder"
-        )
+        text = f"{len(files)} pictures, a bracket has at most {MAX_FRAMES}"
+        raise UsageError(text, where=str(folder), advice="sort the folder")
     taken = {*files, *raws.values()}
     return files, raws, [printable(path.name) for path in entries if path not in taken]
 

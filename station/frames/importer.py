@@ -3,7 +3,6 @@ folders left as they are."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -103,7 +102,7 @@ def import_session(
     """
     clock = clock or SystemClock()
     if checker is None:
-        with closing(FrameChecker()) as own:
+        with FrameChecker() as own:
             return import_session(request, checker=own, clock=clock)
     found = _sort_files(request, checker)
     if request.strict and found.refused:
@@ -130,13 +129,8 @@ def _nothing_error(found: _Sorted) -> IncompleteBracketError:
         others = f" (and {len(found.refused) - 1} more)" if len(found.refused) > 1 else ""
         message += f": {first.side}/{first.name}: {first.message}{others}"
         advice = "correct what is named (--shutter has one time a file, in the order of the file names)"
-    return IncompleteBracketError(
-        message,
-        where="import",
-        advice=advice,
-        refused=[f"{r.side}/{r.name}: {r.message}" for r in found.refused],
-        ignored=list(found.ignored),
-    )
+    refused = [f"{r.side}/{r.name}: {r.message}" for r in found.refused]
+    return IncompleteBracketError(message, where="import", advice=advice, refused=refused, ignored=list(found.ignored))
 
 
 def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
@@ -167,11 +161,8 @@ def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequenc
     if not request.shutter_s:
         return [None] * len(files)
     if len(request.shutter_s) != len(files):
-        raise UsageError(
-            f"{len(request.shutter_s)} exposure times for {len(files)} JPEGs ({side})",
-            where="--shutter",
-            advice="give one time a file, in the order of the file names",
-        )
+        text = f"{len(request.shutter_s)} exposure times for {len(files)} JPEGs ({side})"
+        raise UsageError(text, where="--shutter", advice="give one time a file, in the order of the file names")
     return request.shutter_s
 
 

@@ -80,12 +80,8 @@ def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:
     size = (facts.width_px, facts.height_px)
     asked = (expected.width_px or facts.width_px, expected.height_px or facts.height_px)
     if size != asked:
-        raise rejection(
-            facts.name,
-            Reason.WRONG_SIZE,
-            f"{size[0]}x{size[1]} pixels, asked {asked[0]}x{asked[1]}",
-            "set the camera's picture size",
-        )
+        text = f"{size[0]}x{size[1]} pixels, asked {asked[0]}x{asked[1]}"
+        raise rejection(facts.name, Reason.WRONG_SIZE, text, "set the camera's picture size")
     said = (facts.exif.width_px or facts.width_px, facts.exif.height_px or facts.height_px)
     if expected.require_exif and said != size:
         raise rejection(facts.name, Reason.WRONG_SIZE, f"{size[0]}x{size[1]} pixels; its EXIF says {said[0]}x{said[1]}")
@@ -112,12 +108,8 @@ def _judge_value(
         if reason is Reason.WRONG_EXPOSURE:
             stops = stops_between(got, asked)
             by = f", {abs(stops):.2f} stops {'longer' if stops > 0 else 'shorter'}"
-        raise rejection(
-            facts.name,
-            reason,
-            f"its EXIF says {text(got)}, asked {text(asked)}{by}",
-            "look whether the camera is in manual mode, then take the frame again",
-        )
+        advice = "look whether the camera is in manual mode, then take the frame again"
+        raise rejection(facts.name, reason, f"its EXIF says {text(got)}, asked {text(asked)}{by}", advice)
 
 
 def _judge_date(facts: FrameFacts, expected: ExpectedFrame) -> None:
@@ -155,12 +147,8 @@ def _judge_black(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[F
         return
     is_black = facts.mean_frac <= BLACK_MEAN and facts.dark_frac >= 0.9999
     if is_black and expected.light_expected and _shows_dim_room(time_s, expected, facts):
-        raise rejection(
-            facts.name,
-            Reason.BLACK,
-            f"black, at {seconds_text(time_s)}, where even a dim room shows",
-            "is the lens cap on? then take the frame again",
-        )
+        text = f"black, at {seconds_text(time_s)}, where even a dim room shows"
+        raise rejection(facts.name, Reason.BLACK, text, "is the lens cap on? then take the frame again")
     for other in earlier:
         least = _least_mean(other, time_s)
         if facts.mean_frac < least:

@@ -173,11 +173,8 @@ class SessionLock:
         try:
             self._lock.acquire(timeout=wait_s, poll_interval=0.01)
         except Timeout as exc:
-            raise SessionLockedError(
-                f"{_holder(folder, name)} works on this session",
-                where=str(folder.path),
-                advice="wait until it is done, or end it",
-            ) from exc
+            text = f"{_holder(folder, name)} works on this session"
+            raise SessionLockedError(text, where=str(folder.path), advice="wait until it is done, or end it") from exc
         except OSError as exc:
             raise disk_error(exc, folder.path / name, "locking") from exc
         self._sign(folder, name)

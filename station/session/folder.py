@@ -272,12 +272,12 @@ class FramePart:
         """
         self._need("open")
         if self.size_bytes + len(chunk) > FRAME_CAP_BYTES:
-            raise FrameRejectedError(
+            text, advice = (
                 f"more than {FRAME_CAP_BYTES} bytes in one frame",
-                where=str(self.path),
-                likely="the camera announces one size and sends another",
-                advice="restart the camera and take the frame again",
+                "restart the camera and take the frame again",
             )
+            likely = "the camera announces one size and sends another"
+            raise FrameRejectedError(text, where=str(self.path), likely=likely, advice=advice)
         try:
             with durable.disk_errors(self.path, "writing"):
                 durable.write_all(self._fd, chunk)

@@ -25,9 +25,8 @@ def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise ManifestError(f"schema_version is {version!r:.40}", where=where)
     if version > SCHEMA_VERSION:
-        raise SchemaTooNewError(
-            f"of schema {version}; this daylit knows up to {SCHEMA_VERSION}", where=where, advice="update daylit"
-        )
+        text = f"of schema {version}; this daylit knows up to {SCHEMA_VERSION}"
+        raise SchemaTooNewError(text, where=where, advice="update daylit")
     while version < SCHEMA_VERSION:
         data = MIGRATIONS[version](data)
         version += 1
@@ -94,9 +93,8 @@ def load_manifest(path: Path) -> SessionManifest:
     with open_session(folder_path) as folder:
         manifest = read_manifest(folder, name)
     if manifest is None:
-        raise SessionNotFoundError(
-            f"no {name} here", where=str(folder_path), advice="name a session folder (one that holds session.json)"
-        )
+        advice = "name a session folder (one that holds session.json)"
+        raise SessionNotFoundError(f"no {name} here", where=str(folder_path), advice=advice)
     return manifest
 
 

@@ -211,11 +211,8 @@ def remember(root: Folder) -> Memory:
     if manifest is None:
         return Memory(state, journal, None, problem or "missing", ())
     if manifest.session_id != state.manifest.session_id:
-        raise SessionError(
-            f"{MANIFEST_NAME} and {JOURNAL_NAME} belong to two sessions",
-            where=str(root.path),
-            advice="put the right files together again",
-        )
+        text = f"{MANIFEST_NAME} and {JOURNAL_NAME} belong to two sessions"
+        raise SessionError(text, where=str(root.path), advice="put the right files together again")
     return Memory(state, journal, manifest, "", _merge(state, manifest))
 
 

@@ -348,11 +348,8 @@ def _new_root(parent: Folder, name: str) -> Folder:
             except BaseException:
                 _remove_unborn(parent, candidate)
                 raise
-    raise SessionExistsError(
-        f"{_MAX_NAMESAKES} sessions of this name are there already",
-        where=str(parent.path / name),
-        advice="give the room another name",
-    )
+    text = f"{_MAX_NAMESAKES} sessions of this name are there already"
+    raise SessionExistsError(text, where=str(parent.path / name), advice="give the room another name")
 
 
 def _remove_unborn(parent: Folder, name: str) -> None:

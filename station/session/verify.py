@@ -10,7 +10,7 @@ from typing import Any
 from station.errors import IntegrityError, JournalError, ResourceError, SessionError, SessionNotFoundError
 from station.session import durable, recovery
 from station.session.durable import LOCK_NAME, SessionLock
-from station.session.folder import PART_PREFIX, READ_BYTES, Folder, open_session, write_file
+from station.session.folder import PART_PREFIX, Folder, open_session, write_file
 from station.session.journal import read_journal
 from station.session.manifest import manifest_bytes, read_manifest
 from station.session.recovery import RECORDS, REJECTED, SUBFOLDERS, FileProblem, replay
@@ -78,12 +78,9 @@ class VerifyReport:
         if self.problems:
             listed = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
             more = f"; and {len(self.problems) - 5} more" if len(self.problems) > 5 else ""
-            raise IntegrityError(
-                f"{len(self.problems)} problem{'s'[: len(self.problems) - 1]}: {listed}{more}",
-                where=self.path,
-                advice="restore the files from a copy, or take them anew with `daylit capture --resume`",
-                files=[p.file for p in self.problems],
-            )
+            text = f"{len(self.problems)} problem{'s'[: len(self.problems) - 1]}: {listed}{more}"
+            advice = "restore the files from a copy, or take them anew with `daylit capture --resume`"
+            raise IntegrityError(text, where=self.path, advice=advice, files=[p.file for p in self.problems])
 
 
 __all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
@@ -137,11 +134,9 @@ def repair_session(path: Path) -> VerifyReport:
     """
     with open_session(Path(path)) as root:
         if root.lstat(JOURNAL_NAME) is None:
-            raise JournalError(
-                "there is no journal to restore from",
-                where=str(Path(path) / JOURNAL_NAME),
-                advice="restore it from a copy; daylit verify says whether the session is whole without it",
-            )
+            advice = "restore it from a copy; daylit verify says whether the session is whole without it"
+            where = str(Path(path) / JOURNAL_NAME)
+            raise JournalError("there is no journal to restore from", where=where, advice=advice)
         with SessionLock(root):
             memory = recovery.remember(root)
             manifest = memory.state.manifest
@@ -274,15 +269,7 @@ def _check_file(
 
 def _digest_problem(folder: Folder, frame: FrameRecord | PanoramaRecord, report: VerifyReport) -> FileProblem | None:
     name = frame.file.partition("/")[2]
-    fd = folder.open_file(name)
-    digest = hashlib.sha256()
-    try:
-        with durable.disk_errors(folder.path / name, "reading"):
-            while block := os.read(fd, READ_BYTES):
-                digest.update(block)
-                report.bytes_read += len(block)
-    finally:
-        os.close(fd)
-    if digest.hexdigest() == frame.sha256:
-        return None
-    return FileProblem("digest", "its SHA-256 is not the recorded one")
+    with os.fdopen(folder.open_file(name), "rb") as file, durable.disk_errors(folder.path / name, "reading"):
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        report.bytes_read += os.fstat(file.fileno()).st_size
+    return None if digest == frame.sha256 else FileProblem("digest", "its SHA-256 is not the recorded one")

@@ -66,12 +66,9 @@ def load_conditions(path: Path) -> list[Condition]:
         faults.append("no session in it")
     if faults:
         more = f"; and {len(faults) - _MAX_FAULTS_SHOWN} more" if len(faults) > _MAX_FAULTS_SHOWN else ""
-        raise ConditionsError(
-            "; ".join(faults[:_MAX_FAULTS_SHOWN]) + more,
-            where=str(path),
-            advice="correct these cells; docs/reference/files.md describes the columns",
-            faults=faults,
-        )
+        text = "; ".join(faults[:_MAX_FAULTS_SHOWN]) + more
+        advice = "correct these cells; docs/reference/files.md describes the columns"
+        raise ConditionsError(text, where=str(path), advice=advice, faults=faults)
     return found
 
 

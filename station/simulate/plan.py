@@ -64,11 +64,9 @@ class Ledger:
         for row in self.rows.values():
             for key in MADE_WITH:
                 if row[key] != made_with[key]:
-                    raise SessionExistsError(
-                        f"holds sessions made with {key} {row[key]}, not {made_with[key]}",
-                        where=str(self.path.parent),
-                        advice="use the same options as before, or another folder",
-                    )
+                    text = f"holds sessions made with {key} {row[key]}, not {made_with[key]}"
+                    advice = "use the same options as before, or another folder"
+                    raise SessionExistsError(text, where=str(self.path.parent), advice=advice)
 
     def put(self, row: Row) -> None:
         """Add or replace the row of a session."""
