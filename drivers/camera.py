@@ -159,64 +159,48 @@ class Camera(Protocol):
 
     def connect(self) -> CameraIdentity:
         """Open the link and the session, wake the camera, clear what an earlier crash left behind."""
-        ...
 
     def status(self) -> CameraStatus:
         """Return battery, space, clock and mode."""
-        ...
 
     def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
         """Make all fixed settings and read each back; `SettingRefusedError` where one does not take."""
-        ...
 
     def body_settings(self) -> tuple[BodySetting, ...]:
         """Read the settings of the body that no rig file sets, after `prepare`; set those with one right value."""
-        ...
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
         """Set the nearest exposure time the camera has and read it back."""
-        ...
 
     def arm(self) -> None:
         """Do whatever may be done before the moment of release (drain events, half press)."""
-        ...
 
     def stand_down(self) -> None:
         """Undo `arm`: let go of the button."""
-        ...
 
     def release(self) -> None:
         """Open the shutter; return when the camera has accepted."""
-        ...
 
     def poll_exposure(self) -> ExposureProgress:
         """Look for the frames of the running exposure; returns within about 50 ms."""
-        ...
 
     def read_chunk(self, frame: FrameRef, offset: int, max_bytes: int) -> bytes:
         """Return up to ``max_bytes`` of the frame from ``offset``; `DeviceBusyError` if it cannot just now."""
-        ...
 
     def finish_frame(self, frame: FrameRef) -> None:
         """Let the camera know that the frame is safe on our side (nothing to do on some)."""
-        ...
 
     def delete(self, frame: FrameRef) -> None:
         """Delete the frame from the camera's store."""
-        ...
 
     def list_frames(self) -> tuple[FrameRef, ...]:
         """Return the frames on the camera's store, oldest first (to find what a lost event announced)."""
-        ...
 
     def keep_alive(self) -> None:
         """Keep the camera from falling asleep; cheap, call every few seconds while idle."""
-        ...
 
     def recover(self) -> None:
         """Resynchronise after an error: drain, cancel, reset, reconnect; raise what remains broken."""
-        ...
 
     def close(self) -> None:
         """Leave the camera usable by its own buttons and release the link; never raises."""
-        ...

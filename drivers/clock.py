@@ -13,15 +13,12 @@ class Clock(Protocol):
 
     def monotonic_s(self) -> float:
         """Return seconds from an arbitrary origin; never goes backwards."""
-        ...
 
     def utc_now(self) -> datetime:
         """Return the wall clock as an aware UTC datetime."""
-        ...
 
     def sleep(self, duration_s: float) -> None:
         """Block for ``duration_s`` seconds (nothing for zero or less)."""
-        ...
 
 
 class SystemClock:

@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeoutError
-from drivers.ptp.codes import Event, Operation, Response
+from drivers.ptp.codes import HEADER_BYTES, ContainerType, Event, Operation, Response
+from drivers.ptp.container import Container, encode
 from drivers.ptp.pipes import Pipe
 from drivers.transcript import Entry
 
-COMMAND, DATA, RESPONSE = 1, 2, 3
-HEADER_BYTES = 12  # length, type, code, transaction (PIMA 15740 over USB)
 GET_EVENT = 0x9116  # Canon's, as libgphoto2 numbers it
 NO_RECORDS = struct.pack("<II", 8, 0)
 QUESTIONS = frozenset(
@@ -60,8 +59,9 @@ def exchanges(entries: Iterable[Entry]) -> list[Exchange]:
     for entry in entries:
         if entry.error or not entry.data:
             continue
-        if entry.way == "out" and entry.data[4:6] == struct.pack("<H", COMMAND):
-            found.append(_asked(entry))
+        if entry.way == "out" and _is_command(entry.data):
+            operation, params, transaction_id = _request(entry.data)
+            found.append(Exchange(entry.t_s, (operation, params, b""), transaction_id))
             action = action if found[-1].is_question and action else found[-1]
         elif entry.way == "out" and found:
             operation, params, data = found[-1].key
@@ -73,10 +73,14 @@ def exchanges(entries: Iterable[Entry]) -> list[Exchange]:
     return [e for e in found if e.transfers]
 
 
-def _asked(entry: Entry) -> Exchange:
-    operation, transaction_id = struct.unpack_from("<HI", entry.data, 6)
-    params = struct.unpack(f"<{(len(entry.data) - HEADER_BYTES) // 4}I", entry.data[HEADER_BYTES:])
-    return Exchange(entry.t_s, (operation, params, b""), transaction_id)
+def _is_command(data: bytes) -> bool:
+    return data[4:6] == struct.pack("<H", ContainerType.COMMAND)
+
+
+def _request(data: bytes) -> tuple[int, tuple[int, ...], int]:
+    """Return operation, parameters and transaction id of a command."""
+    operation, transaction_id = struct.unpack_from("<HI", data, 6)
+    return operation, struct.unpack(f"<{(len(data) - HEADER_BYTES) // 4}I", data[HEADER_BYTES:]), transaction_id
 
 
 class ReplayedTransport:
@@ -99,12 +103,10 @@ class ReplayedTransport:
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Take a request, or the data of one."""
-        if data[4:6] == struct.pack("<H", COMMAND):
-            operation, transaction_id = struct.unpack_from("<HI", data, 6)
-            params = struct.unpack(f"<{(len(data) - HEADER_BYTES) // 4}I", data[HEADER_BYTES:])
-            self._asked, self._sent = (operation, params, transaction_id), b""
+        if _is_command(data):
+            self._asked, self._sent = _request(data), b""
             self._answers.clear()
-            if not any(e.key[:2] == (operation, params) and e.key[2] for e in self._exchanges):
+            if not any(e.key[:2] == self._asked[:2] and e.key[2] for e in self._exchanges):
                 self._answer(b"")
         elif data:
             self._sent += data[0 if self._sent else HEADER_BYTES :]
@@ -115,10 +117,11 @@ class ReplayedTransport:
         found = self._find((operation, params, sent))
         if found is None:
             if operation == GET_EVENT:
-                self._answers.extend(_containers(operation, number, NO_RECORDS))
+                self._answers.append(encode(Container(ContainerType.DATA, operation, number, NO_RECORDS)))
+                self._answers.append(encode(Container(ContainerType.RESPONSE, Response.OK, number)))
                 return
             self.unknown += 1
-            self._answers.append(struct.pack("<IHHI", HEADER_BYTES, RESPONSE, Response.INVALID_PARAMETER, number))
+            self._answers.append(encode(Container(ContainerType.RESPONSE, Response.INVALID_PARAMETER, number)))
             return
         found.used = True
         self._ids[found.transaction_id] = number
@@ -135,10 +138,9 @@ class ReplayedTransport:
                 self._next += at + 1
                 return here[at]
         before = self._exchanges[: self._next]
-        if key[0] == GET_EVENT:  # none may be lost, none comes twice
-            window = [*before, *here[: next((n for n, e in enumerate(here) if not e.is_question), len(here))]]
-            return next((e for e in window if e.key == key and not e.used), None)
         window = here[: next((n for n, e in enumerate(here) if not e.is_question), len(here))]
+        if key[0] == GET_EVENT:  # none may be lost, none comes twice
+            return next((e for e in (*before, *window) if e.key == key and not e.used), None)
         places = ([e for e in window if not e.used], [*before, *window][::-1], here)
         return next((e for place in places for e in place if e.key == key), None)
 
@@ -203,11 +205,6 @@ def _with_id(transfers: list[bytes], transaction_id: int) -> list[bytes]:
         found.append(bytes(whole[at : at + len(transfer)]))
         at += len(transfer)
     return found
-
-
-def _containers(operation: int, transaction_id: int, data: bytes) -> list[bytes]:
-    head = struct.pack("<IHHI", HEADER_BYTES + len(data), DATA, operation, transaction_id)
-    return [head + data, struct.pack("<IHHI", HEADER_BYTES, RESPONSE, Response.OK, transaction_id)]
 
 
 class ReplayedLine:

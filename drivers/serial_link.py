@@ -63,7 +63,6 @@ class ByteLine(Protocol):
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send all bytes."""
-        ...
 
     def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
         """Return bytes up to and without ``delimiter``.
@@ -71,15 +70,12 @@ class ByteLine(Protocol):
         `DeviceTimeoutError` when no delimiter comes in time (``details["partial"]`` has what came); a line longer
         than ``max_bytes`` is cut there and returned, for the parser to refuse.
         """
-        ...
 
     def drain(self, quiet_s: float, limit_s: float) -> int:
         """Throw away what comes until the line was quiet for ``quiet_s`` or ``limit_s`` is over; returns the bytes."""
-        ...
 
     def close(self) -> None:
         """Give the line back; never raises."""
-        ...
 
 
 class SerialLink:
@@ -230,9 +226,8 @@ def _keep_others_out(port: serial.Serial, *, keep: bool) -> None:
 
 def list_ports() -> list[PortInfo]:
     """Return the serial ports of this computer, with the names that survive renumbering."""
-    stable = {}
-    if BY_ID.is_dir():
-        stable = {os.path.realpath(link): str(link) for link in sorted(BY_ID.iterdir())}
+    links = sorted(BY_ID.iterdir()) if BY_ID.is_dir() else []
+    stable = {os.path.realpath(link): str(link) for link in links}
     return [
         PortInfo(
             device=p.device,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -221,12 +222,10 @@ class UsbLink:
         )
 
     def _claim(self, device: Any, interface: int) -> None:
-        try:
+        # Not on this system, or not ours to detach: claiming shows.
+        with suppress(usb.core.USBError, NotImplementedError):
             if device.is_kernel_driver_active(interface):
                 device.detach_kernel_driver(interface)
-        except (usb.core.USBError, NotImplementedError):
-            # Not on this system, or not ours to detach: claiming shows.
-            pass
         try:
             usb.util.claim_interface(device, interface)
         except usb.core.USBError as error:
@@ -315,11 +314,8 @@ class UsbLink:
 
 
 def _dispose(device: Any) -> None:
-    try:
+    with suppress(usb.core.USBError, NotImplementedError):  # it is gone; there is nothing to release
         usb.util.dispose_resources(device)
-    except (usb.core.USBError, NotImplementedError):
-        # It is gone; there is nothing to release.
-        pass
 
 
 def _milliseconds(timeout_s: float) -> int:

@@ -5,7 +5,7 @@ no computer can turn those.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from typing import Literal
 
@@ -284,12 +284,8 @@ class Canon5D2:
         if problem is None:
             return
         kind = StoreFullError if result in canon_settings.RELEASE_CARD_RESULTS else ExposureFailedError
-        raise kind(
-            f"the camera did not release: {problem}",
-            where=canon_settings.WHERE,
-            advice="correct this, then resume",
-            result=result,
-        )
+        advice = "correct this, then resume"
+        raise kind(f"the camera did not release: {problem}", where=canon_settings.WHERE, advice=advice, result=result)
 
     def poll_exposure(self) -> camera.ExposureProgress:
         """Look for the frames of the running exposure."""
@@ -349,9 +345,7 @@ class Canon5D2:
     def close(self) -> None:
         """Let go of the button, give the camera back to its own controls, close the session; never raises."""
         self._exposure = None
-        try:
+        with suppress(DeviceError):  # it is gone or out of step; closing the link is all that is left
             self._remote.let_go()
             self._remote.stop()
-        except DeviceError:
-            pass  # it is gone or out of step; closing the link is all that is left
         self._link.close()

@@ -1,5 +1,6 @@
 """One exposure of an EOS camera from its release until all its frames are announced and the button is let go."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.camera import ExposureProgress, FrameFormat, FrameRef
@@ -71,11 +72,9 @@ class CanonExposure:
 
     def _poll_once(self) -> None:
         news = False
-        try:
+        with suppress(DeviceBusyError):  # it exposes; the button and the events wait
             self._remote.let_go_a_little()
             news = bool(self._remote.poll())
-        except DeviceBusyError:
-            pass  # it exposes; the button and the events wait
         self._take_announced()
         now_s = self._clock.monotonic_s()
         soon = news or self._remote.pressed or now_s > self._closes_at_s - LONGEST_PAUSE_S
@@ -124,13 +123,11 @@ class CanonExposure:
         now_s = self._clock.monotonic_s()
         self._ask_at_s = now_s + ASK_PERIOD_S
         if self._store is not None and not self._expected.complete:
-            try:
+            with suppress(DeviceBusyError, OperationRefusedError):  # asked again in a second; the limit holds
                 for handle in self._store.new_handles():
                     frame = self._store.look_at(handle)
                     if frame is not None:
                         self._add(frame)
-            except (DeviceBusyError, OperationRefusedError):
-                pass  # asked again in a second; the limit holds
         if not self._done and now_s >= self._fail_at_s:
             raise ExposureFailedError(
                 f"no picture {FAIL_AFTER_S:g} s after the exposure",

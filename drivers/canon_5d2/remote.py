@@ -5,6 +5,7 @@ it is asked, so every wait here drains between attempts. Source: libgphoto2 (dev
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 from drivers.camera_link import CameraLink
@@ -154,10 +155,8 @@ class CanonRemote:
             self._poll_unless_busy()
 
     def _poll_unless_busy(self) -> None:
-        try:
+        with suppress(DeviceBusyError):  # the caller asks again anyway
             self.poll()
-        except DeviceBusyError:
-            pass  # the caller asks again anyway
 
     def wait_idle(self, limit_s: float = IDLE_LIMIT_S) -> None:
         """Drain until the camera does not call itself busy; `DeviceBusyError` after ``limit_s``."""

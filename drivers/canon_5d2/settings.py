@@ -280,10 +280,5 @@ def require_controls(remote: CanonRemote) -> None:
     """Raise `SettingRefusedError` naming every control that stands wrong."""
     problems = control_problems(remote)
     if problems:
-        raise SettingRefusedError(
-            "; ".join(problems),
-            where=WHERE,
-            likely="a control on the camera itself",
-            advice="; ".join(problems),
-            problems=list(problems),
-        )
+        text, likely = "; ".join(problems), "a control on the camera itself"
+        raise SettingRefusedError(text, where=WHERE, likely=likely, advice=text, problems=list(problems))

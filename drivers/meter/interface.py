@@ -75,12 +75,9 @@ class Meter(Protocol):
 
     def connect(self) -> MeterIdentity:
         """Open the link and check that a meter of this dialect answers."""
-        ...
 
     def measure(self, *, n_samples: int = 1, timeout_s: float = 15.0) -> MeterReading:
         """Take ``n_samples`` readings and return their mean with its spread, or the status that spoils it."""
-        ...
 
     def close(self) -> None:
         """Release the link; never raises."""
-        ...

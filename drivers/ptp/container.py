@@ -192,12 +192,8 @@ class BulkAssembler:
         except ProtocolViolationError:
             return
         if found.type is ContainerType.RESPONSE and found.transaction_id == header.transaction_id:
-            raise violation(
-                "data ended before its announced length",
-                transfer,
-                announced_bytes=header.payload_bytes,
-                received_bytes=self._passed_bytes,
-            )
+            text = "data ended before its announced length"
+            raise violation(text, transfer, announced_bytes=header.payload_bytes, received_bytes=self._passed_bytes)
 
     def take(self, admit: Admission) -> Container | None:
         """Return the next whole container, or None where more transfers are needed.
@@ -226,11 +222,8 @@ class BulkAssembler:
             raise violation(f"a container of type {header.type.name.lower()} cannot come from bulk-in", self._raw)
         self._limit = admit(header)
         if self._limit is not None and not header.unbounded and header.payload_bytes > self._limit:
-            raise violation(
-                f"{header.payload_bytes} bytes announced where at most {self._limit} are due",
-                self._raw,
-                code=header.code,
-            )
+            text = f"{header.payload_bytes} bytes announced where at most {self._limit} are due"
+            raise violation(text, self._raw, code=header.code)
         self._header = header
         del self._raw[:HEADER_BYTES]
         return True

@@ -23,39 +23,30 @@ class PtpTransport(Protocol):
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Send all of ``data`` on bulk-out; ``b""`` sends a zero-length packet."""
-        ...
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Return one bulk-in transfer of at most ``max_bytes`` (a multiple of the packet size); ``b""`` is a ZLP."""
-        ...
 
     def read_event(self, timeout_s: float) -> bytes | None:
         """Return one interrupt transfer, or None where none came within ``timeout_s``."""
-        ...
 
     def control_out(self, request: int, data: bytes, timeout_s: float) -> None:
         """Send a class request to the interface."""
-        ...
 
     def control_in(self, request: int, length: int, timeout_s: float) -> bytes:
         """Return up to ``length`` bytes of a class request to the interface."""
-        ...
 
     def clear_halt(self, pipe: Pipe) -> None:
         """Clear the halt of one endpoint, and its data toggle with it."""
-        ...
 
     def reset(self) -> None:
         """Reset the USB port of the instrument; the link must be reopened afterwards."""
-        ...
 
     def reopen(self) -> None:
         """Find and open the same instrument anew; one attempt."""
-        ...
 
     def close(self) -> None:
         """Release the instrument; never raises."""
-        ...
 
 
 # A first read holds any response or event; long data go in pieces that a 25 MB/s link fills in 20 ms (chosen).
@@ -140,11 +131,8 @@ class BulkPipe:
                 return dropped_bytes
             except LinkStallError:
                 self._transport.clear_halt("in")
-        raise DeviceTimeoutError(
-            f"the camera still sends after {dropped_bytes} bytes of an old answer were dropped",
-            where=self._transport.name,
-            limit_s=limit_s,
-        )
+        text = f"the camera still sends after {dropped_bytes} bytes of an old answer were dropped"
+        raise DeviceTimeoutError(text, where=self._transport.name, limit_s=limit_s)
 
     def forget(self) -> None:
         """Forget a container in pieces."""

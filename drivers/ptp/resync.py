@@ -7,6 +7,7 @@ refuses the class's own reset; only resetting its port helps then (seen with Ric
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 from drivers.clock import Clock, Deadline
@@ -36,11 +37,9 @@ class Proof(Protocol):
 
     def prove(self, deadline: Deadline) -> None:
         """Run a harmless transaction in the session there is; open a session where there is none."""
-        ...
 
     def open_anew(self, deadline: Deadline) -> None:
         """Open a new session."""
-        ...
 
 
 class Ladder:
@@ -112,11 +111,9 @@ class Ladder:
         proof.open_anew(deadline)
 
     def _port_reset_and_prove(self, proof: Proof, deadline: Deadline) -> None:
-        try:
+        # Opening anew finds out whether the camera is there; a reset is impossible on one that left and came back.
+        with suppress(DeviceError):
             self._transport.reset()
-        except DeviceError:
-            # Opening anew finds out whether the camera is there; a reset is impossible on one that left and came back.
-            pass
         self._bulk.forget()
         self._reopen(Deadline.after(self._clock, _at_most(REOPEN_LIMIT_S, deadline)))
         self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))

@@ -5,6 +5,7 @@ One thread owns a session. Nothing here knows a camera model; see `drivers.theta
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 from drivers.clock import Clock, Deadline
@@ -69,11 +70,8 @@ class PtpSession(Transactions):
     def close(self) -> None:
         """Close the session where it is in step, then the link; never raises a device error."""
         if self.session_id is not None and self.broken is None:
-            try:
+            with suppress(DeviceError):  # the camera is gone or mute; there is nobody to take leave of
                 self.transact(Operation.CLOSE_SESSION, timeout_s=PROOF_LIMIT_S, accept=ANY_RESPONSE)
-            except DeviceError:
-                # The camera is gone or mute; there is nobody to take leave of.
-                pass
         self.session_id = None
         self._transport.close()
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from drivers import errors
 from drivers.clock import Clock, Deadline
@@ -48,12 +48,10 @@ def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: s
     """Return the error for a response that the caller did not want."""
     likely, advice = _LIKELY.get(code, ("", ""))
     message = f"{operation_name(operation)} was answered with: {response_name(code)}"
-    facts = {"operation": operation, "params": list(params)}
-    if code == Response.DEVICE_BUSY:
-        return errors.DeviceBusyError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
-    if code in STORE_CODES:
-        return errors.StoreFullError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
-    return errors.OperationRefusedError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
+    facts: dict[str, Any] = {"response_code": code, "operation": operation, "params": list(params)}
+    busy, store = code == Response.DEVICE_BUSY, code in STORE_CODES
+    kind = errors.DeviceBusyError if busy else errors.StoreFullError if store else errors.OperationRefusedError
+    return kind(message, where=where, likely=likely, advice=advice, **facts)
 
 
 # Bounds of one transaction: chosen.
@@ -63,7 +61,7 @@ MAX_UNANSWERED = 8  # chosen: late answers that are still recognised
 LAST_TRANSACTION_ID = 0xFFFFFFFE  # PIMA 15740: 0xFFFFFFFF is reserved
 RESPONSE_GROUPS = (0x2, 0xA)
 """First hex digit of a response code: standard, vendor."""
-MAX_BUSY_WAIT_S = 0.2  # chosen: pauses double up to here
+FIRST_BUSY_WAIT_S, MAX_BUSY_WAIT_S = 0.05, 0.2  # chosen: pauses double from the one to the other
 
 T = TypeVar("T")
 
@@ -153,11 +151,8 @@ class Transactions:
         if data_in and data_out is not None:
             raise ValueError("PTP has one data phase an operation: data_in or data_out")
         if self.broken is not None:
-            raise errors.ProtocolViolationError(
-                f"{operation_name(operation)} refused: the exchange is out of step ({self.broken})",
-                where=self.name,
-                advice="resynchronise first",
-            )
+            text = f"{operation_name(operation)} refused: the exchange is out of step ({self.broken})"
+            raise errors.ProtocolViolationError(text, where=self.name, advice="resynchronise first")
         packed = pack_params(params)
         limit_s = self.timeout_s if timeout_s is None else timeout_s
         ask = _Ask(operation, self._take_id(), data_in, max_data_bytes, Deadline.after(self._clock, limit_s))
@@ -251,14 +246,14 @@ class Transactions:
             raise
         return None if event is None else PtpEvent(event.code, event.transaction_id, event.params)
 
-    def retry_busy(self, call: Callable[[], T], limit_s: float, first_wait_s: float = 0.05) -> T:
+    def retry_busy(self, call: Callable[[], T], limit_s: float) -> T:
         """Return what ``call`` returns, asking again while the camera is busy.
 
-        Waits ``first_wait_s``, then twice as long each time up to 0.2 s; raises the last `DeviceBusyError` where the
+        Waits `FIRST_BUSY_WAIT_S`, then twice as long each time up to 0.2 s; raises the last `DeviceBusyError` where the
         camera is still busy after ``limit_s``.
         """
         deadline = Deadline.after(self._clock, limit_s)
-        wait_s = first_wait_s
+        wait_s = FIRST_BUSY_WAIT_S
         while True:
             try:
                 return call()

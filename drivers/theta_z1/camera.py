@@ -4,6 +4,7 @@ Source: Ricoh USB API specification, libgphoto2, and scripts that work with the 
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 
 from drivers import camera
@@ -313,11 +314,9 @@ class ThetaZ1:
 
     def close(self) -> None:
         """Give the camera its own sleep times back and close the session; never raises."""
-        try:
+        with suppress(DeviceError):  # it is gone or out of step; it keeps awake until switched off
             for prop, value in self._sleep_before.items():
                 self._properties.write(prop, value)
-        except DeviceError:
-            pass  # it is gone or out of step; it keeps awake until switched off
         self._sleep_before.clear()
         self._exposure = None
         self._link.close()

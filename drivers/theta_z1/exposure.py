@@ -4,6 +4,7 @@ Announcements come as events on the interrupt pipe, which may be lost, doubled, 
 other objects; so the camera's store has the last word once the events are overdue.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.camera import ExposureProgress, FrameFormat
@@ -107,10 +108,8 @@ class ThetaExposure:
         if self._expected.complete:
             self._complete = self._complete or is_ready(self._properties)
             return
-        try:
+        with suppress(DeviceBusyError):  # it works still; the limit below holds
             self._pending += [h for h in self._store.new_handles() if h not in self._pending]
-        except DeviceBusyError:
-            pass  # it works still; the limit below holds
         self._look_at_pending()
         if not self._expected.complete and (self._store_full or now_s >= self._fail_at_s):
             raise self._failure()

@@ -72,9 +72,7 @@ def f_number_codes(enumeration: Iterable[int]) -> Mapping[int, str] | None:
     values = set(enumeration)
     if F_NUMBER_560 in values:
         return {v: f"{v / 100:g}" if v else "auto" for v in sorted(values)}
-    if values == set(F_NUMBER_INDEX):
-        return F_NUMBER_INDEX
-    return None
+    return F_NUMBER_INDEX if values == set(F_NUMBER_INDEX) else None
 
 
 def f_number_code(f_number: float, codes: Mapping[int, str]) -> int | None:
