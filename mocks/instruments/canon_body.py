@@ -75,15 +75,8 @@ class CanonBody(SimulatedCamera):
             version=options.firmware, serial=options.serial, interrupt_packet_bytes=8, serial_on_usb=False
         )
         plain = (p for p in PLAIN_PROPERTIES if p.code in identity.properties)
-        super().__init__(
-            identity,
-            shots,
-            clock,
-            timing=timing,
-            memory=CameraMemory(ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")), PropertyTable(plain)),
-            faults=faults,
-            seed=seed,
-        )
+        memory = CameraMemory(ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")), PropertyTable(plain))
+        super().__init__(identity, shots, clock, timing=timing, memory=memory, faults=faults, seed=seed)
         self.rules |= self._body_rules()
 
     def _body_rules(self) -> dict[int, Rule]:

@@ -42,11 +42,9 @@ class ShotSource(Protocol):
 
     def jpeg(self, request: ShotRequest) -> bytes:
         """Return the JPEG with its EXIF."""
-        ...
 
     def raw(self, request: ShotRequest) -> bytes:
         """Return the raw companion (CR2 or DNG)."""
-        ...
 
 
 @dataclass(frozen=True)

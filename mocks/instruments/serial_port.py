@@ -33,7 +33,6 @@ class Instrument(Protocol):
 
     def hear(self, line: bytes, now_s: float) -> list[Piece]:
         """Return the timed answer to one question."""
-        ...
 
 
 class SerialPort:

@@ -23,27 +23,21 @@ class Lens(Protocol):
 
     def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Flags]:
         """Return unit directions (..., 3) of points ``x``, ``y`` (pixels, broadcast to shape ...), and which see."""
-        ...
 
     def pixel_of(self, direction: Vector, size: Size) -> tuple[float, float] | None:
         """Return the picture point of a direction, None where the lens does not see it."""
-        ...
 
     def rows_near(self, direction: Vector, angle_rad: float, size: Size) -> range:
         """Return the rows in which anything within ``angle_rad`` of a direction can lie."""
-        ...
 
     def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
         """Return the solid angle (broadcast shape, sr) of the pixels around ``x``, ``y``; 0 where nothing is seen."""
-        ...
 
     def pixel_rad(self, size: Size) -> float:
         """Return the angle of a pixel at the picture's middle."""
-        ...
 
     def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
         """Return the vignetting (broadcast shape of ``x``, ``y``), 1 in the middle, 0 where nothing is seen."""
-        ...
 
 
 @dataclass(frozen=True)

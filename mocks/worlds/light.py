@@ -68,16 +68,13 @@ class World(Protocol):
     @property
     def key(self) -> str:
         """Text that is equal for worlds of equal light and differs otherwise (pictures are cached by it)."""
-        ...
 
     @property
     def components(self) -> tuple[str, ...]:
         """Name the parts of the light that vary apart from one another, such as sky, sun and lamps."""
-        ...
 
     def weights(self, t_s: float) -> tuple[float, ...]:
         """Return how bright each component is at ``t_s``, relative to time 0."""
-        ...
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return radiance at time 0 from directions of shape (..., 3), without the bright discs.
@@ -85,15 +82,12 @@ class World(Protocol):
         ``pixel_rad`` is the angle that one sample stands for; textures are averaged over it. ``component`` asks for
         one component's share; None for all of it.
         """
-        ...
 
     def discs(self, site: Site) -> tuple[BrightDisc, ...]:
         """Return the bright discs above this site (`open_sky` says whether they are hidden)."""
-        ...
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return the transmittance (0..1) of the way from the site to the sky, for directions of shape (..., 3)."""
-        ...
 
 
 def mean_weights(world: World, start_s: float, duration_s: float) -> tuple[float, ...]:

@@ -138,11 +138,8 @@ def _elsewhere(address: str) -> Any:
     # The half-made client closes itself when it is collected: now, and not while another one is being made, which
     # holds the lock that closing waits for.
     gc.collect()
-    raise ClusterError(
-        f"no Dask scheduler answers ({why})",
-        where=address,
-        advice="start `dask scheduler`, and give the address that it shows",
-    )
+    text = f"no Dask scheduler answers ({why})"
+    raise ClusterError(text, where=address, advice="start `dask scheduler`, and give the address that it shows")
 
 
 def _here(workers: int, scratch: Path) -> Any:

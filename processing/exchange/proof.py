@@ -56,11 +56,8 @@ def _c2pa() -> ModuleType:
     try:
         return import_module("c2pa")
     except ImportError as error:
-        raise ParameterError(
-            "content credentials need c2pa-python, which is not installed",
-            where="--sign",
-            advice="pip install 'daylit[c2pa]', or leave --sign out",
-        ) from error
+        text = "content credentials need c2pa-python, which is not installed"
+        raise ParameterError(text, where="--sign", advice="pip install 'daylit[c2pa]', or leave --sign out") from error
 
 
 def self_made_signer(now: datetime) -> Signer:

@@ -32,26 +32,21 @@ class FrameSource(Protocol):
     @property
     def name(self) -> str:
         """What reports and errors call it."""
-        ...
 
     @property
     def size_px(self) -> tuple[int, int]:
         """Width and height."""
-        ...
 
     @property
     def depth_bits(self) -> int:
         """8 or 16."""
-        ...
 
     @property
     def linear(self) -> bool:
         """Whether the codes are proportional to exposure (65535 at saturation); else a response curve is needed."""
-        ...
 
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Return RGB (H, W, 3), or every side divided by ``reduce`` and rounded up (averages of the codes)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -77,17 +77,11 @@ def check_tags(path: Path) -> PhotoTags:
     for side in ("Width", "Height"):
         whole, part = (tags.gpano.get(name.format(side), "").strip() for name in _SIZES)
         if whole.isdecimal() and part.isdecimal() and 0 < int(part) < int(whole):
-            raise PanoramaError(
-                f"its tags say that it is a part: {part} of {whole} pixels of {side.lower()}",
-                where=path.name,
-                advice="export the whole sphere",
-            )
+            text = f"its tags say that it is a part: {part} of {whole} pixels of {side.lower()}"
+            raise PanoramaError(text, where=path.name, advice="export the whole sphere")
     if tags.orientation not in (0, 1):
-        raise PanoramaError(
-            f"its tags say that it is to be turned (orientation {tags.orientation})",
-            where=path.name,
-            advice="save it upright",
-        )
+        text = f"its tags say that it is to be turned (orientation {tags.orientation})"
+        raise PanoramaError(text, where=path.name, advice="save it upright")
     return tags
 
 
@@ -287,11 +281,8 @@ def _check_not_two_circles(rgb: Floats, name: str) -> None:
     outside = np.hypot(x, y) > 1.08
     mean = float(luminance.mean(dtype=np.float64))
     if mean > 0 and float(np.quantile(luminance[outside], 0.98)) <= CIRCLES_BLACK * mean:
-        raise PanoramaError(
-            "it shows two fisheye circles, not a stitched panorama",
-            where=name,
-            advice="stitch it with the camera's own program first",
-        )
+        advice = "stitch it with the camera's own program first"
+        raise PanoramaError("it shows two fisheye circles, not a stitched panorama", where=name, advice=advice)
 
 
 def _share(mask: Flags) -> float:

@@ -61,11 +61,8 @@ def _opened(path: Path, kind: Kind) -> Image:
     from PIL import Image
 
     if PILLOW[kind] not in pillow_formats():
-        raise PictureFileError(
-            "HEIC needs an optional part",
-            where=path.name,
-            advice="install daylit[heic], or save it as JPEG (on a phone: camera format 'most compatible')",
-        )
+        advice = "install daylit[heic], or save it as JPEG (on a phone: camera format 'most compatible')"
+        raise PictureFileError("HEIC needs an optional part", where=path.name, advice=advice)
     try:
         return Image.open(io.BytesIO(path.read_bytes()), formats=(PILLOW[kind],))
     except OSError as error:
@@ -110,8 +107,5 @@ def _check_size(image: Image, path: Path) -> None:
 
 
 def _damaged(path: Path, what: str) -> PictureFileError:
-    return PictureFileError(
-        f"it is damaged or not what its name says: {what}",
-        where=path.name,
-        advice="take the file from its source again, or save it anew as PNG",
-    )
+    text = f"it is damaged or not what its name says: {what}"
+    return PictureFileError(text, where=path.name, advice="take the file from its source again, or save it anew as PNG")

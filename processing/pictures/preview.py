@@ -148,11 +148,8 @@ def _marked(picture: ImageFile, path: Path) -> Flags:
     if picture.mode in SIXTEEN_BITS:
         return np.asarray(np.asarray(picture) >= 1 << 15)
     if picture.mode not in EIGHT_BITS:
-        raise refused(
-            path,
-            f"has pixels of the kind {picture.mode}, of which nobody knows what is white",
-            advice="give a PNG of 8 or 16 bits, black and white",
-        )
+        text = f"has pixels of the kind {picture.mode}, of which nobody knows what is white"
+        raise refused(path, text, advice="give a PNG of 8 or 16 bits, black and white")
     if picture.mode in ("1", "L") and "transparency" not in picture.info:
         return np.asarray(np.asarray(picture.convert("L")) >= 128)
     if picture.mode in ("LA", "RGBA", "La", "RGBa", "PA") or "transparency" in picture.info:

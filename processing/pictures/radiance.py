@@ -61,11 +61,8 @@ def _vector(*values: float) -> str:
 
 
 def _no_view(where: Path | str, what: str) -> PictureFileError:
-    return refused(
-        where,
-        f"Radiance has no view for {what}",
-        advice="project it to an equidistant or orthographic fisheye that fills a square first",
-    )
+    text = f"Radiance has no view for {what}"
+    return refused(where, text, advice="project it to an equidistant or orthographic fisheye that fills a square first")
 
 
 def geometry_of(view: str, width: int, height: int) -> Fisheye | None:

@@ -177,11 +177,8 @@ def place_of(room: SessionRoom, site: Sequence[float] | None) -> Place:
     """Return where the room is; ``site``: latitude and longitude (degrees) instead of the session's."""
     here = Place.of(room.manifest.site) if site is None else Place(*site)
     if here is None:
-        raise DaylightError(
-            "the session does not say where it was taken",
-            where=room.manifest.name,
-            advice="give --site LATITUDE,LONGITUDE (degrees, north and east positive)",
-        )
+        advice = "give --site LATITUDE,LONGITUDE (degrees, north and east positive)"
+        raise DaylightError("the session does not say where it was taken", where=room.manifest.name, advice=advice)
     return here
 
 

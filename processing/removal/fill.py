@@ -244,10 +244,8 @@ def _checked(
         raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
     for name, mask in (("target", target), ("sun", sun), ("foreign", foreign)):
         if mask is not None and (mask.shape != image.rgb.shape[:2] or mask.dtype != np.bool_):
-            raise ParameterError(
-                f"a {name} mask of shape {mask.shape} and type {mask.dtype}",
-                advice=f"give booleans of shape {image.rgb.shape[:2]}",
-            )
+            advice = f"give booleans of shape {image.rgb.shape[:2]}"
+            raise ParameterError(f"a {name} mask of shape {mask.shape} and type {mask.dtype}", advice=advice)
     if isinstance(quality, str) and quality not in TEXELS:
         raise ParameterError(f"quality {quality!r}", advice=f"give one of {', '.join(TEXELS)}")
     return image.geometry

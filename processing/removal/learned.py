@@ -52,10 +52,8 @@ class LamaFiller:
         self._range = 1.0 if mean < 1 else 255.0
 
     def _misfit(self, what: str) -> FillerError:
-        return FillerError(
-            f"{self.path.name} does not follow the LaMa contract: {what}",
-            advice="inputs image (1,3,H,W) and mask (1,1,H,W), one output (1,3,H,W)",
-        )
+        text = f"{self.path.name} does not follow the LaMa contract: {what}"
+        return FillerError(text, advice="inputs image (1,3,H,W) and mask (1,1,H,W), one output (1,3,H,W)")
 
     def _run(self, srgb: Floats, hole: Flags) -> Floats:
         """Return (H, W, 3) sRGB 0..1 for sRGB 0..1 of a size that the network takes."""

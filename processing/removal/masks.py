@@ -341,10 +341,8 @@ def _nothing(shape: tuple[int, int], why: str) -> Masks:
 def _checked(image: LuminanceImage | RelativeImage, evidence: SceneEvidence, margin_rad: float) -> Equirectangular:
     geometry = image.geometry
     if not isinstance(geometry, Equirectangular) or geometry.height_px < LEAST_ROWS or geometry.yaw_rad:
-        raise ParameterError(
-            f"masks are found on whole panoramas of at least {LEAST_ROWS} rows, longitude 0 in the middle",
-            where=str(geometry),
-        )
+        text = f"masks are found on whole panoramas of at least {LEAST_ROWS} rows, longitude 0 in the middle"
+        raise ParameterError(text, where=str(geometry))
     if not 0 <= margin_rad <= 0.2:
         raise ParameterError(f"a margin of {margin_rad} rad", advice="give 0 to 0.2 (11 degrees)")
     p = evidence.probabilities

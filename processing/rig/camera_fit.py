@@ -259,11 +259,8 @@ def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
     chart = find_chart_around(image).chart
     state = taken.state
     if state.iso is None or state.f_number is None:
-        raise ProfileError(
-            "ISO and f-number are needed to compare pictures with and without the filter",
-            where=str(taken.path),
-            advice="use sessions whose frames say them",
-        )
+        text = "ISO and f-number are needed to compare pictures with and without the filter"
+        raise ProfileError(text, where=str(taken.path), advice="use sessions whose frames say them")
     rgb = chart.rgb / (state.iso / state.f_number**2)
     rgb[~chart.usable] = np.nan
     return np.asarray(rgb), chart.uncertainty

@@ -80,10 +80,8 @@ def check_boundary(evidence: BoundaryEvidence) -> None:
     if not all((np.asarray(a) > 0).all() for a in arrays[2:4]):
         raise ParameterError("uncertainties of boundaries must be above 0", advice="give inf where nothing is known")
     if (np.asarray(arrays[0]) <= 0).mean() > 0.5 or (np.asarray(arrays[1]) >= 0).mean() > 0.5:
-        raise ParameterError(
-            "ceiling boundaries below or floor boundaries above the horizon",
-            likely="up and down are exchanged, or latitudes are in pixels",
-        )
+        likely = "up and down are exchanged, or latitudes are in pixels"
+        raise ParameterError("ceiling boundaries below or floor boundaries above the horizon", likely=likely)
 
 
 def height_ratio(

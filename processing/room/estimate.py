@@ -146,10 +146,8 @@ def ranked_hypotheses(columns: Columns, evidence: SceneEvidence, turned_rad: flo
     """Return the rooms that may be meant, the best first: by columns, walls and classes together."""
     table = ClassTable(evidence)
     found = hypotheses(columns, turned_rad)[:MOST_KEPT]
-    return sorted(
-        (replace(h, price=h.price + CLASS_WEIGHT * table.loss(h.fit.polygon, h.fit.outline.ratio)) for h in found),
-        key=lambda h: h.total,
-    )
+    priced = (replace(h, price=h.price + CLASS_WEIGHT * table.loss(h.fit.polygon, h.fit.outline.ratio)) for h in found)
+    return sorted(priced, key=lambda h: h.total)
 
 
 def walls_azimuth(columns: Columns) -> float:

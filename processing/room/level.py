@@ -162,9 +162,6 @@ def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any
 
 def _check(image: RelativeImage | LuminanceImage) -> Equirectangular:
     if not isinstance(image.geometry, Equirectangular):
-        raise ParameterError(
-            f"a {type(image.geometry).__name__.lower()} picture cannot be levelled",
-            where="levelling",
-            advice="give the equirectangular panorama",
-        )
+        text = f"a {type(image.geometry).__name__.lower()} picture cannot be levelled"
+        raise ParameterError(text, where="levelling", advice="give the equirectangular panorama")
     return image.geometry

@@ -186,11 +186,8 @@ def horizonnet_room(text: str, *, camera_height_m: float = 1.6) -> RoomModel:
     down = (0.5 - (floor[:, 1] + 0.5) / HEIGHT_PX) * math.pi
     if (up <= 0).any() or (down >= 0).any():
         wrong = int(np.argmax((up <= 0) | (down >= 0)))
-        raise LayoutFileError(
-            "a ceiling corner below or a floor corner above the horizon",
-            where=f"line {2 * wrong + 1}",
-            likely="the lines are not in turn ceiling, floor",
-        )
+        why = "a ceiling corner below or a floor corner above the horizon"
+        raise LayoutFileError(why, where=f"line {2 * wrong + 1}", likely="the lines are not in turn ceiling, floor")
     reach = camera_height_m / np.tan(-down)
     longitude = ((places[1::2, 0] + 0.5) / WIDTH_PX - 0.5) * 2 * math.pi
     corners = np.stack([reach * np.sin(longitude), reach * np.cos(longitude)], axis=-1)

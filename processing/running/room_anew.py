@@ -33,13 +33,8 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
     facts = read_json(stages / "room" / RESULT_NAME, most_bytes=MOST_BYTES)
     azimuth = facts.get("metrics", {}).get("walls_azimuth_deg")
     held = Held.of(room, read_room(stages / "room" / "room.json"))
-    found = estimate_room(
-        image,
-        evidence,
-        camera_height_m=room.camera_height_m,
-        manhattan_rad=None if azimuth is None else math.radians(azimuth),
-        held=held,
-    )
+    manhattan_rad = None if azimuth is None else math.radians(azimuth)
+    found = estimate_room(image, evidence, camera_height_m=room.camera_height_m, manhattan_rad=manhattan_rad, held=held)
     sky = stages / "calibrate" / "outdoor.exr"
     outdoor = read_exr(sky) if sky.is_file() else None
     openings = find_openings_in_sun(

@@ -65,10 +65,8 @@ def _scaled(band: npt.NDArray[np.floating], gain: float, first_row: int) -> Floa
     """Return values times the gain, cut at `BRIGHTEST`."""
     lowest, highest = band.min(), band.max()
     if not (lowest >= 0 and highest < np.inf):
-        raise ParameterError(
-            f"values that light cannot have in rows {first_row} to {first_row + len(band) - 1}",
-            advice="replace NaN, infinite and negative pixels; mark them invalid instead",
-        )
+        text = f"values that light cannot have in rows {first_row} to {first_row + len(band) - 1}"
+        raise ParameterError(text, advice="replace NaN, infinite and negative pixels; mark them invalid instead")
     exact = 1e-30 < gain < 1e30 and band.dtype == np.float32
     factor = np.float32(gain) if exact else np.float64(gain)
     with np.errstate(over="ignore"):
@@ -220,11 +218,8 @@ def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats, Floats]:
     count, size = len(pictures), (HEIGHT_PX, WIDTH_PX)
     right = (count, len(SceneClass), *size), (count, 5, WIDTH_PX), (count, 2, *size)
     if (probabilities.shape, columns.shape, details.shape) != right or not np.isfinite(columns).all():
-        raise SegmenterError(
-            f"not a room network: it gives {probabilities.shape} and {columns.shape}",
-            where=network.name,
-            advice="give a network that `python -m training export` wrote",
-        )
+        text = f"not a room network: it gives {probabilities.shape} and {columns.shape}"
+        raise SegmenterError(text, where=network.name, advice="give a network that `python -m training export` wrote")
     return probabilities, columns, details
 
 
@@ -233,11 +228,8 @@ def _network(path: Path) -> _Network:
     try:
         stamp = (path.stat().st_mtime_ns, page_path.stat().st_mtime_ns)
     except OSError as exc:
-        raise SegmenterError(
-            "the room network or its page is missing",
-            where=str(exc.filename),
-            advice="install daylit anew; a network of your own needs its JSON beside it",
-        ) from exc
+        advice = "install daylit anew; a network of your own needs its JSON beside it"
+        raise SegmenterError("the room network or its page is missing", where=str(exc.filename), advice=advice) from exc
     return _loaded(path, *stamp)
 
 

@@ -147,10 +147,8 @@ def segmenter_file(asked: Path | None) -> Path | None:
         return None if str(asked) == "own" else asked
     there = installed()
     if there is None and asked is not None:
-        raise ModelError(
-            "--segmenter fuse: no model is installed",
-            advice=f"daylit models get {ADE20K_DEEPLAB.name}, or leave it out",
-        )
+        text = "--segmenter fuse: no model is installed"
+        raise ModelError(text, advice=f"daylit models get {ADE20K_DEEPLAB.name}, or leave it out")
     return there
 
 

@@ -132,10 +132,8 @@ def _check_field(mapping: LensMapping, half_field_rad: float) -> None:
 
 def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> None:
     if (mapping is LensMapping.POLYNOMIAL) != bool(coefficients):
-        raise LensError(
-            f"a fisheye, {mapping}, with the coefficients {list(coefficients)}",
-            advice="give coefficients to the polynomial mapping, and to no other",
-        )
+        advice = "give coefficients to the polynomial mapping, and to no other"
+        raise LensError(f"a fisheye, {mapping}, with the coefficients {list(coefficients)}", advice=advice)
     if not coefficients:
         return
     total = math.fsum(coefficients)

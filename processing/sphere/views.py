@@ -39,10 +39,8 @@ class Panorama:
 
     def __init__(self, picture: AnyArray, *, yaw_rad: float = 0.0) -> None:
         if picture.ndim not in (2, 3) or picture.dtype not in DEPTHS or not picture.size:
-            raise ParameterError(
-                f"a panorama of shape {picture.shape} and type {picture.dtype}",
-                advice="give (H, W) or (H, W, C) of uint8, uint16 or float32",
-            )
+            advice = "give (H, W) or (H, W, C) of uint8, uint16 or float32"
+            raise ParameterError(f"a panorama of shape {picture.shape} and type {picture.dtype}", advice=advice)
         if max(picture.shape[:2]) > LARGEST_PX:
             raise ParameterError(f"a panorama of {picture.shape[1]} px", advice=f"give at most {LARGEST_PX}")
         self.picture = picture
@@ -122,10 +120,8 @@ def covering_views(*, size_px: int, fov_rad: float, overlap: float = 0.25) -> tu
     ``fov_rad`` from 30 to 120 degrees; ``overlap`` 0.2..0.7 is the share of a view's field that a neighbour repeats.
     """
     if not (math.radians(30) <= fov_rad <= math.radians(120) + 1e-9 and 0.2 <= overlap <= 0.7):
-        raise ParameterError(
-            f"a covering of {math.degrees(fov_rad):.1f} degrees with overlap {overlap}",
-            advice="give a field of 30 to 120 degrees and an overlap of 0.2 to 0.7",
-        )
+        advice = "give a field of 30 to 120 degrees and an overlap of 0.2 to 0.7"
+        raise ParameterError(f"a covering of {math.degrees(fov_rad):.1f} degrees with overlap {overlap}", advice=advice)
     step = fov_rad * (1 - overlap)
     rings = max(2, math.ceil(math.pi / step)) + 1
     views: list[Perspective] = []

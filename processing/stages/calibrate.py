@@ -79,10 +79,8 @@ def run(context: StageContext) -> StageOutput:
 
 def _without_room(asked: CalibrateParameters) -> str:
     if asked.k1 is None and asked.outdoor_lux is None:
-        raise ScaleError(
-            "a session without a room has no reading of its own to scale the sky by",
-            advice="give --outdoor-lux, or --k1 and --k2",
-        )
+        advice = "give --outdoor-lux, or --k1 and --k2"
+        raise ScaleError("a session without a room has no reading of its own to scale the sky by", advice=advice)
     return "the stage merge made no indoor picture"
 
 

@@ -40,11 +40,9 @@ class KeepsParts(Protocol):
 
     def part(self, name: str, files: tuple[str, ...], own: Any, make: Callable[[], Any], apart: str = "") -> Any:
         """See `StageContext.part`."""
-        ...
 
     def enough(self) -> bool:
         """See `StageContext.enough`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -84,11 +82,8 @@ class StageContext:
         """Return what an earlier stage made, from memory or from disk; `ProcessingError` where it was left out."""
         found = self.fetch(stage, name)
         if found is None:
-            raise ProcessingError(
-                f"{name} is needed and the stage {stage} has left it out",
-                where=self.session_path.name,
-                advice=f"stages/{stage}/result.json says why",
-            )
+            text = f"{name} is needed and the stage {stage} has left it out"
+            raise ProcessingError(text, where=self.session_path.name, advice=f"stages/{stage}/result.json says why")
         return found
 
     def has(self, stage: str, name: str) -> bool:

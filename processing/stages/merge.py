@@ -85,11 +85,8 @@ def run(context: StageContext) -> StageOutput:
                 raise
             gathered.refuse(side, error)
     if not gathered.artifacts:
-        raise BracketError(
-            f"there is nothing to merge: {'; '.join(gathered.left_out.values())}",
-            where=context.session_path.name,
-            advice="capture or import a bracket",
-        )
+        text = f"there is nothing to merge: {'; '.join(gathered.left_out.values())}"
+        raise BracketError(text, where=context.session_path.name, advice="capture or import a bracket")
     return StageOutput(
         artifacts={**gathered.artifacts, "response": gathered.response},
         metrics=gathered.metrics,

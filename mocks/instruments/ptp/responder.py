@@ -57,11 +57,9 @@ class FaultableEvent(Protocol):
 
     def elsewhere(self, offset: int) -> Self:
         """Return the event for another object or property."""
-        ...
 
     def breaking(self, fault: Fault) -> Self:
         """Return the event with a fault of the link in it."""
-        ...
 
 
 EventT = TypeVar("EventT", bound=FaultableEvent)

@@ -65,12 +65,8 @@ def engine() -> Engine:
     """Return the renderer for this process, chosen once."""
     asked = os.environ.get(ASKED)
     if asked not in (None, "", SCALAR, LLVM):
-        raise EngineError(
-            f"no renderer is called {asked!r}",
-            where=ASKED,
-            likely="a misspelt name",
-            advice=f"say {SCALAR} or {LLVM}, or leave it unset",
-        )
+        advice = f"say {SCALAR} or {LLVM}, or leave it unset"
+        raise EngineError(f"no renderer is called {asked!r}", where=ASKED, likely="a misspelt name", advice=advice)
     library = None if asked == SCALAR else usable_library()
     if asked == LLVM and library is None:
         raise EngineError(

@@ -61,11 +61,8 @@ def rotation(axis: str, angle_rad: float) -> Doubles:
 def joined(solids: list[Solid]) -> Solid:
     """Return several solids as one."""
     starts = np.cumsum([0, *(len(s.vertices) for s in solids[:-1])])
-    return Solid(
-        np.concatenate([s.vertices for s in solids]),
-        np.concatenate([s.faces + start for s, start in zip(solids, starts, strict=True)]),
-        np.concatenate([s.rest for s in solids]),
-    )
+    faces = np.concatenate([s.faces + start for s, start in zip(solids, starts, strict=True)])
+    return Solid(np.concatenate([s.vertices for s in solids]), faces, np.concatenate([s.rest for s in solids]))
 
 
 def signed_volume_m3(vertices: Doubles, faces: Int64s) -> float:

@@ -173,10 +173,8 @@ def _swivel_chair(b: Bench, role: str) -> None:
     _star(b, min(x, y) / max(abs(math.cos(math.radians(18))), 0.9))
     sleeve = [(0, 0.07), (0.032, 0.07), (0.030, 0.16), (0.026, 0.165), (0.026, seat - 0.18), (0, seat - 0.18)]
     b.add(solids.turned_piece(sleeve, 20), black)
-    b.add(
-        solids.turned_piece([(0, 0.16), (0.015, 0.16), (0.015, seat - 0.075), (0, seat - 0.075)], 16),
-        b.style.material("metal"),
-    )
+    metal = b.style.material("metal")
+    b.add(solids.turned_piece([(0, 0.16), (0.015, 0.16), (0.015, seat - 0.075), (0, seat - 0.075)], 16), metal)
     b.block((-0.09, -0.11, seat - 0.095), (0.09, 0.11, seat - 0.055), black, bevel_m=0.012, steps=2)
     sx, front = 0.43 * w, 0.86 * y
     cushion = pad((-sx, -0.62 * y, seat - 0.06), (sx, front, seat + 0.015), 0.034, (0.012, 0.012, 0.014), inner=10)

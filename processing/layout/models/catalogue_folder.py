@@ -255,10 +255,8 @@ def stretched(model: FurnitureModel, size_m: Size) -> FurnitureModel:
     if not np.isfinite(factor).all() or (factor <= 0).any():
         raise CatalogueError(f"a size of {size_m} m", where=model.model_id)
     if factor.max() > MOST_STRETCH + 1e-6 or factor.min() < 1 / MOST_STRETCH - 1e-6:
-        raise CatalogueError(
-            f"it is {' x '.join(f'{v:.2f}' for v in model.size_m)} m and is stretched to half or twice that at most",
-            where=model.model_id,
-        )
+        text = f"it is {' x '.join(f'{v:.2f}' for v in model.size_m)} m and is stretched to half or twice that at most"
+        raise CatalogueError(text, where=model.model_id)
     if factor.max() / factor.min() > MOST_DISTORTION + 1e-6:
         raise CatalogueError(
             f"stretched {factor.max() / factor.min():.2f} times more one way than another", where=model.model_id

@@ -85,17 +85,8 @@ def basis_of(stage: Stage, eye_m: Vector, *, effort: Effort = BASIS_EFFORTS["sta
     places = patch_points(stage, effort.patch_samples, (seed, 82))
     patch_links = links_of(stage, places, stage.patches.normal, effort.patch_samples, (seed, 83))
     patch_sky = sky_rays(stage, places[:, :few], stage.patches.normal, few, (seed, 84))
-    return LightBasis(
-        effort,
-        eye_m,
-        pixel,
-        sky,
-        links,
-        patch_sky,
-        patch_links,
-        _lamps(stage, sight, pixel, patch_links, effort, seed),
-        scene_digest(stage),
-    )
+    lamps = _lamps(stage, sight, pixel, patch_links, effort, seed)
+    return LightBasis(effort, eye_m, pixel, sky, links, patch_sky, patch_links, lamps, scene_digest(stage))
 
 
 def _affordable(stage: Stage, effort: Effort) -> None:
