@@ -179,9 +179,7 @@ def process_in(store: Store, task: Task, do: Callable[[Task], Outcome]) -> Outco
         here = Path(scratch) / posixpath.basename(store.root)
         _pull(store, here, former)
         outcome = do(replace(task, session=str(here)))
-        if outcome.state != "done":
-            return outcome
-        return _published(store, here, key, outcome, former)
+        return _published(store, here, key, outcome, former) if outcome.state == "done" else outcome
 
 
 def done_of(store: Store) -> dict[str, Any] | None:

@@ -347,9 +347,7 @@ def _left(seconds: float | None) -> str:
     """Return the time left in words; nothing where it is not known."""
     if seconds is None:
         return ""
-    if seconds < 90:
-        return f", about {max(1, round(seconds))} s left"
-    return f", about {round(seconds / 60)} min left"
+    return f", about {max(1, round(seconds))} s left" if seconds < 90 else f", about {round(seconds / 60)} min left"
 
 
 @click.command()

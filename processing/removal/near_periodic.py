@@ -59,8 +59,6 @@ class Completion:
     repeat: Repeat
     lattice: Lattice | None
     """In the texture's pixels."""
-    illumination: Floats
-    """(H, W, 3): the factor by which the light differs from its mean."""
 
 
 def complete(
@@ -77,7 +75,7 @@ def complete(
     if not hole.any() or known.sum() < 4:
         confidence = np.where(hole, 0, 1).astype(np.float32)
         out = np.where(hole[..., None], 0 if not known.any() else values[known].mean(axis=0), values)
-        return Completion(out.astype(np.float32), confidence, Repeat.NONE, None, np.ones_like(values))
+        return Completion(out.astype(np.float32), confidence, Repeat.NONE, None)
     scale = ToneScale.of(values, known)
     tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
     found = found or analyse(values, known)
@@ -86,7 +84,7 @@ def complete(
     if lattice is None:
         slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, LOCAL * max(known.shape))
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
-    offsets, cell = _offsets(found, known, hole)
+    offsets, cell = _offsets(found, known)
     filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, manner_of(repeat, cell))
     if left.any() and repeat is not Repeat.NONE:
         rest = _Job(filled, known | (hole & ~left), left, density)
@@ -97,7 +95,7 @@ def complete(
         filled = np.where(left[..., None], spread(filled, (known | hole) & ~left), filled)
     out = values.copy()
     out[hole] = scale.light((filled + slow)[hole])
-    return Completion(out, confidence, repeat, lattice, np.exp(slow).astype(np.float32))
+    return Completion(out, confidence, repeat, lattice)
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,7 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
     return np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32), np.asarray(share, np.float32)
 
 
-def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
+def _offsets(found: Analysis, known: Flags) -> tuple[Doubles, float]:
     """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
     if found.lattice is not None:
         cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))

@@ -47,8 +47,6 @@ class Weights:
     """(N, H, W)."""
     best: Indices
     """(H, W): index of the copy that agrees best."""
-    offered: Flags
-    """(H, W): any copy offers something here."""
     cost: Floats
     """(H, W): mean squared tone difference of the best copy to its surroundings."""
     offsets: Doubles
@@ -119,7 +117,7 @@ def solve_weights(
     best = np.argmin(cost, axis=0)
     if not guesses:
         best = _tidied(best, offered, box_px)
-    return Weights(share, best, any_copy, least, offsets)
+    return Weights(share, best, least, offsets)
 
 
 def _penalties(density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]) -> Floats | None:

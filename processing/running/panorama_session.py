@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 from uuid import uuid4
 
-from drivers.clock import Clock, SystemClock
+from drivers.clock import SystemClock
 from drivers.errors import DaylitError
 from processing.errors import PictureFileError
 from processing.pictures.panorama import panorama_format, read_panorama
@@ -17,14 +17,12 @@ ENDINGS = {"jpeg": "jpg", "tiff": "tif"}
 MAX_FILE_BYTES = 1 << 30
 
 
-def panorama_session(
-    path: Path, into: Path, *, site: Site | None = None, heading_rad: float | None = None, clock: Clock | None = None
-) -> Path:
+def panorama_session(path: Path, into: Path, *, site: Site | None = None) -> Path:
     """Return the session folder of a panorama's file: one in ``into`` made of the same bytes and facts, or a new one.
 
     Raises `PictureFileError` and `PanoramaError` for what cannot be taken; nothing is then made.
     """
-    found = existing_session(path, into, site=site, heading_rad=heading_rad)
+    found = existing_session(path, into, site=site)
     if found is not None:
         return found
     data = _bytes(path)
@@ -39,13 +37,12 @@ def panorama_session(
         height_px=height,
         given_name=path.name[:200],
     )
-    clock = clock or SystemClock()
+    clock = SystemClock()
     manifest = SessionManifest(
         session_id=uuid4().hex,
         name=_name(path),
         created_utc=clock.utc_now(),
         site=site or Site(),
-        heading_rad=heading_rad,
         bracket=BracketRecord(mode="panorama", stops_s=(), sides=()),
         readings_planned=0,
     )
@@ -73,9 +70,7 @@ def _name(path: Path) -> str:
     return path.stem[:100] or "panorama"
 
 
-def existing_session(
-    path: Path, into: Path, *, site: Site | None = None, heading_rad: float | None = None
-) -> Path | None:
+def existing_session(path: Path, into: Path, *, site: Site | None = None) -> Path | None:
     """Return a session of the same bytes and facts, so that a second run does only what is new; None: there is none."""
     if not into.is_dir():
         return None
@@ -86,7 +81,7 @@ def existing_session(
         except DaylitError:
             continue
         same = manifest.panorama is not None and manifest.panorama.sha256 == digest and manifest.name == _name(path)
-        if same and (manifest.site, manifest.heading_rad) == (site or Site(), heading_rad):
+        if same and (manifest.site, manifest.heading_rad) == (site or Site(), None):
             return folder
     return None
 

@@ -42,9 +42,7 @@ MOST_LAMPS = 100  # that are listed one by one; the light of all is in the scene
 def nothing_to_stage(context: StageContext) -> str | None:
     """Return why there is nothing to do: no staging asked, or no room."""
     asked = context.parameters_of(MaterialsParameters)
-    if not asked.wanted:
-        return "staging not asked"
-    return why_unfit(context, asked=asked.doubtful_room)
+    return why_unfit(context, asked=asked.doubtful_room) if asked.wanted else "staging not asked"
 
 
 def run(context: StageContext) -> StageOutput:

@@ -122,9 +122,7 @@ def irregular(info: os.stat_result) -> str | None:
         return IS_FOLDER
     if not stat.S_ISREG(info.st_mode):
         return "is not a regular file"
-    if info.st_nlink > 1:
-        return "is a hard link (it has a second name elsewhere)"
-    return None
+    return "is a hard link (it has a second name elsewhere)" if info.st_nlink > 1 else None
 
 
 def write_all(fd: int, data: bytes | memoryview) -> None:

@@ -39,9 +39,7 @@ def sun_share(geometry: Geometry, panes: Sequence[Pane], sun: BrightDisc, points
 
 def enters(panes: Sequence[Pane], sun: BrightDisc | None) -> bool:
     """Return whether the sun shines on any pane from outside."""
-    if sun is None:
-        return False
-    return any(float(np.dot(outward(pane), sun.direction)) > 1e-3 for pane in panes)
+    return sun is not None and any(float(np.dot(outward(pane), sun.direction)) > 1e-3 for pane in panes)
 
 
 def outward(pane: Pane) -> Doubles:

@@ -25,10 +25,7 @@ OVER_WINDOW = ("curtain", "curtain rod")
 
 def check_plan(plan: Plan) -> list[str]:
     """Return what is wrong with a plan, in words; nothing if it is sound."""
-    wrong = outline_problems(plan)
-    if wrong:
-        return wrong
-    return camera_problems(plan) + opening_problems(plan) + fixture_problems(plan)
+    return outline_problems(plan) or camera_problems(plan) + opening_problems(plan) + fixture_problems(plan)
 
 
 def outline_problems(plan: Plan) -> list[str]:

@@ -66,7 +66,7 @@ def run_search(
     `valid`: the exact judge, for the repairs, which let gaps pass that the path grid is too coarse for.
     """
     if not items:
-        return [Final(Packing((), 0), (), (), 0.0)]
+        return [Final(Packing(()), (), (), 0.0)]
     divisions, pool = list(packings(items, rules)), _Pool()
     wanted = 1 if n == 1 else KINDS_EACH * n
     for number, rounds in enumerate(ONE if n == 1 else MANY):
@@ -96,7 +96,7 @@ def _without_place(search: Search, items: Sequence[Item], rules: RuleSet) -> lis
     for item in items:
         unit = alone(item, rules, LAST_SPLIT)
         if item.spec.placement != "on" and not (item.spec.bound and item.spec.group_with in hosts):
-            found += [item] if search.rebuild(Packing((unit,), 0), ANY_PLACE, 0)[0].dropped else []
+            found += [item] if search.rebuild(Packing((unit,)), ANY_PLACE, 0)[0].dropped else []
     return found
 
 

@@ -36,8 +36,6 @@ class Packing:
     """One division of the items into units, in the order they are placed."""
 
     units: tuple[Unit, ...]
-    apart: int
-    """How many items stand away from the group they belong to."""
 
     @cached_property
     def large(self) -> dict[int, str]:
@@ -65,14 +63,12 @@ def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
     units: list[Unit] = []
     for build in (_beds, _sofas, _tvs, _desks, _tables):
         units += build(left, rules, split)
-    total = len(items)
     hosts = {item.spec.category for item in items}
     units += [alone(item, rules, split, hosts) for item in left]
-    apart = sum(1 for item in left if item.spec.group_with) if total else 0
     # What rooms are for goes first, then by size; rugs and small pieces last
     first = {"bed": 3, "sofa": 3, "dining": 3, "rug": -1}
     units.sort(key=lambda u: (-first.get(u.role, 1 + (len(u.items) > 1)), -u.footprint_m2, u.items[0].id))
-    return Packing(tuple(units), apart)
+    return Packing(tuple(units))
 
 
 def _take(left: list[Item], *categories: str) -> list[Item]:

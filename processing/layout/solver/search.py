@@ -156,7 +156,7 @@ class Search:
 
     def all_places(self, unit: Unit) -> list[Final]:
         """Return where a unit could stand, paths aside, the best first and a few of each metre of a line."""
-        table, packing = self._table(unit), Packing((unit,), 0)
+        table, packing = self._table(unit), Packing((unit,))
         room = self._room(paths=False)
         work = make_work(room, table)
         count = places_of(room, table, 0, make_placed(room, table), EVERY_PLACE, work)

@@ -56,9 +56,7 @@ def small_geometry(geometry: Geometry, rows: int) -> Geometry:
     """Return a picture's geometry at about ``rows`` rows, never more than it has."""
     rows = min(rows, geometry.height_px)
     columns = max(1, round(geometry.width_px * rows / geometry.height_px))
-    if isinstance(geometry, Fisheye):
-        return geometry
-    return replace(geometry, width_px=columns, height_px=rows)
+    return geometry if isinstance(geometry, Fisheye) else replace(geometry, width_px=columns, height_px=rows)
 
 
 def shaded(

@@ -80,7 +80,6 @@ def furnished_light(
     outdoors: Outdoors | None,
     old: OldFurniture,
     *,
-    reveal_m: float = REVEAL_M,
     rows: int = 256,
     effort: Effort,
     seed: int = 0,
@@ -94,7 +93,7 @@ def furnished_light(
     """
     rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
     mask, gone = _reduced(old.mask, rows), _reduced(old.target, rows)
-    full, _, notes = lit_stage(room, outdoors, rgb, valid & ~mask, reveal_m, effort.texel_m, old.parts)
+    full, _, notes = lit_stage(room, outdoors, rgb, valid & ~mask, REVEAL_M, effort.texel_m, old.parts)
     eye = (0.0, 0.0, room.camera_height_m)
     geometry = Equirectangular(2 * rows, rows)
     bare = Stage.of(replace(full.scene, parts=()), effort.texel_m)
