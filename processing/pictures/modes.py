@@ -146,7 +146,7 @@ def level_error(image: LuminanceImage, levels: Doubles) -> float:
 
 
 def placed_parts(image: LuminanceImage, rows: slice) -> Iterator[Floats]:
-    """Yield what each mode that goes by place adds to rows' valid luminance, (h, W), in its unit.
+    """Yield what each mode that goes by place adds to rows' valid luminance, shape (h, W), float32, in its unit.
 
     What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it. ``rows``: few at once.
     """

@@ -31,8 +31,7 @@ from station.session.session import SessionManifest, Side
 def run(context: StageContext) -> StageOutput:
     """Scale the merged pictures: k1 from the meter, k2 from the rig profile; the sky through its lens and filter.
 
-    A sky whose lens cannot be determined is left out with the reason; the room stands. One panorama instead of
-    brackets is taken as it is, without a scale.
+    A sky whose lens cannot be determined is left out with the reason. One panorama is taken as it is, without a scale.
     """
     if context.session.panorama is not None:
         return calibrate_panorama(context)
@@ -62,9 +61,8 @@ def run(context: StageContext) -> StageOutput:
     sides = {name: side for name, side in (("indoor", indoor), ("outdoor", outdoor)) if side is not None}
     if not sides:
         raise ScaleError(f"nothing can be scaled: {'; '.join(left_out.values())}", advice="give what is named")
-    facts = {name: side.facts for name, side in sides.items()}
-    for name, off in chart_mismatches(profile, context.session).items():
-        facts.get(name, {})["spectral_mismatch"] = off
+    mismatches = chart_mismatches(profile, context.session)
+    facts = {name: side.facts | {"spectral_mismatch": mismatches.get(Side(name))} for name, side in sides.items()}
     warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
     warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
     if sky is not None and outdoor is None:

@@ -101,9 +101,8 @@ def calibrate_outdoor(
     """
     if isinstance(merged.geometry, Equirectangular):
         return _through_glass(merged, session, asked, profile, k1)
-    k2 = None
-    if profile is not None and asked.k2 is None and profile.k2 is not None:
-        k2 = require_k2(profile, states_of(session), session.name)
+    wanted = profile if asked.k2 is None and profile and profile.k2 else None
+    k2 = require_k2(wanted, states_of(session), session.name) if wanted else None
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR))
     north, north_warnings = _north(sky, session, asked)
