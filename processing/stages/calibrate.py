@@ -38,7 +38,6 @@ def run(context: StageContext) -> StageOutput:
     asked = context.parameters_of(CalibrateParameters)
     profile = None if asked.calibration is None else load_profile(asked.calibration)
     left_out: dict[str, str] = {}
-    context.progress(0.0, "indoor scale")
     room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
     indoor: Calibrated | None = None
     if room is None:
