@@ -238,7 +238,7 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
         assert session is not None
         from processing.pictures.panorama import FORMATS
 
-        if session.is_file() and session.suffix.lower() in FORMATS:
+        if session.is_file() and session.suffix.lower() in (*FORMATS, ".bmp", ".gif"):
             advice = f"daylit process --panorama {quote(str(session))}"
             raise UsageError("is a picture, and a session is a folder", where=str(session), advice=advice)
         return session

@@ -93,9 +93,9 @@ class JpegFrame:
             # Strict: what libjpeg-turbo would only warn of (lost data, premature end) is an error.
             rgb = simplejpeg.decode_jpeg(data, "RGB", min_height=height, min_width=width, strict=True)
         except (ValueError, MemoryError) as error:
-            raise _damaged(self.name, str(error)) from error
+            raise damaged_picture(self.name, str(error)) from error
         if rgb.shape != (height, width, 3):
-            raise _damaged(self.name, f"it decodes to {rgb.shape[1]} x {rgb.shape[0]}, not {width} x {height}")
+            raise damaged_picture(self.name, f"it decodes to {rgb.shape[1]} x {rgb.shape[0]}, not {width} x {height}")
         return np.asarray(rgb, dtype=np.uint8)
 
 
@@ -111,7 +111,14 @@ class LosslessFrame:
 
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Decode whole, then reduce. The result is (H, W, 3), uint8 or uint16 as the frame has it."""
-        return _reduced(_lossless_pixels(self.path, self.name), reduce)
+        pixels = _reduced(_lossless_pixels(self.path, self.name), reduce)
+        import cv2
+
+        return (
+            pixels
+            if 8 * pixels.itemsize == self.depth_bits
+            else _contiguous(cv2.convertScaleAbs(pixels, alpha=1 / 257))
+        )
 
 
 @dataclass(frozen=True)
@@ -151,22 +158,24 @@ def jpeg_frame(source: Path | str | bytes, name: str | None = None) -> JpegFrame
     try:
         height, width, _, _ = simplejpeg.decode_jpeg_header(data, strict=True)
     except ValueError as error:
-        raise _damaged(where, str(error)) from error
+        raise damaged_picture(where, str(error)) from error
     if (width, height) != size:
-        raise _damaged(where, "it says two sizes")
+        raise damaged_picture(where, "it says two sizes")
     return JpegFrame(kept, where, size)
 
 
-def lossless_frame(path: Path | str, name: str | None = None) -> LosslessFrame:
+def lossless_frame(path: Path | str, name: str | None = None, *, coded: bool = False) -> LosslessFrame:
     """Return a frame of a TIFF or PNG, grey or RGB: 16 bits are linear, 8 bits need a response curve.
 
-    An alpha channel must be opaque. Checksums of a PNG and the strips of a TIFF are checked when it is decoded.
+    ``coded``: 16 bits do, too, and are rounded to the 8 bits of which curves are tables. An alpha channel must be
+    opaque. Checksums of a PNG and the strips of a TIFF are checked when it is decoded.
     """
     path = Path(path)
     where = name or path.name
     pixels = _lossless_pixels(path, where)
     size = (pixels.shape[1], pixels.shape[0])
-    return LosslessFrame(path, where, size, 8 * pixels.itemsize, pixels.dtype == np.uint16)
+    deep = pixels.dtype == np.uint16 and not coded
+    return LosslessFrame(path, where, size, 16 if deep else 8, deep)
 
 
 def raw_frame(source: Path | str | bytes, name: str | None = None, within: tuple[int, int] | None = None) -> RawFrame:
@@ -178,7 +187,7 @@ def raw_frame(source: Path | str | bytes, name: str | None = None, within: tuple
     where = name or (kept.name if isinstance(kept, Path) else "raw bytes")
     with _opened_raw(kept, where) as raw:
         colours = camera_colours(raw, where)
-        size = _size(raw.sizes.width, raw.sizes.height, where)
+        size = checked_size(raw.sizes.width, raw.sizes.height, where)
     if within and not all(0 <= own - asked <= RAW_BORDER * own for own, asked in zip(size, within, strict=True)):
         what = f"it has {size[0]} x {size[1]} wells, the camera's picture {within[0]} x {within[1]} pixels"
         raise PictureFileError(what, where=where, advice="set the camera to its full picture size")
@@ -191,13 +200,13 @@ def _border(sensor: tuple[int, int], picture: tuple[int, int]) -> tuple[int, int
     return (sensor[0] - picture[0]) // 2, (sensor[1] - picture[1]) // 2
 
 
-def frame_of(path: Path | str, name: str | None = None) -> FrameSource:
-    """Return the frame of a file by its ending: .jpg .jpeg .tif .tiff .png, or a camera raw format."""
+def frame_of(path: Path | str, name: str | None = None, *, coded: bool = False) -> FrameSource:
+    """Return the frame of a file by its ending: .jpg .jpeg .tif .tiff .png (`lossless_frame`), or a raw format."""
     ending = Path(path).suffix.lower()
     if ending in (".jpg", ".jpeg"):
         return jpeg_frame(path, name)
     if ending in (".tif", ".tiff", ".png"):
-        return lossless_frame(path, name)
+        return lossless_frame(path, name, coded=coded)
     if ending in RAW_ENDINGS:
         return raw_frame(path, name)
     raise PictureFileError(f"no frame format has the ending {ending or '(none)'}", where=name or Path(path).name)
@@ -216,13 +225,13 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
     import cv2
 
     data = _bytes(path, name)
-    _size(*_lossless_size(data, name), name)
+    checked_size(*_lossless_size(data, name), name)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except (cv2.error, MemoryError) as error:
-        raise _damaged(name, str(error)) from error
+        raise damaged_picture(name, str(error)) from error
     if pixels is None:
-        raise _damaged(name, "it cannot be decoded")
+        raise damaged_picture(name, "it cannot be decoded")
     if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim not in (2, 3) or pixels.shape[2:] not in _CHANNELS:
         raise PictureFileError(
             f"it holds {pixels.dtype} of shape {pixels.shape}, not grey or RGB of 8 or 16 bits",
@@ -258,7 +267,7 @@ def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
     ones writes beyond its buffer (libjpeg-turbo 3, found with damaged files).
     """
     if data[:2] != b"\xff\xd8":
-        raise _damaged(name, "it does not begin as a JPEG does")
+        raise damaged_picture(name, "it does not begin as a JPEG does")
     at = 2
     while at + 10 <= len(data):
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
@@ -270,12 +279,12 @@ def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = (int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7))
             if marker > 0xC2 or data[at + 4] != 8 or data[at + 9] not in (1, 3):
-                raise _damaged(name, f"a JPEG of a kind that cameras do not write (frame type {marker:#x})")
-            return _size(width, height, name)
+                raise damaged_picture(name, f"a JPEG of a kind that cameras do not write (frame type {marker:#x})")
+            return checked_size(width, height, name)
         if marker in (0xD8, 0xD9, 0xDA) or length < 2:
             break
         at += 2 + length
-    raise _damaged(name, "it has no frame header")
+    raise damaged_picture(name, "it has no frame header")
 
 
 def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
@@ -289,29 +298,26 @@ def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
             warnings.simplefilter("error")
             with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 size = image.size
-                if image.mode == "CMYK":
-                    advice = "save it as RGB"
-                    raise PictureFileError(
-                        "it has four colours (CMYK), which no camera records", where=name, advice=advice
-                    )
+                if image.mode in ("CMYK", "LAB"):
+                    raise PictureFileError(f"its colours are {image.mode}", where=name, advice="save it as RGB")
                 if image.format == "PNG":
                     image.verify()
                 else:
-                    _check_strips(image, len(data), name)
+                    check_strips(image.tag_v2, len(data), name)  # type: ignore[attr-defined]
     except Exception as error:  # Pillow raises nearly anything over damaged files
         if isinstance(error, PictureFileError):
             raise
-        raise _damaged(name, str(error)) from error
+        raise damaged_picture(name, str(error)) from error
     return size
 
 
-def _check_strips(image: Any, length: int, name: str) -> None:
-    """Refuse a TIFF whose strips or tiles reach beyond the file: libtiff would leave them black."""
+def check_strips(tags: Any, length: int, name: str) -> None:
+    """Refuse a TIFF of these tags whose strips or tiles reach beyond the file: libtiff would leave them black."""
     for offsets, sizes in ((273, 279), (324, 325)):
-        starts, counts = image.tag_v2.get(offsets, ()), image.tag_v2.get(sizes, ())
+        starts, counts = tags.get(offsets, ()), tags.get(sizes, ())
         pairs = zip(np.atleast_1d(starts), np.atleast_1d(counts), strict=True)
         if any(int(start) + int(count) > length for start, count in pairs):
-            raise _damaged(name, "it ends before its last strip")
+            raise damaged_picture(name, "it ends before its last strip")
 
 
 def _reduced(pixels: Codes, reduce: int) -> Codes:
@@ -345,20 +351,22 @@ def _bytes(source: Path | bytes, name: str) -> bytes:
         raise PictureFileError(f"cannot be read: {error.strerror}", where=name) from error
 
 
-def _size(width: int, height: int, name: str) -> tuple[int, int]:
+def checked_size(width: int, height: int, name: str) -> tuple[int, int]:
+    """Return width and height; `PictureFileError` for more pixels than a picture has."""
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise PictureFileError(
-            f"its header says {width} x {height} pixels; a frame has 1 to {MAX_PIXELS:,}", where=name, likely="damage"
+            f"its header says {width} x {height} pixels; a picture has 1 to {MAX_PIXELS:,}", where=name, likely="damage"
         )
     return int(width), int(height)
 
 
-def _damaged(name: str, what: str) -> PictureFileError:
+def damaged_picture(name: str, what: str) -> PictureFileError:
+    """Return the error of a file that cannot be decoded."""
     return PictureFileError(
         f"it is damaged or not what its name says: {what}",
         where=name,
         likely="a copy that was cut short, or a failing card",
-        advice="fetch the frame from the camera again, or leave it out of the bracket",
+        advice="take the file from its source again; of a bracket it can be left out",
     )
 
 
@@ -370,4 +378,4 @@ def _opened_raw(source: Path | bytes, name: str) -> Iterator[Any]:
         with rawpy.imread(io.BytesIO(_bytes(source, name))) as raw:
             yield raw
     except rawpy.LibRawError as error:
-        raise _damaged(name, error.args[0].decode("ascii", "replace")) from error
+        raise damaged_picture(name, error.args[0].decode("ascii", "replace")) from error

@@ -20,7 +20,7 @@ from processing.errors import PanoramaError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2
 from processing.pictures.exr import read_exr, read_exr_rgb, read_header
-from processing.pictures.frames import Codes
+from processing.pictures.frames import Codes, check_strips, checked_size
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.photographs import KINDS, pillow_formats, read_codes
 from processing.pictures.radiance import read_radiance_hdr
@@ -149,8 +149,8 @@ def panorama_format(path: Path) -> Format:
         raise PanoramaError(
             f"panoramas are not read from {path.suffix or 'files without an ending'}",
             where=path.name,
-            advice="give a JPEG, PNG, TIFF, WebP, AVIF, HEIC, OpenEXR (.exr) or Radiance picture (.hdr); of a raw "
-            "file, what its camera's program exports",
+            advice="give a JPEG, PNG, TIFF, WebP, AVIF, HEIC, OpenEXR (.exr) or Radiance picture (.hdr): a BMP or GIF "
+            "saved as PNG; of a raw file, what its camera's program exports",
         )
     return kind
 
@@ -161,7 +161,8 @@ def read_panorama(path: Path, *, k1: float | None = None) -> GivenPanorama:
     Raises `PictureFileError` for damage and `PanoramaError` for what is no whole equirectangular panorama.
     """
     kind = panorama_format(path)
-    found = _light(path, kind) if kind in ("exr", "hdr") else _photograph(path)
+    light = kind in ("exr", "hdr") or (kind == "tiff" and _of_decimals(path))
+    found = _light(path, kind) if light else _photograph(path)
     height, width = found.image.rgb.shape[:2]
     _check_shape(width, height, path.name)
     _check_not_two_circles(found.image.rgb, path.name)
@@ -215,6 +216,14 @@ def _light(path: Path, kind: Format) -> GivenPanorama:
     if kind == "hdr":
         picture = read_radiance_hdr(path)
         return _plain(picture.rgb, absolute=picture.absolute, source="Radiance picture")
+    if kind == "tiff":
+        import cv2
+
+        bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+        if bgr is None or bgr.dtype.kind != "f":
+            raise PanoramaError("its decimal numbers cannot be read", where=path.name, advice="save it as OpenEXR")
+        rgb = np.atleast_3d(bgr)[..., 2::-1].astype(np.float32) * np.ones(3, np.float32)
+        return _plain(rgb, absolute=False, source="TIFF of decimal numbers, taken as linear light")
     part = read_header(path)[0]
     _check_shape(part.width, part.height, path.name)
     if {"uncertainty", "validity"} <= set(part.channels):
@@ -222,6 +231,22 @@ def _light(path: Path, kind: Format) -> GivenPanorama:
     rgb, white = read_exr_rgb(path)
     said = "" if white is None else f", whiteLuminance {white:g} cd/m2"
     return _plain(rgb * np.float32(white or 1.0), absolute=white is not None, source=f"OpenEXR{said}")
+
+
+def _of_decimals(path: Path) -> bool:
+    """Return whether a TIFF says that it holds floating point numbers (SampleFormat 3, TIFF 6.0) and is whole."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    try:
+        with warnings.catch_warnings(), path.open("rb") as file:
+            warnings.simplefilter("error")
+            tags = ImageFileDirectory_v2(file.read(8))
+            file.seek(tags.next)
+            tags.load(file)
+        check_strips(tags, path.stat().st_size, path.name)
+        return 3 in tags.get(339, ()) and bool(checked_size(tags[256], tags[257], path.name))
+    except Exception:  # noqa: BLE001 (as above; what is damaged is said when it is read)
+        return False
 
 
 def _own(image: RelativeImage | LuminanceImage, path: Path) -> GivenPanorama:

@@ -1,4 +1,4 @@
-"""Any ordinary picture as RGB codes: JPEG, PNG, TIFF, WebP, AVIF, HEIC; grey, palette, CMYK, 16 bits, opaque alpha.
+"""Any ordinary picture as RGB codes: JPEG, PNG, TIFF, WebP, AVIF, HEIC; grey, palette, CMYK, Lab, 16 bits, opaque.
 
 Frames of a bracket are read more strictly (`processing.pictures.frames`), which does all that is RGB already. What
 has no single meaning as a picture of light, transparency above all, is refused with what to do.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from processing.errors import PictureFileError
-from processing.pictures.frames import MAX_PIXELS, Codes, frame_of, refuse_alpha
+from processing.pictures.frames import Codes, checked_size, damaged_picture, frame_of, refuse_alpha
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -45,15 +45,15 @@ def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
         warnings.simplefilter("ignore")
         try:
             with _opened(path, kind) as image:
-                _check_size(image, path)
+                checked_size(*image.size, path.name)
                 notes = ("it holds several pictures: the first is taken",) if getattr(image, "n_frames", 1) > 1 else ()
-                if kind in ("webp", "avif", "heic") or image.mode == "CMYK":
+                if kind in ("webp", "avif", "heic") or image.mode in ("CMYK", "LAB"):
                     codes, more, is_srgb = _rgb(image, path)
                     return codes, (*notes, *more), is_srgb
         except PictureFileError:
             raise
         except Exception as error:  # Pillow raises nearly anything over damaged files
-            raise _damaged(path, str(error)) from error
+            raise damaged_picture(path.name, str(error)) from error
     return frame_of(path).decode(), notes, False
 
 
@@ -66,7 +66,9 @@ def _opened(path: Path, kind: Kind) -> Image:
     try:
         return Image.open(io.BytesIO(path.read_bytes()), formats=(PILLOW[kind],))
     except OSError as error:
-        raise _damaged(path, f"no {kind.upper()} by its bytes" if error.strerror is None else error.strerror) from error
+        raise damaged_picture(
+            path.name, f"no {kind.upper()} by its bytes" if error.strerror is None else error.strerror
+        ) from error
 
 
 def pillow_formats() -> tuple[str, ...]:
@@ -82,9 +84,10 @@ def pillow_formats() -> tuple[str, ...]:
 def _rgb(image: Image, path: Path) -> tuple[Codes, tuple[str, ...], bool]:
     from PIL import ImageCms
 
-    if image.mode == "CMYK":
+    if image.mode in ("CMYK", "LAB"):
         try:
-            source = ImageCms.ImageCmsProfile(io.BytesIO(image.info.get("icc_profile") or b""))
+            given = io.BytesIO(image.info.get("icc_profile") or b"")
+            source = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB") if image.mode == "LAB" else given)
             turned = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
             assert turned is not None
             name = ImageCms.getProfileDescription(source).strip()[:80]

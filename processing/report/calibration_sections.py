@@ -130,7 +130,7 @@ def camera_section(
 
 def thumbnail(path: Path) -> Bytes:
     """Return a frame, of shape (h, w, 3), at an eighth of its size, linear ones by the sRGB curve."""
-    frame = frame_of(path)
+    frame = frame_of(path, coded=True)
     codes = frame.decode(8)
     if codes.dtype == np.uint8:
         return np.asarray(codes, np.uint8)

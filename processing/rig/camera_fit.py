@@ -57,7 +57,9 @@ class SessionSide:
 
     def sources(self) -> list[FrameSource]:
         """Return the frames, not yet decoded."""
-        return [frame_of(self.path / record.file, f"{self.path.name}/{record.file}") for record in self.records]
+        return [
+            frame_of(self.path / record.file, f"{self.path.name}/{record.file}", coded=True) for record in self.records
+        ]
 
     def bracket(self, times_s: Sequence[float]) -> Bracket8:
         """Return the decoded frames (uint8 RGB) with their times."""

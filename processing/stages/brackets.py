@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from processing.calibration.optics import stated_circle
-from processing.errors import BracketError, PictureFileError
+from processing.calibration.outdoor.lens import find_image_circle
+from processing.errors import BracketError, LensError, PictureFileError
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, Reduce, frame_of, raw_frame
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
@@ -79,7 +80,7 @@ def side_bracket(
             if frames == "raw" or pictures[0].is_raw:
                 raise BracketError(f"{side}: its raw files cannot be used: {refused}", where=error.where) from error
     _check_settings(side, pictures)
-    read = tuple(frame_of(session_path / record.file, record.file) for record in pictures)
+    read = tuple(frame_of(session_path / record.file, record.file, coded=True) for record in pictures)
     return SideBracket(side, tuple(pictures), read, device, refused)
 
 
@@ -93,7 +94,9 @@ def _raw_bracket(
         raise BracketError(what, where=(alone or pictures)[0].file, advice="give each picture its raw file")
     _check_settings(pictures[0].side, raws)
     apart = is_panorama_camera(device)
-    beside = () if pictures[0].is_raw else tuple(frame_of(session_path / one.file, one.file) for one in pictures)
+    beside = (
+        () if pictures[0].is_raw else tuple(frame_of(session_path / one.file, one.file, coded=True) for one in pictures)
+    )
     if apart and not beside:
         what = "its raw files show the lenses side by side, and no picture of the camera's shows where they look"
         raise BracketError(what, where=raws[0].file, advice="give the camera's JPEGs with them")
@@ -134,11 +137,26 @@ def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     """Return what the camera's picture shows before calibration: a panorama, or a circle of which only the size counts.
 
     The outdoor mapping and field are those of the common fisheye lens until the stage calibrate puts the lens in. An
-    outdoor picture of a panorama camera, twice as wide as high, is a panorama, taken from behind the glass.
+    outdoor picture of a panorama camera, twice as wide as high, is a panorama, taken from behind the glass. Raises
+    `BracketError` for indoor frames of a fisheye.
     """
     width_px, height_px = bracket.size_px
+    if bracket.side is Side.INDOOR and abs(width_px / height_px - 2) > 0.1:  # chosen: far more than lost rows
+        _refuse_circle(bracket)
     if bracket.side is Side.INDOOR or (width_px == 2 * height_px and is_panorama_camera(bracket.device)):
         return Equirectangular(width_px, height_px)
     circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)
     return Fisheye(width_px, height_px, LensMapping.EQUIDISTANT, circle[2] * width_px, centre_px=centre_px)
+
+
+def _refuse_circle(bracket: SideBracket) -> None:
+    try:
+        find_image_circle([frame.decode(coarse(bracket.frames)) for frame in bracket.frames])
+    except LensError:
+        return
+    raise BracketError(
+        "the indoor frames show a fisheye's circle, and rooms are taken from whole panoramas",
+        where=bracket.records[0].file,
+        advice="a camera at the eye: daylit figures SESSION/indoor --view fisheye,equisolid,180; a sky: --outdoor",
+    )

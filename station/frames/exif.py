@@ -224,7 +224,7 @@ def parse_offset(text: str) -> int | None:
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16  # chosen: cameras write four to six
-_BITS = 258  # bits a channel, TIFF 6.0
+_COLOURS, _NOT_RGB = 262, (5, 8, 9, 10)  # photometric interpretation: CMYK, three kinds of Lab; TIFF 6.0
 _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612
 """TIFF 6.0; EP's SubIFDs; DNG specification."""
 
@@ -260,14 +260,14 @@ def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
 def check_tiff(data: bytes) -> bytes:
     """Return the bytes of a TIFF picture, in which EXIF is looked for, once its strips are found to lie inside.
 
-    Raises `FrameProblemError`: ``damaged``, ``truncated``, or ``unsupported`` for more than 8 bits a channel.
+    Raises `FrameProblemError`: ``damaged``, ``truncated``, or ``unsupported`` for CMYK, CIELab and the like.
     """
     reader = TiffReader(data, Reason.DAMAGED)
     first = reader.directory(reader.first_at)
     _check_strips(reader, [first])
-    bits = first.entries.get(_BITS)
-    if bits is not None and max(reader.integers(bits, 8)) > 8:
-        raise FrameProblemError(Reason.UNSUPPORTED, "more than 8 bits a channel: brackets are merged from 8 bits")
+    colours = first.entries.get(_COLOURS)
+    if colours is not None and reader.integers(colours, 1)[0] in _NOT_RGB:
+        raise FrameProblemError(Reason.UNSUPPORTED, "its colours are neither grey nor RGB: save it as RGB")
     return data
 
 

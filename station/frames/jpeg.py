@@ -213,14 +213,12 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_PNG_CHUNKS = 100_000  # chosen: a picture of 100 Mpx in chunks of 8 kB has half as many
-PNG_DEPTH_AT = 24  # byte of the header (IHDR) that holds the bits a channel
-TOO_DEEP = "more than 8 bits a channel: brackets are merged from 8 bits"
 
 
 def read_png(data: bytes) -> bytes | None:
     """Return the EXIF block (eXIf) of a PNG that is whole; None where it has none.
 
-    Raises `FrameProblemError`: ``not_jpeg`` for another kind of file, ``truncated``, ``damaged``, ``unsupported``.
+    Raises `FrameProblemError`: ``not_jpeg`` for another kind of file, ``truncated``, ``damaged``.
     """
     if not data.startswith(PNG_SIGNATURE):
         raise FrameProblemError(Reason.NOT_JPEG, f"not a PNG (it starts with {data[:4].hex(' ')})")
@@ -239,8 +237,6 @@ def read_png(data: bytes) -> bytes | None:
         if kind == b"eXIf":
             exif = data[at + 8 : end - 4]
         if kind == b"IEND":
-            if data[PNG_DEPTH_AT] > 8:
-                raise FrameProblemError(Reason.UNSUPPORTED, TOO_DEEP)
             return exif
         at = end
     raise FrameProblemError(Reason.DAMAGED, f"more than {MAX_PNG_CHUNKS} chunks")

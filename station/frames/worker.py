@@ -146,7 +146,12 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
 def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: Callable[[], str]) -> dict[str, Any]:
     """Check the file's own structure (chunks with checksums, strips inside the file), then decode and count it all."""
     exif, exif_problem = _exif(read_png(data) if format_ == "png" else check_tiff(data))
-    pixels = _decode(data, 1, faults, warnings=True)
+    pixels = _decode(data, 1, faults, lossless=True)
+    deep = pixels.dtype == np.uint16
+    if deep:
+        pixels = np.asarray(cv2.convertScaleAbs(pixels, alpha=1 / 257))
+    elif pixels.dtype != np.uint8:
+        raise FrameProblemError(Reason.UNSUPPORTED, f"it holds {pixels.dtype}: save it with 8 or 16 bits a channel")
     measures = measure(pixels, circle)
     return {
         "size_bytes": len(data),
@@ -157,6 +162,7 @@ def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: 
         "exif_problem": exif_problem,
         "exact": True,
         "picture_sha256": _picture_digest(pixels, measures),
+        "notes": ["16 bits a channel: merged by their curve at 8 bits"] if deep else [],
         **measures,
     }
 
@@ -189,12 +195,13 @@ def _exif(block: bytes | mmap.mmap | None) -> tuple[dict[str, Any], str]:
         return {}, problem.message
 
 
-def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, warnings: bool = False) -> npt.NDArray[np.uint8]:
+def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, lossless: bool = False) -> npt.NDArray[Any]:
     """Decode at 1/scale (libjpeg's scaled transform); whatever the decoder complains of is refused.
 
-    ``warnings``: what it only warns of (libpng and libtiff do so of profiles and tags) is let pass.
+    ``lossless``: in the depth that the file has, and what it only warns of (libpng and libtiff do so of profiles and
+    tags) is let pass. Otherwise the result is uint8, (H, W, 3).
     """
-    flags = _REDUCED.get(scale, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = _REDUCED.get(scale, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION | lossless * cv2.IMREAD_ANYDEPTH
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
@@ -202,11 +209,11 @@ def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, warnings:
             raise MemoryError from error
         raise FrameProblemError(Reason.DAMAGED, f"does not decode: {error.err[:200]}") from error
     complaint = complaints()
-    if complaint and not (warnings and "warning" in complaint.lower()):
+    if complaint and not (lossless and "warning" in complaint.lower()):
         raise FrameProblemError(Reason.DAMAGED, f"the picture data is damaged: {complaint}")
     if pixels is None:
         raise FrameProblemError(Reason.DAMAGED, "the picture data does not decode")
-    return np.asarray(pixels, np.uint8)
+    return np.asarray(pixels)
 
 
 def measure(pixels: npt.NDArray[np.uint8], circle: Circle | None = None) -> dict[str, Any]:

@@ -77,3 +77,17 @@ def test_a_sky_without_a_room_is_measured_and_ends_there(tmp_path: Path) -> None
     middle = image.rgb[image.rgb.shape[0] // 2, image.rgb.shape[1] // 2].mean()
     assert 1 < middle < 520
     assert not (session / "stages" / "room").exists()
+
+
+def test_a_fisheye_at_the_eye_is_no_room_and_is_sent_to_its_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lens = Fisheye(240, 240, LensMapping.EQUIDISTANT, 120.0)
+    scene = light(240, 240) * directions(lens)[1]
+    shown = [srgb_of_linear(np.minimum(scene * t / 30, 1)[..., None].repeat(3, axis=2)) for t in TIMES_S]
+    with pytest.raises(AssertionError):
+        processed(tmp_path, "indoor", [np.pad(one, ((4, 4), (60, 60), (0, 0))) for one in shown])
+    said = capsys.readouterr().err
+    assert "fisheye's circle" in said
+    assert "daylit figures SESSION/indoor --view fisheye" in said
+    assert not (next((tmp_path / "s").iterdir()) / "stages" / "merge").exists()

@@ -71,7 +71,7 @@ def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
         panorama_session(tmp_path / "none.jpg", tmp_path / "sessions")
 
 
-@pytest.mark.parametrize("name", ["my room.png", "room.JPG", "room.exr", "room.hdr", "room.tif"])
+@pytest.mark.parametrize("name", ["my room.png", "room.JPG", "room.exr", "room.hdr", "room.tif", "room.bmp"])
 def test_a_picture_in_the_place_of_a_session_is_told_from_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:

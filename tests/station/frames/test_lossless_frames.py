@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 import daylit
+from processing.pictures.exr import read_exr
 from station.errors import FrameRejectedError
 from station.frames.check import FrameChecker
 from station.session.session import Side
@@ -107,14 +108,42 @@ def test_every_flipped_byte_of_a_png_is_seen(checker: FrameChecker, tmp_path: Pa
 
 
 @pytest.mark.parametrize("ending", [".png", ".tif"])
-def test_sixteen_bits_and_other_files_are_refused_with_the_reason(
-    checker: FrameChecker, tmp_path: Path, ending: str
+def test_sixteen_bits_are_merged_at_eight_and_said_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ending: str
 ) -> None:
+    merged = []
+    for deep in (False, True):
+        room, options = tmp_path / f"{deep}", ["--shutter", "4,1,1/4,1/15,1/60,1/250"]
+        room.mkdir()
+        for i, time_s in enumerate(STOPS_S):
+            codes = pixels(time_s)[..., ::-1].astype(np.uint16)
+            # 100 more of 65,535 round to the same code.
+            saved = np.minimum(codes * 257.0 + 100, 65535).astype(np.uint16) if deep else codes.astype(np.uint8)
+            assert cv2.imwrite(str(room / f"{i}{ending}"), saved)
+        code, answer = invoke(
+            capsys, "import", "film", "--indoor", str(room), "--into", str(tmp_path / f"s{deep}"), *options
+        )
+        assert (code, answer["frames"]) == (0, 6)
+        assert any("16 bits a channel" in one for one in answer["warnings"]) is deep
+        assert daylit.main(["verify", answer["session"], "--look"]) == 0
+        assert daylit.main(["process", answer["session"], "--until", "merge"]) in (0, None)
+        image = read_exr(Path(answer["session"]) / "stages" / "merge" / "indoor.exr")
+        merged.append(image.rgb)
+    np.testing.assert_array_equal(*merged)
+
+
+@pytest.mark.parametrize("ending", [".png", ".tif"])
+def test_other_files_are_refused_with_the_reason(checker: FrameChecker, tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"a{ending}"
-    assert cv2.imwrite(str(path), np.full((40, 60, 3), 30_000, np.uint16))
-    with pytest.raises(FrameRejectedError, match="8 bits") as caught:
-        checker.inspect(path)
-    assert caught.value.details["reason"] == "unsupported"
+    if ending == ".tif":
+        for wrong, said in ((Image.new("LAB", (60, 40)), "RGB"), (Image.new("CMYK", (60, 40)), "RGB")):
+            wrong.save(path)
+            with pytest.raises(FrameRejectedError, match=said) as caught:
+                checker.inspect(path)
+            assert caught.value.details["reason"] == "unsupported"
+        assert cv2.imwrite(str(path), np.ones((40, 60, 3), np.float32))
+        with pytest.raises(FrameRejectedError, match="float32"):
+            checker.inspect(path)
     path.write_bytes(jpeg(0.25))
     with pytest.raises(FrameRejectedError):
         checker.inspect(path)
