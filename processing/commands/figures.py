@@ -50,9 +50,15 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
             rows.writerow(["figure", "value", "standard_uncertainty"])
             rows.writerows([name, one["value"], one["uncertainty"]] for name, one in found.items())
     if falsecolour is not None:
-        from processing.figures.foreign import write_falsecolour
+        from processing.calibration.scale.photometry import luminance_map
+        from processing.pictures.false_colour import display_range, false_colour, legend, with_legend
+        from processing.pictures.preview import png_bytes
+        from processing.pictures.writing import write_bytes
 
-        write_falsecolour(falsecolour, image)
+        level = luminance_map(image)
+        low, high = display_range(level)
+        scale = legend(low, high, image.unit, level.shape[0])
+        write_bytes(falsecolour, png_bytes(with_legend(false_colour(level, low, high), scale)))
     lines = [f"{name:<24} {one['value']:.5g} ± {_two(one['uncertainty'])}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; --scale or --reading give lx, cd/m2 and glare"}
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
@@ -63,9 +69,10 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     """Return the picture in cd/m2: by the frames' settings, a factor, a reading, or as the file says."""
     from processing.errors import ParameterError
     from processing.figures import foreign
+    from processing.figures.cal import read_cal
     from processing.sphere import Fisheye
 
-    cals = [foreign.read_cal(path) for path in asked["cal"]]
+    cals = [read_cal(path) for path in asked["cal"]]
     if file.is_dir():
         lens = foreign.view_geometry(asked["view"] or "fisheye,equidistant,180", 2, 1)
         if not isinstance(lens, Fisheye):

@@ -1,11 +1,10 @@
-"""Pictures and calibration files of other programs: hdrgen's response, Radiance's .cal files, brackets without a room.
+"""Pictures and calibration files of other programs: hdrgen's response, factors of .cal files, brackets without a room.
 
 hdrgen writes a camera's response as a polynomial a channel: exposure over that of code 255, by the code over 255; times
-87 N2 / (t ISO) it is cd/m2. LumiLab's .cal files hold a fall-off (`sf=1/(a r^8 + ... + 1)`) or factors a channel.
+87 N2 / (t ISO) it is cd/m2.
 """
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,10 +20,10 @@ from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminances_lx, luminance_map
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
-from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
+from processing.figures.cal import CalFile
 from processing.figures.glare import with_uncertainty
-from processing.ground.arrays import Doubles, Rgb
+from processing.ground.arrays import Doubles
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
@@ -33,7 +32,6 @@ from processing.pictures.modes import falloff_mode, modes_of, widened, with_mode
 from processing.pictures.radiance import RELATIVE_MARK, read_radiance_hdr
 from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
-from station.session.durable import disk_errors
 
 HDRGEN = (87.0, 0.05, "exposure settings, hdrgen's constant")
 """cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO)), its relative standard
@@ -43,38 +41,7 @@ SATURATION = (78 / 0.65, 0.13, "exposure settings, ISO 12232's saturation")
 third of a stop, taken as even (GUM 4.3.7)."""
 ENOUGH_PX = 900  # across: as evalglare's usual pictures; frames are reduced to no less
 FALLOFF_SIGMA = 0.01  # of a published fall-off at the rim, for another copy of the lens; chosen
-_TERM = re.compile(r"\(\(([-+.\deE]+)\)\*\(?r\^?(\d*)\)?\)|\(\(([-+.\deE]+)\)\*r\)")
-_GAIN = re.compile(r"\b([rgb])o\s*=\s*(?:([\d.]+)\s*\*\s*)?[rgb]i\(1\)(?:\s*\*\s*([\d.]+))?\s*;")
 _TIED = slice(30, 221)  # codes over which our curve and hdrgen's have the same mean; chosen: clear of both ends
-
-
-@dataclass(frozen=True)
-class CalFile:
-    """What a .cal file does."""
-
-    falloff: Vignetting | None
-    gains: Rgb
-
-
-def read_cal(path: Path) -> CalFile:
-    """Read a fall-off or factors; raises `PictureFileError` for a file that holds neither."""
-    text = _text(path)
-    terms = _TERM.findall(text) if "sf=" in text.replace(" ", "") else []
-    try:
-        known = {int(b or 1): value for a, b, c in terms if abs(value := float(a or c)) > 1e-9}
-        found = {channel: float(before or after or 1) for channel, before, after in _GAIN.findall(text)}
-    except ValueError as error:
-        raise PictureFileError(f"holds what is no number ({error})", where=path.name) from error
-    if not all(map(math.isfinite, known.values())) or not all(0 < gain < math.inf for gain in found.values()):
-        raise PictureFileError("holds an infinite number, or a factor of 0", where=path.name)
-    if known:
-        # Centred on 500 they are for pictures turned into equidistant ones before; else for those as taken.
-        turned = "500" in text
-        falloff = Vignetting(tuple(known), tuple(known.values()), FALLOFF_SIGMA, in_angle=turned, source=path.name)
-        return CalFile(falloff, (1.0, 1.0, 1.0))
-    if set(found) != set("rgb"):
-        raise PictureFileError("holds neither a fall-off nor factors a channel", where=path.name)
-    return CalFile(None, (found["r"], found["g"], found["b"]))
 
 
 def read_rsp(path: Path) -> Doubles:
@@ -113,13 +80,12 @@ def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:
     """Return the picture after the .cal files: fall-off taken off, channels multiplied; their doubt is shared."""
     for one in files:
         check_light(image.rgb, "--cal", max(one.gains))
-        rgb = image.rgb * np.array(one.gains, np.float32)
-        modes = []
-        if one.falloff is not None:
-            if not isinstance(image.geometry, Fisheye):
-                raise ParameterError("a lens's fall-off needs a fisheye picture", advice="give --view")
-            rgb = one.falloff.correct(rgb, image.geometry)
-            modes = [falloff_mode(one.falloff.relative_uncertainty)] if one.falloff.relative_uncertainty else []
+        if one.varies and not isinstance(image.geometry, Fisheye):
+            raise ParameterError("a lens's fall-off needs a fisheye picture", advice="give --view")
+        factors = (
+            one.factors(image.geometry) if isinstance(image.geometry, Fisheye) else np.array(one.gains, np.float32)
+        )
+        rgb, modes = image.rgb * factors, [falloff_mode(FALLOFF_SIGMA)] if one.varies else []
         octaves = math.log2(float(np.dot(one.gains, LUMINANCE_WEIGHTS)))
         moved = with_modes(image.attributes, [mode.moved(octaves) for mode in modes_of(image)])
         image = widened(replace(image, rgb=np.asarray(rgb, np.float32), attributes=moved), modes)
@@ -143,7 +109,7 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     ``response``: log2 exposure of shape (3, 256) of a published curve, in whose gauge ours is put, with hdrgen's
     constant that belongs to it; None: our own curve, whose white is where a camera of that speed saturates.
     """
-    sources = [frame_of(one.path) for one in frames]
+    sources = [frame_of(one.path, coded=True) for one in frames]
     reduce: Reduce = next((f for f in (8, 4, 2) if min(sources[0].size_px) // f >= ENOUGH_PX), 1)
     codes = [np.asarray(source.decode(reduce), dtype=np.uint8) for source in sources]
     rule = camera_rule(frames[0].model)
@@ -298,21 +264,3 @@ def taken_frames(folder: Path) -> list[Taken]:
     if len(found) < 2:
         raise BracketError("holds no bracket", where=folder.name, advice="give a folder with a camera's frames")
     return found
-
-
-def write_falsecolour(path: Path, image: LuminanceImage) -> None:
-    """Write log luminance in colours, from the 1st to the 99.9th percentile, with a scale at the right."""
-    import cv2
-
-    level = luminance_map(image)
-    seen = (image.validity != Validity.OUTSIDE) & (level > 0)
-    low, high = (math.log10(v) for v in np.percentile(level[seen] if seen.any() else [1.0], (1, 99.9)))
-    share = np.clip((np.log10(np.maximum(level, 1e-9)) - low) / max(high - low, 1e-9), 0, 1)
-    height = level.shape[0]
-    bar = np.repeat(np.linspace(1, 0, height)[:, None], max(24, height // 12), axis=1)
-    view = cv2.applyColorMap((255 * np.hstack([np.where(seen, share, 0), bar])).astype(np.uint8), cv2.COLORMAP_TURBO)
-    for k in range(6):
-        text, row = f"{10 ** (high - k / 5 * (high - low)):.3g}", int(12 + k / 5 * (height - 20))
-        cv2.putText(view, text, (level.shape[1] + 2, row), cv2.FONT_HERSHEY_PLAIN, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
-    with disk_errors(path, "writing"):
-        path.write_bytes(cv2.imencode(".png", view)[1].tobytes())

@@ -13,13 +13,10 @@ import pytest
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, PictureFileError
 from processing.figures.foreign import (
-    CalFile,
     Taken,
-    applied,
     by_reading,
     light_figures,
     merged_bracket,
-    read_cal,
     read_rsp,
     view_geometry,
 )
@@ -40,49 +37,12 @@ def eye(level: float = 500.0, size: int = 200) -> LuminanceImage:
     return LuminanceImage(rgb, np.full((size, size), 0.05, np.float32), validity, geometry, 0.02)
 
 
-def test_a_falloff_file_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "vignetting.cal"
-    path.write_text("r=sqrt(sq(x-500))/500;\nsf=(1/(((-0.5)*(r^4))+((0.2)*(r^2))+((1e-18)*r)+1));\nro=sf*ri(1);\n")
-    found = read_cal(path).falloff
-    assert found is not None
-    assert found.in_angle
-    assert float(found.evaluate(1.0)) == pytest.approx(0.7)
-
-
-def test_factors_are_read_and_applied(tmp_path: Path) -> None:
-    path = tmp_path / "nd.cal"
-    path.write_text("ro=2.0*ri(1);\ngo=gi(1)*2.0;\nbo=2.0*bi(1);")
-    image = eye()
-    assert applied(image, [read_cal(path)]).rgb.max() == pytest.approx(2 * image.rgb.max())
-
-
-@pytest.mark.parametrize("text", ["", "ro=ri(1);", "sf=oops"])
-def test_what_is_no_calibration_is_refused(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "x.cal"
+@pytest.mark.parametrize("text", ["", "ro=ri(1);", "1 2 3"])
+def test_what_is_no_response_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "x.rsp"
     path.write_text(text)
-    with pytest.raises(PictureFileError):
-        read_cal(path)
     with pytest.raises(PictureFileError):
         read_rsp(path)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "sf=1/(((---)*r^2)+1);",
-        "sf=1/(((-0.5)*r^4)+((1.2.3)*r^2)+1);",
-        "sf=1/(((1e400)*r^2)+1);",
-        "ro=1.2.3*ri(1);go=1*gi(1);bo=1*bi(1);",
-        "ro=0*ri(1);go=0*gi(1);bo=0*bi(1);",
-        "ro=1*ri(1);go=0.0*gi(1);bo=1*bi(1);",
-    ],
-)
-def test_numbers_of_a_cal_file_are_checked(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "odd.cal"
-    path.write_text(text)
-    with pytest.raises(PictureFileError) as caught:
-        read_cal(path)
-    assert caught.value.where == "odd.cal"
 
 
 def test_a_response_polynomial_is_read(tmp_path: Path) -> None:
@@ -109,7 +69,14 @@ def test_views_are_checked() -> None:
             view_geometry(wrong, 64, 64)
 
 
-def test_a_bracket_without_a_response_is_scaled_by_its_speed(tmp_path: Path) -> None:
+def finer(codes: np.ndarray) -> np.ndarray:
+    """Return 16-bit codes that round to these."""
+    off = np.random.default_rng(6).integers(-100, 101, codes.shape)
+    return np.clip(codes.astype(int) * 257 + off, 0, 65535).astype(np.uint16)
+
+
+@pytest.mark.parametrize("deep", [False, True], ids=["8 bits", "16 bits"])
+def test_a_bracket_without_a_response_is_scaled_by_its_speed(tmp_path: Path, deep: bool) -> None:
     rng = np.random.default_rng(5)
     image, inside = eye(1.0, 240), directions(eye(1.0, 240).geometry)[1]
     light = np.repeat(np.repeat(2 ** rng.uniform(0, 9, (20, 20)), 12, axis=0), 12, axis=1) * inside
@@ -117,7 +84,8 @@ def test_a_bracket_without_a_response_is_scaled_by_its_speed(tmp_path: Path) -> 
     for k in range(7):
         time_s, path = 4.0**-k, tmp_path / f"{k}.png"
         shown = srgb_of_linear(np.minimum(light * time_s * 100 / (120 * 5.6**2), 1)[..., None].repeat(3, axis=2))
-        assert cv2.imwrite(str(path), np.pad(shown, ((4, 4), (60, 60), (0, 0))))
+        codes = np.pad(shown, ((4, 4), (60, 60), (0, 0)))
+        assert cv2.imwrite(str(path), finer(codes) if deep else codes)
         taken.append(Taken(path, time_s, 5.6, 100, ""))
     found = merged_bracket(taken, None, "equidistant", 180.0)
     truth = replace(image, rgb=light[..., None].repeat(3, axis=2).astype(np.float32))
@@ -169,18 +137,3 @@ def test_shared_errors_do_not_average_out() -> None:
     assert float(both.uncertainty[100, 100]) == pytest.approx(math.hypot(0.05, 0.03), rel=1e-3)
     anchored = whole.moved(1.0, anchor=5.0)
     assert np.allclose(anchored.values, 0)
-
-
-def test_a_lens_file_needs_a_fisheye() -> None:
-    rgb = np.ones((8, 16, 3), np.float32)
-    flat = np.zeros((8, 16), np.float32)
-    panorama = LuminanceImage(rgb, flat, flat.astype(np.uint8), Equirectangular(16, 8), 0.0)
-    falloff = read_falloff()
-    with pytest.raises(ParameterError):
-        applied(panorama, [falloff])
-
-
-def read_falloff() -> CalFile:
-    from processing.calibration.scale.vignetting import Vignetting
-
-    return CalFile(Vignetting((2,), (-0.2,)), (1.0, 1.0, 1.0))
