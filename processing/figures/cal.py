@@ -58,19 +58,17 @@ class _Evaluation:
         match node:
             case ast.Constant(value=int() | float() as number):
                 return float(number)
-            case ast.UnaryOp(ast.USub(), ast.BinOp(left, ast.Pow(), right) as power) if (
-                power.col_offset == node.col_offset + 1
-            ):
-                return _worked_out(np.power, -self.value(left, local), self.value(right, local))
+            case ast.UnaryOp(ast.USub(), ast.BinOp(base, ast.Pow(), by) as at) if at.col_offset == node.col_offset + 1:
+                return _worked_out(np.power, -self.value(base, local), self.value(by, local))
             case ast.UnaryOp(ast.USub(), operand):
                 return -self.value(operand, local)
             case ast.BinOp(left, sign, right) if type(sign) in _OPERATORS:
                 first, second = self.value(left, local), self.value(right, local)
-                for place, middle in ((first, second), (second, first)):
-                    if isinstance(sign, ast.Sub) and any(place is self.found.get(name) for name in ("x_", "y_")):
+                for place, middle in ((first, second), (second, first)) if isinstance(sign, ast.Sub) else ():
+                    if any(place is self.found.get(name) for name in ("x_", "y_")):
                         self.middles |= {float(np.max(middle))}
                 return _worked_out(_OPERATORS[type(sign)], first, second)
-            case ast.Name(id=word) | ast.Call(ast.Name(id=word)):
+            case ast.Name(id=word) | ast.Call(ast.Name(id=word), _, []):
                 values = [self.value(one, local) for one in getattr(node, "args", ())]
                 return local[word] if word in local and not values else self._named(word, values)
         raise ValueError(f"{ast.unparse(node)} is not Radiance's")
@@ -113,25 +111,21 @@ class CalFile:
 
     def factors(self, geometry: Fisheye) -> Floats:
         """Return the factor of each pixel and channel (H, W, 3) of a fisheye picture; outside the circle its edge's."""
-        x, y = geometry.axis_px
-        across = (np.arange(geometry.width_px) + 0.5 - x)[None, :] / geometry.radius_px
-        up = (y - np.arange(geometry.height_px) - 0.5)[:, None] / geometry.radius_px
-        r, knots = np.hypot(across, up), np.linspace(0, 1, 2049)
+        across, down = (one / geometry.radius_px for one in geometry.offsets_px())
+        r, knots = np.hypot(across, down), np.linspace(0, 1, 2049)
         # Of the field's half: the angle from the axis at these distances.
         turned = np.arctan2(*polar_of_radius(geometry, knots)) / geometry.half_field_rad
         reached = np.interp(r, knots, turned if self.half_px == TURNED_PX else knots) / np.maximum(r, 1e-9)
-        return np.moveaxis(self.evaluated(across * reached, up * reached)[0], 0, -1).astype(np.float32)
+        return np.moveaxis(self.evaluated(across * reached, -down * reached)[0], 0, -1).astype(np.float32)
 
-    def evaluated(
-        self, across: Doubles, up: Doubles, inputs: tuple[float, ...] = (1.0, 1.0, 1.0)
-    ) -> tuple[Doubles, _Evaluation]:
-        """Return what becomes of the channels (3, ...) at places of any shape, in radii right of and above the middle.
+    def evaluated(self, across: Doubles, up: Doubles, colour: float = 1.0) -> tuple[Doubles, _Evaluation]:
+        """Return what becomes of red ``colour``, green its square, blue its cube (3, ...), and the values on the way.
 
-        Raises `ValueError` where that cannot be worked out.
+        Of places of any shape, in radii right of and above the middle. Raises `ValueError` saying what cannot be done.
         """
         found: dict[str, Any] = dict.fromkeys(("xmax_", "ymax_", "xres_", "yres_"), 2 * self.half_px)
         found |= {"x_": self.half_px * (1 + across), "y_": self.half_px * (1 + up), "PI_": math.pi}
-        run = _Evaluation(self.definitions, found | dict(zip(("ri_", "gi_", "bi_"), inputs, strict=True)))
+        run = _Evaluation(self.definitions, found | {"ri_": colour, "gi_": colour**2, "bi_": colour**3})
         with np.errstate(all="ignore"):
             channels = [run.value(ast.Name(name), {}) for name in ("ro_", "go_", "bo_")]
         return np.stack(np.broadcast_arrays(*channels, across + up)[:3]), run
@@ -143,31 +137,27 @@ def read_cal(path: Path) -> CalFile:
     Raises `PictureFileError` for a file that does anything else, with what that is.
     """
     try:
-        return _checked(CalFile(_definitions(path.read_text("ascii", errors="replace")[:MOST_CHARACTERS])))
+        return _checked(CalFile(_definitions(path.read_text("utf-8-sig", errors="replace")[:MOST_CHARACTERS])))
     except OSError as error:
         raise PictureFileError(f"cannot be read ({error.strerror})", where=path.name) from error
     except (ValueError, SyntaxError, RecursionError, MemoryError) as error:
-        what = f"cannot be applied as Radiance's pcomb does: {error}"
-        raise PictureFileError(
-            what, where=path.name, advice="ro, go and bo: ri(1), gi(1) and bi(1) by factors"
-        ) from error
+        what, advice = f"cannot be applied as pcomb does: {error}", "ro, go and bo: ri(1), gi(1) and bi(1) by factors"
+        raise PictureFileError(what, where=path.name, advice=advice) from error
 
 
 def _checked(cal: CalFile) -> CalFile:
     """Return the file with its picture's size and its factors in the middle; `ValueError` says what does not fit."""
     line = np.linspace(0, math.sqrt(0.5), 33)  # from the middle to the circle's edge, by both x and y
     plain, run = cal.evaluated(line, line)
-    if not np.allclose(cal.evaluated(line, line, (2.0, 3.0, 5.0))[0].T, plain.T * (2, 3, 5), rtol=1e-9, atol=0):
+    if not np.allclose(cal.evaluated(line, line, 2.0)[0].T, plain.T * (2, 4, 8), rtol=1e-9, atol=0):
         raise ValueError("it does not multiply each channel by itself")
     cal = replace(cal, half_px=max(min(run.middles, default=ANY_PX), 1.0))
     plain, run = cal.evaluated(line, line)
     other = replace(cal, half_px=OTHER_PX).evaluated(line, line)[0] if cal.half_px == ANY_PX else plain
     off, edge = max((abs(one - cal.half_px) for one in run.middles), default=0), np.max(run.found.get("r_", 1.0))
     if off > 1 or not np.allclose(other, plain, PIXELS) or 0.02 < abs(edge - 1) < 0.25:
-        raise ValueError(
-            f"it is for no square of 2 N pixels that the circle fills, by x - N and y - N, or by xmax and ymax: N is "
-            f"{sorted(run.middles) or 'not there'}, and r at the edge {edge:.3g}"
-        )
+        seen = f"N is {sorted(run.middles) or 'not there'}, r at the edge {edge:.3g}"
+        raise ValueError(f"it is by x - N and y - N for no square of 2 N pixels that the circle fills: {seen}")
     if not (plain.min() > 0 and plain.max() < math.inf and np.ptp(np.log(plain), axis=1).max() < math.log(FALLOFF)):
         raise ValueError(f"its factors are {plain.min():.3g} to {plain.max():.3g}")
     return replace(cal, varies=bool(np.ptp(plain, axis=1).max() > 0), gains=tuple(plain[:, 0].tolist()))

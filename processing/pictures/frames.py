@@ -55,17 +55,9 @@ class ArrayFrame:
 
     array: Codes = field(repr=False)
     name: str
+    size_px: tuple[int, int]
+    depth_bits: int
     linear: bool
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height."""
-        return self.array.shape[1], self.array.shape[0]
-
-    @property
-    def depth_bits(self) -> int:
-        """8 or 16."""
-        return 8 * int(self.array.itemsize)
 
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Return the array itself, or reduced. The result is (H, W, 3), uint8 or uint16 as the frame has it."""
@@ -146,7 +138,8 @@ def array_frame(array: Codes, name: str = "array", *, linear: bool | None = None
         raise ParameterError(
             f"a frame is uint8 or uint16 of shape (height, width, 3), not {array.dtype} of {array.shape}", where=name
         )
-    return ArrayFrame(_contiguous(array), name, array.dtype == np.uint16 if linear is None else linear)
+    is_linear = array.dtype == np.uint16 if linear is None else linear
+    return ArrayFrame(_contiguous(array), name, (array.shape[1], array.shape[0]), 8 * array.itemsize, is_linear)
 
 
 def jpeg_frame(source: Path | str | bytes, name: str | None = None) -> JpegFrame:

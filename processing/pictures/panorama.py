@@ -254,13 +254,11 @@ def _own(image: RelativeImage | LuminanceImage, path: Path) -> GivenPanorama:
         raise PanoramaError(
             f"it is a {type(image.geometry).__name__.lower()} picture", where=path.name, advice="give the panorama"
         )
-    absolute = isinstance(image, LuminanceImage) and image.absolute
-    scale = image.scale_uncertainty if isinstance(image, LuminanceImage) else 0.0
-    kept = LuminanceImage(
-        image.rgb, image.uncertainty, image.validity, image.geometry, scale, image.ghost, image.attributes, absolute
-    )
-    units = "cd/m2" if absolute else "relative"
-    return GivenPanorama(kept, f"daylit's picture, {units}", 1.0, _share(image.validity == Validity.CLIPPED))
+    if isinstance(image, RelativeImage):
+        parts = (image.rgb, image.uncertainty, image.validity, image.geometry)
+        image = LuminanceImage(*parts, 0.0, image.ghost, image.attributes, absolute=False)
+    units = "cd/m2" if image.absolute else "relative"
+    return GivenPanorama(image, f"daylit's picture, {units}", 1.0, _share(image.validity == Validity.CLIPPED))
 
 
 def _plain(rgb: Floats, *, absolute: bool, source: str) -> GivenPanorama:

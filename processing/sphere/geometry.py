@@ -106,6 +106,12 @@ class Fisheye:
         """Return column and row of the axis."""
         return self.centre_px or (self.width_px / 2, self.height_px / 2)
 
+    def offsets_px(self) -> tuple[Doubles, Doubles]:
+        """Return how far pixels' middles are to the right of the axis (1, W), and below it (H, 1)."""
+        x, y = self.axis_px
+        across, down = (np.arange(n, dtype=np.float64) + 0.5 for n in (self.width_px, self.height_px))
+        return (across - x)[None, :], (down - y)[:, None]
+
 
 Geometry = Equirectangular | Perspective | Fisheye
 

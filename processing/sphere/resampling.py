@@ -229,10 +229,7 @@ def _in_field(source: Geometry) -> Floats:
     """Return 1 where a pixel's cell touches the field (H, W), else 0."""
     if not isinstance(source, Fisheye):
         return np.ones((source.height_px, source.width_px), dtype=np.float32)
-    column, row = source.axis_px
-    across, down = np.arange(source.width_px) + 0.5 - column, np.arange(source.height_px) + 0.5 - row
-    reach = source.radius_px + math.sqrt(0.5)
-    return np.asarray(np.hypot(across[None, :], down[:, None]) <= reach, dtype=np.float32)
+    return np.asarray(np.hypot(*source.offsets_px()) <= source.radius_px + math.sqrt(0.5), dtype=np.float32)
 
 
 def _checked(rgb: npt.ArrayLike, source: Geometry) -> tuple[Floats, bool]:

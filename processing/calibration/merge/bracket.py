@@ -268,9 +268,8 @@ def shares(validity: Bytes, ghost: Bytes | None, geometry: Geometry) -> Shares:
     """Count. ``validity`` and ``ghost``: (H, W) uint8, `Validity` codes and frame numbers."""
     planes = validity, np.zeros((0,), np.uint8) if ghost is None else ghost
     if isinstance(geometry, Fisheye):
-        (x, y), (height, width) = geometry.axis_px, validity.shape
-        down, across = np.arange(height) + 0.5 - y, np.arange(width) + 0.5 - x
-        seen = np.add.outer(down**2, across**2, dtype=np.float32) < geometry.radius_px**2
+        across, down = geometry.offsets_px()
+        seen = np.add(down**2, across**2, dtype=np.float32) < geometry.radius_px**2
         planes = validity[seen], planes[1][seen] if planes[1].size else planes[1]
     of = max(planes[0].size, 1)
     counts = (np.count_nonzero(part) for part in (planes[0] == Validity.CLIPPED, planes[0] == Validity.DARK, planes[1]))

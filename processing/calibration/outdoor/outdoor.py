@@ -162,10 +162,8 @@ def _same_level(light: Floats, source: Geometry, rgb: Floats, coverage: Floats, 
 
 def _beyond(geometry: Fisheye, r: float) -> Flags:
     """Return which pixel centres (H, W) are farther than r radii from the axis."""
-    x, y = geometry.axis_px
-    across = (np.arange(geometry.width_px) + 0.5 - x) ** 2
-    down = (np.arange(geometry.height_px) + 0.5 - y) ** 2
-    return np.asarray(across[None, :] + down[:, None] > (r * geometry.radius_px) ** 2)
+    across, down = geometry.offsets_px()
+    return np.asarray(across**2 + down**2 > (r * geometry.radius_px) ** 2)
 
 
 def _fisheye(image: RelativeImage) -> Fisheye:

@@ -119,9 +119,8 @@ def _field(image: RelativeImage | LuminanceImage) -> Flags:
     lens = image.geometry
     if not isinstance(lens, Fisheye):
         return np.ones(image.validity.shape, dtype=bool)
-    x, y = lens.axis_px
-    across, down = np.arange(lens.width_px) + 0.5 - x, np.arange(lens.height_px) + 0.5 - y
-    return np.asarray(across[None, :] ** 2 + down[:, None] ** 2 < lens.radius_px**2)
+    across, down = lens.offsets_px()
+    return np.asarray(across**2 + down**2 < lens.radius_px**2)
 
 
 def _brightest(luminance: Floats, inside: Flags, clipped: Flags) -> tuple[int, int]:

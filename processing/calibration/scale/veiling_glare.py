@@ -91,8 +91,7 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> glare_f
     centre = (lens.axis_px[0] / step, lens.axis_px[1] / step)
     lens = replace(lens, width_px=width, height_px=height, radius_px=lens.radius_px / step, centre_px=centre)
     # How many radii of the image circle each pixel's middle is from its axis
-    across, down = np.arange(width) + 0.5 - lens.axis_px[0], np.arange(height) + 0.5 - lens.axis_px[1]
-    radius = np.asarray(np.hypot(across[None], down[:, None]) / lens.radius_px, dtype=np.float32)
+    radius = np.asarray(np.hypot(*lens.offsets_px()) / lens.radius_px, dtype=np.float32)
     luminance = luminance_cd_m2(rgb)
     surround = (radius > RIM_GAP) & (validity != Validity.CLIPPED)
     _check_surround(surround, surround & (validity != Validity.DARK), radius < 1)

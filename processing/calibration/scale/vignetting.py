@@ -68,10 +68,7 @@ class Vignetting:
 
     def map(self, geometry: Fisheye) -> Floats:
         """Return V for each pixel (H, W) of a fisheye picture."""
-        x, y = geometry.axis_px
-        across = (np.arange(geometry.width_px) + 0.5 - x) / geometry.radius_px
-        down = (np.arange(geometry.height_px) + 0.5 - y) / geometry.radius_px
-        r = np.hypot(across[None, :], down[:, None])
+        r = np.hypot(*geometry.offsets_px()) / geometry.radius_px
         # A fine table is right to 1e-7 and ten times cheaper than powers or angles of every pixel.
         knots = np.linspace(0, 1, 2049)
         # Of the field's half: the angle from the axis at these distances.
@@ -116,9 +113,7 @@ def fit_flat(
 
     Medians of rings of equal area, so that dust and noise do not count; each frame has a brightness of its own.
     """
-    x, y = geometry.axis_px
-    across, down = np.arange(geometry.width_px) + 0.5 - x, np.arange(geometry.height_px) + 0.5 - y
-    r = np.hypot(across[None, :], down[:, None]) / geometry.radius_px
+    r = np.hypot(*geometry.offsets_px()) / geometry.radius_px
     ring = np.minimum((r * r * rings).astype(int), rings)
     order = np.argsort(ring, axis=None, kind="stable")
     edges = np.searchsorted(ring.ravel()[order], np.arange(rings + 1))

@@ -105,6 +105,8 @@ def test_factors_are_read_and_applied(tmp_path: Path, text: str, factor: float) 
         ("ro=sqrt(2,3,4)*ri(1);go=gi(1);bo=bi(1)", "sqrt of 3"),
         ("ro=__import__(1)*ri(1);go=gi(1);bo=bi(1)", "not known"),
         ("ro=ri(1)if 1else 2;go=gi(1);bo=bi(1)", "invalid"),
+        ("ro=ri(1,n=2);go=gi(1);bo=bi(1)", "not Radiance's"),
+        ("ro=ri(1)*[2];go=gi(1);bo=bi(1)", "not Radiance's"),
         ("a=b;b=a;ro=a*ri(1);go=gi(1);bo=bi(1)", "recursion"),
         ("ro=ri(1)*" + "(" * 5000 + "1" + ")" * 5000 + ";go=gi(1);bo=bi(1)", "nested"),
         (
@@ -120,6 +122,12 @@ def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path, text: st
     with pytest.raises(PictureFileError, match=reason) as caught:
         read_cal(written(tmp_path, text))
     assert caught.value.where == "some.cal"
+
+
+def test_the_page_shows_a_file_that_is_read(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs/reference/light-figures.md").read_text("utf-8")
+    found = along(tmp_path, next(part for part in page.split("```") if "ro = ri(1) /" in part))
+    np.testing.assert_allclose(found, 1 / (1 + 0.1466 * R**2 - 0.4 * R**4), rtol=1e-5)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

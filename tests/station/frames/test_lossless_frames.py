@@ -18,7 +18,7 @@ from station.errors import FrameRejectedError
 from station.frames.check import FrameChecker
 from station.session.session import Side
 from station.session.store import load_manifest
-from tests.station.frames.pictures import exif, jpeg, pixels
+from tests.station.frames.pictures import exif, jpeg, pixels, scene
 
 STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250)
 
@@ -130,6 +130,24 @@ def test_sixteen_bits_are_merged_at_eight_and_said_so(
         image = read_exr(Path(answer["session"]) / "stages" / "merge" / "indoor.exr")
         merged.append(image.rgb)
     np.testing.assert_array_equal(*merged)
+
+
+def test_sixteen_bits_that_are_light_itself_have_a_straight_line_for_a_curve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room, light = tmp_path / "linear", scene()
+    room.mkdir()
+    for i, time_s in enumerate(STOPS_S):
+        saved = np.rint(65535 * np.clip(light * time_s, 0, 1)).astype(np.uint16)
+        assert cv2.imwrite(str(room / f"{i}.tif"), saved[..., ::-1])
+    _, answer = invoke(
+        capsys, *("import", "developed", "--indoor", str(room), "--into", str(tmp_path / "s"), "--shutter"),
+        "4,1,1/4,1/15,1/60,1/250",
+    )  # fmt: skip
+    assert daylit.main(["process", answer["session"], "--until", "merge"]) in (0, None)
+    image = read_exr(Path(answer["session"]) / "stages" / "merge" / "indoor.exr")
+    off = np.log2(image.rgb / light)[image.validity == 0]
+    assert np.quantile(np.abs(off - np.median(off)), 0.95) < 0.05
 
 
 @pytest.mark.parametrize("ending", [".png", ".tif"])
