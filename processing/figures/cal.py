@@ -131,15 +131,22 @@ class CalFile:
         return np.stack(np.broadcast_arrays(*channels, across + up)[:3]), run
 
 
+def text_of(path: Path) -> str:
+    """Return the text of a small file of another program; `PictureFileError` where it cannot be read."""
+    try:
+        return path.read_text("utf-8-sig", errors="replace")[:MOST_CHARACTERS]
+    except OSError as error:
+        raise PictureFileError(f"cannot be read ({error.strerror})", where=path.name) from error
+
+
 def read_cal(path: Path) -> CalFile:
     """Read a file that multiplies each channel by factors above 0, the same everywhere or those of a lens's fall-off.
 
     Raises `PictureFileError` for a file that does anything else, with what that is.
     """
+    text = text_of(path)
     try:
-        return _checked(CalFile(_definitions(path.read_text("utf-8-sig", errors="replace")[:MOST_CHARACTERS])))
-    except OSError as error:
-        raise PictureFileError(f"cannot be read ({error.strerror})", where=path.name) from error
+        return _checked(CalFile(_definitions(text)))
     except (ValueError, SyntaxError, RecursionError, MemoryError) as error:
         what, advice = f"cannot be applied as pcomb does: {error}", "ro, go and bo: ri(1), gi(1) and bi(1) by factors"
         raise PictureFileError(what, where=path.name, advice=advice) from error

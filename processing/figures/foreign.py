@@ -21,7 +21,7 @@ from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminances_lx, luminance_map
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
-from processing.figures.cal import CalFile
+from processing.figures.cal import CalFile, text_of
 from processing.figures.glare import with_uncertainty
 from processing.ground.arrays import Doubles
 from processing.ground.colour import LUMINANCE_WEIGHTS
@@ -47,20 +47,13 @@ _TIED = slice(30, 221)  # codes over which our curve and hdrgen's have the same 
 def read_rsp(path: Path) -> Doubles:
     """Return log2 exposure, of shape (3, 256), of hdrgen's response polynomials; 0 at code 255."""
     try:
-        rows = [[float(v) for v in line.split()[1:]] for line in _text(path).splitlines() if line.strip()]
+        rows = [[float(v) for v in line.split()[1:]] for line in text_of(path).splitlines() if line.strip()]
         found = np.log2(np.maximum([np.polyval(row, np.arange(256) / 255) for row in rows], 1e-6))
     except ValueError:
         found = np.zeros((0, 256))
     if found.shape != (3, 256) or not np.isfinite(found).all():
         raise PictureFileError("is no response of hdrgen", where=path.name, advice="three lines: order, coefficients")
     return np.asarray(found - found[:, 255:])
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text("ascii", errors="replace")[:100_000]
-    except OSError as error:
-        raise PictureFileError(f"cannot be read ({error.strerror})", where=path.name) from error
 
 
 def view_geometry(view: str, width: int, height: int) -> Fisheye | Equirectangular:
@@ -172,9 +165,7 @@ def picture_of(path: Path, view: str | None) -> LuminanceImage:
         rgb, white = image
         return _plain(rgb * np.float32(white or 1.0), None, view, path, absolute=white is not None)
     if isinstance(image, RelativeImage):
-        image = LuminanceImage(
-            image.rgb, image.uncertainty, image.validity, image.geometry, 0.0, None, image.attributes, absolute=False
-        )
+        image = LuminanceImage(**vars(image), scale_uncertainty=0.0, absolute=False)
     height, width = image.validity.shape
     return image if view is None else replace(image, geometry=view_geometry(view, width, height))
 

@@ -104,13 +104,11 @@ class LosslessFrame:
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Decode whole, then reduce. The result is (H, W, 3), uint8 or uint16 as the frame has it."""
         pixels = _reduced(_lossless_pixels(self.path, self.name), reduce)
-        import cv2
+        if 8 * pixels.itemsize > self.depth_bits:
+            import cv2
 
-        return (
-            pixels
-            if 8 * pixels.itemsize == self.depth_bits
-            else _contiguous(cv2.convertScaleAbs(pixels, alpha=1 / 257))
-        )
+            pixels = _contiguous(cv2.convertScaleAbs(pixels, alpha=1 / 257))
+        return pixels
 
 
 @dataclass(frozen=True)

@@ -255,8 +255,7 @@ def _own(image: RelativeImage | LuminanceImage, path: Path) -> GivenPanorama:
             f"it is a {type(image.geometry).__name__.lower()} picture", where=path.name, advice="give the panorama"
         )
     if isinstance(image, RelativeImage):
-        parts = (image.rgb, image.uncertainty, image.validity, image.geometry)
-        image = LuminanceImage(*parts, 0.0, image.ghost, image.attributes, absolute=False)
+        image = LuminanceImage(**vars(image), scale_uncertainty=0.0, absolute=False)
     units = "cd/m2" if image.absolute else "relative"
     return GivenPanorama(image, f"daylit's picture, {units}", 1.0, _share(image.validity == Validity.CLIPPED))
 

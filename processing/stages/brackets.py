@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -142,21 +143,13 @@ def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     """
     width_px, height_px = bracket.size_px
     if bracket.side is Side.INDOOR and abs(width_px / height_px - 2) > 0.1:  # chosen: far more than lost rows
-        _refuse_circle(bracket)
+        with suppress(LensError):  # no circle is seen
+            find_image_circle([frame.decode(coarse(bracket.frames)) for frame in bracket.frames])
+            what = "the indoor frames show a fisheye's circle, and rooms are taken from whole panoramas"
+            advice = "of a camera at the eye: daylit figures SESSION/indoor --view fisheye,equisolid,180"
+            raise BracketError(what, where=bracket.records[0].file, advice=f"{advice}; of a sky: import --outdoor")
     if bracket.side is Side.INDOOR or (width_px == 2 * height_px and is_panorama_camera(bracket.device)):
         return Equirectangular(width_px, height_px)
     circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)
     return Fisheye(width_px, height_px, LensMapping.EQUIDISTANT, circle[2] * width_px, centre_px=centre_px)
-
-
-def _refuse_circle(bracket: SideBracket) -> None:
-    try:
-        find_image_circle([frame.decode(coarse(bracket.frames)) for frame in bracket.frames])
-    except LensError:
-        return
-    raise BracketError(
-        "the indoor frames show a fisheye's circle, and rooms are taken from whole panoramas",
-        where=bracket.records[0].file,
-        advice="a camera at the eye: daylit figures SESSION/indoor --view fisheye,equisolid,180; a sky: --outdoor",
-    )
