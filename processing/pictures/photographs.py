@@ -100,15 +100,3 @@ def _rgb(image: Image, path: Path) -> tuple[Codes, tuple[str, ...], bool]:
         refuse_alpha(whole[..., 3], path.name)
         return np.ascontiguousarray(whole[..., :3]), (), False
     return np.asarray(image.convert("RGB"), np.uint8), (), False
-
-
-def _check_size(image: Image, path: Path) -> None:
-    width, height = image.size
-    if width * height > MAX_PIXELS:
-        text = f"its header says {width} x {height} pixels; a picture has at most {MAX_PIXELS:,}"
-        raise PictureFileError(text, where=path.name, likely="damage")
-
-
-def _damaged(path: Path, what: str) -> PictureFileError:
-    text = f"it is damaged or not what its name says: {what}"
-    return PictureFileError(text, where=path.name, advice="take the file from its source again, or save it anew as PNG")
