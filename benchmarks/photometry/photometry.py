@@ -13,7 +13,10 @@ first room with the exposures that `daylit capture --noise 3` adds; ``noise_stat
 
 from __future__ import annotations
 
+import json
 import statistics
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -113,7 +116,32 @@ def _canon(*, quick: bool, notes: list[str]) -> dict[str, float]:
     except FileNotFoundError as error:
         notes.append(f"the real bracket was not measured: {error}")
         return {}
-    return _numbers(found)
+    return _numbers(found) | _canon_by_command(_canon_real.FOLDER, _canon_real.PUBLISHED_LUX)
+
+
+def _canon_by_command(folder: Path, published_lux: float) -> dict[str, float]:
+    """Return the real bracket's errors by the documented commands: by its owners' factor file, and without a scale."""
+    found = {}
+    cal, curve = folder / "calibration_files", folder / "response_function_files" / "Response_function.rsp"
+    scaled = ("--response", curve, "--cal", cal / "CF_f5d6.cal")
+    for key, more in (("canon_lux", scaled), ("canon_unscaled_lux", ())):
+        asked = (
+            "figures",
+            folder,
+            "--view",
+            "fisheye,equisolid,180",
+            "--cal",
+            cal / "vignetting_f5d6.cal",
+            *more,
+            "--json",
+        )
+        said = subprocess.run(
+            (sys.executable, "-m", "daylit", *map(str, asked)), capture_output=True, check=True, text=True
+        )
+        value, doubt = json.loads(said.stdout)["figures"]["illuminance_lx"].values()
+        found[f"{key}_err_pct"] = 100 * (value / published_lux - 1)
+        found[f"{key}_sigmas"] = (value - published_lux) / doubt
+    return found
 
 
 def _numbers(found: Any) -> dict[str, float]:

@@ -8,7 +8,7 @@ process and its children, memory the most that they held together, disk what the
 ``draft_moved_m``: furthest that a piece stands from where the standard run put it, of pieces that both placed.
 ``first_use_extra_cpu_s``: small, with no compiled kernels against with; ``first_use_wheel_extra_cpu_s``: with no more
 than a wheel brings. ``growth_exponent``: of CPU, from half to full
-size (quick: small to quarter) by pixels.
+size (quick: small to quarter) by pixels. ``zenith_*``: the demo's blue sky against the world's.
 
 A full run takes some ten minutes of two idle cores, most of it `demo_wall_s`, whose session the other figures are of. A
 quick run keeps its sessions, and takes the reruns and the draft of the small one.
@@ -28,6 +28,7 @@ from typing import Any
 
 from benchmarks.memory import MemoryWatch
 from benchmarks.paired import cost_of
+from benchmarks.photometry.zenith import zenith_errors
 from mocks.optics.picture_cache import default_folder
 from processing.commands.demo import GENERATED
 from studio.build import compile_kernels
@@ -63,6 +64,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             found |= {f"{size}_{key}": round(value, 2) for key, value in spent.items()}
             found[f"{size}_disk_mb"] = round(megabytes(session / "stages"), 1)
             notes += [f"{size} {line}" for line in stage_lines(session)]
+        found |= {key: round(value, 2) for key, value in zenith_errors(sessions[larger], WORLD).items()}
         judged = sessions[smaller if quick else larger]
         found |= draft(judged, profile, folder / "draft", **kernels)
         found |= reruns(judged, fresh(captured(kept, "small", SUNLESS), folder / "sunless"), profile, **kernels)

@@ -54,7 +54,7 @@ KEYS = {
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
     "late_partner_lost clock_cases clock_lost",
     "pipeline": "quarter_cpu_s quarter_peak_mb quarter_disk_mb rerun_s rerun_unneeded_cpu_s draft_cpu_s draft_moved_m "
-    "one_more_cpu_s first_use_extra_cpu_s first_use_wheel_extra_cpu_s growth_exponent",
+    "one_more_cpu_s first_use_extra_cpu_s first_use_wheel_extra_cpu_s growth_exponent zenith_colour_err_pct",
 }
 NEEDS = {
     "room": "panoramas/zind",
