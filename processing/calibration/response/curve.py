@@ -20,6 +20,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Flags, Rgb
 
 T = TypeVar("T", int, float)
+MOST_BLACK = 0.5  # of full scale; chosen: sensors have below 0.1, and noise may take it a little below 0
 
 
 def three(values: Sequence[T]) -> tuple[T, T, T]:
@@ -85,12 +86,14 @@ class NoiseModel:
     read: Rgb
     code_variance: Rgb = (1 / 12, 1 / 12, 1 / 12)
     black: Rgb = (0.0, 0.0, 0.0)
-    """Of full scale: what linear frames show of no light."""
+    """Of full scale, within half of it: what linear frames show of no light."""
 
     def __post_init__(self) -> None:
         every = [float(value) for part in (self.photon, self.read, self.code_variance) for value in part]
         if not all(math.isfinite(value) and value >= 0 for value in every):
             raise ParameterError(f"noise is finite and not negative, not {every}", likely="a damaged profile")
+        if not all(abs(value) < MOST_BLACK for value in self.black):
+            raise ParameterError(f"a black level is a share of full scale below {MOST_BLACK}, not {self.black}")
 
     def relative_variance(self, curve: ResponseCurve) -> Doubles:
         """Return var(x) / x2 for each code, of shape (3, N): what the merge weighs by."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.calibration.response.curve import NoiseModel, three
-from processing.errors import ResponseError
+from processing.calibration.response.curve import MOST_BLACK, NoiseModel, three
+from processing.errors import ParameterError, ResponseError
 from processing.ground.arrays import Doubles, UInt16s
 from processing.pictures.mosaic import FULL
 
@@ -42,8 +42,15 @@ class LinearFit:
 def fit_linear(frames: Sequence[UInt16s], times_s: Sequence[float], black: float = 0.0) -> LinearFit:
     """Return what frames (H, W, 3) of times (s) in any order show; ``black``: of full scale, where to begin.
 
-    Raises `ResponseError`: fewer than two frames that show the same light.
+    Raises `ResponseError`: fewer than two frames that show the same light; `ParameterError`: times that are not
+    above 0 s, one a frame.
     """
+    if len(times_s) != len(frames) or not all(0 < time_s < math.inf for time_s in times_s):
+        raise ParameterError(
+            f"each of {len(frames)} frames has a time above 0 s, not {list(times_s)}", where="response"
+        )
+    if len(frames) < 2:
+        raise ResponseError(f"{len(frames)} frames show no response", where="response", advice="give two or more")
     order = np.argsort(-np.asarray(times_s), kind="stable")
     height, width = frames[0].shape[:2]
     # Odd, so that all wells of a mosaic's cell have their turn.
@@ -56,7 +63,7 @@ def fit_linear(frames: Sequence[UInt16s], times_s: Sequence[float], black: float
         for k in range(len(slopes)):
             slopes[k], doubt[k] = _slope(seen[k] - level, seen[k + 1] - level, slopes[k])
         level = _black(seen, slopes, level)
-    if not np.isfinite(doubt).any():
+    if not (np.isfinite(doubt).any() and np.all(np.abs(level) < MOST_BLACK)):
         raise ResponseError("no two frames show the same light", advice="give frames at most six stops apart")
     log2, sigma, warnings = _times(given, slopes, doubt)
     photon, read = zip(*(_noise(seen[..., c] - level[c], slopes) for c in range(3)), strict=True)

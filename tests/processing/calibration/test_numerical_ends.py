@@ -41,6 +41,35 @@ def test_noise_that_cannot_be_is_refused(part: str, value: float) -> None:
         replace(NOISE, **{part: (value, 1e-4, 1e-4)})
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0, 0.5, 2.0])
+def test_a_black_level_that_cannot_be_is_refused(value: float) -> None:
+    with pytest.raises(ParameterError, match="black level"):
+        replace(NOISE, black=(0.01, value, 0.01))
+    assert replace(NOISE, black=(-1e-4, 0.03, 0.0)).black == (-1e-4, 0.03, 0.0)
+
+
+@pytest.mark.parametrize("time_s", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("place", [0, 2])
+def test_linear_frames_of_times_that_cannot_be_are_refused(place: int, time_s: float) -> None:
+    light = np.random.default_rng(2).uniform(0, 60_000, (60, 90, 3))
+    times_s = [1.0, 0.25, 0.0625]
+    frames = [(light * t + 512).astype(np.uint16) for t in times_s]
+    times_s[place] = time_s
+    with pytest.raises(ParameterError, match="time above 0 s"):
+        fit_linear(frames, times_s)
+    with pytest.raises(ParameterError, match="time above 0 s"):
+        fit_linear(frames, times_s[:2])
+
+
+def test_no_linear_frame_is_refused_and_so_are_frames_that_are_bright_where_the_longer_is_dark() -> None:
+    with pytest.raises(ResponseError, match="0 frames"):
+        fit_linear([], [])
+    light = np.random.default_rng(2).uniform(0, 60_000, (60, 90, 3))
+    turned_on = [np.where(light < 10_000, 100 if t == 1 else 60_000, light * t).astype(np.uint16) for t in (1, 0.25)]
+    with pytest.raises(ResponseError, match="same light"):
+        fit_linear(turned_on, (1.0, 0.25))
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
 def test_a_curve_whose_uncertainty_cannot_be_is_refused(value: float) -> None:
     curve = true_curve()
