@@ -44,12 +44,11 @@ class Lens(Protocol):
 class EquirectangularLens:
     """A stitched panorama of two fisheyes that look along y and -y; the middle column sees ``yaw_rad`` from y.
 
-    ``vignetting`` are coefficients of r, r2, r3 with r from 0 on each fisheye's axis to 1 at the stitch
-    (equisolid image height); the default is a published measurement of a Theta Z1.
+    ``vignetting``: see `_pupil`; the default is a copy within 1.2 % of a published measurement of a Theta Z1.
     """
 
     yaw_rad: float = 0.0
-    vignetting: tuple[float, ...] = (-0.0139, 0.0506, -0.1349)
+    vignetting: tuple[float, ...] = (0.21, 0.9, 0.08)
 
     def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Flags]:
         """Return directions (broadcast shape, 3); every point sees."""
@@ -90,8 +89,8 @@ class EquirectangularLens:
         """Return the fall-off (broadcast shape, 0..1) of whichever fisheye sees the point."""
         longitude = (np.asarray(x, np.float32) / size[0] - 0.5) * np.float32(2 * math.pi)
         latitude = (0.5 - np.asarray(y, np.float32) / size[1]) * np.float32(math.pi)
-        r = np.sqrt(np.maximum(1 - np.abs(np.cos(latitude) * np.cos(longitude)), 0))
-        return np.asarray(_polynomial(r, self.vignetting), dtype=np.float32)
+        theta_rad = np.arccos(np.minimum(np.abs(np.cos(latitude) * np.cos(longitude)), np.float32(1)))
+        return np.asarray(_pupil(theta_rad, self.vignetting), dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -99,16 +98,15 @@ class EquisolidFisheye:
     """A fisheye with image height r = 2 f sin(theta / 2), looking at the zenith.
 
     ``top_azimuth_rad`` is the azimuth (from y towards x) at the picture's upper edge; seen from below the sky,
-    what lies to the right of north on a map lies to the left. ``vignetting`` are coefficients of r2, r4, r6, r8
-    with r from 0 in the middle to 1 at the edge of the field; for f/16 none is published, so the default
-    continues the trend of a measured lens from f/5.6 to f/11.
+    what lies to the right of north on a map lies to the left. ``vignetting``: see `_pupil`; for f/16 none is
+    published, so the default continues the trend of a measured lens from f/5.6 to f/11.
     """
 
     focal_length_mm: float = 8.0
     sensor_width_mm: float = 36.0
     half_field_rad: float = math.pi / 2
     top_azimuth_rad: float = 0.0
-    vignetting: tuple[float, ...] = (0.11, -0.92, 1.38, -0.82)
+    vignetting: tuple[float, ...] = (0.22, 0.85, 0.36)
 
     def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Flags]:
         """Return directions (broadcast shape, 3); points outside the image circle see nothing: theirs is the zenith."""
@@ -162,8 +160,9 @@ class EquisolidFisheye:
     def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
         """Return the fall-off (broadcast shape, 0..1), 0 outside the field."""
         _, _, r2 = self._plane(x, y, size)
-        r2 = r2 / (2 * self._focal_px(size) * math.sin(self.half_field_rad / 2)) ** 2
-        return np.where(r2 <= 1, _polynomial(np.minimum(r2, 1), self.vignetting), 0).astype(np.float32)
+        s2 = r2 / (2 * self._focal_px(size)) ** 2
+        kept = _pupil(2 * np.arcsin(np.sqrt(np.minimum(s2, 1))), self.vignetting)
+        return np.where(s2 <= math.sin(self.half_field_rad / 2) ** 2, kept, 0).astype(np.float32)
 
     def _focal_px(self, size: Size) -> float:
         return self.focal_length_mm / self.sensor_width_mm * size[0]
@@ -222,9 +221,13 @@ class TwoFisheyes:
         return np.concatenate(halves, axis=1)
 
 
-def _polynomial(r: Floats | Doubles, coefficients: tuple[float, ...]) -> Floats | Doubles:
-    """Return 1 + c1 r + c2 r2 + ..."""
-    total = np.zeros_like(r)
-    for coefficient in reversed(coefficients):
-        total = (total + coefficient) * r
-    return 1 + total
+def _pupil(theta_rad: Floats | Doubles, vignetting: tuple[float, ...]) -> Floats | Doubles:
+    """Return the light kept at angles from the axis; ``vignetting`` (): all of it.
+
+    The pupil turns away by a share of the angle (1st number), and beyond a knee (2nd, rad) the mount cuts it, by a loss
+    a squared radian (3rd). It is no polynomial of the image height, as which fall-off is published and fitted.
+    """
+    if not vignetting:
+        return np.ones_like(theta_rad)
+    turn, knee_rad, loss = vignetting
+    return np.cos(turn * theta_rad) * (1 - loss * np.maximum(theta_rad - knee_rad, 0) ** 2)

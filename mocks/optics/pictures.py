@@ -25,7 +25,7 @@ from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World, mean_weights
 
 # Raise when rendering changes, so that old pictures are not served.
-_RENDER_VERSION = 7
+_RENDER_VERSION = 8
 # Below this many pixels a worker process costs more than it saves.
 _POOL_FROM_PX = 3_000_000
 _RAW_WIDTH_PX = 702  # chosen: raw files small enough for a test

@@ -99,7 +99,8 @@ def test_sun_reaches_the_image_through_filter_and_falloff():
     direction, size = direction_of(0.8, math.radians(40)), (702, 468)
     image = image_rows(Sun().at(direction), CANON_5D2, size, range(size[1])).astype(float)
     flux = image.sum(axis=(0, 1)) * (36.0 / (8.0 * size[0])) ** 2
-    radius = math.sqrt(2) * math.sin(math.radians(50) / 2)
-    falloff = 1 + sum(c * radius ** (2 * k) for k, c in enumerate(CANON_5D2.lens.vignetting, 1))
+    turn, knee_rad, loss = CANON_5D2.lens.vignetting
+    theta_rad = math.radians(50)
+    falloff = math.cos(turn * theta_rad) * (1 - loss * max(theta_rad - knee_rad, 0) ** 2)
     sun = np.array([1.1e9, 1e9, 0.9e9]) * 2 * math.pi * (1 - math.cos(math.radians(0.265)))
     np.testing.assert_allclose(flux, sun @ np.array(ND3_TINT) * 1e-3 * falloff, rtol=0.005)

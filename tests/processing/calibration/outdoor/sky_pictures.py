@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -14,16 +16,20 @@ from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, outdoor_view
-from processing.calibration.scale.vignetting import Vignetting
+from processing.calibration.scale.vignetting import fit_flat
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.sphere import Geometry, LensMapping
 
 
+@cache
 def optics_of(width: int) -> OutdoorOptics:
-    """Return the simulated camera's true optics for pictures of a width."""
+    """Return the simulated camera's optics for pictures of a width; the fall-off as a flat field shows it."""
     circle = ImageCircle((width / 2, width / 3), width * 16 / 36 * math.sin(math.pi / 4), (width, width * 2 // 3))
     lens = LensModel(LensMapping.EQUISOLID, circle)
-    return OutdoorOptics(lens, Vignetting((2, 4, 6, 8), (0.11, -0.92, 1.38, -0.82)), NdFilter(ND3_TINT, 3.0))
+    x, y = np.arange(width) + 0.5, np.arange(width * 2 // 3)[:, None] + 0.5
+    flat = np.repeat(CANON_5D2.lens.falloff(x, y, (width, width * 2 // 3))[..., None], 3, axis=-1)
+    falloff = replace(fit_flat([flat], lens.fisheye(), powers=(2, 4, 6, 8)).vignetting, relative_uncertainty=0.0)
+    return OutdoorOptics(lens, falloff, NdFilter(ND3_TINT, 3.0))
 
 
 def sky_picture(sky: SimpleSky, width: int, *, clip: float | None = None) -> RelativeImage:
