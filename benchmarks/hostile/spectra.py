@@ -153,7 +153,7 @@ def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float, f
     theta, rays = copy.directions()
     lens = LensModel(LensMapping.EQUISOLID, ImageCircle(copy.centre, copy.radius, (SKY_PX, SKY_PX)))
     flat = copy.falloff(theta)[..., None] * np.ones(3)
-    falloff = fit_flat([flat.astype(np.float32)], lens.fisheye(), powers=FLAT_POWERS).vignetting
+    falloff = fit_flat([flat.astype(np.float32)], lens.fisheye(), powers=FLAT_POWERS)
     # The room: a white board in daylight, read by the meter.
     board = 0.9 * data.sun(rng.uniform(4500, 7500)) * (1 - 0.05 * np.abs(bow)) * 100
     reading = float(board @ meter) * (1 + METER_SIGMA * rng.standard_normal())

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from processing.calibration.outdoor.session_sky import FROM_LUX, LUX_METER_UNCERTAINTY
 from processing.calibration.scale.photometry import UP, illuminance_lx, luminance_map
 from processing.ground.tables import table_of
 from processing.pictures.images import LuminanceImage, Validity
@@ -42,8 +43,11 @@ def certificate(
         parts = {"k1" if name == "given" else name: float(value) for name, value in parts.items()}
         if side == "outdoor":
             sky = calibration["outdoor"]
-            name = "lux meter" if sky["k2_source"] == "from --outdoor-lux" else "k2"
-            parts[name] = sky.get("k2_relative_uncertainty", 0.0)
+            parts["k2"] = sky.get("k2_relative_uncertainty", 0.0)
+            if moved := sky.get("repeat_drift_frac"):
+                parts["drift"] = math.hypot(parts.get("drift", 0.0), moved / math.sqrt(12))
+            if sky["k2_source"] == FROM_LUX:  # k1 is in k2 to cancel
+                parts = {"lux meter": LUX_METER_UNCERTAINTY}
         budgets.append(_budget(f"{side}, illuminance on a level plane", image, parts))
         indices += _indices(side, image, merged.get(side, {}), facts)
     indices += [{"index": name, "value": None, "why": why} for name, why in NOT_DETERMINED.items()]
@@ -56,11 +60,12 @@ def _budget(name: str, image: LuminanceImage, scale: Mapping[str, float]) -> dic
     weights = projected_solid_angles(image.geometry, UP) * (image.validity == Validity.VALID)
     rows = dict(scale)
     # What the picture's scale holds beyond the parts that were stated.
-    rest = image.scale_uncertainty**2 - sum(part**2 for part in scale.values())
+    rest = (found.scale_lx / value) ** 2 - sum(part**2 for part in scale.values())
     if rest > (0.1 * image.scale_uncertainty) ** 2:
         rows["scale, other"] = math.sqrt(rest)
-    rows |= {"noise": found.pixels_lx / value, "clipped and dark": found.doubtful_lx / value}
-    rows |= {cause: off / value for cause, off in shared_errors(image, weights).items()}
+    if found.uncertainty_lx > found.scale_lx:  # no reading of this very light
+        rows |= {"noise": found.pixels_lx / value, "clipped and dark": found.doubtful_lx / value}
+        rows |= {cause: off / value for cause, off in shared_errors(image, weights).items()}
     rows["rectification"] = RECTIFICATION
     combined = math.hypot(*rows.values())
     lines = [
@@ -84,12 +89,14 @@ def _indices(
 ) -> list[dict[str, Any]]:
     offsets = [2.0 ** float(stops) - 1 for stops in merged.get("offset_stops", [])]
     steps = [abs((1 + b) / (1 + a) - 1) for a, b in pairwise(offsets)]
+    drift = facts.get("meter_drift_frac")
+    drift = facts.get("repeat_drift_frac") if drift is None else drift
     found = [
         ("f3 (linearity)", max(map(abs, offsets), default=None), "", "largest deviation of a frame from all together"),
         ("f11 (change of range)", max(steps, default=None), "", "largest difference of neighbouring frames"),
         ("repeatability", _repeatability(image), "", "median uncertainty of the brighter half of the valid pixels"),
         ("limit of detection", _detection_limit(image), image.unit, "luminance of three standard deviations"),
-        ("stability", facts.get("meter_drift_frac"), "", "readings before and after the bracket"),
+        ("stability", drift, "", "readings before and after the bracket, or a stop repeated after it"),
         ("spectral mismatch", facts.get("spectral_mismatch"), "", "coloured patches of the rig's chart, rms (not f1')"),
     ]
     return [

@@ -20,6 +20,7 @@ from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminances_lx, luminance_map
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
+from processing.calibration.scale.vignetting import COPY_SIGMA
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
 from processing.figures.cal import CalFile, text_of
 from processing.figures.glare import with_uncertainty
@@ -40,7 +41,6 @@ SATURATION = (78 / 0.65, 0.13, "exposure settings, ISO 12232's saturation")
 """The same: 78 lx s over the speed saturate, with 0.65 L t / N2 on the sensor (ISO 12232); makers' speeds are within a
 third of a stop, taken as even (GUM 4.3.7)."""
 ENOUGH_PX = 900  # across: as evalglare's usual pictures; frames are reduced to no less
-FALLOFF_SIGMA = 0.01  # of a published fall-off at the rim, for another copy of the lens; chosen
 _TIED = slice(30, 221)  # codes over which our curve and hdrgen's have the same mean; chosen: clear of both ends
 
 
@@ -78,7 +78,7 @@ def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:
         factors = (
             one.factors(image.geometry) if isinstance(image.geometry, Fisheye) else np.array(one.gains, np.float32)
         )
-        rgb, modes = image.rgb * factors, [falloff_mode(FALLOFF_SIGMA)] if one.varies else []
+        rgb, modes = image.rgb * factors, [falloff_mode(COPY_SIGMA)] if one.varies else []
         octaves = math.log2(float(np.dot(one.gains, LUMINANCE_WEIGHTS)))
         moved = with_modes(image.attributes, [mode.moved(octaves) for mode in modes_of(image)])
         image = widened(replace(image, rgb=np.asarray(rgb, np.float32), attributes=moved), modes)

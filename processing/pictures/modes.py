@@ -51,9 +51,16 @@ class SharedMode:
             return replace(self, values=tuple(2**octaves * value for value in self.values))
         if self.kind != "level":
             return self
-        places = tuple(place + octaves for place in self.places)
-        known = 0.0 if anchor is None else float(np.interp(anchor, places, self.values))
-        return replace(self, places=places, values=tuple(value - known for value in self.values))
+        moved = replace(self, places=tuple(place + octaves for place in self.places))
+        return moved if anchor is None else moved.less(float(np.interp(anchor, moved.places, self.values)))
+
+    def less(self, known: float) -> SharedMode:
+        """Return the mode less its relative error where the picture's scale was measured: that light is known."""
+        if self.kind == "scatter":
+            return replace(self, places=(*self.places[:2], self.places[2] + known))
+        if self.kind == "colour":
+            return replace(self, places=(self.places[0] + known / self.values[0],))
+        return replace(self, values=tuple(value - known for value in self.values))
 
     def of_levels(self, luminance: Floats) -> Floats:
         """Return the relative error of pixels by their luminance (any shape, the same shape comes back)."""
@@ -92,7 +99,19 @@ def widened(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImag
     u2 = np.square(image.uncertainty)
     for mode in modes:
         u2 += np.square(relative_error(mode, image, luminance))
-    return replace(image, uncertainty=np.sqrt(u2), attributes=with_modes(image.attributes, [*modes_of(image), *modes]))
+    return carrying(replace(image, uncertainty=np.sqrt(u2)), modes)
+
+
+def carrying(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImage:
+    """Return the picture with further modes, which each pixel's uncertainty includes already."""
+    return replace(image, attributes=with_modes(image.attributes, [*modes_of(image), *modes]))
+
+
+def less_by_sum(modes: Sequence[SharedMode], image: LuminanceImage, weights: Doubles) -> list[SharedMode]:
+    """Return modes less what they add to ``sum(weights * luminance)``, by which a picture was scaled; (H, W) both."""
+    luminance = luminance_cd_m2(image.rgb)
+    parts = weights * luminance / np.vdot(weights, luminance)
+    return [mode.less(float(np.vdot(parts, relative_error(mode, image, luminance)))) for mode in modes]
 
 
 def modes_of(image: RelativeImage | LuminanceImage) -> tuple[SharedMode, ...]:
@@ -201,6 +220,14 @@ def seam_mode(measured_rad: float | None, sigma: float = SEAM_SIGMA) -> SharedMo
     return SharedMode("stitching", "seam", (-0.1, 0.1), (-sigma - own, sigma - own))
 
 
-def falloff_mode(sigma: float) -> SharedMode:
-    """Return the mode of a lens's fall-off; ``sigma``: relative, at 90 degrees from the axis."""
-    return SharedMode("fall-off", "axis", (0.0, 1.0), (0.0, sigma))
+def falloff_mode(sigma: float, measured_cos: float | None = None) -> SharedMode:
+    """Return the mode of a lens's fall-off; ``sigma``: relative, at 90 degrees from the axis.
+
+    ``measured_cos``: of a panorama of two lenses that look ahead and back, the cosine to their axis of what set the
+    scale, where the fall-off is known.
+    """
+    if measured_cos is None:
+        return SharedMode("fall-off", "axis", (0.0, 1.0), (0.0, sigma))
+    places = np.linspace(-1, 1, 33)
+    values = sigma * (np.sqrt(1 - places**2) - math.sqrt(1 - measured_cos**2))
+    return SharedMode("fall-off", "seam", tuple(places.tolist()), tuple(values.tolist()))

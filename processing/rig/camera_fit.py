@@ -120,7 +120,6 @@ def outdoor_lens(side: SessionSide, frames: Sequence[Bytes], half_field_rad: flo
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _LEAST_DENSITY = 0.05  # of a filter that sessions with and without it show; chosen: the weakest made is ND 0.15
-_FLAT_POWERS = (2, 4, 6, 8)  # as in the published fall-offs of the 8 mm fisheye: with fewer the middle is off by 1 %
 _CLEAR_RATIO = 0.8  # of the residuals of two rules: nearer to 1 the frames do not distinguish them
 
 
@@ -214,9 +213,8 @@ def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFi
     pictures = [camera.merged(flat) for flat in flats]
     geometry = camera.lens.fisheye(flats[0].size_px)
     assert isinstance(geometry, Fisheye)
-    found = fit_flat([picture.rgb for picture in pictures], geometry, powers=_FLAT_POWERS)
-    f_number = flats[0].state.f_number
-    return replace(camera, vignetting=replace(found.vignetting, f_number=f_number))
+    found = fit_flat([picture.rgb for picture in pictures], geometry)
+    return replace(camera, vignetting=replace(found, f_number=flats[0].state.f_number))
 
 
 def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) -> CameraFit:

@@ -19,7 +19,7 @@ from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, seam_mode, widened
+from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, carrying, falloff_mode, seam_mode, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.sphere import Equirectangular
 from processing.stages.brackets import is_panorama_camera
@@ -39,14 +39,13 @@ def run(context: StageContext) -> StageOutput:
     profile = None if asked.calibration is None else load_profile(asked.calibration)
     left_out: dict[str, str] = {}
     room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
-    indoor: Calibrated | None = None
+    sides: dict[str, Calibrated] = {}
     if room is None:
         left_out["indoor"] = _without_room(asked)
     else:
-        indoor, room = calibrate_indoor(room, context.session, asked, profile), None
+        sides["indoor"], room = calibrate_indoor(room, context.session, asked, profile), None
     context.let_go()
-    k1 = indoor.scale if indoor else given_scale("k1", asked.k1 or 1.0)
-    outdoor: Calibrated | None = None
+    k1 = sides["indoor"].scale if sides else given_scale("k1", asked.k1 or 1.0)
     if sky is None:
         left_out["outdoor"] = "the stage merge made no outdoor picture"
     elif reason := why_no_scale(context.session, asked, profile, sky):
@@ -54,21 +53,20 @@ def run(context: StageContext) -> StageOutput:
     else:
         context.progress(0.3, "outdoor chain")
         try:
-            outdoor = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(context))
+            sides["outdoor"] = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(context))
         except LensError as error:
             left_out["outdoor"] = str(error)
-    sides = {name: side for name, side in (("indoor", indoor), ("outdoor", outdoor)) if side is not None}
     if not sides:
         raise ScaleError(f"nothing can be scaled: {'; '.join(left_out.values())}", advice="give what is named")
     mismatches = chart_mismatches(profile, context.session)
     facts = {name: side.facts | {"spectral_mismatch": mismatches.get(Side(name))} for name, side in sides.items()}
     warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
     warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
-    if sky is not None and outdoor is None:
+    if sky is not None and "outdoor" not in sides:
         warnings.append(("outdoor", f"there is no outdoor picture in cd/m2: {left_out['outdoor']}"))
     return StageOutput(
         artifacts={name: side.image for name, side in sides.items()} | {"calibration": facts},
-        metrics={"k1": k1.value, "k1_relative_uncertainty": k1.relative_uncertainty} | _outdoor_metrics(outdoor),
+        metrics={"k1": k1.value, "k1_relative_uncertainty": k1.relative_uncertainty} | _outdoor_metrics(sides),
         warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
         left_out=left_out,
     )
@@ -90,10 +88,10 @@ def _responses(context: StageContext) -> dict[Side, ResponseRecord]:
     }
 
 
-def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:
-    if outdoor is None:
+def _outdoor_metrics(sides: dict[str, Calibrated]) -> dict[str, float]:
+    if "outdoor" not in sides:
         return {}
-    horizontal = outdoor.facts["illuminance_lx"]["up"]
+    horizontal = sides["outdoor"].facts["illuminance_lx"]["up"]
     return {"outdoor_lux": horizontal["value"], "outdoor_lux_uncertainty": horizontal["uncertainty"]}
 
 
@@ -189,6 +187,9 @@ def calibrate_indoor(
     level = scale.measured or None
     stray = kernel_modes(picture, kernel, measured=level) if kernel else unmeasured_modes(picture, spot)
     picture = widened(picture, [*stray, *seam])
+    if falloff and falloff.relative_uncertainty:
+        cosine = math.cos(spot[1]) * math.cos(spot[2]) if spot else 1.0
+        picture = carrying(picture, [falloff_mode(falloff.relative_uncertainty, cosine)])
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {
         "k1": scale.value,
@@ -199,6 +200,7 @@ def calibrate_indoor(
         "meter_cd_m2": scale.measured,
         "displayed": scale.displayed,
         "meter_drift_frac": scale.drift_frac,
+        "repeat_drift_frac": session.repeat_drift(Side.INDOOR) or None,
         "illuminance_lx": lux,
     }
     if kernel is not None:
@@ -228,7 +230,8 @@ def _scale(
         return given_scale("k1", asked.k1), {"source": "none: k1 given"}
     longitude, latitude, target = _target(image, session, asked)
     frames = [frame for frame in session.frames if frame.side is Side.INDOOR]
-    scale = scale_from_reading(image, session.readings, longitude, latitude, frames=frames)
+    drift = session.repeat_drift(Side.INDOOR)
+    scale = scale_from_reading(image, session.readings, longitude, latitude, frames=frames, repeat_frac=drift)
     return scale, target | {"longitude_deg": math.degrees(longitude), "latitude_deg": math.degrees(latitude)}
 
 

@@ -262,6 +262,10 @@ class SessionManifest(Model):
         found = tuple(f for f in self.frames if f.side == side)
         return tuple(f for f in found if not f.is_raw) or found
 
+    def repeat_drift(self, side: Side) -> float:
+        """Return by how much a side's light changed, relative, until a stop was repeated after its bracket; else 0."""
+        return max((abs(one.ratio - 1) for one in self.references if one.side is side and one.ratio), default=0.0)
+
     def missing_stops(self, side: Side) -> tuple[int, ...]:
         """Return the indices of planned stops that are neither taken (raw file and all) nor left out on purpose."""
         if side not in self.bracket.sides:

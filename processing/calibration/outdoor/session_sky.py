@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
-import numpy as np
-
 from processing.calibration.optics import OpticsChoice, find_optics, glare_taken_off, indoor_falloff, lamp_kernel
 from processing.calibration.outdoor import outdoor, sun_place
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
@@ -18,18 +16,19 @@ from processing.calibration.profile import K2Record, RigProfile, require_k2, sta
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
-from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
+from processing.calibration.scale.photometry import READING_KEY, UP, compare_illuminance, illuminance_lx, illuminances
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
-from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.pictures.modes import SharedMode, blueness, colour_mode, falloff_mode, modes_of, widened, with_modes
-from processing.sphere import Equirectangular, Fisheye
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+from processing.pictures.modes import SharedMode, colour_mode, falloff_mode, less_by_sum, modes_of, widened, with_modes
+from processing.sphere import Equirectangular, Fisheye, projected_solid_angles
 from station.session.session import SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
 
 LUX_METER_UNCERTAINTY = 0.05  # relative, standard, of a reading given by --outdoor-lux
+FROM_LUX = "from --outdoor-lux"
 
 
 class SkyChoice(OpticsChoice, Protocol):
@@ -101,8 +100,7 @@ def calibrate_outdoor(
     """
     if isinstance(merged.geometry, Equirectangular):
         return _through_glass(merged, session, asked, profile, k1)
-    wanted = profile if asked.k2 is None and profile and profile.k2 else None
-    k2 = require_k2(wanted, states_of(session), session.name) if wanted else None
+    k2 = require_k2(profile, states_of(session), session.name) if profile and profile.k2 and asked.k2 is None else None
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR))
     north, north_warnings = _north(sky, session, asked)
@@ -114,16 +112,17 @@ def calibrate_outdoor(
             for side, digest in k2.responses.items()
             if responses and side in responses and responses[side].digest() != digest
         ]
-    scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
+    drift = session.repeat_drift(Side.OUTDOOR)
+    scale, scale_facts = _scale(image, asked, k2, combined(k1, ScaleFactor(1.0, drift / math.sqrt(12))), sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
+    if scale_facts["k2_source"] == FROM_LUX:
+        factors[READING_KEY] = (asked.outdoor_lux, LUX_METER_UNCERTAINTY)
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
-    light = k2.light if k2 else 0.0
-    if asked.k2 is None and k2 is None:  # scaled by a reading of this very sky
-        light = float(np.average(blueness(picture.rgb), weights=luminance_cd_m2(picture.rgb) + 1e-30))
-    picture = with_shared_modes(picture, optics, sky.kernel, light)
+    picture = with_shared_modes(picture, optics, sky.kernel, k2.light if k2 else 0.0)
     mended, repair = _repaired(picture, asked, session, sky)
     lux, low = illuminances(mended, {"up": UP})
     facts |= scale_facts | {
+        "repeat_drift_frac": drift or None,
         "veil": veil,
         "north": _north_facts(north),
         "sun": {"found": sky.sun_text, "repair": repair},
@@ -146,16 +145,19 @@ def with_shared_modes(
     """Return the picture with what stray light, spectra, fall-off and filter leave uncertain in all pixels alike.
 
     The last two are in the pixels' own uncertainty already, which sums take as independent. ``light``: blueness of the
-    light by which the scale was measured.
+    light by which the scale was measured. Of a picture whose illuminance is a reading they add nothing to that.
     """
-    others = []
+    others = list(modes_of(picture))
     if optics.vignetting and optics.vignetting.relative_uncertainty:
         others.append(falloff_mode(optics.vignetting.relative_uncertainty))
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
-    left = kernel_modes(picture, kernel) if kernel else unmeasured_modes(picture)
-    picture = widened(picture, [*left, colour_mode(light)])
-    return replace(picture, attributes=with_modes(picture.attributes, [*modes_of(picture), *others]))
+    left = [*(kernel_modes(picture, kernel) if kernel else unmeasured_modes(picture)), colour_mode(light)]
+    if READING_KEY in picture.attributes:
+        weights = projected_solid_angles(picture.geometry, UP) * (picture.validity == Validity.VALID)
+        left, others = (less_by_sum(some, picture, weights) for some in (left, others))
+    picture = widened(picture, left)
+    return replace(picture, attributes=with_modes(picture.attributes, [*others, *left]))
 
 
 def _through_glass(
@@ -183,6 +185,7 @@ def _through_glass(
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, k1=k1.value, k2=value)
     lux, low = illuminances(picture, {"up": UP})
     facts = {"falloff": source, "k2": value, "k2_source": origin, "north": _north_facts(north), "illuminance_lx": lux}
+    facts |= {"k2_relative_uncertainty": doubt} if doubt else {}
     facts |= {"sun": {"found": sky.sun_text, "repair": "not asked"}, "window_share": share}
     text = (
         f"the sky is a panorama from behind the glass: {share:.0%} of all directions show it, the rest is black; its "
@@ -262,10 +265,9 @@ def _scale(
     if asked.k2 is not None:
         return combined(k1, given_scale("k2", asked.k2)), {"k2": asked.k2, "k2_source": "given"}
     if k2 is not None:
-        factor = ScaleFactor(k2.value, k2.relative_uncertainty, {"k2": k2.relative_uncertainty})
         source = f"rig profile, measured {k2.measured_utc:%Y-%m-%d}"
         found = {"k2": k2.value, "k2_relative_uncertainty": k2.relative_uncertainty, "k2_source": source}
-        return combined(k1, factor), found
+        return combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty)), found
     assert asked.outdoor_lux is not None
     level = illuminance_lx(scaled(image, ScaleFactor(1.0, 0.0)))
     shown = level.value_lx
@@ -277,9 +279,10 @@ def _scale(
             advice="give a rig profile (--calibration) or --k2, or leave --outdoor-lux away",
         )
     value = asked.outdoor_lux / shown
-    parts = {"lux meter": LUX_METER_UNCERTAINTY, "picture": level.uncertainty_lx / shown}
-    scale = ScaleFactor(value, math.hypot(*parts.values()), parts)
-    return scale, {"k2": value / k1.value, "k2_source": "from --outdoor-lux"}
+    # What all pixels share is taken off its modes: of the level plane's light, the reading, nothing but it is in doubt.
+    scale = ScaleFactor(value, math.hypot(LUX_METER_UNCERTAINTY, level.pixels_lx / shown, level.doubtful_lx / shown))
+    doubt = math.hypot(scale.relative_uncertainty, k1.relative_uncertainty)
+    return scale, {"k2": value / k1.value, "k2_relative_uncertainty": doubt, "k2_source": FROM_LUX}
 
 
 def _repaired(
@@ -306,11 +309,11 @@ def _repaired(
 
 
 def _compared(picture: LuminanceImage, asked: SkyChoice, facts: dict[str, Any]) -> list[str]:
-    if asked.outdoor_lux is None or facts["k2_source"] == "from --outdoor-lux":
+    if asked.outdoor_lux is None or facts["k2_source"] == FROM_LUX:
         return []
-    found = compare_illuminance(illuminance_lx(picture), asked.outdoor_lux)
-    facts["measured_outdoor_lux"] = {"value": asked.outdoor_lux, "difference_frac": found.difference}
-    return [found.warning] if found.warning else []
+    difference, warning = compare_illuminance(illuminance_lx(picture), asked.outdoor_lux)
+    facts["measured_outdoor_lux"] = {"value": asked.outdoor_lux, "difference_frac": difference}
+    return [warning] if warning else []
 
 
 def _sun_warnings(sky: _Sky, asked: SkyChoice) -> list[str]:

@@ -86,12 +86,14 @@ def scale_from_reading(
     frames: Sequence[FrameRecord] = (),
     meter: MeterAccuracy = LS160,
     curve_frac: float = CURVE_FRAC,
+    repeat_frac: float = 0.0,
 ) -> ScaleFactor:
     """Return k1 from the meter's readings of a target in the picture.
 
     ``frames`` (those the picture was merged from) give its moment: between two readings the meter's value is
     interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
-    standard uncertainty that pixels of equal codes share (the response curve's).
+    standard uncertainty that pixels of equal codes share (the response curve's); ``repeat_frac``: how much a stop that
+    was repeated after them has changed, relative.
 
     Raises `ScaleError`: no usable reading, a reading of 0, a spot outside the picture, or one that is clipped, dark or
     moved.
@@ -113,7 +115,7 @@ def scale_from_reading(
         "meter": measured.meter_frac,
         "spot": _pointing_part(image, spot, displayed, meter.pointing_rad),
         "picture": math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2),
-        "drift": measured.drift_part,
+        "drift": max(measured.drift_part, repeat_frac / math.sqrt(12)),
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
         warnings.append(

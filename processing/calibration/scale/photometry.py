@@ -22,6 +22,9 @@ from processing.sphere import Equirectangular
 from processing.sphere.area import projected_bands
 
 UP = (0.0, 0.0, 1.0)  # a level plane's normal
+READING_KEY = "level_lux_reading"
+"""Attribute of a picture scaled by a lux meter: what it read on a level plane, lx, and its relative uncertainty."""
+SAME_LIGHT = 1e-4  # relative: a picture that was changed since has another illuminance than the reading
 DEFAULT_LIMIT = 0.10
 """Relative difference from a lux meter above which a warning is given (a good meter's own error is 3 to 5 %)."""
 
@@ -50,21 +53,6 @@ class Illuminance:
     def lower_bound(self) -> bool:
         """Whether the true value may be far above: light was clipped, or the picture shows only a part."""
         return self.invalid_shares["clipped"] > 0 or self.unseen_share > 0.01
-
-
-@dataclass(frozen=True)
-class IlluminanceComparison:
-    """A computed illuminance beside a measured one."""
-
-    computed_lx: float
-    measured_lx: float
-    difference: float
-    """computed / measured - 1."""
-    sigmas: float
-    """The difference in units of its standard uncertainty; infinite where both uncertainties are 0 and they differ."""
-    limit: float
-    warning: str | None
-    """One sentence, where the difference is above the limit."""
 
 
 def luminance_map(image: LuminanceImage) -> Floats:
@@ -97,7 +85,7 @@ def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -
                 parts = (part.astype(np.float64) for part in placed_parts(image, band))
                 own = [[np.vdot(each, part) for each in within] for part in parts]
                 off = off + np.reshape(own, (-1, len(some))).T
-        found += [_illuminance(image, *each) for each in zip(sums, levels, off, strict=True)]
+        found += [_illuminance(image, *each) for each in zip(some, sums, levels, off, strict=True)]
     return found
 
 
@@ -119,7 +107,7 @@ def _checked(value_lx: float) -> float:
     return value_lx
 
 
-def _illuminance(image: LuminanceImage, sums: Doubles, levels: Doubles, off: Doubles) -> Illuminance:
+def _illuminance(image: LuminanceImage, normal: Vector, sums: Doubles, levels: Doubles, off: Doubles) -> Illuminance:
     """Return what `_add_light` and, by modes (M,), `placed_parts` found of a plane."""
     value, squares, straight, doubtful, seen = sums[:5].tolist()
     _checked(value)
@@ -127,6 +115,10 @@ def _illuminance(image: LuminanceImage, sums: Doubles, levels: Doubles, off: Dou
     pixels = math.sqrt(squares) if image.absolute else straight
     shared = math.hypot(level_error(image, levels), *off.tolist())
     scale = value * image.scale_uncertainty
+    reading: Any = image.attributes.get(READING_KEY, (0.0, 0.0))
+    if normal == UP and abs(value - reading[0]) <= SAME_LIGHT * reading[0]:
+        # Whatever its pixels are wrong by, their sum is what the meter read.
+        pixels, shared, doubtful, scale = 0.0, 0.0, 0.0, value * reading[1]
     shares = {
         code.name.lower(): float(sums[5 + code]) / value if value > 0 else 0.0
         for code in (Validity.CLIPPED, Validity.DARK, Validity.REPAIRED)
@@ -176,23 +168,15 @@ def _add_light(rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminanc
             sums[k] += part[k]
 
 
-def compare_illuminance(
-    computed: Illuminance, measured_lx: float, *, measured_uncertainty: float = 0.0, limit: float = DEFAULT_LIMIT
-) -> IlluminanceComparison:
-    """Compare with a lux meter's value (its relative standard uncertainty); a warning says when it is off by more.
+def compare_illuminance(computed: Illuminance, measured_lx: float) -> tuple[float, str | None]:
+    """Return computed / measured - 1, and one sentence where that is above the limit; measured: a lux meter's value.
 
-    Raises `ParameterError` for a measured value that is not above 0, and for a negative uncertainty or limit.
+    Raises `ParameterError` for a measured value that is not above 0.
     """
     if not (math.isfinite(measured_lx) and measured_lx > 0):
         raise ParameterError(f"a measured illuminance is above 0 lx, not {measured_lx}")
-    if not (measured_uncertainty >= 0 and limit > 0):
-        raise ParameterError("an uncertainty is not negative, and a limit is above 0")
-    off_lx = computed.value_lx - measured_lx
-    difference = off_lx / measured_lx
-    sigma_lx = math.hypot(computed.uncertainty_lx, measured_uncertainty * measured_lx)
-    sigmas = abs(off_lx) / sigma_lx if sigma_lx > 0 else (math.inf if off_lx else 0.0)
-    warning = _warning(computed, measured_lx, difference) if abs(difference) > limit else None
-    return IlluminanceComparison(computed.value_lx, measured_lx, difference, sigmas, limit, warning)
+    difference = computed.value_lx / measured_lx - 1
+    return difference, _warning(computed, measured_lx, difference) if abs(difference) > DEFAULT_LIMIT else None
 
 
 def _warning(computed: Illuminance, measured_lx: float, difference: float) -> str:

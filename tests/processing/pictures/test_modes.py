@@ -9,7 +9,16 @@ from processing.calibration.scale.glare_fit import VEIL_INDEX
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.calibration.scale.veiling_glare import unmeasured_modes
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
-from processing.pictures.modes import SEAM_SIGMA, SharedMode, relative_error, seam_mode, widened
+from processing.pictures.modes import (
+    SEAM_SIGMA,
+    SharedMode,
+    colour_mode,
+    falloff_mode,
+    less_by_sum,
+    relative_error,
+    seam_mode,
+    widened,
+)
 from processing.sphere import Equirectangular
 
 WIDTH, HEIGHT = 192, 96
@@ -80,3 +89,29 @@ def test_the_lens_that_saw_the_spot_is_sure_and_the_other_is_not() -> None:
     assert found[48, WIDTH // 2] == pytest.approx(2 * SEAM_SIGMA, rel=1e-3)
     light = illuminance_lx(widened(image, [seam]))
     assert light.shared_lx / light.value_lx == pytest.approx(SEAM_SIGMA, rel=0.05)
+
+
+def test_what_a_picture_was_scaled_by_is_known_and_no_mode_moves_it() -> None:
+    """A sum over the picture, as a lux meter takes it: each kind of mode then adds nothing to it, and still something
+    to single pixels."""
+    image = room(lamp=2_000)
+    image.rgb[:, ::3, 2] *= 2  # of other colours here and there
+    weights = np.random.default_rng(3).random((HEIGHT, WIDTH))
+    weights[:, WIDTH // 4 : 3 * WIDTH // 4] *= 2  # more of what is ahead
+    modes = [*unmeasured_modes(image), seam_mode(None), falloff_mode(0.02), falloff_mode(0.02, 1.0)]
+    modes += [colour_mode(0.4), SharedMode("curve", "level", (0.0, 8.0, 12.0), (0.01, -0.02, 0.03))]
+    modes.append(SharedMode("filter colour", "whole", (0.0,), (0.02,)))
+    parts = weights * luminance_cd_m2(image.rgb)
+    assert min(abs(np.vdot(parts, of(image, mode))) / parts.sum() for mode in modes) > 1e-4
+    for mode in less_by_sum(modes, image, weights):
+        assert abs(np.vdot(parts, of(image, mode))) / parts.sum() < 1e-6
+        assert (np.abs(of(image, mode)).max() > 1e-3) == (mode.kind != "whole")
+
+
+def test_a_published_falloff_is_less_sure_towards_the_stitch_and_known_at_the_meters_spot() -> None:
+    found = of(room(), falloff_mode(0.01, 1.0))[HEIGHT // 2]
+    assert abs(found[WIDTH // 2]) < 1e-3
+    assert found[WIDTH // 4] == pytest.approx(0.01, rel=0.01)
+    assert abs(found[0]) < 1e-3
+    spot = of(room(), falloff_mode(0.01, np.cos(0.5)))[HEIGHT // 2]
+    assert abs(spot[round(WIDTH * (0.5 + 0.5 / (2 * np.pi)))]) < 3e-4

@@ -1,7 +1,7 @@
 """The outdoor half of the stage calibrate: directions, what k2 holds for, what is said of light not known."""
 
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -13,9 +13,14 @@ from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
 from processing.calibration.profile_records import LensRecord, ResponseRecord, VignettingRecord
 from processing.calibration.scale.luminance import ScaleFactor
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.vignetting import COPY_SIGMA
 from processing.errors import ScaleError
+from processing.figures.certificate import certificate
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import modes_of
+from processing.pipeline import STAGES
+from processing.running.fingerprint import visible_part
 from processing.sphere import Equirectangular, Fisheye, LensMapping
 from processing.stages.calibrate import calibrate_indoor, run
 from processing.stages.contract import StageContext
@@ -140,6 +145,22 @@ def test_a_lux_reading_scales_a_whole_sky_but_not_one_with_a_clipped_sun(picture
     assert any("clipped in the shortest stop" in text for text in calibrated(cut, k2=1.0).warnings)
 
 
+def test_the_illuminance_of_a_sky_scaled_by_a_lux_meter_is_as_sure_as_the_meter(picture):
+    """Noise, curve and stray light of the sky move light about in it: their sum is the reading, and k1 cancels."""
+    noisy = replace(picture, uncertainty=np.where(picture.uncertainty < 1, 0.3, picture.uncertainty).astype(np.float32))
+    out = calibrated(noisy, outdoor_lux=50_000.0)
+    facts = {"indoor": {"k1_parts": {"meter": 0.012, "spot": 0.005, "picture": 0.006}}, "outdoor": out.facts}
+    [budget] = certificate({"outdoor": out.image}, facts, {})["budgets"]
+    assert budget["expanded"] == pytest.approx(2 * 0.05 * 50_000, rel=1e-3)
+    assert {row["cause"] for row in budget["rows"] if row["relative_uncertainty"] > 1e-3} == {"lux meter"}
+    assert not {"meter", "spot", "picture", "k2"} & {row["cause"] for row in budget["rows"]}
+    assert out.facts["illuminance_lx"]["up"]["uncertainty"] == pytest.approx(2500)
+    # What faces the horizon is not the reading: there the sky's own doubt counts, and the scale's noise with it.
+    assert illuminance_lx(out.image, (0, 1, 0)).uncertainty_lx > 0.06 * illuminance_lx(out.image, (0, 1, 0)).value_lx
+    brighter = replace(out.image, rgb=out.image.rgb * np.float32(1.01))
+    assert illuminance_lx(brighter).uncertainty_lx > 1.05 * 2500
+
+
 def test_clipped_light_makes_a_lower_bound_and_is_reported(in_units):
     out = calibrated(sky_picture(SimpleSky(), WIDTH, clip=3e3), k2=1.0)
     assert out.facts["illuminance_lx"]["up"]["clipped_share"] > 0.01
@@ -158,6 +179,67 @@ def even_panorama() -> RelativeImage:
     return RelativeImage(
         np.ones((32, 64, 3), np.float32), 0.01 * ones, np.zeros((32, 64), np.uint8), Equirectangular(64, 32)
     )
+
+
+def drifting(side: Side, ratio: float | None, **fields):
+    """A session whose bracket of a side was followed by one of its stops again."""
+    repeat = {"side": side, "stop": 0, "taken_utc": NOW, "after_s": 60.0, "ratio": ratio, "patches": 50}
+    return manifest(references=(repeat,), **fields)
+
+
+def budget_of(image, facts, side):
+    rows = certificate({side: image}, facts, {})["budgets"][0]["rows"]
+    return {row["cause"]: row["relative_uncertainty"] for row in rows}
+
+
+def test_light_that_drifted_until_a_stop_was_repeated_is_in_scale_and_certificate(picture):
+    """A rectangle of the drift's width; where the meter's two readings show more, theirs counts."""
+    reading = {
+        "when": "before",
+        "luminance_cd_m2": 10.0,
+        "taken_utc": NOW,
+        "status": "typed",
+        "raw": "10.00",
+        "n_samples": 1,
+    }
+    target = {"longitude_rad": 0.0, "latitude_rad": 0.0}
+    room = {"readings": (reading,), "target": target}
+    for ratio, drift in ((0.9, 0.1 / 12**0.5), (None, 0.0)):
+        session = drifting(Side.INDOOR, ratio, **room)
+        inside = calibrate_indoor(even_panorama(), session, CalibrateParameters(), None)
+        assert inside.facts["k1_parts"]["drift"] == pytest.approx(drift)
+        assert budget_of(inside.image, {"indoor": inside.facts}, "indoor")["drift"] == pytest.approx(drift)
+    [stage] = [stage for stage in STAGES if stage.name == "calibrate"]
+    assert visible_part(drifting(Side.INDOOR, 0.9), stage.reads).repeat_drift(Side.INDOOR) == pytest.approx(0.1)
+    later = reading | {"when": "after", "luminance_cd_m2": 12.0, "taken_utc": NOW + timedelta(minutes=2)}
+    session = drifting(Side.INDOOR, 0.99, **(room | {"readings": (reading, later)}))
+    inside = calibrate_indoor(even_panorama(), session, CalibrateParameters(), None)
+    assert inside.facts["k1_parts"]["drift"] == pytest.approx(0.2 / 12**0.5)
+
+    facts = {"indoor": {"k1_parts": {"meter": 0.01, "drift": 0.0}}}
+    still = calibrated(picture, rig=profile(record=k2()))
+    moved = calibrated(picture, drifting(Side.OUTDOOR, 1.12), profile(record=k2()))
+    assert moved.image.scale_uncertainty == pytest.approx(np.hypot(still.image.scale_uncertainty, 0.12 / 12**0.5))
+    rows = budget_of(moved.image, facts | {"outdoor": moved.facts}, "outdoor")
+    assert rows["drift"] == pytest.approx(0.12 / 12**0.5)
+    assert "scale, other" not in rows
+    found = certificate({"outdoor": moved.image}, facts | {"outdoor": moved.facts}, {})["indices"]
+    assert next(row["value"] for row in found if row["index"] == "outdoor: stability") == pytest.approx(0.12)
+
+
+def test_a_published_fall_off_is_in_the_rooms_budget_and_none_on_its_lenses_axes():
+    device = {"role": "indoor", "kind": "theta_z1", "model": "RICOH THETA Z1"}
+    found = calibrate_indoor(even_panorama(), manifest(devices=(device,)), CalibrateParameters(k1=1.0), None)
+    rows = budget_of(found.image, {"indoor": found.facts}, "indoor")
+    # A level plane sees the stitch, overhead, at 90 degrees from the axes.
+    assert 0.5 * COPY_SIGMA < rows["fall-off"] < COPY_SIGMA
+    bare = calibrate_indoor(
+        even_panorama(), manifest(devices=(device,)), CalibrateParameters(k1=1.0, falloff="off"), None
+    )
+    more = np.sqrt(found.image.uncertainty**2 - bare.image.uncertainty**2)
+    assert more[0].mean() == pytest.approx(COPY_SIGMA, rel=0.05)
+    assert more[16, 32] < 0.3 * COPY_SIGMA
+    assert "fall-off" not in budget_of(bare.image, {"indoor": bare.facts}, "indoor")
 
 
 def test_a_profiles_fall_off_of_another_aperture_is_reported_and_doubted(picture):

@@ -28,7 +28,7 @@ def optics_of(width: int) -> OutdoorOptics:
     lens = LensModel(LensMapping.EQUISOLID, circle)
     x, y = np.arange(width) + 0.5, np.arange(width * 2 // 3)[:, None] + 0.5
     flat = np.repeat(CANON_5D2.lens.falloff(x, y, (width, width * 2 // 3))[..., None], 3, axis=-1)
-    falloff = replace(fit_flat([flat], lens.fisheye(), powers=(2, 4, 6, 8)).vignetting, relative_uncertainty=0.0)
+    falloff = replace(fit_flat([flat], lens.fisheye()), relative_uncertainty=0.0)
     return OutdoorOptics(lens, falloff, NdFilter(ND3_TINT, 3.0))
 
 
