@@ -21,6 +21,7 @@ NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0  # written for an uncertainty without bound: JSON has no infinity
 _SAME_TIME_FRAC = 0.01  # chosen: dials differ by more
+_MODE_DIGITS = 6  # of stops; chosen: a hundredth of a mode that counts, in a third of the file
 _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 
 
@@ -31,6 +32,8 @@ class _Record(Model):
         every = {name: getattr(found, name) for name in cls.model_fields}
         if "sigma_log2" in every:
             every["sigma_log2"] = np.nan_to_num(every["sigma_log2"], nan=_UNKNOWN_STOPS, posinf=_UNKNOWN_STOPS)
+        if every.get("modes") is not None:
+            every["modes"] = np.round(every["modes"], _MODE_DIGITS)
         return cls(**{name: _plain(value) for name, value in every.items()})
 
 
@@ -53,11 +56,15 @@ class ResponseRecord(_Record):
     n_samples: Annotated[int, Field(ge=0)] = 0
     residual_stops: NonNegative = 0.0
     clip_together: bool = False
+    held_out: tuple[NonNegative, ...] = ()
+    prior_strength: tuple[tuple[float, float], ...] = ()
+    modes: tuple[tuple[_CODES, _CODES, _CODES], ...] | None = None
+    """None: older profiles have only `sigma_log2`."""
 
     @model_validator(mode="after")
     def _is_a_curve(self) -> Self:
         n = len(self.log2_exposure[0])
-        if any(len(row) != n for row in (*self.log2_exposure, *self.sigma_log2)):
+        if any(len(row) != n for rows in (self.log2_exposure, self.sigma_log2, *(self.modes or ())) for row in rows):
             raise ValueError("all rows of a response curve have the same number of codes")
         if any(b <= a for row in self.log2_exposure for a, b in pairwise(row)):
             raise ValueError("a response curve increases from code to code")
@@ -71,6 +78,7 @@ class ResponseRecord(_Record):
     def curve(self) -> ResponseCurve:
         """Return the curve; the same numbers that were recorded."""
         tables = {name: np.array(getattr(self, name)) for name in ("log2_exposure", "sigma_log2")}
+        tables |= {"modes": np.array(self.modes)} if self.modes else {}
         return ResponseCurve(**{**self.model_dump(), **tables})
 
     def digest(self) -> str:

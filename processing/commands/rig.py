@@ -10,6 +10,8 @@ import click
 
 from station.commands.views import FOLDER, NO_FOLDER, answer, numbers
 
+_FIT_FACTS = {"held_out", "prior_strength"}
+
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
     from processing.calibration.response.shutter import ShutterRule
@@ -129,6 +131,8 @@ def _save_pictures(out: Path, result: RigResult) -> list[str]:
 
 
 def _summary(result: RigResult) -> dict[str, Any]:
+    from processing.calibration.response.curve import fit_text
+
     profile: RigProfile = result.profile
     cameras = {}
     for side, camera in profile.cameras.items():
@@ -136,6 +140,7 @@ def _summary(result: RigResult) -> dict[str, Any]:
         cameras[str(side)] = {
             "shutter": str(camera.shutter.rule),
             "response_residual_stops": response.residual_stops if response else None,
+            "response_fit": fit_text(response.model_dump()) if response else "",
             "vignetting": camera.vignetting.source if camera.vignetting else None,
             "lens": camera.lens.source if camera.lens else None,
             "nd_density": camera.nd.density if camera.nd else None,
@@ -156,6 +161,7 @@ def _lines(result: RigResult) -> list[str]:
             f"{side}: response to {facts['response_residual_stops']:.4f} stop, shutter times {facts['shutter']}, "
             f"chart by {facts['chart_found_by']} (colours differ by {facts['chart_mismatch']:.1%})"
         )
+        lines += [f"  curve: {facts['response_fit']}"] if facts["response_fit"] else []
         lines += [f"  fall-off: {facts['vignetting']}"] if facts["vignetting"] else []
         lines += [f"  lens: {facts['lens']}"] if facts["lens"] else []
         lines += [f"  colour: {facts['colour']}"] if facts["colour"] else []

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from processing.calibration.response.curve import fit_text
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes
 from processing.ground.colour import srgb_of_linear
@@ -96,7 +97,8 @@ def camera_section(
             "Response curve",
             plots.response_plot(log2_exposure, sigma, curve["low"], curve["high"]),
             f"response curves of the {side} camera by channel",
-            f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops",
+            f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops; "
+            + fit_text(curve),
         )
     ]
     if residuals := response["residuals"]:

@@ -236,7 +236,7 @@ class CameraResponse:
             ],
             "check": self.check,
             "residuals": self.residuals,
-            "curve": ResponseRecord.of(self.curve).model_dump(mode="json"),
+            "curve": ResponseRecord.of(self.curve).model_dump(mode="json", exclude={"modes"}),
             "noise": NoiseRecord.of(self.noise).model_dump(mode="json"),
         }
 

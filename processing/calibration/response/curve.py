@@ -9,9 +9,9 @@ through the response).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -59,6 +59,10 @@ class ResponseCurve:
     """(M, 3, 256) stops: independent errors of the curves, one standard deviation each; None: only `sigma_log2`."""
     clip_together: bool = False
     """Whether codes say nothing where another channel is clipped: see `response.clip_together`."""
+    held_out: tuple[float, ...] = ()
+    """Of each channel: chi-squared a degree of freedom of patches that the curve was not fitted to."""
+    prior_strength: tuple[tuple[float, float], ...] = ()
+    """Of each channel: amplitude of the principal curves, log10 of the rest's stiffness, as chosen by the data."""
 
     @property
     def exposure(self) -> Doubles:
@@ -69,6 +73,15 @@ class ResponseCurve:
     def log2_slope(self) -> Doubles:
         """Return stops per code, > 0, of shape (3, N), by central differences."""
         return np.asarray(np.gradient(self.log2_exposure, axis=1))
+
+
+def fit_text(curve: Mapping[str, Any]) -> str:
+    """Return how far off patches left out of a recorded curve's fit are, and its prior, by channel."""
+    if not curve.get("held_out"):
+        return "no patches left out to judge it by"
+    off = "/".join(f"{math.sqrt(chi2):.2f}" for chi2 in curve["held_out"])
+    chosen = "/".join(f"{amplitude:g} and 10^{log10:g}" for amplitude, log10 in curve["prior_strength"])
+    return f"patches left out: {off} standard deviations; prior (amplitude and stiffness): {chosen}"
 
 
 # The camera's noise as the merge needs it: how uncertain is the exposure behind each code.

@@ -60,15 +60,9 @@ class ResponseFit:
     """Of all frames of all brackets, in order: as given, or estimated."""
     time_sigma: tuple[float, ...]
     """Relative standard uncertainty of each time; 0 where it was taken as given."""
-    rejected: dict[str, float] = field(default_factory=dict)
-    """Shares of the patches left out, by reason."""
     warnings: tuple[str, ...] = ()
     wrong_times: dict[int, float] = field(default_factory=dict)
     """Frame: stops by which the time given for it is off."""
-    held_out: tuple[float, ...] = ()
-    """Of each channel: chi-squared a degree of freedom of patches that the curve was not fitted to."""
-    shutter_rule: ShutterRule | None = None
-    """The rule that the frames fit best, where they distinguish the rules."""
 
 
 def recover_response(
@@ -100,6 +94,8 @@ def recover_response(
         residual_stops=1.4826 * float(np.median(sizes)) if sizes.size else 0.0,
         modes=_curve_modes(channels, MIDDLE_CODE),
         clip_together=together,
+        held_out=tuple(one.held_out for one in channels),
+        prior_strength=tuple(one.solution.strength for one in channels),
     )
     times = tuple(float(t) for t in np.exp2(fit.log2_times))
     return ResponseFit(
@@ -107,11 +103,8 @@ def recover_response(
         _noise_model([one.noise.pixel for one in channels], [float(np.exp2(-one.log2[gauge])) for one in channels]),
         times,
         fit.estimate.sigma if estimate_times else tuple(0.0 for _ in times),
-        {"moved": _moved_share(samples, channels)},
         _warnings(samples, fit, gauge, free_times=estimate_times),
         fit.wrong_times,
-        tuple(one.held_out for one in channels),
-        fit.estimate.rule if fit.estimate.decided else None,
     )
 
 
@@ -178,15 +171,6 @@ def _noise_model(channels: Sequence[CodeNoise], gauge: Sequence[float] = (1.0, 1
         three([by * one.read2**0.5 for by, one in zip(gauge, channels, strict=True)]),
         three([one.code for one in channels]),
     )
-
-
-def _moved_share(samples: Samples, channels: Sequence[ChannelFit]) -> float:
-    shares = []
-    for data, fit in zip(samples.channels, channels, strict=True):
-        seen = np.add.reduceat((fit.weighed.weight > 0).astype(np.float64), data.starts) > 0
-        kept = np.add.reduceat(fit.kept.astype(np.float64), data.starts) > 0
-        shares.append(1 - kept.sum() / max(seen.sum(), 1))
-    return float(np.mean(shares))
 
 
 def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool) -> tuple[str, ...]:

@@ -7,8 +7,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
+from benchmarks.photometry.synthetic_bracket import synthetic_bracket
+from processing.calibration.merge.modes import curve_modes, merge_modes
+from processing.calibration.merge.tables import merge_tables
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.profile import (
@@ -35,6 +39,8 @@ from processing.calibration.profile_records import (
     VignettingRecord,
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale.chart_patches import PATCH_NAMES, reflectances
 from processing.calibration.scale.vignetting import Vignetting
@@ -45,6 +51,7 @@ from station.session.session import DeviceRecord, SessionManifest, SettingRecord
 from tests.station.session.sessions import manifest
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
+TIMES_S = np.array([1.0, 1 / 4, 1 / 16])
 INDOOR = CameraState(kind="theta_z1", model="RICOH THETA Z1", serial="1", f_number=5.6, iso=100)
 OUTDOOR = CameraState(
     kind="canon_5d2", serial="2", lens="8 mm", nd_filter="ND 3.0", f_number=16, iso=200, color_temperature_k=6500
@@ -110,6 +117,40 @@ def test_records_give_back_what_they_were_made_of() -> None:
     np.testing.assert_allclose((*lens.circle.centre_px, lens.circle.radius_px), (700, 468, 441))
     assert outdoor.vignetting.vignetting() == Vignetting((2, 4), (0.1, -0.4), 0.002, 16.0)
     assert outdoor.nd.nd_filter() == NdFilter.of_matrix(np.diag((1 / 793, 1 / 811, 1 / 1197)))
+
+
+def test_a_profile_keeps_the_curves_modes_and_an_older_one_without_them_is_read(tmp_path: Path) -> None:
+    """What the fit left open goes into the merge's shared errors; the three tilts stand in only for older profiles."""
+    made = recover_response([Bracket8((taken := synthetic_bracket((160, 240), 5)).frames, taken.true_s)]).curve
+    assert made.modes is not None
+    data = json.loads(profile().model_dump_json())
+    data["cameras"]["outdoor"]["response"] = json.loads(ResponseRecord.of(made).model_dump_json())
+    path = tmp_path / "calibration.json"
+    found = {}
+    for kept in (True, False):
+        if not kept:
+            for name in ("modes", "held_out", "prior_strength"):
+                del data["cameras"]["outdoor"]["response"][name]
+        path.write_text(json.dumps(data))
+        response = load_profile(path).cameras[Side.OUTDOOR].response
+        assert response is not None
+        back = response.curve()
+        np.testing.assert_allclose(curve_modes(back), made.modes if kept else tilts(back), atol=1e-6)
+        found[kept] = shared(back)
+    np.testing.assert_allclose(found[True], shared(made), atol=1e-5)
+    assert np.abs(found[False] / found[True] - 1).max() > 0.2
+
+
+def shared(curve: ResponseCurve) -> npt.NDArray[np.float64]:
+    """What a merge by a curve leaves uncertain in all pixels, by level."""
+    sigma = np.full(3, 1e-9)
+    tables = merge_tables(curve, NoiseModel((1e-4,) * 3, (1e-3,) * 3), TIMES_S, sigma, 0.0)
+    values = [mode.values for mode in merge_modes(tables, curve, TIMES_S, sigma)]
+    return np.asarray(np.sqrt(np.square(values).sum(axis=0)))
+
+
+def tilts(curve: ResponseCurve) -> npt.NDArray[np.float64]:
+    return np.eye(3)[:, :, None] * (np.sign(np.arange(256) - curve.sigma_code) * curve.sigma_log2)[None]
 
 
 def test_a_response_of_another_method_is_read(tmp_path: Path) -> None:

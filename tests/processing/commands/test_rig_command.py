@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +23,7 @@ from processing.calibration.profile import load_profile
 from processing.calibration.profile_records import ShutterRecord
 from processing.calibration.scale.chart import ChartView
 from processing.calibration.scale.chart_patches import FoundChart, reflectances
+from processing.calibration.scale.vignetting import COPY_SIGMA
 from processing.errors import ParameterError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
@@ -64,6 +66,11 @@ def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: py
     assert outdoor.lens is not None
     assert outdoor.lens.radius == pytest.approx(2 * 8 / 36 * 0.5**0.5, rel=0.01)
     assert all(camera.shutter.rule == "thirds" for camera in profile.cameras.values())
+    for side, camera in profile.cameras.items():
+        assert camera.response is not None
+        assert len(camera.response.held_out) == len(camera.response.prior_strength) == 3
+        assert f"patches left out: {camera.response.held_out[0] ** 0.5:.2f}/" in answer["cameras"][side]["response_fit"]
+    assert profile.cameras[Side.INDOOR].vignetting.relative_uncertainty == COPY_SIGMA
     assert [Path(p).read_bytes()[:4] for p in answer["pictures"]] == [b"\x89PNG"] * 2
 
 
@@ -119,7 +126,9 @@ def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(
         daylit.main(["rig", "calibrate", str(sessions / "chart"), str(sessions / "room"), *lamps, "--into", str(out)])
         == 0
     )
-    assert "stray light: 0." in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "stray light: 0." in said
+    assert re.search(r"patches left out: ([0-9.]+/){2}[0-9.]+ standard deviations; prior \(amplitude .*\): [0-9]", said)
     cameras = load_profile(out).cameras
     assert cameras[Side.OUTDOOR].glare is None
     found = cameras[Side.INDOOR].glare

@@ -17,6 +17,7 @@ from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticB
 from mocks.optics.sensor import ToneCurve
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
+from processing.calibration.response.prior import AMPLITUDES, LOG_STRENGTHS
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.errors import BracketError, ProcessingError
@@ -84,7 +85,13 @@ def test_both_sides_are_merged_and_then_skipped(session: Path, truth: SyntheticB
     assert result["indoor"]["source"] == "recovered"
     assert result["indoor"]["times_source"] == "estimated"
     assert [t["nominal_s"] for t in result["indoor"]["times"]] == list(truth.nominal_s)
-    assert len(result["indoor"]["curve"]["log2_exposure"][0]) == 256
+    curve = result["indoor"]["curve"]
+    assert len(curve["log2_exposure"][0]) == 256
+    # How the fit was judged, and what prior it chose: of patches left out (chi-squared), of amplitude and stiffness.
+    assert all(0.3 < chi2 < 3 for chi2 in curve["held_out"]), curve["held_out"]
+    assert len(curve["held_out"]) == len(curve["prior_strength"]) == 3
+    assert all(a in AMPLITUDES and s in LOG_STRENGTHS for a, s in curve["prior_strength"])
+    assert "modes" not in curve
     metrics = report.stages[-1].summary["metrics"]["indoor"]
     assert len(metrics["frames"]) == 9
     assert "quality" in report.stages[-1].summary["honoured"]

@@ -104,7 +104,6 @@ def test_moved_pixels_and_blocks_are_left_out() -> None:
         frame[y : y + 60, x : x + 120] = made().frames[8 - j][y : y + 60, x : x + 120]
     fit = recover_response([Bracket8(frames, made().true_s)])
     assert rms(fit.curve) < 0.02
-    assert fit.rejected["moved"] > 0.001
 
 
 @pytest.mark.parametrize(("frame", "factor"), [(0, 0.5), (4, 1.26), (8, 0.5)])
@@ -139,7 +138,6 @@ def test_true_times_behind_nominal_ones_are_found() -> None:
     nominal = Bracket8(source.frames, source.nominal_s)
     fit = recover_response([nominal], estimate_times=True)
     assert np.allclose(fit.times_s, source.true_s, rtol=2e-3)
-    assert fit.shutter_rule == "thirds"
     assert rms(fit.curve) < 0.006
     as_given = recover_response([nominal])
     assert as_given.times_s == pytest.approx(source.nominal_s)
