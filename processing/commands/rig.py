@@ -10,8 +10,6 @@ import click
 
 from station.commands.views import FOLDER, NO_FOLDER, answer, numbers
 
-_FIT_FACTS = {"held_out", "prior_strength"}
-
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
     from processing.calibration.response.shutter import ShutterRule
