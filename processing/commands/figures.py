@@ -14,6 +14,7 @@ from station.commands.views import FILE, FOLDER, NO_FOLDER, answer, numbers
 
 if TYPE_CHECKING:
     from processing.figures.glare import Task
+    from processing.figures.uncertainty import Figure
     from processing.pictures.images import LuminanceImage
 
 READING_SIGMA = 0.02  # relative standard uncertainty of a luminance meter's reading (LS-160: 2 %)
@@ -47,8 +48,8 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
 
         with disk_errors(table, "writing"), table.open("w", newline="", encoding="utf-8") as out:
             rows = csv.writer(out)
-            rows.writerow(["figure", "value", "standard_uncertainty"])
-            rows.writerows([name, one["value"], one["uncertainty"]] for name, one in found.items())
+            rows.writerow(["figure", "value", "standard_uncertainty", "bound"])
+            rows.writerows([name, one["value"], one["uncertainty"], one["bound"]] for name, one in found.items())
     if falsecolour is not None:
         from processing.calibration.scale.photometry import luminance_map
         from processing.pictures.false_colour import display_range, false_colour, legend, with_legend
@@ -59,7 +60,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         low, high = display_range(level)
         scale = legend(low, high, image.unit, level.shape[0])
         write_bytes(falsecolour, png_bytes(with_legend(false_colour(level, low, high), scale)))
-    lines = [f"{name:<24} {one['value']:.5g} ± {_two(one['uncertainty'])}" for name, one in found.items()]
+    lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; --scale or --reading give lx, cd/m2 and glare"}
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
     return answer(facts, [*lines, *left_out.values()], as_json=as_json)
@@ -85,7 +86,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     image = foreign.applied(image, cals)
     if asked["scale"] is not None:
         numbers("--scale", str(asked["scale"]), 1, "cd/m2 of one unit of the file")
-        return foreign.rescaled(image, asked["scale"], 0.0, f"{file.name}, --scale")
+        return foreign.rescaled(image, asked["scale"], math.inf, f"{file.name}, --scale")
     if asked["reading"] is None:
         return image
     level, _, place = asked["reading"].partition("@")
@@ -94,7 +95,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     return foreign.by_reading(image, luminance_cd_m2, (column, row), READING_SIGMA)
 
 
-def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str, float]]:
+def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, Figure]:
     from processing.errors import ParameterError
     from processing.figures import foreign
     from processing.figures.glare import glare_indices
@@ -111,11 +112,10 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str
         raise ParameterError("--task is for glare, of a fisheye in cd/m2", advice="give --view, --scale or --reading")
     found = foreign.light_figures(image)
     if has_glare:
-        found |= glare_indices(image, task=task)
-    for number, text in enumerate(asked["region"]):
-        x0, y0, x1, y1 = (int(v) for v in numbers("--region", text, 4, "pixels: left, top, right, bottom"))
-        found |= foreign.region_figures(image, (x0, y0, x1, y1), f"region-{number + 1}")
-    return found
+        found |= glare_indices(image, task=task)[0]
+    boxes = [numbers("--region", text, 4, "pixels: left, top, right, bottom") for text in asked["region"]]
+    names = [f"region-{number + 1}" for number in range(len(boxes))]
+    return found | foreign.region_figures(image, [(int(a), int(b), int(c), int(d)) for a, b, c, d in boxes], names)
 
 
 @click.command()
@@ -159,6 +159,12 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     page_file = str(folder / "index.html")
     budgets = (f"{b['figure']}: {b['value']:.5g} ± {_two(b['expanded'])} {b['unit']} (k = 2)" for b in found["budgets"])
     return answer({"ok": True, "page": page_file, **found}, (*budgets, page_file), as_json=as_json)
+
+
+def _said(figure: Figure) -> str:
+    off = "not known" if figure["uncertainty"] is None else _two(figure["uncertainty"])
+    bound = {"lower": ", a lower bound: part of it is clipped or unseen", "upper": ", an upper bound: part is clipped"}
+    return f"{figure['value']:.5g} ± {off}{bound.get(figure['bound'], '')}"
 
 
 def _two(value: float) -> str:

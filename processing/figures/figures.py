@@ -3,22 +3,21 @@
 import math
 import subprocess
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.scale.luminance import Spot, spot_pixels
-from processing.calibration.scale.photometry import Illuminance, illuminance_lx, luminance_map
+from processing.calibration.scale.photometry import UP, illuminance_lx, illuminances_lx, luminance_map
 from processing.errors import ParameterError, ProcessingError, ScaleError
-from processing.figures.glare import bright_spots, glare_of
-from processing.ground.arrays import Bytes, Doubles, Flags
+from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
+from processing.figures.uncertainty import Figure, Part, light_figure, statistics
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, solid_angles
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels, solid_angles
 from processing.sphere.resampling import resample, resample_uncertainty
 from processing.surfaces.maps import planes_of, surface_maps
 
@@ -53,39 +52,12 @@ def evalglare(tool: Path, view: Path) -> dict[str, float]:
     return found
 
 
-# Luminance statistics of a picture's parts, each pixel weighted by its solid angle.
-
-
-QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}  # of solid angle
-
-
-@dataclass(frozen=True)
-class PartStatistics:
-    """Luminance over a part of the sphere, in the picture's own unit."""
-
-    name: str
-    kind: str
-    """whole, floor, ceiling, wall, window, door, passage."""
-    solid_angle_sr: float
-    mean: float
-    p05: float
-    median: float
-    p95: float
-    highest: float
-    clipped_share: float
-    """Of its solid angle: there the values are lower bounds."""
-
-    def to_dict(self) -> dict[str, object]:
-        """Return plain values."""
-        return asdict(self)
-
-
-def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[str, str, Flags]]:
+def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[Part]:
     """Return name, kind and pixels (H, W) of the whole and, of a room, of its surfaces and openings as they are seen.
 
     Surfaces that the camera does not see are left out. A wall is counted without its openings.
     """
-    found = [("whole", "whole", np.ones((geometry.height_px, geometry.width_px), bool))]
+    found: list[Part] = [("whole", "whole", np.ones((geometry.height_px, geometry.width_px), bool))]
     if room is None:
         return found
     maps = surface_maps(room, geometry)
@@ -97,33 +69,8 @@ def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[st
     return [(name, kind, mask) for name, kind, mask in found if mask.any()]
 
 
-def statistics(
-    luminance: npt.NDArray[np.floating], validity: Bytes, area_sr: Doubles, part: tuple[str, str, Flags]
-) -> PartStatistics | None:
-    """Return a part's statistics; None where the picture shows nothing of it.
-
-    ``luminance``, ``validity``, ``area_sr``: (H, W), in the picture's unit, codes and steradians.
-    """
-    name, kind, mask = part
-    chosen = mask & (validity != Validity.OUTSIDE) & (area_sr > 0)
-    if not chosen.any():
-        return None
-    values, weights = luminance[chosen].astype(np.float64), area_sr[chosen]
-    order = np.argsort(values, kind="stable")
-    upto = np.cumsum(weights[order])
-    total = float(upto[-1])
-    found = {
-        key: float(values[order[min(int(np.searchsorted(upto, share * total)), len(order) - 1)]])
-        for key, share in QUANTILES.items()
-    }
-    clipped = float(weights[validity[chosen] == Validity.CLIPPED].sum()) / total
-    mean = float(values @ weights) / total
-    return PartStatistics(name, kind, total, mean, highest=float(values.max()), clipped_share=clipped, **found)
-
-
 WIDTH_PX = 2048  # of the panorama that is looked at: a third of a sun's width a pixel
 DIRECTIONS = 8  # in which an observer may look, evenly around
-LOWER_BOUND = 0.01  # share of clipped light above which a value is called a lower bound
 
 Facts = dict[str, Any]
 
@@ -135,43 +82,39 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
     depends on the scale. ``heading_rad``: compass azimuth of the panorama's centre, None where it is not known.
     """
     picture = reduced(image, WIDTH_PX)
-    geometry = panorama_of(picture)
-    rays, _ = directions(geometry)
-    spots = bright_spots(rays, luminance_map(picture), solid_angles(geometry)) if image.absolute else None
+    azimuths = [2 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
+    planes = [UP, (0.0, 0.0, -1.0), *((math.sin(a), math.cos(a), 0.0) for a in azimuths)]
+    up, down, *upright = map(light_figure, illuminances_lx(picture, planes))
+    glares = glare_indices(picture, azimuths) if image.absolute else [None] * DIRECTIONS
     looks: list[Facts] = []
-    for k in range(DIRECTIONS):
-        azimuth = 2 * math.pi * k / DIRECTIONS
-        light = illuminance_lx(picture, (math.sin(azimuth), math.cos(azimuth), 0.0))
-        look: Facts = {
-            "azimuth_deg": round(math.degrees(azimuth), 6),
-            "compass_deg": None if heading_rad is None else round(math.degrees(azimuth + heading_rad) % 360, 3),
-            "vertical": _illuminance(light),
-        }
-        if spots is not None:
-            glare = glare_of(spots, light.value_lx, azimuth)
-            look["glare"] = {"dgp": glare.dgp, "rating": glare.rating, "sources": glare.sources} | {
-                "brightest_cd_m2": glare.brightest_cd_m2,
-                "faint": glare.faint,
-            }
-        looks.append(look)
-    upright = [look["vertical"]["value"] for look in looks]
+    for azimuth, light, glare in zip(azimuths, upright, glares, strict=True):
+        compass = None if heading_rad is None else round(math.degrees(azimuth + heading_rad) % 360, 3)
+        look: Facts = {"azimuth_deg": round(math.degrees(azimuth), 6), "compass_deg": compass, "vertical": light}
+        looks.append(look if glare is None else look | {"glare": _glare(glare)})
+    # Errors of the planes are not independent, and those of their mean at most the mean of theirs (Minkowski).
+    means = {key: sum(light[key] for light in upright) / DIRECTIONS for key in ("value", "uncertainty")}
+    bound = "lower" if any(light["bound"] for light in upright) else None
     return {
         "height_m": height_m,
-        "level_up": _illuminance(illuminance_lx(picture, (0.0, 0.0, 1.0))),
-        "level_down": _illuminance(illuminance_lx(picture, (0.0, 0.0, -1.0))),
-        "cylindrical": sum(upright) / len(upright),
+        "level_up": up,
+        "level_down": down,
+        "cylindrical": means | {"bound": bound},
         "directions": looks,
-        "brightest": int(np.argmax(upright)),
+        "brightest": int(np.argmax([light["value"] for light in upright])),
     }
+
+
+def _glare(found: Mapping[str, Figure]) -> Facts:
+    rating = next(name for limit, name in CLASSES if found["dgp"]["value"] < limit)
+    counted = {"sources": int(found["sources"]["value"]), "faint": found["ev_lx"]["value"] < FAINT_LX}
+    return {"dgp": found["dgp"], "rating": rating, "brightest_cd_m2": found["brightest_cd_m2"], **counted}
 
 
 def surface_figures(image: LuminanceImage, room: RoomModel | None) -> list[Facts]:
     """Return luminance statistics of the whole and, where the room is known, of its surfaces and openings."""
     picture = reduced(image, WIDTH_PX)
     geometry = panorama_of(picture)
-    luminance, area = luminance_map(picture), solid_angles(geometry)
-    found = (statistics(luminance, picture.validity, area, part) for part in parts_of(room, geometry))
-    return [one.to_dict() for one in found if one is not None]
+    return statistics(picture, solid_angles(geometry), parts_of(room, geometry))
 
 
 def outdoor_figures(image: LuminanceImage | None, facts: Mapping[str, Any]) -> Facts | None:
@@ -179,7 +122,7 @@ def outdoor_figures(image: LuminanceImage | None, facts: Mapping[str, Any]) -> F
     if image is None:
         return None
     measured = facts.get("outdoor", {}).get("measured_outdoor_lux")
-    return {"level_up": _illuminance(illuminance_lx(image)), "measured": measured}
+    return {"level_up": light_figure(illuminance_lx(image)), "measured": measured}
 
 
 def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m2: list[float]) -> Facts | None:
@@ -206,20 +149,18 @@ def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m
     }
 
 
-def level_ratio(camera: Facts, outdoor: Facts | None) -> float | None:
-    """Return illuminance on a level plane at the camera over that outdoors: under an overcast sky a daylight factor."""
+def level_ratio(camera: Facts, outdoor: Facts | None) -> Figure | None:
+    """Return illuminance on a level plane at the camera over that outdoors: under an overcast sky a daylight factor.
+
+    Both are taken as independent; what their scales have in common makes the ratio's uncertainty smaller than stated.
+    """
     if outdoor is None or not outdoor["level_up"]["value"] > 0:
         return None
-    return float(camera["level_up"]["value"] / outdoor["level_up"]["value"])
-
-
-def _illuminance(light: Illuminance) -> Facts:
-    return {
-        "value": light.value_lx,
-        "uncertainty": light.uncertainty_lx,
-        "clipped_share": light.invalid_shares["clipped"],
-        "lower_bound": light.invalid_shares["clipped"] > LOWER_BOUND or light.unseen_share > LOWER_BOUND,
-    }
+    inside, outside = camera["level_up"], outdoor["level_up"]
+    ratio = inside["value"] / outside["value"]
+    off = math.hypot(inside["uncertainty"], ratio * outside["uncertainty"]) / outside["value"]
+    bound = None if bool(inside["bound"]) == bool(outside["bound"]) else "lower" if inside["bound"] else "upper"
+    return {"value": ratio, "uncertainty": off, "bound": bound}
 
 
 # Pictures as an observer's eye meets them, for Radiance's evalglare; and smaller ones that keep all light.
@@ -263,47 +204,32 @@ def eye_view(image: LuminanceImage, azimuth_rad: float, size_px: int = 1000) -> 
     """
     source = reduced(image, 2 * _FINE * size_px)
     panorama = panorama_of(source)
-    target = Fisheye(size_px, size_px, LensMapping.EQUIDISTANT, size_px / 2)
-    _, seen = directions(target)
-    total = np.zeros((size_px, size_px, 3))
-    for k in range(_FINE**2):
-        row, column = _nearest(_turned(_shifted(target, k), azimuth_rad), panorama)
-        total += source.rgb[row, column]
-    if not (np.isfinite(total).all() and total.min() >= 0):
+    target, fine = (Fisheye(n, n, LensMapping.EQUIDISTANT, n / 2) for n in (size_px, _FINE * size_px))
+    light = np.zeros((size_px, size_px, 3))
+    for row in range(size_px):
+        rows = slice(_FINE * row, _FINE * (row + 1))
+        found = source.rgb[_nearest(panorama, _turned(fine, azimuth_rad, rows))]
+        light[row] = found.reshape(_FINE, size_px, _FINE, 3).mean(axis=(0, 2), dtype=np.float64)
+    if not (np.isfinite(light).all() and light.min() >= 0):
         raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
-    row, column = _nearest(_turned(target, azimuth_rad), panorama)
-    rgb = np.where(seen[..., None], total / _FINE**2, 0).astype(np.float32)
-    uncertainty = np.where(seen, source.uncertainty[row, column], np.inf).astype(np.float32)
-    validity = np.where(seen, source.validity[row, column], Validity.OUTSIDE).astype(np.uint8)
+    _, seen = directions(target)
+    middle = _nearest(panorama, _turned(target, azimuth_rad))
+    rgb = np.where(seen[..., None], light, 0).astype(np.float32)
+    uncertainty = np.where(seen, source.uncertainty[middle], np.inf).astype(np.float32)
+    validity = np.where(seen, source.validity[middle], Validity.OUTSIDE).astype(np.uint8)
     return replace(source, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=target, ghost=None)
 
 
-def _shifted(target: Fisheye, k: int) -> Fisheye:
-    """Return the view whose pixel middles are the k-th part of each of the target's pixels."""
-    down, right = ((part + 0.5) / _FINE - 0.5 for part in divmod(k, _FINE))
-    # Its circle is a little wider than half the picture, so that shifted middles are still in its field.
-    reach = 1 + 2 / target.width_px
-    centre = (target.width_px / 2 - right, target.height_px / 2 - down)
-    half = target.half_field_rad * reach
-    return replace(target, centre_px=centre, radius_px=target.radius_px * reach, half_field_rad=half)
-
-
-def _turned(view: Fisheye, azimuth_rad: float) -> np.ndarray:
-    """Return what a view's pixels see (H, W, 3) when its axis is level and its up is the room's."""
-    rays, _ = directions(view)
+def _turned(view: Fisheye, azimuth_rad: float, rows: slice | None = None) -> np.ndarray:
+    """Return what a view's pixels, or those of rows, see (H, W, 3) when its axis is level and its up is the room's."""
+    rays, _ = directions(view, rows)
     sine, cosine = math.sin(azimuth_rad), math.cos(azimuth_rad)
     # A fisheye that looks up has +x on its left.
     ahead, left, up = rays[..., 2:], rays[..., :1], rays[..., 1:2]
     return np.asarray(ahead * [sine, cosine, 0.0] + left * [-cosine, sine, 0.0] + up * [0.0, 0.0, 1.0])
 
 
-def _nearest(rays: np.ndarray, panorama: Equirectangular) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(panorama: Equirectangular, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return row and column of the pixel that each direction falls into: bright edges stay sharp."""
-    latitude = np.arcsin(np.clip(rays[..., 2], -1, 1))
-    longitude = np.arctan2(rays[..., 0], rays[..., 1]) - panorama.yaw_rad
-    row = np.floor((0.5 - latitude / math.pi) * panorama.height_px).astype(np.intp)
-    column = np.floor((longitude / (2 * math.pi) + 0.5) * panorama.width_px).astype(np.intp)
-    return row.clip(0, panorama.height_px - 1), column % panorama.width_px
-
-
-# What an observer's eye meets, as files that Radiance's evalglare takes; and what evalglare says of them.
+    x, y, _ = pixels(panorama, rays)
+    return y.astype(np.intp).clip(0, panorama.height_px - 1), x.astype(np.intp) % panorama.width_px

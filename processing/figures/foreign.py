@@ -7,7 +7,6 @@ hdrgen writes a camera's response as a polynomial a channel: exposure over that 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_
 from processing.calibration.scale.vignetting import COPY_SIGMA
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
 from processing.figures.cal import CalFile, text_of
-from processing.figures.glare import with_uncertainty
+from processing.figures.uncertainty import Figure, light_figure, statistics
 from processing.ground.arrays import Doubles
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
@@ -32,7 +31,7 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.modes import falloff_mode, modes_of, widened, with_modes
 from processing.pictures.radiance import RELATIVE_MARK, read_radiance_hdr
 from processing.pictures.writing import check_light
-from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, solid_angles
 
 HDRGEN = (87.0, 0.05, "exposure settings, hdrgen's constant")
 """cd/m2 of exposure 1 in a second at f/1 and ISO 1 (panlib, exif.cpp: 87 N2 / (t ISO)), its relative standard
@@ -149,7 +148,6 @@ UNKNOWN_SIGMA = 0.1
 _SPOT_PX = 2  # around a reading's pixel; chosen
 _EXIF, _TIME, _APERTURE, _SPEED, _MODEL = 0x8769, 0x829A, 0x829D, 0x8827, 0x0110  # tags of EXIF 2.32
 _FRAMES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-Figure = dict[str, float]
 
 
 def picture_of(path: Path, view: str | None) -> LuminanceImage:
@@ -181,12 +179,15 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path, *, abso
     _, seen = directions(geometry)
     validity = np.where(seen, Validity.VALID, Validity.OUTSIDE).astype(np.uint8)
     light = np.where(seen[..., None], rgb, 0).astype(np.float32)
-    sigma = UNKNOWN_SIGMA if absolute else 0.0
+    sigma = UNKNOWN_SIGMA if absolute else math.inf
     return LuminanceImage(light, np.zeros((height, width), np.float32), validity, geometry, sigma, absolute=absolute)
 
 
 def rescaled(image: LuminanceImage, factor: float, sigma: float, where: str = "--scale") -> LuminanceImage:
-    """Return the picture times a factor of a relative standard uncertainty; errors name ``where`` it is from."""
+    """Return the picture times a factor of a relative standard uncertainty, infinite where it is not known.
+
+    Errors name ``where`` the factor is from.
+    """
     check_light(image.rgb, where, factor)
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     rgb = np.asarray(image.rgb * np.float32(factor))
@@ -213,26 +214,31 @@ def light_figures(image: LuminanceImage) -> dict[str, Figure]:
     """Return illuminances (fisheye: across its axis; panorama: five planes) and luminances, if absolute named so."""
     fisheye = isinstance(image.geometry, Fisheye)
     planes = {"illuminance": (0.0, 0.0, 1.0)} if fisheye else {f"illuminance-{n}": p for n, p in PLANES.items()}
-    found = {}
-    for name, light in zip(planes, illuminances_lx(image, list(planes.values())), strict=True):
-        found[f"{name}_lx" if image.absolute else name] = {"value": light.value_lx, "uncertainty": light.uncertainty_lx}
+    lights = illuminances_lx(image, list(planes.values()))
+    found = {name + "_lx" * image.absolute: light_figure(one) for name, one in zip(planes, lights, strict=True)}
     height, width = image.validity.shape
-    return found | region_figures(image, (0, 0, width, height), "picture")
+    return found | region_figures(image, [(0, 0, width, height)], ["picture"])
 
 
-def region_figures(image: LuminanceImage, box: tuple[int, int, int, int], name: str) -> dict[str, Figure]:
-    """Return mean, median, lowest and highest luminance of the valid pixels in a box (left, top, right, bottom)."""
-    left, top, right, bottom = (max(edge, 0) for edge in box)
-    part = (slice(top, bottom), slice(left, right))
-    usable = image.validity[part] != Validity.OUTSIDE
-    if not usable.any():
-        raise ParameterError(f"{name} shows nothing", advice="give a part inside the picture")
-    kinds = {"mean": partial(np.mean, dtype=np.float64), "median": np.median, "lowest": np.min, "highest": np.max}
-    found = {}
-    for kind, of in kinds.items():
-        value, off = with_uncertainty(lambda one, of=of: float(of(luminance_map(one)[part][usable])), image)  # type: ignore[misc]
-        found[f"{name}-{kind}{'_cd_m2' if image.absolute else ''}"] = {"value": value, "uncertainty": off}
-    return found
+def region_figures(
+    image: LuminanceImage, boxes: Sequence[tuple[int, int, int, int]], names: Sequence[str]
+) -> dict[str, Figure]:
+    """Return mean, median, lowest and highest luminance by solid angle in boxes (left, top, right, bottom).
+
+    Clipped and dark pixels count with their values, what lies outside the picture's field does not. Raises
+    `ParameterError` for a box of which the picture shows nothing.
+    """
+    parts = []
+    for (left, top, right, bottom), name in zip(boxes, names, strict=True):
+        mask = np.zeros(image.validity.shape, bool)
+        mask[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)] = True
+        parts.append((name, "region", mask))
+    found = {one["name"]: one for one in statistics(image, solid_angles(image.geometry), parts)}
+    for name in names:
+        if name not in found:
+            raise ParameterError(f"{name} shows nothing", advice="give a part inside the picture")
+    unit, kinds = "_cd_m2" if image.absolute else "", ("mean", "median", "lowest", "highest")
+    return {f"{name}-{kind}{unit}": found[name][kind] for name in names for kind in kinds}
 
 
 def taken_frames(folder: Path) -> list[Taken]:

@@ -8,25 +8,25 @@ Iwata's.
 A glare source is what is brighter than 2000 cd/m2 (evalglare's own threshold), with what lies within 0.2 rad of it;
 the parts above 50,000 cd/m2, the sun and its mirror images, count as sources of their own.
 
-Indices are of what one eye sees, as evalglare defines them, each with its uncertainty; for an observer who looks along
-the axis of a picture: Ev, L, w and P as above, Lb = (Ev - sources') / pi the background. DGI: Hopkinson 1972; UGR: CIE
-117; CGI: Einhorn 1979; VCP: Guth 1963; UGP: Hirning 2014; veiling luminance: Stiles and Holladay (CIE 146).
+Indices are of what one eye sees, as evalglare defines them, each with its uncertainty: Ev, L, w and P as above, Lb =
+(Ev - sources') / pi the background. DGI: Hopkinson 1972; UGR: CIE 117; CGI: Einhorn 1979; VCP: Guth 1963; UGP: Hirning
+2014; veiling luminance: Stiles and Holladay (CIE 146), what evalglare calls Lveil_cie.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.scale.photometry import illuminance_lx, luminance_map
+from processing.calibration.scale.photometry import CLIPPED_SHARE, UP, luminance_map
 from processing.errors import ParameterError
+from processing.figures.uncertainty import Doubt, Figure, doubt_of
 from processing.ground.arrays import Doubles, Indices
-from processing.pictures.images import LuminanceImage
-from processing.pictures.modes import modes_of, relative_error
-from processing.sphere import Fisheye, directions, solid_angles
+from processing.pictures.images import LuminanceImage, Validity
+from processing.sphere import Equirectangular, Fisheye, directions, projected_solid_angles, solid_angles
 
 THRESHOLD_CD_M2 = 2000.0  # evalglare's -b
 PEAK_CD_M2 = 50_000.0  # evalglare's -Y
@@ -40,61 +40,21 @@ CLASSES = ((0.35, "imperceptible"), (0.40, "perceptible"), (0.45, "disturbing"),
 _CELLS = 360  # rows of the grid on which neighbours are found: half a degree each
 
 
-@dataclass(frozen=True)
-class BrightSpots:
-    """All pixels of a picture that may glare, each with the source that it belongs to."""
-
-    rays: Doubles
-    """(n, 3) unit."""
-    luminance_cd_m2: Doubles
-    area_sr: Doubles
-    source: Indices
-    """(n,): 0 .. count - 1."""
-
-    @cached_property
-    def count(self) -> int:
-        """Return how many sources there are."""
-        return int(self.source.max()) + 1 if len(self.source) else 0
-
-
-@dataclass(frozen=True)
-class Glare:
-    """What an observer meets who looks one way."""
-
-    dgp: float
-    vertical_lx: float
-    sources: int
-    """How many are in view."""
-    brightest_cd_m2: float
-    """Mean luminance of the brightest source; 0 where there is none."""
-
-    @property
-    def faint(self) -> bool:
-        """Return whether there is too little light for the formula."""
-        return self.vertical_lx < FAINT_LX
-
-    @property
-    def rating(self) -> str:
-        """Return what observers call it."""
-        return next(name for limit, name in CLASSES if self.dgp < limit)
-
-
 def bright_spots(
     rays: Doubles, luminance_cd_m2: npt.NDArray[np.floating], area_sr: Doubles, threshold_cd_m2: float | None = None
-) -> BrightSpots:
-    """Return what may glare of a picture: directions (H, W, 3), luminance (H, W), solid angles (H, W).
+) -> Indices:
+    """Return which source each pixel (H, W) belongs to, from 1; 0: it does not glare.
 
-    ``threshold_cd_m2`` None: 2000 cd/m2.
+    ``rays``: directions (H, W, 3); luminance and solid angles (H, W). ``threshold_cd_m2`` None: 2000 cd/m2.
     """
     bright = (luminance_cd_m2 > (threshold_cd_m2 or THRESHOLD_CD_M2)) & (area_sr > 0)
-    towards, level = rays[bright], luminance_cd_m2[bright].astype(np.float64)
-    source = np.zeros(len(level), np.intp)
-    peak = level > PEAK_CD_M2
-    source[~peak] = linked(towards[~peak], REACH_RAD)
-    if peak.any():
-        first = int(source[~peak].max()) + 1 if (~peak).any() else 0
-        source[peak] = first + linked(towards[peak], REACH_RAD)
-    return BrightSpots(towards, level, area_sr[bright], source)
+    towards, peak = rays[bright], luminance_cd_m2[bright] > PEAK_CD_M2
+    source = np.zeros(len(peak), np.intp)
+    source[~peak] = 1 + linked(towards[~peak], REACH_RAD)
+    source[peak] = 1 + source.max(initial=0) + linked(towards[peak], REACH_RAD)
+    found = np.zeros(bright.shape, np.intp)
+    found[bright] = source
+    return found
 
 
 def linked(rays: Doubles, reach_rad: float) -> Indices:
@@ -141,27 +101,6 @@ def _cells(rays: Doubles) -> tuple[Indices, Indices]:
     return row, np.floor((0.5 + longitude / (2 * math.pi)) * 2 * _CELLS).astype(np.intp) % (2 * _CELLS)
 
 
-def glare_of(spots: BrightSpots, vertical_lx: float, azimuth_rad: float) -> Glare:
-    """Return the glare for someone upright who looks level towards an azimuth (from +y towards +x).
-
-    ``vertical_lx``: illuminance at the eye, on a plane facing that way.
-    Raises `ParameterError`: an illuminance that is negative or no number.
-    """
-    if not (math.isfinite(vertical_lx) and vertical_lx >= 0):
-        raise ParameterError(f"an illuminance of {vertical_lx} lx")
-    seen = spots.rays @ np.array([math.sin(azimuth_rad), math.cos(azimuth_rad), 0.0]) > 0
-    area = np.bincount(spots.source[seen], spots.area_sr[seen], spots.count)
-    light = np.bincount(spots.source[seen], (spots.area_sr * spots.luminance_cd_m2)[seen], spots.count)
-    weights = (spots.area_sr * spots.luminance_cd_m2)[seen]
-    middle = np.stack([np.bincount(spots.source[seen], weights * spots.rays[seen, k], spots.count) for k in range(3)])
-    there = area > 0
-    level = light[there] / area[there]
-    index = position_index((middle[:, there] / np.linalg.norm(middle[:, there], axis=0)).T, azimuth_rad)
-    total = float((level**2 * area[there] / index**2).sum())
-    dgp = probability(vertical_lx, total)
-    return Glare(dgp, vertical_lx, int(there.sum()), float(level.max()) if there.any() else 0.0)
-
-
 def probability(vertical_lx: float, sources: float) -> float:
     """Return DGP (0 to 1) of the illuminance at the eye and the sum of L^2 w / P^2 over sources."""
     if vertical_lx <= 0:
@@ -169,14 +108,12 @@ def probability(vertical_lx: float, sources: float) -> float:
     return min(5.87e-5 * vertical_lx + 0.0918 * math.log10(1 + sources / vertical_lx**1.87) + 0.16, 1.0)
 
 
-def position_index(rays: Doubles, azimuth_rad: float) -> Doubles:
-    """Return how little a source in each direction (n, 3), ahead of the observer, disturbs: 1 ahead to 16.
+def position_index(rays: Doubles) -> Doubles:
+    """Return how little a source in each direction, ahead of the observer, disturbs: 1 ahead to 16, (N,).
 
-    ``rays``: unit vectors of shape (N, 3); the result has shape (N,).
+    ``rays``: unit vectors (N, 3) to the observer's right, ahead and up.
     """
-    sine, cosine = math.sin(azimuth_rad), math.cos(azimuth_rad)
-    ahead = np.clip(rays @ np.array([sine, cosine, 0.0]), 1e-9, 1)
-    aside, up = np.abs(rays @ np.array([cosine, -sine, 0.0])), rays[:, 2]
+    ahead, aside, up = np.clip(rays[:, 1], 1e-9, 1), np.abs(rays[:, 0]), rays[:, 2]
     sigma = np.degrees(np.arccos(ahead))
     tau = np.degrees(np.arctan2(aside, up))
     steep = (35.2 - 0.31889 * tau - 1.22 * np.exp(-2 * tau / 9)) / 1000 * sigma
@@ -192,32 +129,133 @@ Task = tuple[float, float, float]
 """Right and up of the line of sight, and the cone's whole angle, degrees."""
 
 
-def eye_rays(geometry: Fisheye) -> Doubles:
-    """Return directions (H, W, 3) of a fisheye's pixels for an observer who looks along its axis, +y, with up +z."""
-    rays, _ = directions(geometry)
-    return np.stack([-rays[..., 0], rays[..., 2], rays[..., 1]], axis=-1)
+def glare_indices(
+    image: LuminanceImage, azimuths_rad: Sequence[float] = (0.0,), *, task: Task | None = None
+) -> list[dict[str, Figure]]:
+    """Return each index for observers who look level towards azimuths of a panorama, or along the axis of a fisheye.
 
-
-def glare_indices(image: LuminanceImage, *, task: Task | None = None) -> dict[str, dict[str, float]]:
-    """Return each index with value and standard uncertainty: from the scale and from what all pixels share.
-
-    Raises `ParameterError` for a picture that is no fisheye, or a task that the picture does not show.
+    Uncertainties are of the scale, shared modes and pixels' noise with the sources as the picture shows them, and of
+    what would be one too, or no longer, were all luminances off together. Where a source is clipped indices are bounds.
+    Raises `ParameterError` for other pictures, or a task that the picture does not show.
     """
-    geometry = image.geometry
-    if not isinstance(geometry, Fisheye):
-        raise ParameterError("glare indices need a fisheye picture at the eye", advice="give --view")
-    rays, area = eye_rays(geometry), solid_angles(geometry)
-    level = luminance_map(image)
+    geometry, level = image.geometry, luminance_map(image)
+    rays, _ = directions(geometry)
+    area = np.where(image.validity == Validity.OUTSIDE, 0.0, solid_angles(geometry))
+    if isinstance(geometry, Fisheye):
+        rays, azimuths_rad = np.stack([-rays[..., 0], rays[..., 2], rays[..., 1]], axis=-1), (0.0,)
+        area = np.where(rays[..., 1] > 0, area, 0.0)
+    elif not isinstance(geometry, Equirectangular):
+        raise ParameterError("glare indices need a panorama, or a fisheye picture at the eye", advice="give --view")
+    looks = [_looking(geometry, azimuth, area) for azimuth in azimuths_rad]
     threshold = None if task is None else _task_threshold(rays, level, area, task)
-    values = _values(image, rays, area, threshold)
-    changed = [_values(replace(image, rgb=image.rgb * np.float32(1 + image.scale_uncertainty)), rays, area, threshold)]
-    for mode in modes_of(image):
-        factor = np.maximum(1 + relative_error(mode, image, level), 0)
-        changed.append(_values(replace(image, rgb=image.rgb * factor[..., None]), rays, area, threshold))
-    return {
-        name: {"value": value, "uncertainty": math.hypot(*(other[name] - value for other in changed))}
-        for name, value in values.items()
-    }
+
+    def eyes(change: float) -> list[_Eye]:
+        sources = bright_spots(rays, level * np.float32(change), area, threshold).ravel()
+        return [_Eye.of(look, rays.reshape(-1, 3), sources) for look in looks]
+
+    plain = eyes(1.0)
+    doubt = doubt_of(image, lambda light: np.concatenate([eye.sums(light) for eye in plain]))
+    shifts = np.split(doubt.shifts, np.cumsum([2 + 5 * len(eye.area) for eye in plain])[:-1], axis=1)
+    # By how much all luminances may be off together; the scale moves a task's threshold as it moves the light.
+    off = math.hypot(*shifts[0][: -1 if task else None, 1]) / max(float(plain[0].sums(level)[1]), 1e-30)
+    others = [eyes(1 + sign * min(off, 0.5)) for sign in (-1, 1)]
+    return [eye.figures(image, doubt, shifts[n], [one[n] for one in others]) for n, eye in enumerate(plain)]
+
+
+class _Look(NamedTuple):
+    """What lies ahead of an observer: which pixels of the flattened picture (n,), their solid angles and the same
+    projected onto the plane of the eye, steradians; and (3, 3) from the picture's rays to the right, ahead and up.
+    """
+
+    where: Indices
+    solid: Doubles
+    facing: Doubles
+    turn: Doubles
+
+
+def _looking(geometry: Fisheye | Equirectangular, azimuth_rad: float, area: Doubles) -> _Look:
+    sine, cosine = math.sin(azimuth_rad), math.cos(azimuth_rad)
+    facing = projected_solid_angles(geometry, UP if isinstance(geometry, Fisheye) else (sine, cosine, 0.0))
+    where = np.flatnonzero((facing > 0) & (area > 0))
+    turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    return _Look(where, area.ravel()[where], facing.ravel()[where], turn)
+
+
+@dataclass(frozen=True)
+class _Eye:
+    """What one observer sees: sums of its light, by source too, and the indices that they make."""
+
+    look: _Look
+    bright: Indices
+    """(B,): those of the look's pixels that glare; and the source of each, from 0."""
+    source: Indices
+    weights: Doubles
+    """(B, 5): their projected solid angles, solid angles, and these times their ways to the right, ahead and up."""
+    area: Doubles
+    """Of each source (S,), steradians."""
+
+    @classmethod
+    def of(cls, look: _Look, rays: Doubles, sources: Indices) -> "_Eye":
+        """Return the eye for a flattened picture's rays and sources."""
+        numbers = sources[look.where]
+        bright = np.flatnonzero(numbers)
+        source = np.unique(numbers[bright], return_inverse=True)[1]
+        facing, solid, ways = look.facing[bright], look.solid[bright], rays[look.where[bright]] @ look.turn
+        weights = np.column_stack([facing, solid, solid[:, None] * ways])
+        return cls(look, bright, source, weights, np.bincount(source, solid).astype(np.float64))
+
+    def sums(self, light: npt.NDArray[np.floating]) -> Doubles:
+        """Return light (H, W) by projected and by plain solid angle, and by `weights` of each source, (2 + 5 S,)."""
+        seen = light.ravel()[self.look.where].astype(np.float64)
+        each = [np.bincount(self.source, part * seen[self.bright]) for part in self.weights.T]
+        return np.concatenate([[self.look.facing @ seen, self.look.solid @ seen], np.stack(each, axis=-1).ravel()])
+
+    def noise(self, variance: Doubles) -> Doubles:
+        """Return independent changes of `sums` by pixels' noise, (C, K): the root of each source's covariance; of what
+        is no source that of either sum, taken to change together.
+        """
+        seen = variance.ravel()[self.look.where]
+        both = np.stack([self.look.facing, self.look.solid])
+        rows = [np.zeros(2 + 5 * len(self.area))]
+        rows[0][:2] = np.sqrt(np.maximum(both**2 @ seen - self.weights[:, :2].T ** 2 @ seen[self.bright], 0))
+        spread = self.weights * np.sqrt(seen[self.bright, None])
+        for n in range(len(self.area)):
+            root = np.asarray(np.linalg.qr(spread[self.source == n], mode="r"))
+            more = np.zeros((len(root), len(rows[0])))
+            more[:, :2], more[:, 2 + 5 * n : 7 + 5 * n] = root[:, :2], root
+            rows.extend(more)
+        return np.array(rows)
+
+    def values(self, sums: Doubles) -> dict[str, float]:
+        """Return the indices of `sums`."""
+        (lux, total), each = np.maximum(sums[:2], 0), sums[2:].reshape(-1, 5)
+        direct, light = np.maximum(each[:, :2].T, 0)
+        ways = each[:, 2:] / np.maximum(np.linalg.norm(each[:, 2:], axis=1, keepdims=True), 1e-30)
+        level, cosine = light / self.area, np.clip(direct / np.maximum(light, 1e-30), 0, 1)
+        mean = float(total / max(self.look.solid.sum(), 1e-9))
+        angle = np.degrees(np.arccos(np.clip(ways[:, 1], 0, 1)))
+        found = _formulas((level, self.area, position_index(ways), cosine, angle), float(lux), mean)
+        counted = {"sources": float(len(level)), "brightest_cd_m2": float(level.max(initial=0.0))}
+        return {"ev_lx": float(lux), "mean_cd_m2": mean, **found, **counted}
+
+    def figures(
+        self, image: LuminanceImage, doubt: Doubt, shifts: Doubles, others: Sequence["_Eye"]
+    ) -> dict[str, Figure]:
+        """Return the indices; ``shifts`` (C, K): of these sums, ``others``: eyes with other sources."""
+        level, clipped = luminance_map(image), (image.validity == Validity.CLIPPED).ravel()[self.look.where]
+        sums = self.sums(level)
+        plain = self.values(sums)
+        moved = [self.values(sums + shift) for shift in (*shifts, *self.noise(doubt.variance))]
+        apart = [eye.values(eye.sums(level)) for eye in others]
+        lost = self.look.facing[clipped] @ level.ravel()[self.look.where[clipped]]
+        low = lost > CLIPPED_SHARE * plain["ev_lx"] or 1 - self.look.facing.sum() / math.pi > CLIPPED_SHARE
+        light, index = "lower" if low else None, "lower" if low or clipped[self.bright].any() else None
+        bounds = {"ev_lx": light, "mean_cd_m2": light, "vcp_pct": index and "upper", "sources": None}
+        found = {}
+        for name, value in plain.items():
+            parts = [*(one[name] - value for one in moved), max(abs(one[name] - value) for one in apart)]
+            found[name] = doubt.figure(value, parts, bounds.get(name, index))
+        return found
 
 
 def _task_threshold(rays: Doubles, level: np.ndarray, area: Doubles, task: Task) -> float:
@@ -227,25 +265,6 @@ def _task_threshold(rays: Doubles, level: np.ndarray, area: Doubles, task: Task)
     if not inside.any():
         raise ParameterError("the picture lacks the task's zone", advice="give --task RIGHT,UP,ACROSS in degrees")
     return TASK_FACTOR * float(np.sum(level[inside] * area[inside]) / np.sum(area[inside]))
-
-
-def _values(image: LuminanceImage, rays: Doubles, area: Doubles, threshold: float | None) -> dict[str, float]:
-    level, lux = luminance_map(image), illuminance_lx(image).value_lx
-    spots = bright_spots(rays, level, np.where(rays[..., 1] > 0, area, 0.0), threshold)
-    mean = float(np.sum(level * area) / max(float(area.sum()), 1e-9))
-    return {"ev_lx": lux, "mean_cd_m2": mean, **_formulas(_sources(spots), lux, mean), "sources": float(spots.count)}
-
-
-def _sources(spots: BrightSpots) -> tuple[Doubles, Doubles, Doubles, Doubles, Doubles]:
-    """Return each source's luminance, solid angle, position index, mean cosine and degrees off the sight, all (n,)."""
-    count = spots.count
-    area = np.asarray(np.bincount(spots.source, spots.area_sr, count), np.float64)
-    light = spots.area_sr * spots.luminance_cd_m2
-    middle = np.stack([np.bincount(spots.source, light * spots.rays[:, k], count) for k in range(3)], axis=-1)
-    ways = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-30)
-    total = np.bincount(spots.source, light, count)
-    level, cosine = total / np.maximum(area, 1e-30), np.clip(middle[:, 1] / np.maximum(total, 1e-30), 0, 1)
-    return level, area, position_index(ways, 0.0), cosine, np.degrees(np.arccos(np.clip(ways[:, 1], 0, 1)))
 
 
 def _formulas(sources: tuple[Doubles, ...], lux: float, mean: float) -> dict[str, float]:
@@ -279,13 +298,3 @@ def _comfort(sensation: float, count: int) -> float:
         return 100.0
     rating = sensation ** (count**-0.0914)
     return 50 * (1 + math.erf((6.374 - 1.3227 * math.log(rating)) / math.sqrt(2)))
-
-
-def with_uncertainty(values: Callable[[LuminanceImage], float], image: LuminanceImage) -> tuple[float, float]:
-    """Return a figure of a picture and its standard uncertainty by scale and shared modes."""
-    level, plain = luminance_map(image), values(image)
-    off = [plain * image.scale_uncertainty]
-    for mode in modes_of(image):
-        factor = np.maximum(1 + relative_error(mode, image, level), 0)
-        off.append(values(replace(image, rgb=image.rgb * factor[..., None])) - plain)
-    return plain, math.hypot(*off)

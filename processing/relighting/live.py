@@ -14,7 +14,6 @@ import numpy as np
 from processing.calibration.outdoor.sun_place import Place, zone_at
 from processing.errors import ParameterError
 from processing.exchange.showing import session_shown
-from processing.figures.figures import eye_view
 from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
 from processing.ground.arrays import Vector
 from processing.light.picture.relight_photo import veil_gains
@@ -35,7 +34,6 @@ from station.commands.views import numbers
 Kind = Literal["captured", "clear", "overcast"]
 ROWS = 512  # of live pictures (chosen: as many as the viewer's map of numbers has; another hour then takes 0.8 CPU s)
 SEATED_M = 1.2  # height of a sitting observer's eyes, as EN 12464-1 and EN 17037 take it
-EYE_PX = 512  # across the view at an observer's eye: a third of a degree a pixel (chosen: the picture has no more)
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ class LiveRoom:
         if seat_m is not None:
             eye = (seat_m[0], seat_m[1], SEATED_M)
             image, seen = self._seen_from(eye, image, outdoors)
-        found = glare_indices(eye_view(image, math.radians(azimuth_deg), EYE_PX))
+        (found,) = glare_indices(image, [math.radians(azimuth_deg)])
         dgp = found["dgp"]["value"]
         return {
             "figures": found,

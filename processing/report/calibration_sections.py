@@ -24,13 +24,6 @@ from station.session.session import FrameRecord, Side, shutter_label
 
 SPOT_RAD = math.radians(1 / 3)
 ANYWHERE_DEG = 180.0  # uncertainty of a north that nobody knows
-_PLANES = {
-    "up": "level, facing up",
-    "ahead": "upright, facing ahead",
-    "right": "upright, facing right",
-    "back": "upright, facing back",
-    "left": "upright, facing left",
-}
 
 
 def indoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Display = AS_GIVEN) -> Section:
@@ -72,17 +65,6 @@ def _north(north: Mapping[str, Any]) -> str:
     if north["uncertainty_deg"] >= ANYWHERE_DEG:
         return "not known: the picture's top is taken for it"
     return f"by the {north['source']}, within {north['uncertainty_deg']:.2f}°"
-
-
-def light_section(facts: Mapping[str, Any]) -> Section:
-    """Return illuminances on planes through the cameras."""
-    rows = [
-        (f"{side}: {_PLANES[plane]}", number_text(found["value"], found["uncertainty"]) + " lx")
-        for side, one in facts.items()
-        for plane, found in one["illuminance_lx"].items()
-    ]
-    text = "Integrals of the calibrated pictures; standard uncertainties include the common scale."
-    return Section("Illuminance", text, tables=(Table("At the cameras", ("plane", "illuminance"), tuple(rows)),))
 
 
 def camera_section(
@@ -219,18 +201,18 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     unit = units["illuminance"]
     quantities = [
         _quantity("On a level plane at the camera", camera["level_up"], unit),
-        Quantity("Cylindrical", _tidy(camera["cylindrical"]), unit, note="mean of all upright planes"),
+        _quantity("Cylindrical", camera["cylindrical"], unit, "mean of all upright planes"),
     ]
     if outdoor := figures.get("outdoor"):
         quantities.append(_quantity("On level ground outdoors", outdoor["level_up"], unit))
     if (ratio := figures.get("level_ratio")) is not None:
-        note = "under an overcast sky the daylight factor"
-        quantities.append(Quantity("Inside over outside", _tidy(100 * ratio), "%", note=note))
+        percent = ratio | {name: 100 * ratio[name] for name in ("value", "uncertainty")}
+        quantities.append(_quantity("Inside over outside", percent, "%", "under an overcast sky the daylight factor"))
     looks = [(look, _name(look, k)) for k, look in enumerate(camera["directions"]) if "glare" in look]
     if looks:
-        look, name = max(looks, key=lambda one: one[0]["glare"]["dgp"])
+        look, name = max(looks, key=lambda one: one[0]["glare"]["dgp"]["value"])
         text = f"{look['glare']['rating']}, looking {name}"
-        quantities.append(Quantity("Highest glare probability (DGP)", round(look["glare"]["dgp"], 3), "", note=text))
+        quantities.append(_quantity("Highest glare probability (DGP)", look["glare"]["dgp"], "", text))
     rose = illuminance_rose([look["vertical"]["value"] for look in camera["directions"]], unit)
     pictures = (Picture("Illuminance on upright planes", rose, "rose of illuminance by direction of view"),)
     text = f"At the camera, {camera['height_m']:.2f} m above the floor. Uncertainties include the common scale."
@@ -241,9 +223,13 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     return Section("Light and glare", text, tuple(quantities), pictures, tuple(tables))
 
 
-def _quantity(name: str, value: Mapping[str, Any], unit: str) -> Quantity:
-    note = "a lower bound: part of the light is clipped or unseen" if value["lower_bound"] else ""
-    return Quantity(name, value["value"], unit, value["uncertainty"], note)
+def _quantity(name: str, figure: Mapping[str, Any], unit: str, note: str = "") -> Quantity:
+    low = f"the {figure['bound']} bound: part of the light is clipped or unseen" if figure["bound"] else ""
+    return Quantity(name, figure["value"], unit, figure["uncertainty"], "; ".join(filter(None, (note, low))))
+
+
+def _bounded(figure: Mapping[str, Any]) -> str:
+    return number_text(figure["value"], figure["uncertainty"]) + (" or more" if figure["bound"] else "")
 
 
 def _name(look: Mapping[str, Any], number: int) -> str:
@@ -258,11 +244,14 @@ def _directions_table(directions: Sequence[Mapping[str, Any]], unit: str) -> Tab
     head = ("looking", f"illuminance at the eye ({unit})", *(("DGP", "glare", "sources") if glare else ()))
     rows = []
     for k, look in enumerate(directions):
-        light = look["vertical"]
-        row = [_name(look, k), number_text(light["value"], light["uncertainty"]) + (" or more" * light["lower_bound"])]
+        row = [_name(look, k), _bounded(look["vertical"])]
         if glare:
             found = look["glare"]
-            row += [f"{found['dgp']:.3f}", found["rating"] + (", little light" * found["faint"]), str(found["sources"])]
+            row += [
+                _bounded(found["dgp"]),
+                found["rating"] + (", little light" * found["faint"]),
+                str(found["sources"]),
+            ]
         rows.append(tuple(row))
     return Table("By direction of view", head, tuple(rows))
 
@@ -282,12 +271,7 @@ def _surface_table(surfaces: Sequence[Mapping[str, Any]], unit: str) -> Table:
     head = ("part", f"mean ({unit})", "5 %", "median", "95 %", "highest", "clipped")
     names = ("mean", "p05", "median", "p95", "highest")
     rows = tuple(
-        (str(one["name"]), *(number_text(_tidy(one[name])) for name in names), f"{100 * one['clipped_share']:.2g} %")
+        (str(one["name"]), *(_bounded(one[name]) for name in names), f"{100 * one['clipped_share']:.2g} %")
         for one in surfaces
     )
     return Table("Luminance of the room's parts", head, rows)
-
-
-def _tidy(value: float) -> float:
-    """Return a value to three digits: what has no uncertainty beside it should not look as if it were exact."""
-    return round(value, 2 - math.floor(math.log10(abs(value)))) if value and math.isfinite(value) else value

@@ -14,7 +14,6 @@ from processing.report.calibration_sections import (
     camera_section,
     indoor_section,
     light_figures_section,
-    light_section,
     outdoor_section,
 )
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
@@ -148,8 +147,6 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     figures = context.optional_artifact("figures", "light_figures")
     if figures is not None:
         found.append(light_figures_section(figures))
-    elif facts["indoor"].get("absolute", True):
-        found.append(light_section(facts))
     found += _room(context, display)
     found += _detect(context, display)
     found += _remove(context, display)

@@ -34,7 +34,7 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.7, "surfaces")
     readings = [r.luminance_cd_m2 for r in context.session.readings if r.luminance_cd_m2 is not None]
     figures: dict[str, Any] = {
-        "version": 1,
+        "version": 2,
         "absolute": image.absolute,
         "units": {"luminance": image.unit, "illuminance": "lx" if image.absolute else image.unit},
         "camera": camera,
@@ -53,10 +53,13 @@ def run(context: StageContext) -> StageOutput:
 def _metrics(figures: dict[str, Any]) -> dict[str, Any]:
     camera = figures["camera"]
     brightest = camera["directions"][camera["brightest"]]
-    glare = [look["glare"]["dgp"] for look in camera["directions"] if "glare" in look]
+    ratio, glare = (
+        figures["level_ratio"],
+        [look["glare"]["dgp"]["value"] for look in camera["directions"] if "glare" in look],
+    )
     return {
         "level_up": camera["level_up"]["value"],
         "brightest_vertical": brightest["vertical"]["value"],
         "highest_dgp": max(glare) if glare else None,
-        "level_ratio": figures["level_ratio"],
+        "level_ratio": ratio and ratio["value"],
     }

@@ -14,7 +14,9 @@ import pytest
 
 from daylit import main
 from processing.pictures.exr import write_exr
+from processing.pictures.images import Validity
 from processing.pictures.radiance import write_radiance_hdr
+from processing.sphere import Fisheye, LensMapping
 from tests.processing.pictures.picture_strategies import luminance_image
 
 FISHEYE = ("--view", "fisheye,equidistant,180")
@@ -68,6 +70,33 @@ def test_a_scale_makes_it_absolute(tmp_path: Path, capsys: pytest.CaptureFixture
     assert {"illuminance_lx", "dgp", "ugr"} <= set(found["figures"])
 
 
+def test_a_factor_without_an_uncertainty_leaves_it_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, table = exr(tmp_path / "plain.exr", size=(32, 32)), tmp_path / "t.csv"
+    _, found = said(capsys, path, *FISHEYE, "--scale", "2", "--csv", str(table))
+    assert {one["uncertainty"] for one in found["figures"].values()} == {None}
+    assert {row["standard_uncertainty"] for row in csv.DictReader(table.read_text("utf-8").splitlines())} == {""}
+    assert main(["figures", path, *FISHEYE, "--scale", "2"]) == 0
+    assert "± not known" in capsys.readouterr().out
+    _, read = said(capsys, path, *FISHEYE, "--reading", "80@16,16")
+    assert read["figures"]["dgp"]["uncertainty"] > 0
+
+
+def test_clipped_light_is_said_to_be_a_bound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = luminance_image(np.full((32, 32, 3), 3000, np.float32), Fisheye(32, 32, LensMapping.EQUIDISTANT, 16))
+    validity = image.validity.copy()
+    validity[10:14, 14:18] = Validity.CLIPPED
+    write_exr(tmp_path / "own.exr", replace(image, validity=validity))
+    table = tmp_path / "t.csv"
+    _, found = said(capsys, str(tmp_path / "own.exr"), "--region", "0,20,32,32", "--csv", str(table))
+    bounds = {name: one["bound"] for name, one in found["figures"].items()}
+    assert bounds["illuminance_lx"] == bounds["dgp"] == bounds["picture-mean_cd_m2"] == "lower"
+    assert bounds["vcp_pct"] == "upper"
+    assert bounds["region-1-mean_cd_m2"] is None
+    assert {row["figure"]: row["bound"] or None for row in csv.DictReader(table.read_text().splitlines())} == bounds
+    assert main(["figures", str(tmp_path / "own.exr")]) == 0
+    assert "a lower bound" in capsys.readouterr().out
+
+
 def test_a_file_that_states_its_scale_is_absolute(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, found = said(capsys, exr(tmp_path / "white.exr", white=3.0))
     assert found["unit"] == "cd/m2"
@@ -94,7 +123,12 @@ def test_radiance_files_of_others_follow_its_convention(tmp_path: Path, capsys: 
 def test_tables_go_where_there_is_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, table, colours = exr(tmp_path / "p.exr"), tmp_path / "t.csv", tmp_path / "t.png"
     assert said(capsys, path, "--csv", str(table), "--falsecolour", str(colours))[0] == 0
-    assert next(csv.reader(table.read_text("utf-8").splitlines())) == ["figure", "value", "standard_uncertainty"]
+    assert next(csv.reader(table.read_text("utf-8").splitlines())) == [
+        "figure",
+        "value",
+        "standard_uncertainty",
+        "bound",
+    ]
     assert colours.read_bytes().startswith(b"\x89PNG")
     for option in ("--csv", "--falsecolour"):
         found = error(capsys, path, option, str(tmp_path / "no" / "x.png"))
@@ -163,7 +197,7 @@ def test_light_beyond_numbers_names_the_file(
 def test_large_values_have_a_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, found = said(capsys, exr(tmp_path / "p.exr", level=9e35))
     assert found["figures"]["picture-mean"]["value"] == pytest.approx(9e35)
-    assert all(math.isfinite(number) for one in found["figures"].values() for number in one.values())
+    assert all(math.isfinite(one["value"]) for one in found["figures"].values())
 
 
 def test_factors_of_a_lens_may_not_carry_it_too_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -106,12 +106,12 @@ def test_indices_of_one_source_follow_their_formulas() -> None:
     image = eye(500.0)
     rgb = image.rgb.copy()
     rgb[40:60, 95:105] = 20_000
-    found = glare_indices(replace(image, rgb=rgb))
+    (found,) = glare_indices(replace(image, rgb=rgb))
     assert found["sources"]["value"] == 1
     assert 10 < found["ugr"]["value"] < 40
     # A scale of 2 % more adds 8 log10(1.02) to UGR.
     assert found["ugr"]["uncertainty"] == pytest.approx(8 * math.log10(1.02), rel=0.1)
-    assert glare_indices(image)["ugr"]["value"] == 0
+    assert glare_indices(image)[0]["ugr"]["value"] == 0
 
 
 def test_the_task_sets_the_threshold_and_must_be_seen() -> None:
@@ -119,8 +119,8 @@ def test_the_task_sets_the_threshold_and_must_be_seen() -> None:
     rgb = image.rgb.copy()
     rgb[40:60, 95:105] = 900
     bright = replace(image, rgb=rgb)
-    assert glare_indices(bright)["sources"]["value"] == 0
-    assert glare_indices(bright, task=(0.0, -20.0, 30.0))["sources"]["value"] == 1
+    assert glare_indices(bright)[0]["sources"]["value"] == 0
+    assert glare_indices(bright, task=(0.0, -20.0, 30.0))[0]["sources"]["value"] == 1
     with pytest.raises(ParameterError):
         glare_indices(bright, task=(180.0, 0.0, 10.0))
 
