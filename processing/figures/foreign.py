@@ -184,10 +184,7 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path, *, abso
 
 
 def rescaled(image: LuminanceImage, factor: float, sigma: float, where: str = "--scale") -> LuminanceImage:
-    """Return the picture times a factor of a relative standard uncertainty, infinite where it is not known.
-
-    Errors name ``where`` the factor is from.
-    """
+    """Return the picture times a factor (of ``where``) of a relative standard uncertainty, inf: not known."""
     check_light(image.rgb, where, factor)
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     rgb = np.asarray(image.rgb * np.float32(factor))

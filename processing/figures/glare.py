@@ -211,12 +211,11 @@ class _Eye:
         return np.concatenate([[self.look.facing @ seen, self.look.solid @ seen], np.stack(each, axis=-1).ravel()])
 
     def noise(self, variance: Doubles) -> Doubles:
-        """Return independent changes of `sums` by pixels' noise, (C, K): the root of each source's covariance; of what
-        is no source that of either sum, taken to change together.
-        """
+        """Return independent changes of `sums` by noise, (C, K): roots of covariances of sources and of the rest."""
         seen = variance.ravel()[self.look.where]
         both = np.stack([self.look.facing, self.look.solid])
         rows = [np.zeros(2 + 5 * len(self.area))]
+        # The two sums of what is no source are taken to change together.
         rows[0][:2] = np.sqrt(np.maximum(both**2 @ seen - self.weights[:, :2].T ** 2 @ seen[self.bright], 0))
         spread = self.weights * np.sqrt(seen[self.bright, None])
         for n in range(len(self.area)):

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from processing.figures.figures import camera_figures, surface_figures
 from processing.pictures.images import LuminanceImage
 from processing.report import room_states, states
 from processing.report.data import Cards, Comparison, Models, Viewer
@@ -60,6 +61,31 @@ def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
     assert [line.name for line in data.stages][-2:] == ["render", "stills"]
     run(given)
     assert (given.folder / "lab.html").stat().st_size < 3_000_000
+
+
+def test_figures_have_uncertainties_and_say_which_are_bounds(tmp_path: Path) -> None:
+    image = picture((1.0, 1.0, 1.0), 1)
+    validity = np.where(image.rgb[..., 1] > np.quantile(image.rgb[..., 1], 0.9), 1, 0).astype(np.uint8)
+    for seen, clipped in (
+        (replace(image, validity=np.zeros_like(validity)), False),
+        (replace(image, validity=validity), True),
+    ):
+        made = results()
+        figures = dict(made["figures"]["light_figures"])
+        figures |= {
+            "camera": camera_figures(seen, height_m=1.6, heading_rad=0.5),
+            "surfaces": surface_figures(seen, None),
+            "level_ratio": {"value": 0.02, "uncertainty": 0.001, "bound": "lower" if clipped else None},
+        }
+        made["figures"]["light_figures"] = figures
+        (section,) = (one for one in report_data(context(tmp_path, made)).sections if one.title == "Light and glare")
+        notes = {one.name: one.note for one in section.quantities}
+        assert all(one.uncertainty is not None for one in section.quantities)
+        for name in ("Cylindrical", "Inside over outside", "On a level plane at the camera"):
+            assert ("the lower bound" in notes[name]) == clipped, name
+        looks, whole = section.tables[0].rows, section.tables[-1].rows[0]
+        assert any("or more" in row[1] for row in looks) == ("or more" in whole[1]) == clipped
+        assert all("±" in cell for cell in (looks[0][1], looks[0][2], whole[1]))
 
 
 def test_what_was_skipped_is_named_and_the_rest_stands(tmp_path: Path) -> None:
