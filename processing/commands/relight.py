@@ -16,6 +16,7 @@ from station.commands.views import FILE, FOLDER, answer, numbers
 if TYPE_CHECKING:
     from datetime import datetime
 
+    from processing.exchange.jpeg_files import Made
     from processing.light.picture.viewpoint import Elsewhere
     from processing.relighting.relit_session import Relighting, SessionRoom
 
@@ -70,11 +71,12 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
     check_sky(room)
     folder = asked["output"] or session / FOLDER
-    name = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
     moments = _moments(room, asked) | {"shown": session_shown(session)}
     remember(session, given, by="daylit relight")
     ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
     folder.mkdir(parents=True, exist_ok=True)
+    moments["made"] = _made(session, room, "relit", folder)
+    name = _name(room)
     found = (_sweep if asked["sweep"] else _one)(ready, moments, folder, name)
     lines = (*(f"note: {note}" for note in found["notes"]), *map(_line, found["moments"]), f"written to {folder}")
     return answer({"ok": True, "folder": str(folder), **found}, lines, as_json=as_json)
@@ -153,7 +155,7 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
     write_exr(folder / f"{name}-{stem}.exr", picture)
     shown = moments["shown"]
     rgb8 = replace(shown, display=shown.display.exposed(picture.rgb)).rgb8(picture.rgb, ready.room.picture.geometry)
-    _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, f"{ready.room.manifest.name}, relit")
+    _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, moments["made"])
     return _summary(ready, moments, [relit.facts], folder / f"{name}-{stem}.json")
 
 
@@ -165,11 +167,12 @@ def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) 
     shown = replace(shown, display=display_of_day(shown.display, [r.picture.rgb for r in relits]))
     whole = [shown.rgb8(r.picture.rgb, ready.room.picture.geometry) for r in relits]
     for (stem, _, _, _), rgb8 in zip(moments["lights"], whole, strict=True):
-        _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, f"{ready.room.manifest.name}, relit")
-    small, sheet = ([shrunk(rgb8, rows) for rgb8 in whole] for rows in (ANIMATION_ROWS, SHEET_ROWS))
-    day = moments["lights"][0][0][:10]
-    write_animation(folder / f"{name}-{day}.webp", [_marked(p, ready.room) for p in small])
-    write_sheet(folder / f"{name}-{day}-sheet.png", sheet, [caption for _, caption, _, _ in moments["lights"]])
+        _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, moments["made"])
+    made: Made = moments["made"]
+    small, sheet = ([made.on(shrunk(rgb8, rows)) for rgb8 in whole] for rows in (ANIMATION_ROWS, SHEET_ROWS))
+    day, captions = moments["lights"][0][0][:10], [caption for _, caption, _, _ in moments["lights"]]
+    write_animation(folder / f"{name}-{day}.webp", small, made)
+    write_sheet(folder / f"{name}-{day}-sheet.png", sheet, captions, made)
     return _summary(ready, moments, [r.facts for r in relits], folder / f"{name}-{day}.json")
 
 
@@ -187,20 +190,29 @@ def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, A
     return found
 
 
-def _marked(rgb8: Any, room: SessionRoom) -> Any:
-    from processing.exchange.jpeg_files import labelled
-
-    return rgb8 if room.staged is None else labelled(rgb8)
+def _name(room: SessionRoom) -> str:
+    return "empty" if room.staged is None else f"staged-{room.staged}"
 
 
-def _jpeg(path: Path, rgb8: Any, room: SessionRoom, title: str = "") -> None:
-    """Write a picture of the room, labelled where it is staged; one twice as wide as high is a whole panorama."""
+def _made(session: Path, room: SessionRoom, further: str, folder: Path) -> Made:
+    """Return what pictures of the room are; the original is where the session says, else written beside them."""
+    from processing.exchange.export import write_original
+    from processing.exchange.showing import made_of, session_shown
+    from processing.running.choices import read_choices
+
+    url = read_choices(session).value(session, "original-url")
+    original = url or write_original(session, folder, session_shown(session))
+    return made_of(session, _name(room), further=further, original=original)
+
+
+def _jpeg(path: Path, rgb8: Any, room: SessionRoom, made: Made) -> None:
+    """Write a picture of the room with its label; one twice as wide as high is a whole panorama."""
     from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
 
     high, wide = rgb8.shape[:2]
     tags = PanoramaTags.whole(wide, high, heading_rad=room.manifest.heading_rad) if wide == 2 * high else None
-    staged, relative = room.staged is not None, not room.picture.absolute
-    write_jpeg(path, _marked(rgb8, room), panorama=tags, staged=staged, relative=relative, title=title)
+    how: dict[str, Any] = {"relative": not room.picture.absolute, "title": f"{room.manifest.name}, {made.further}"}
+    write_jpeg(path, made.on(rgb8), panorama=tags, made=made, **how)
 
 
 def _line(one: dict[str, Any]) -> str:
@@ -260,8 +272,7 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     found = seen_from(room.scene, room.picture.rgb, room.eye_m, geometry, (eye[0], eye[1], eye[2]), effort=effort)
     folder = asked["output"] or session / "views"
     folder.mkdir(parents=True, exist_ok=True)
-    kind = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
-    stem = asked["name"] or f"{kind}-from-{'_'.join(f'{v:g}' for v in eye)}"
+    stem = asked["name"] or f"{_name(room)}-from-{'_'.join(f'{v:g}' for v in eye)}"
     facts = _write(folder, stem, session, room, found, (geometry, eye))
     lines = (
         f"{100 * facts['seen_share']:.0f} % of what is not window was seen by the camera; the rest is rendered",
@@ -297,7 +308,7 @@ def _write(
     write_exr(folder / f"{stem}.exr", seen_picture(room.picture, found, geometry, (eye[0], eye[1], eye[2])))
     write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
     rgb8 = session_shown(session).display.shown(found.rgb, found.glass, around=isinstance(geometry, Equirectangular))
-    _jpeg(folder / f"{stem}.jpg", rgb8, room)
+    _jpeg(folder / f"{stem}.jpg", rgb8, room, _made(session, room, "computed view", folder))
     return {
         "eye_m": eye,
         "staged": room.staged,

@@ -77,12 +77,13 @@ def _place_lines(place: dict[str, Any]) -> list[str]:
     "--what", default="jpeg,hdr,gltf", metavar="KINDS", help="Some of jpeg, hdr, exr, gltf, glare, with commas between."
 )
 @click.option("--into", type=FOLDER, help="Default: SESSION's name + -export.")
-@click.option("--no-label", is_flag=True, help="Staged JPEGs without the visible label (their metadata still say so).")
+@click.option("--no-label", is_flag=True, help="Edited JPEGs without the visible label (their metadata still say so).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_json: bool) -> int:
     """Write the pictures and models of a processed SESSION as JPEG, Radiance HDR, EXR, glTF.
 
-    jpeg has Google's panorama tags and opens in any 360-degree viewer; hdr is for Radiance's falsecolor and pvalue;
+    jpeg has Google's panorama tags and opens in any 360-degree viewer; emptied and staged ones say what was changed,
+    and where the original is (beside, or at `process --original-url`); hdr is for Radiance's falsecolor and pvalue;
     gltf (GLB, metres, y up) holds the room and each staged room; glare makes eight views for evalglare, and asks it
     where it is installed.
 
@@ -93,15 +94,17 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
     """
     from processing.exchange.export import Exported
     from processing.exchange.export import export as write
+    from processing.running.choices import read_choices
     from station.session.store import load_manifest
 
-    manifest = load_manifest(session)
+    manifest, url = load_manifest(session), read_choices(session).value(session, "original-url")
     kinds = [one.strip() for one in what.split(",") if one.strip()]
     target = into or Path(f"{session.resolve().name}-export")
     plain = [one for one in kinds if one != "glare"]
     done, glare = Exported(), {}
     if plain or not kinds:
-        done = write(session.resolve(), target, plain, heading_rad=manifest.heading_rad, label=not no_label)
+        how: dict[str, Any] = {"heading_rad": manifest.heading_rad, "label": not no_label, "original_url": url}
+        done = write(session.resolve(), target, plain, **how)
     if "glare" in kinds:
         glare = _glare(session.resolve(), target, done)
     files = [str(path) for path in done.files]

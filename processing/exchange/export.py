@@ -9,8 +9,8 @@ from pathlib import Path
 
 from processing.errors import ParameterError, PictureFileError, ProcessingError, ResultFileError
 from processing.exchange.gltf import write_scene_glb
-from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
-from processing.exchange.showing import Shown, session_shown
+from processing.exchange.jpeg_files import Made, PanoramaTags, write_jpeg
+from processing.exchange.showing import Shown, made_of, session_shown
 from processing.ground.finished import Finished
 from processing.ground.room_model import read_room
 from processing.light.scene.scene_file import read_scene
@@ -20,6 +20,7 @@ from processing.pictures.patch import read_shown
 from processing.pictures.radiance import write_radiance_hdr
 from processing.pictures.writing import write_bytes
 from processing.sphere import Equirectangular
+from station.session.store import load_manifest
 
 KINDS = ("jpeg", "hdr", "exr", "gltf")
 ROOM, SKY, EMPTY = "room", "sky", "empty"
@@ -58,14 +59,21 @@ def recorded(session: Path, stage: str, name: str, left_out: dict[str, str]) -> 
 
 
 def export(
-    session: Path, into: Path, what: Sequence[str], *, heading_rad: float | None = None, label: bool = True
+    session: Path,
+    into: Path,
+    what: Sequence[str],
+    *,
+    heading_rad: float | None = None,
+    label: bool = True,
+    original_url: str | None = None,
 ) -> Exported:
     """Write a session's results into a folder.
 
-    ``what``: some of `KINDS`. jpeg: in the one display of the room, with panorama tags; staged ones carry the label and
-      IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
+    ``what``: some of `KINDS`. jpeg: in the one display of the room, with panorama tags; staged and emptied ones carry
+      label, statement and IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
     ``heading_rad``: compass azimuth of the panorama's centre, for viewers with a compass.
-    ``label``: whether staged pictures show that they are staged; their metadata always say so.
+    ``label``: whether staged and emptied pictures show what they are; their metadata always say so.
+    ``original_url``: where the unaltered ones will be on the web; without it they are named that lie beside.
     Raises `ParameterError`: an unknown kind, or a session that has not been processed.
     """
     unknown = set(what) - set(KINDS)
@@ -76,17 +84,21 @@ def export(
     into.mkdir(parents=True, exist_ok=True)
     done = Exported()
     if set(what) & {"jpeg", "hdr", "exr"}:
-        _pictures(session, into, what, done, (heading_rad, label))
+        _pictures(session, into, what, done, (heading_rad, label, original_url))
     if "gltf" in what:
         _models(session, into, done)
     return done
 
 
-def _pictures(session: Path, into: Path, what: Sequence[str], to: Exported, how: tuple[float | None, bool]) -> None:
+def _pictures(
+    session: Path, into: Path, what: Sequence[str], to: Exported, how: tuple[float | None, bool, str | None]
+) -> None:
     recorded(session, "room", "room.json", to.left_out)  # where the windows are
     showing = session_shown(session) if "jpeg" in what else None
-    for name, made in pictures_of(session, to.left_out).items():
-        image = read_shown(made)
+    every = pictures_of(session, to.left_out)
+    original = how[2] or (f"{session.name}_{ROOM}.jpg" if ROOM in every else "")
+    for name, file in every.items():
+        image = read_shown(file)
         assert isinstance(image, LuminanceImage)
         stem = into / f"{session.name}_{name}"
         for kind in what:
@@ -96,23 +108,35 @@ def _pictures(session: Path, into: Path, what: Sequence[str], to: Exported, how:
                     (write_radiance_hdr if kind == "hdr" else write_exr)(path, image)
                     to.files.append(path)
                 elif kind == "jpeg" and showing is not None:
-                    to.files.append(_jpeg(stem, image, name, showing, how))
+                    made = made_of(session, name, original=original) if name not in (ROOM, SKY) else Made()
+                    to.files.append(_jpeg(stem, image, made, showing, how))
             except PictureFileError as error:
                 to.left_out[f"{name}.{kind}"] = str(error)
 
 
-def _jpeg(stem: Path, image: LuminanceImage, name: str, showing: Shown, how: tuple[float | None, bool]) -> Path:
-    heading_rad, label = how
-    staged, sky = name.startswith("staged"), name == SKY
-    shown = showing.display.exposed(image.rgb).shown(image.rgb) if sky else showing.rgb8(image.rgb, image.geometry)
-    if staged and label:
-        shown = labelled(shown)
-    tags = None
+def _jpeg(
+    stem: Path, image: LuminanceImage, made: Made, showing: Shown, how: tuple[float | None, bool, str | None]
+) -> Path:
+    heading_rad, label, _ = how
+    name, tags = stem.name.rpartition("_")[2], None
+    sky = showing.display.exposed(image.rgb).shown(image.rgb) if name == SKY else None
+    shown = showing.rgb8(image.rgb, image.geometry) if sky is None else sky
     if isinstance(image.geometry, Equirectangular):
         tags = PanoramaTags.whole(image.geometry.width_px, image.geometry.height_px, heading_rad=heading_rad)
     path = stem.with_name(stem.name + ".jpg")
-    write_jpeg(path, shown, panorama=tags, staged=staged, relative=not image.absolute, title=name)
+    shown = made.on(shown) if label else shown
+    write_jpeg(path, shown, panorama=tags, made=made, relative=not image.absolute, title=name)
     return path
+
+
+def write_original(session: Path, into: Path, showing: Shown) -> str:
+    """Write the unaltered photograph beside pictures that were made of it; return its name, "" where there is none."""
+    files = (recorded(session, *where, {}) for where in (("room", "panorama.exr"), ("calibrate", "indoor.exr")))
+    file = next((one for one in files if one is not None), None)
+    image = None if file is None else read_shown(file)
+    if not isinstance(image, LuminanceImage):
+        return ""
+    return _jpeg(into / "original", image, Made(), showing, (load_manifest(session).heading_rad, False, None)).name
 
 
 def _models(session: Path, into: Path, done: Exported) -> None:

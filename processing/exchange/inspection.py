@@ -101,7 +101,7 @@ def _eight_bit(path: Path) -> OpenPicture:
         raise PictureFileError(f"cannot be read: {error}", where=str(path)) from error
     text = packet.encode() if isinstance(packet, str) else bytes(packet)
     attributes: dict[str, object] = {f"GPano:{name}": value for name, value in read_tags(path).gpano.items()}
-    attributes["staged"] = b"compositeSynthetic" in text
+    attributes |= {"edited": b"compositeSynthetic" in text, "staged": b'daylit:Staged="True"' in text}
     if b'daylit:Units="relative"' in text:
         attributes["units"] = "relative"
     return OpenPicture("JPEG or PNG, to look at", CODE_UNIT, codes, _assumed(codes), attributes=attributes)

@@ -6,7 +6,7 @@ import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypedDict, Unpack
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from PIL import Image
 
 
-# A label in the picture itself: whoever sees a staged picture can read that it is one.
+# A label in the picture itself: whoever sees a staged or emptied picture can read that it is one.
 #
-# In a flat picture it is a small plate in the lower left corner, with a QR code where there is a link. On a panorama it
-# lies flat on the floor at the nadir and on the ceiling at the zenith, where it hides no furniture and is not bent.
+# In a flat picture it is a small plate in the lower left corner. On a panorama it lies flat on the floor at the nadir
+# and on the ceiling at the zenith, where it hides no furniture and is not bent. Where there is a link it has a QR code.
 
 TEXT = "Virtually staged"
 LETTERS = 0.022  # height of a line, of the picture's. Chosen: read on a phone, and no more.
@@ -38,8 +38,8 @@ _INK = (255, 255, 255, 235)
 def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, link: str | None = None) -> Bytes:
     """Return a copy of an 8-bit picture (H, W, 3) with the label on it.
 
-    ``panorama``: whether it shows the whole sphere; None: if it is twice as wide as high. ``link``: of a flat picture,
-    where a QR code beside the text leads. The label is made smaller where it does not fit; below about 200 pixels of
+    ``panorama``: whether it shows the whole sphere; None: if it is twice as wide as high. ``link``: where a QR code
+    beside the text leads. The label is made smaller where it does not fit; below about 200 pixels of
     width it cannot be read. Raises `ParameterError` for another array and for a text that is empty or longer than 60
     characters.
     """
@@ -50,7 +50,7 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
         raise ParameterError("a label is 1 to 60 printable characters")
     height, width = rgb8.shape[:2]
     if height >= LEAST_PANORAMA_PX and (width == 2 * height if panorama is None else panorama):
-        return _at_the_poles(rgb8, text)
+        return _at_the_poles(rgb8, text, link)
     plate = _plate(text, height, width, height // 3 or 1, link)
     picture = Image.fromarray(np.ascontiguousarray(rgb8)).convert("RGBA")
     margin = min(max(LEAST_LETTERS_PX, height // 60), width - plate.width, height - plate.height)
@@ -58,7 +58,7 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
     return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
 
-def _at_the_poles(rgb8: Bytes, text: str) -> Bytes:
+def _at_the_poles(rgb8: Bytes, text: str, link: str | None) -> Bytes:
     """Return a panorama with the plate flat at nadir and zenith, to be read by who looks down or up from the middle."""
     import cv2
 
@@ -66,7 +66,7 @@ def _at_the_poles(rgb8: Bytes, text: str) -> Bytes:
     out = rgb8.copy()
     longitude = ((np.arange(columns) + 0.5) / columns - 0.5) * 2 * math.pi
     reach = max(1, math.ceil(math.atan(POLE_HALF_FIELD * 1.1) / math.pi * rows))
-    plate = np.asarray(_plate(text, max(24 * LEAST_LETTERS_PX, rows), columns, rows), np.float32)
+    plate = np.asarray(_plate(text, max(24 * LEAST_LETTERS_PX, rows), columns, rows, link), np.float32)
     high, wide = plate.shape[:2]
     for top in (False, True):
         away = np.tan((np.arange(reach) + 0.5) / rows * math.pi)  # from the pole, on a plane one unit away
@@ -113,6 +113,61 @@ def _qr(link: str, height: int) -> Image.Image:
     return Image.fromarray(np.kron(255 * (1 - modules), np.ones((scale, scale), np.uint8))).convert("RGBA")
 
 
+# What a picture is: as the camera took it, or changed by computer. It says so on its plate, in its metadata and in its
+# statement, with where the unaltered original is (California AB 723, in force since 2026-01-01; listing services).
+
+PHOTOGRAPH, EMPTIED, STAGED = "photograph", "emptied", "staged"
+PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT}
+EDITS = {
+    PHOTOGRAPH: "",
+    EMPTIED: "Furniture was removed by computer, and the room's light worked out without it.",
+    STAGED: "Furniture is virtual; the room's own furniture was removed by computer, and its light worked out anew.",
+}
+ADDED = "Furniture is virtual, and the room's light worked out with it."
+FURTHER = {
+    "": "",
+    "relit": "The light is that of another time or sky, computed.",
+    "computed view": "What the camera did not see from its own place is computed.",
+}
+UNALTERED = " Unaltered original: "
+
+
+class Made(NamedTuple):
+    """What a picture is, and all that it says of that."""
+
+    state: str = PHOTOGRAPH
+    """A key of `EDITS`."""
+    removed: bool = True
+    """Of a staged one: whether furniture was removed before."""
+    further: str = ""
+    """A key of `FURTHER`."""
+    original: str = ""
+    """Where the unaltered photograph is: an address on the web, or a file beside the picture; empty: not known."""
+
+    @classmethod
+    def of(cls, name: str, **more: Any) -> Self:
+        """Return what is shown under a name: room, empty, staged-2; Photograph, Emptied, Staged 2."""
+        low = name.lower()
+        return cls(STAGED if low.startswith(STAGED) else EMPTIED if low.startswith("empt") else PHOTOGRAPH, **more)
+
+    @property
+    def plate(self) -> str:
+        """Return the text of its label; empty: as the camera took it."""
+        return ", ".join(filter(None, (PLATES[self.state], self.further))).capitalize()
+
+    @property
+    def statement(self) -> str:
+        """Return what was changed, and where the unaltered original is; empty: as the camera took it."""
+        edits = EDITS[self.state] if self.removed or self.state != STAGED else ADDED
+        said = " ".join(filter(None, (edits, FURTHER[self.further])))
+        return said + UNALTERED + self.original if said and self.original else said
+
+    def on(self, rgb8: Bytes, *, panorama: bool | None = None) -> Bytes:
+        """Return an 8-bit picture (H, W, 3) with its label, if it is to have one; see `labelled`."""
+        link = self.original if self.original.startswith("http") else None
+        return labelled(rgb8, self.plate, panorama=panorama, link=link) if self.plate else np.ascontiguousarray(rgb8)
+
+
 # XMP packets by hand: how a panorama covers the sphere (GPano), what kind of picture it is (IPTC), and its title.
 #
 # Nothing personal goes in: no names, no paths, no times.
@@ -121,7 +176,7 @@ GPANO = "http://ns.google.com/photos/1.0/panorama/"
 IPTC_EXTENSION = "http://iptc.org/std/Iptc4xmpExt/2008-02-29/"
 DAYLIT = "urn:daylit:xmp:1/"
 STAGED_SOURCE = "http://cv.iptc.org/newscodes/digitalsourcetype/compositeSynthetic"
-"""IPTC's word for pictures of which some elements are synthetic: virtual furniture in a photograph."""
+"""IPTC's word for pictures of which some elements are synthetic: virtual furniture, or a floor that nobody saw."""
 
 _LONGEST_TITLE = 500  # chosen: a paragraph
 
@@ -161,12 +216,10 @@ class Said(TypedDict, total=False):
     """What a picture says of itself."""
 
     panorama: PanoramaTags | None
-    staged: bool
-    """It shows furniture that was not there."""
+    made: Made
     relative: bool
     """It was made from light of unknown scale."""
     title: str
-    statement: str
 
 
 def packet(width_px: int, height_px: int, **said: Unpack[Said]) -> bytes:
@@ -174,10 +227,11 @@ def packet(width_px: int, height_px: int, **said: Unpack[Said]) -> bytes:
 
     Raises `ParameterError` for a panorama that the picture does not fit into, and for a title above 500 characters.
     """
-    panorama, title, statement = said.get("panorama"), said.get("title", ""), said.get("statement", "")
-    attributes = {} if panorama is None else _panorama(panorama, width_px, height_px)
-    if said.get("staged"):
-        attributes |= {"Iptc4xmpExt:DigitalSourceType": STAGED_SOURCE, "daylit:Staged": "True"}
+    panorama, title, made = said.get("panorama"), said.get("title", ""), said.get("made", Made())
+    attributes, statement = {} if panorama is None else _panorama(panorama, width_px, height_px), made.statement
+    if statement:
+        attributes |= {"Iptc4xmpExt:DigitalSourceType": STAGED_SOURCE, "daylit:State": made.state}
+        attributes |= {"daylit:Staged": "True"} if made.state == STAGED else {}
     if said.get("relative"):
         attributes["daylit:Units"] = "relative"
     if not attributes and not title and not statement:

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from processing.errors import ProcessingError
+from processing.errors import ProcessingError, ResultFileError
+from processing.exchange.jpeg_files import PHOTOGRAPH, STAGED, Made
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.finished import Finished
 from processing.ground.room_model import RoomModel, read_json, read_room
 from processing.light.scene.scene import REVEAL_M
 from processing.pictures.display import AS_GIVEN, LEAST_VIEW, Display, display_of, spot_colour
@@ -99,6 +101,16 @@ def session_shown(session: Path) -> Shown:
     facts_file = stages / "calibrate" / "calibration.json"
     facts = read_json(facts_file, ProcessingError) if facts_file.is_file() else {}
     return shown_as(photograph, indoor, facts.get("indoor") or {}, room, load_manifest(session).bracket.mode)
+
+
+def made_of(session: Path, name: str, **more: Any) -> Made:
+    """Return what a session's picture of a name (empty, staged-2) is, by what its stages did; ``more``: see `Made`."""
+    try:
+        removed = "empty.exr" in Finished(session, "remove")
+    except ResultFileError:
+        removed = True  # nobody knows: nothing is said to be unchanged
+    made = Made.of(name, removed=removed, **more)
+    return made if removed or made.state == STAGED else made._replace(state=PHOTOGRAPH)
 
 
 def _picture(path: Path) -> LuminanceImage | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import Place, zone_at
 from processing.errors import ParameterError
-from processing.exchange.showing import session_shown
+from processing.exchange.showing import made_of, session_shown
 from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
 from processing.ground.arrays import Vector
 from processing.light.picture.relight_photo import veil_gains
@@ -89,7 +89,8 @@ class LiveRoom:
         sight = self._ready.view.full
         self._look = replace(look, panes=np.uint8(2) * (sight.label == GLASS).reshape(sight.shape))
         name = "empty" if staged is None else f"staged-{staged}"
-        self._state = State("Light", lambda: self.room.picture, staged is not None, name)
+        made = made_of(session, name, further="relit")
+        self._state = State("Light", lambda: self.room.picture, made, name)
         self._page = viewer(self._state, self._look)
         self._now: tuple[RelitRoom, Outdoors] | None = None
         self._moment: tuple[str, str] | None = None

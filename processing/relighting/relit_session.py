@@ -16,6 +16,7 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, ParameterError, ProcessingError, RelightError
+from processing.exchange.jpeg_files import Made, packet
 from processing.ground.arrays import Bytes, Floats, Vector
 from processing.ground.room_model import read_json, read_room
 from processing.layout.arrangement import Arrangements, PlacedItem
@@ -311,8 +312,8 @@ def display_of_day(display: Display, pictures: Sequence[Floats]) -> Display:
     return display.brighter(middle / display.exposure)
 
 
-def contact_sheet(pictures: Sequence[Bytes], captions: Sequence[str], *, columns: int = 3) -> Bytes:
-    """Return 8-bit pictures (H, W, 3) of one size in rows, each with its caption below."""
+def contact_sheet(pictures: Sequence[Bytes], captions: Sequence[str], foot: str = "", *, columns: int = 3) -> Bytes:
+    """Return 8-bit pictures (H, W, 3) of one size in rows, each with its caption below; ``foot``: lines under all."""
     from PIL import Image, ImageDraw, ImageFont
 
     if not pictures or len(pictures) != len(captions):
@@ -321,31 +322,37 @@ def contact_sheet(pictures: Sequence[Bytes], captions: Sequence[str], *, columns
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     cell_w, cell_h = wide + MARGIN_PX, high + TEXT_PX + MARGIN_PX
-    sheet = Image.new("RGB", (columns * cell_w + MARGIN_PX, rows * cell_h + MARGIN_PX), _PAPER)
+    below = MARGIN_PX + (TEXT_PX * (1 + foot.count("\n")) if foot else 0)
+    sheet = Image.new("RGB", (columns * cell_w + MARGIN_PX, rows * cell_h + below), _PAPER)
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
     for number, (picture, caption) in enumerate(zip(pictures, captions, strict=True)):
         x, y = MARGIN_PX + number % columns * cell_w, MARGIN_PX + number // columns * cell_h
         sheet.paste(Image.fromarray(np.ascontiguousarray(picture)), (x, y))
         pen.text((x + 2, y + high + 2), caption, fill=_INK, font=font)
+    pen.text((MARGIN_PX + 2, rows * cell_h), foot, fill=_INK, font=font)
     return np.asarray(sheet, dtype=np.uint8)
 
 
-def write_sheet(path: Path, pictures: Sequence[Bytes], captions: Sequence[str]) -> None:
-    """Write a contact sheet of pictures (H, W, 3) as PNG."""
+def write_sheet(path: Path, pictures: Sequence[Bytes], captions: Sequence[str], made: Made) -> None:
+    """Write a contact sheet of pictures (H, W, 3) as PNG, with what they are at its foot and in its XMP."""
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
-    out = io.BytesIO()
-    Image.fromarray(contact_sheet(pictures, captions)).save(out, "PNG")
+    whole, out, info = contact_sheet(pictures, captions, made.statement.replace(". ", ".\n")), io.BytesIO(), PngInfo()
+    info.add_itxt("XML:com.adobe.xmp", packet(whole.shape[1], whole.shape[0], made=made).decode())
+    Image.fromarray(whole).save(out, "PNG", pnginfo=info)
     write_bytes(path, out.getvalue())
 
 
-def write_animation(path: Path, pictures: Sequence[Bytes]) -> None:
-    """Write pictures (H, W, 3) as an animated WebP that repeats."""
+def write_animation(path: Path, pictures: Sequence[Bytes], made: Made) -> None:
+    """Write pictures (H, W, 3) as an animated WebP that repeats, with what they are in its XMP."""
     from PIL import Image
 
     frames = [Image.fromarray(np.ascontiguousarray(p)) for p in pictures]
     out = io.BytesIO()
-    frames[0].save(out, "WEBP", save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, quality=80)
+    how: dict[str, Any] = {"duration": FRAME_MS, "loop": 0, "quality": 80}
+    xmp = packet(*frames[0].size, made=made)
+    frames[0].save(out, "WEBP", save_all=True, append_images=frames[1:], xmp=xmp, **how)
     write_bytes(path, out.getvalue())
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from processing.exchange.jpeg_files import TEXT
+from processing.exchange.jpeg_files import EMPTIED, STAGED, TEXT, Made
 from processing.exchange.showing import panes_of
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.layout.arrangement import Arrangements
@@ -37,15 +37,16 @@ def room_states(context: StageContext) -> Iterator[State]:
         return image if filled is None else in_size(image, filled.shape[1])  # a draft's others are smaller
 
     file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
-    yield State("Photograph", photograph, False, file, "the room as it was photographed")
+    yield State("Photograph", photograph, Made(), file, "the room as it was photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
     if context.has("remove", "empty"):
         read = partial(emptied_as_shown, context)
-        yield State("Emptied", read, False, "stages/remove/empty.exr", "the room without its furniture")
+        yield State("Emptied", read, Made(EMPTIED), "stages/remove/empty.exr", "the room without its furniture")
     for name, title, alt in ((f"staged-{k}", f"Staged {k}", alt) for k, alt in staged):
         if context.has("render", name):
             read = partial(context.artifact, "render", name)
-            yield State(title, read, True, f"stages/render/{name}.exr", alt)
+            made = Made(STAGED, removed=context.has("remove", "empty"))
+            yield State(title, read, made, f"stages/render/{name}.exr", alt)
 
 
 def emptied_as_shown(context: StageContext) -> LuminanceImage:
@@ -73,11 +74,12 @@ def views_of(context: StageContext) -> Vector:
 
 def look_of(context: StageContext, views: Vector, image: LuminanceImage) -> Look:
     """Return how the states, ``image`` one of them, are shown: in the photograph's exposure, towards these views."""
-    asked = context.parameters
-    plain = isinstance(asked, ReportParameters) and asked.no_staged_label
+    asked = context.parameters if isinstance(context.parameters, ReportParameters) else ReportParameters()
+    label, original = "" if asked.no_staged_label else TEXT, asked.original_url or ""
     known, room = context.has("stills", "display"), context.optional_artifact("room", "room")
     display = display_in(context, (image if known else next(room_states(context)).read()).rgb)
-    return Look(display, panes_of(room, image.geometry, display.views), views[0], "" if plain else TEXT, views[1], room)
+    panes = panes_of(room, image.geometry, display.views)
+    return Look(display, panes, views[0], label, views[1], room, original)
 
 
 def display_in(context: StageContext, rgb: Floats) -> Display:

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
-from processing.exchange.jpeg_files import jpeg_bytes, labelled
+from processing.exchange.jpeg_files import Made, jpeg_bytes
+from processing.exchange.showing import made_of
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section, views_of
@@ -166,7 +167,7 @@ def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callab
 def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[float]) -> list[Cuts]:
     """Return what is shown of the states, one picture at a time; those that stand are not read."""
     least, found = 3 if context.has("render", "staged-1") else 1, list[Cuts]()
-    own = [views, getattr(context.parameters, "no_staged_label", False)]
+    own = [views, *(getattr(context.parameters, name, None) for name in ("no_staged_label", "original_url"))]
     for number, state in enumerate(room_states(context), 1):
         wide = next(width for most, width in VIEWER_WIDTHS_PX if max(number, least) <= most)
         shown = [*own, wide, state.name, state.file]
@@ -224,6 +225,7 @@ class Moment:
     path: Path
     staged: int | None
     facts: Mapping[str, Any]
+    made: Made
 
     @property
     def title(self) -> str:
@@ -234,7 +236,7 @@ class Moment:
 
 def relight_section(session: Path, look: Look) -> Section | None:
     """Return the moments side by side, in one exposure each sweep; None where nothing was relit."""
-    moments = list(relit_moments(session / FOLDER))
+    moments = list(relit_moments(session))
     if not moments:
         return None
     cards = tuple(_card(moment, look) for moment in moments[:MOST])
@@ -249,19 +251,20 @@ def relight_section(session: Path, look: Look) -> Section | None:
     return Section("Times of day", text, tables=tables, widgets=(Cards(cards),))
 
 
-def relit_moments(folder: Path) -> Iterator[Moment]:
-    """Return the moments of the folder's summaries that have a picture, by name; damaged files are left out."""
-    seen: set[Path] = set()
+def relit_moments(session: Path) -> Iterator[Moment]:
+    """Return the moments that a session's summaries name and have a picture of; damaged files are left out."""
+    seen, folder = set[Path](), session / FOLDER
     for summary in sorted(folder.glob("*.json")):
         data = _read(summary)
         staged = data.get("staged")
         name = "empty" if staged is None else f"staged-{staged}"
+        made = made_of(session, name, further="relit")
         for facts in data.get("moments", []):
             stem = str(facts.get("local_time", "")).replace(" ", "T").replace(":", "")
             path = folder / (f"{name}-{stem}.jpg" if stem else f"{summary.stem}.jpg")
             if path.is_file() and path not in seen:
                 seen.add(path)
-                yield Moment(path, staged, facts)
+                yield Moment(path, staged, facts, made)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -292,6 +295,6 @@ def _view(moment: Moment, look: Look) -> bytes:
     with Image.open(io.BytesIO(moment.path.read_bytes())) as picture:
         panorama = np.asarray(picture.convert("RGB"), np.uint8)
     seen = cut_view(Panorama(panorama), small_direction(look, WIDTH_PX))[-small_height_px(WIDTH_PX) :]
-    staged = moment.staged is not None
-    shown = labelled(seen, look.label, panorama=False) if staged and look.label else np.ascontiguousarray(seen)
-    return jpeg_bytes(shown, staged=staged, title=moment.title, quality=84)
+    made = moment.made._replace(original=look.original)
+    shown = made.on(seen, panorama=False) if look.label else np.ascontiguousarray(seen)
+    return jpeg_bytes(shown, made=made, title=moment.title, quality=84)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import TEXT, PanoramaTags, jpeg_bytes, labelled
+from processing.exchange.jpeg_files import STAGED, TEXT, Made, PanoramaTags, jpeg_bytes
 from processing.ground.arrays import Bytes, Floats, Indices, UInt16s
 from processing.ground.room_model import RoomModel
 from processing.pictures.display import AS_GIVEN, Display, screen
@@ -36,11 +36,13 @@ class Look:
     yaw_rad: float = 0.0
     """Where views look first."""
     label: str = TEXT
-    """On staged pictures; empty: none."""
+    """What the viewer says over staged false colours; empty: pictures have no label."""
     other_yaw_rad: float = math.pi
     """Where the second view looks."""
     room: RoomModel | None = None
     """What the viewer's ruler measures in."""
+    original: str = ""
+    """Where the unaltered photographs are on the web; empty: not known."""
 
     def light(self, rgb: Floats, view: Perspective | None = None) -> Floats:
         """Return linear light (H, W, 3) as the film gets it: of a panorama, or of a ``view``'s pixels."""
@@ -135,10 +137,15 @@ class State:
     name: str
     read: Callable[[], LuminanceImage]
     """Its panorama, equirectangular; read when it is wanted, so that not all states' are in memory together."""
-    staged: bool = False
+    made: Made
     file: str = ""
     """Where it is, relative to the session's folder."""
     alt: str = ""
+
+    @property
+    def staged(self) -> bool:
+        """Whether it shows furniture that is not there."""
+        return self.made.state == STAGED
 
 
 @dataclass(frozen=True)
@@ -252,14 +259,15 @@ def _direction(yaw_rad: float) -> Perspective:
 
 
 def _scene(name: str, state: State, look: Look, image: LuminanceImage, rgb8: Bytes, *, panorama: bool = False) -> Scene:
-    tag = f"{state.name} · {look.label.lower()}" if state.staged and look.label else ""
+    tag = f"{state.name} · {state.made.plate.lower()}" if state.made.plate and look.label else ""
     jpeg = _jpeg(rgb8, state, look, image, panorama=panorama)
     shot = Shot(state.name, jpeg, f"{state.alt or state.name}: {name.lower()}", tag)
     return Scene(name, (shot,), rgb8.shape[1], rgb8.shape[0])
 
 
 def _jpeg(rgb8: Bytes, state: State, look: Look, image: LuminanceImage, *, panorama: bool) -> bytes:
-    shown = labelled(rgb8, look.label, panorama=panorama) if state.staged and look.label else rgb8
+    made = state.made._replace(original=look.original)
+    shown = made.on(rgb8, panorama=panorama) if look.label else rgb8
     tags = PanoramaTags.whole(rgb8.shape[1], rgb8.shape[0]) if panorama else None
     how: dict[str, Any] = {"relative": not image.absolute, "title": state.name, "quality": 82}
-    return jpeg_bytes(shown, panorama=tags, staged=state.staged, **how)
+    return jpeg_bytes(shown, panorama=tags, made=made, **how)

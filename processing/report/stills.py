@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import TEXT, labelled, write_jpeg
+from processing.exchange.jpeg_files import Made, write_jpeg
 from processing.exchange.showing import Shown, panes_of, shown_as
 from processing.ground.arrays import Doubles
 from processing.ground.polygons import inside
@@ -237,12 +237,6 @@ def _composition(frame: Frame, room: RoomModel) -> float:
 MOST_STILLS = MOST + MOST_STAGED - 1
 """Of the first alternative up to `MOST`, of each further one the best."""
 LIGHT_PX = 960  # chosen: 10 MB a still
-EDITS = {
-    "staged": "Furniture is virtual; the room's own furniture was removed by computer, and its light worked out anew.",
-    "emptied": "Furniture was removed by computer, and the room's light worked out without it.",
-    "photograph": "",
-}
-"""What a picture must say of itself (California AB 723, in force since 2026-01-01)."""
 
 
 def no_panorama(context: StageContext) -> str | None:
@@ -339,23 +333,21 @@ def _stills(
 ) -> list[dict[str, Any]]:
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
     state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
-    kind = state.partition("-")[0]
+    what = Made.of(state, removed=context.has("remove", "empty"))
     light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []
     for number, frame in enumerate(frames, before + 1):
         name, view, rows = f"still-{number}", frame.view(), frame.height_px()
         rgb8, original = (screen(cut_view(one, view)[-rows:]) for one in (light, originals))
-        unaltered = f" Unaltered original: {asked.original_url or f'{name}-original.jpg'}"
-        statement = EDITS[kind] + (unaltered if EDITS[kind] else "")
-        if kind == "staged" and not asked.no_staged_label:
-            rgb8 = labelled(rgb8, TEXT, panorama=False, link=asked.original_url)
+        said = what._replace(original=asked.original_url or f"{name}-original.jpg")
+        rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
         how: dict[str, Any] = {"relative": not image.absolute, "quality": 90}
         title = f"{context.session.name}, {state}"
         path = context.folder / f"{name}.jpg"
-        write_jpeg(path, rgb8, staged=kind != "photograph", title=title, statement=statement, **how)
+        write_jpeg(path, rgb8, made=said, title=title, **how)
         write_jpeg(context.folder / f"{name}-original.jpg", original, title=f"{context.session.name}, original", **how)
         cut = _light(image, measured, frame)
-        made = np.full(cut.uncertainty.shape, kind != "photograph")
+        made = np.full(cut.uncertainty.shape, bool(said.plate))
         write_exr(context.folder / f"{name}-light.exr", estimated(cut, made))
         found.append(
             {
@@ -368,7 +360,7 @@ def _stills(
                 "drop": frame.drop,
                 "size_px": list(SIZE_PX),
                 "shows": list(frame.shows),
-                "statement": statement,
+                "statement": said.statement,
             }
         )
     return found

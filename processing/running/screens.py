@@ -75,6 +75,7 @@ def shown_jpeg(rgb: Any, look: Any, width_px: int) -> bytes:
 
 def viewer_json(session: Path, state: str) -> str:
     """Return what the viewer with exposure and probe shows of a state, as the report's page holds it."""
+    from processing.exchange.showing import made_of
     from processing.pictures.patch import read_shown
     from processing.report.states import State, viewer
 
@@ -83,7 +84,7 @@ def viewer_json(session: Path, state: str) -> str:
         raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
     image: Any = read_shown(path)
     name = path.relative_to(session).as_posix()
-    return viewer(State(state, lambda: image, state.startswith("Staged"), name), look_of(session)).json
+    return viewer(State(state, lambda: image, made_of(session, state), name), look_of(session)).json
 
 
 def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:

@@ -321,18 +321,18 @@ class RenderParameters(StageParameters):
 
 
 _AIM = "Stills of your own first: YAW,LENS[,DROP];… (degrees, mm, share of the height)."
-_LABEL = "Staged pictures without the visible label (their metadata still say that they are staged)."
-_ORIGINALS = "Where the unaltered originals will be on the web: a QR code in staged stills leads there."
+_LABEL = "Staged and emptied pictures without the visible label (their metadata still say what they are)."
+_ORIGINALS = "Where the unaltered originals will be on the web: a QR code in staged and emptied pictures leads there."
 
 
 class ReportParameters(StageParameters):
     """What a user may say about the page."""
 
     no_staged_label: bool = Field(False, description=_LABEL)
+    original_url: str | None = Field(None, pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)
 
 
 class StillsParameters(ReportParameters):
     """What a user may say about stills."""
 
-    original_url: str | None = Field(None, pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)
     aim: str | None = Field(None, pattern=r"^(-?\d+\.?\d*(,\d+\.?\d*){1,2}(;|$)){1,6}$", description=_AIM)

@@ -22,6 +22,7 @@ from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.radiance import write_radiance_hdr
+from processing.running.choices import remember
 from processing.running.runner import clean
 from processing.sphere import Equirectangular, Fisheye, LensMapping
 from tests.processing.finished import finish, finish_all
@@ -69,6 +70,31 @@ def test_pictures_in_every_format(session: Path, tmp_path: Path) -> None:
     assert b"GPano" in room
 
 
+@pytest.mark.parametrize("url", ["", "https://example.org/7"])
+def test_emptied_and_staged_ones_say_what_was_changed_and_where_the_original_is(
+    session: Path, tmp_path: Path, url: str
+) -> None:
+    """California AB 723: whatever was altered says so, and leads to the unaltered original."""
+    remember(session, {"original-url": url or None}, by="test")
+    assert daylit.main(["export", str(session), "--what", "jpeg", "--into", str(tmp_path / "out")]) == 0
+    beside = f"{session.name}_room.jpg"
+    assert (tmp_path / "out" / beside).is_file()
+    for name, words in (("empty", b"removed by computer"), ("staged-1", b"Furniture is virtual"), ("room", b"")):
+        data = (tmp_path / "out" / f"{session.name}_{name}.jpg").read_bytes()
+        assert words in data
+        assert (f"Unaltered original: {url or beside}".encode() in data) == (name != "room")
+        assert (b"compositeSynthetic" in data) == (name != "room")
+
+
+def test_a_room_from_which_nothing_was_removed_does_not_say_so(session: Path, tmp_path: Path) -> None:
+    (session / "stages" / "remove" / "empty.exr").unlink()
+    finish(session, "remove")
+    export(session, tmp_path / "out", ("jpeg",))
+    data = (tmp_path / "out" / f"{session.name}_staged-1.jpg").read_bytes()
+    assert b"Furniture is virtual" in data
+    assert b"removed" not in data
+
+
 def test_one_exposure_for_a_room_and_a_label_that_can_be_left_out(session: Path, tmp_path: Path) -> None:
     export(session, tmp_path / "out", ("jpeg",), label=False)
     export(session, tmp_path / "labelled", ("jpeg",))
@@ -78,7 +104,8 @@ def test_one_exposure_for_a_room_and_a_label_that_can_be_left_out(session: Path,
             return np.asarray(opened, int)
 
     assert codes("out", "empty").mean() > codes("out", "room").mean() > codes("out", "staged-2").mean()
-    assert np.abs(codes("out", "staged-1") - codes("labelled", "staged-1")).max() > 60
+    for name in ("staged-1", "empty"):
+        assert np.abs(codes("out", name) - codes("labelled", name)).max() > 60
     assert np.abs(codes("out", "room") - codes("labelled", "room")).max() == 0
 
 

@@ -13,7 +13,7 @@ import pytest
 import daylit
 from processing.errors import ParameterError, PictureFileError
 from processing.exchange.inspection import CODE_UNIT, open_picture, picture_facts, place_facts
-from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
+from processing.exchange.jpeg_files import Made, PanoramaTags, write_jpeg
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.radiance import write_radiance_hdr
@@ -102,10 +102,13 @@ def test_a_sky_has_only_what_its_lens_saw(tmp_path: Path) -> None:
 
 def test_codes_are_not_called_light(tmp_path: Path) -> None:
     codes = np.full((32, 64, 3), (200, 100, 60), np.uint8)
-    write_jpeg(tmp_path / "a.jpg", codes, panorama=PanoramaTags.whole(64, 32), staged=True, relative=True)
+    write_jpeg(tmp_path / "a.jpg", codes, panorama=PanoramaTags.whole(64, 32), made=Made.of("staged-1"), relative=True)
     picture = open_picture(tmp_path / "a.jpg")
     assert picture.unit == CODE_UNIT
-    assert picture.attributes["staged"] is True
+    assert picture.attributes["edited"] is picture.attributes["staged"] is True
+    write_jpeg(tmp_path / "b.jpg", codes, made=Made.of("empty"))
+    emptied = open_picture(tmp_path / "b.jpg").attributes
+    assert (emptied["edited"], emptied["staged"]) == (True, False)
     assert picture.attributes["units"] == "relative"
     assert picture.attributes["GPano:ProjectionType"] == "equirectangular"
     assert place_facts(picture, 0, 0)["value"] == pytest.approx(120, abs=2)

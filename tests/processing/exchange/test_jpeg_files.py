@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import STAGED_SOURCE, PanoramaTags, jpeg_bytes, write_jpeg
+from processing.exchange.jpeg_files import FURTHER, STAGED_SOURCE, Made, PanoramaTags, jpeg_bytes, packet, write_jpeg
 
 
 def picture(width: int = 64, height: int = 32) -> np.ndarray:
@@ -37,12 +37,55 @@ def test_exiv2_reads_the_panorama(tmp_path: Path) -> None:
 
 def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
     path = tmp_path / "p.jpg"
-    write_jpeg(path, picture(), staged=True, relative=True, title='Room "3" <one> & more')
+    write_jpeg(path, picture(), made=Made.of("staged-1"), relative=True, title='Room "3" <one> & more')
     result = xmp_of(path)
     assert result["Xmp.iptcExt.DigitalSourceType"] == STAGED_SOURCE
     assert result["Xmp.dc.title"] == {'lang="x-default"': 'Room "3" <one> & more'}
     assert b'daylit:Units="relative"' in path.read_bytes()
     assert b"GPano:" not in path.read_bytes().replace(b"xmlns:GPano", b"")
+
+
+@pytest.mark.parametrize(
+    ("made", "plate", "words", "silent"),
+    [
+        (Made.of("room", original="a.jpg"), "", (), ("original", "computer")),
+        (
+            Made.of("Emptied", original="a.jpg"),
+            "Furniture removed",
+            ("removed by computer", "Unaltered original: a.jpg"),
+            (),
+        ),
+        (Made.of("staged-2"), "Virtually staged", ("virtual", "removed by computer"), ("original:",)),
+        (Made.of("Staged 2", removed=False), "Virtually staged", ("virtual",), ("removed",)),
+        (Made.of("staged-1", further="relit"), "Virtually staged, relit", ("virtual", "another time"), ()),
+        (
+            Made.of("room", further="relit", original="b"),
+            "Relit",
+            ("another time", "original: b"),
+            ("removed", "virtual"),
+        ),
+        (Made.of("empty", further="computed view"), "Furniture removed, computed view", ("did not see",), ("virtual",)),
+    ],
+)
+def test_one_place_says_what_a_picture_is(
+    tmp_path: Path, made: Made, plate: str, words: tuple[str, ...], silent: tuple[str, ...]
+) -> None:
+    """Plate, statement, source type: all of what was done, nothing that was not."""
+    assert made.plate == plate
+    assert all(word in made.statement for word in words)
+    assert not any(word in made.statement for word in silent)
+    assert np.array_equal(made.on(picture()), picture()) == (not plate)
+    write_jpeg(tmp_path / "p.jpg", made.on(picture()), made=made)
+    found = xmp_of(tmp_path / "p.jpg") if plate else {}
+    assert found.get("Xmp.iptcExt.DigitalSourceType") == (STAGED_SOURCE if plate else None)
+    assert made.statement in str(found.get("Xmp.dc.description", ""))
+    assert (b'daylit:Staged="True"' in (tmp_path / "p.jpg").read_bytes()) == (made.state == "staged")
+
+
+def test_the_longest_address_fits_the_statement() -> None:
+    longest = "https://" + "a" * 300
+    every = [Made.of(state, further=one, original=longest) for state in ("empty", "staged") for one in FURTHER]
+    assert all(longest.encode() in packet(64, 32, made=one) for one in every)
 
 
 def test_crop_of_a_panorama(tmp_path: Path) -> None:

@@ -60,6 +60,13 @@ def test_a_link_is_a_code_that_a_reader_reads() -> None:
     assert cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(corner))[0] == link
 
 
+def test_a_panoramas_code_is_read_by_who_looks_down() -> None:
+    link = "https://example.org/rooms/7/original"
+    out = labelled(np.full((1680, 3360, 3), 120, np.uint8), link=link)
+    view = cut_view(out, Perspective(1000, 1000, np.radians(50), pitch_rad=np.radians(-89.9)))
+    assert cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(view))[0] == link
+
+
 def test_a_flat_picture_has_one_in_the_lower_left_corner() -> None:
     plain = np.full((300, 400, 3), 90, np.uint8)
     rows, columns = np.nonzero((labelled(plain, "Virtually staged, relative units") != plain).any(axis=2))

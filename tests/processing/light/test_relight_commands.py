@@ -26,13 +26,16 @@ from processing.running.choices import forget
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
 from station.errors import SessionNotFoundError
+from tests.processing.finished import finish_all
 from tests.processing.light.rooms import box_room
 from tests.processing.relighting.lit_sessions import lit_session
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory) -> Path:
-    return lit_session(tmp_path_factory.mktemp("sessions") / "bedroom")
+    folder = lit_session(tmp_path_factory.mktemp("sessions") / "bedroom")
+    finish_all(folder)
+    return folder
 
 
 def run(command, *arguments: object) -> dict:
@@ -70,7 +73,18 @@ def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
     # The window faces south: sun at noon.
     assert noon["sunny_share"] > 0
     assert size_of(session / "relight" / "empty-2023-05-19.webp") == (128, 64)
-    assert (session / "relight" / "empty-2023-05-19-sheet.png").is_file()
+    with Image.open(session / "relight" / "empty-2023-05-19-sheet.png") as sheet:
+        said, (wide, high) = sheet.info["XML:com.adobe.xmp"], sheet.size
+        assert len({tuple(p) for p in np.asarray(sheet)[-30:].reshape(-1, 3).tolist()}) > 2, "it says so at its foot"
+    assert wide > 0 < high
+    with Image.open(session / "relight" / "empty-2023-05-19.webp") as animation:
+        assert animation.info["xmp"].decode() == said
+    # Each picture says what was done to it, and names the photograph, which lies beside it.
+    for data in (said.encode(), (session / "relight" / "empty-2023-05-19T1200.jpg").read_bytes()):
+        for words in (b"removed by computer", b"another time", b"Unaltered original: original.jpg", b"compositeSynth"):
+            assert words in data
+    assert b"compositeSynthetic" not in (session / "relight" / "original.jpg").read_bytes()
+    assert size_of(session / "relight" / "original.jpg") == (128, 64)
 
 
 def test_another_sky(session, tmp_path) -> None:
@@ -92,6 +106,10 @@ def test_from_another_place(session, monkeypatch) -> None:
     picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
     assert picture.rgb.shape == (72, 96, 3)
     assert (picture.rgb > 0).all()
+    data = (session / "views" / "empty-from--1_0.5_1.2.jpg").read_bytes()
+    assert b"did not see from its own place" in data
+    assert b"Unaltered original: original.jpg" in data
+    assert (session / "views" / "original.jpg").is_file()
     with pytest.raises(ViewpointError, match="outside of the room"):
         run(view_from, session, "--eye", "9,0,1")
 
@@ -153,8 +171,8 @@ def own_furniture(session, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("furniture")
     write_model(folder / "armchair.glb", Catalogue.builtin("mid-century").mesh("armchair"))
     stages = session / "stages"
-    (stages / "arrange").mkdir()
-    (stages / "render").mkdir()
+    (stages / "arrange").mkdir(exist_ok=True)
+    (stages / "render").mkdir(exist_ok=True)
     items = parse_items("armchair", {**KINDS, **Catalogue.at(folder).kinds(0)})
     found = arrange(from_room_model(with_door(box_room())[0], keep_camera_free=True), items, "tight", n=1, seed=0)
     assert found.arrangements[0].items[0].model == "armchair"

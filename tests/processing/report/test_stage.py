@@ -105,9 +105,10 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     assert isinstance(slider, Comparison)
     assert isinstance(around, Viewer)
     pictures = {shot.name: shot.data for shot in slider.scenes[2].shots} | {s.name + "!": s.jpeg for s in around.states}
-    assert {name.startswith("Staged") for name in pictures} == {True, False}
-    assert all((STAGED_XMP in data) == name.startswith("Staged") for name, data in pictures.items())
-    assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, False, labelled, labelled]
+    assert {name.partition(" ")[0].strip("!") for name in pictures} == {"Photograph", "Emptied", "Staged"}
+    assert all((STAGED_XMP in data) != name.startswith("Photograph") for name, data in pictures.items())
+    assert all((b"removed by computer" in data) != name.startswith("Photograph") for name, data in pictures.items())
+    assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, labelled, labelled, labelled]
     assert bool(around.label) == labelled
 
 
@@ -261,7 +262,8 @@ def test_other_times_of_day_stand_side_by_side(tmp_path: Path) -> None:
     assert isinstance(cards, Cards)
     titles = [card.title for card in cards.cards]
     assert titles == ["another sky, emptied", "2023-06-21 09:00, staged 1", "2023-06-21 15:00, staged 1"]
-    assert [STAGED_XMP in card.data for card in cards.cards] == [False, True, True]
+    assert all(STAGED_XMP in card.data and b"another time" in card.data for card in cards.cards)
+    assert [b'daylit:Staged="True"' in card.data for card in cards.cards] == [False, True, True]
     shown = np.asarray(Image.open(io.BytesIO(cards.cards[1].data)))
     assert shown[..., 1].std() > 3, "each staged view has its label"
     assert cards.cards[1].quantities[0].text == "41\u2009230"

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -187,6 +188,25 @@ def test_each_still_has_its_original_its_light_and_says_what_was_changed(made: t
         assert isinstance(light, LuminanceImage)
         assert light.rgb.shape[1] <= 960
     assert Display.read(artifacts["display"]).source  # type: ignore[arg-type]
+
+
+def test_emptied_stills_have_the_plate_with_the_code_and_the_statement(tmp_path: Path) -> None:
+    emptied = {name: part for name, part in results().items() if name not in ("arrange", "render")}
+    for url, folder in (("https://example.org/7", "a"), (None, "b")):
+        (tmp_path / folder).mkdir()
+        given = context(tmp_path / folder, emptied)
+        stills = run(replace(given, parameters=StillsParameters(original_url=url))).artifacts["stills"]["stills"]  # type: ignore[index]
+        assert {one["state"] for one in stills} == {"emptied"}
+        for one in stills:
+            data = (given.folder / one["file"]).read_bytes()
+            assert f"Unaltered original: {url or one['original']}".encode() in data
+            assert b"removed by computer" in data
+            assert b'daylit:Staged="True"' not in data
+            corner = np.asarray(Image.open(io.BytesIO(data)))[-400:, :500]
+            original = np.asarray(Image.open(given.folder / one["original"]))[-400:, :500]
+            code = cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(corner))[0]
+            assert code == (url or "")
+            assert np.abs(corner.astype(int) - original)[-80:].max() > 60
 
 
 def test_without_furniture_or_room_the_photograph_is_framed_and_says_nothing(tmp_path: Path) -> None:
