@@ -95,16 +95,14 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
     from processing.exchange.export import Exported
     from processing.exchange.export import export as write
     from processing.running.choices import read_choices
-    from station.session.store import load_manifest
 
-    manifest, url = load_manifest(session), read_choices(session).value(session, "original-url")
+    url = read_choices(session).value(session, "original-url") or ""
     kinds = [one.strip() for one in what.split(",") if one.strip()]
     target = into or Path(f"{session.resolve().name}-export")
     plain = [one for one in kinds if one != "glare"]
     done, glare = Exported(), {}
     if plain or not kinds:
-        how: dict[str, Any] = {"heading_rad": manifest.heading_rad, "label": not no_label, "original_url": url}
-        done = write(session.resolve(), target, plain, **how)
+        done = write(session.resolve(), target, plain, label=not no_label, url=url)
     if "glare" in kinds:
         glare = _glare(session.resolve(), target, done)
     files = [str(path) for path in done.files]

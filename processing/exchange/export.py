@@ -58,22 +58,13 @@ def recorded(session: Path, stage: str, name: str, left_out: dict[str, str]) -> 
         return None
 
 
-def export(
-    session: Path,
-    into: Path,
-    what: Sequence[str],
-    *,
-    heading_rad: float | None = None,
-    label: bool = True,
-    original_url: str | None = None,
-) -> Exported:
+def export(session: Path, into: Path, what: Sequence[str], *, label: bool = True, url: str = "") -> Exported:
     """Write a session's results into a folder.
 
     ``what``: some of `KINDS`. jpeg: in the one display of the room, with panorama tags; staged and emptied ones carry
       label, statement and IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
-    ``heading_rad``: compass azimuth of the panorama's centre, for viewers with a compass.
     ``label``: whether staged and emptied pictures show what they are; their metadata always say so.
-    ``original_url``: where the unaltered ones will be on the web; without it they are named that lie beside.
+    ``url``: where the unaltered ones will be on the web; without it the one is named that lies beside.
     Raises `ParameterError`: an unknown kind, or a session that has not been processed.
     """
     unknown = set(what) - set(KINDS)
@@ -84,19 +75,18 @@ def export(
     into.mkdir(parents=True, exist_ok=True)
     done = Exported()
     if set(what) & {"jpeg", "hdr", "exr"}:
-        _pictures(session, into, what, done, (heading_rad, label, original_url))
+        _pictures(session, into, what, done, (label, url))
     if "gltf" in what:
         _models(session, into, done)
     return done
 
 
-def _pictures(
-    session: Path, into: Path, what: Sequence[str], to: Exported, how: tuple[float | None, bool, str | None]
-) -> None:
+def _pictures(session: Path, into: Path, what: Sequence[str], to: Exported, how: tuple[bool, str]) -> None:
     recorded(session, "room", "room.json", to.left_out)  # where the windows are
     showing = session_shown(session) if "jpeg" in what else None
     every = pictures_of(session, to.left_out)
-    original = how[2] or (f"{session.name}_{ROOM}.jpg" if ROOM in every else "")
+    heading_rad = load_manifest(session).heading_rad
+    original = how[1] or (f"{session.name}_{ROOM}.jpg" if ROOM in every else "")
     for name, file in every.items():
         image = read_shown(file)
         assert isinstance(image, LuminanceImage)
@@ -108,19 +98,16 @@ def _pictures(
                     (write_radiance_hdr if kind == "hdr" else write_exr)(path, image)
                     to.files.append(path)
                 elif kind == "jpeg" and showing is not None:
-                    made = made_of(session, name, original=original) if name not in (ROOM, SKY) else Made()
-                    to.files.append(_jpeg(stem, image, made, showing, how))
+                    made = made_of(session, name, original=original)
+                    to.files.append(_jpeg(stem, image, made, (showing, heading_rad, how[0])))
             except PictureFileError as error:
                 to.left_out[f"{name}.{kind}"] = str(error)
 
 
-def _jpeg(
-    stem: Path, image: LuminanceImage, made: Made, showing: Shown, how: tuple[float | None, bool, str | None]
-) -> Path:
-    heading_rad, label, _ = how
-    name, tags = stem.name.rpartition("_")[2], None
-    sky = showing.display.exposed(image.rgb).shown(image.rgb) if name == SKY else None
-    shown = showing.rgb8(image.rgb, image.geometry) if sky is None else sky
+def _jpeg(stem: Path, image: LuminanceImage, made: Made, how: tuple[Shown, float | None, bool]) -> Path:
+    (showing, heading_rad, label), name = how, stem.name.rpartition("_")[2]
+    sky, tags = name == SKY, None
+    shown = showing.display.exposed(image.rgb).shown(image.rgb) if sky else showing.rgb8(image.rgb, image.geometry)
     if isinstance(image.geometry, Equirectangular):
         tags = PanoramaTags.whole(image.geometry.width_px, image.geometry.height_px, heading_rad=heading_rad)
     path = stem.with_name(stem.name + ".jpg")
@@ -136,7 +123,7 @@ def write_original(session: Path, into: Path, showing: Shown) -> str:
     image = None if file is None else read_shown(file)
     if not isinstance(image, LuminanceImage):
         return ""
-    return _jpeg(into / "original", image, Made(), showing, (load_manifest(session).heading_rad, False, None)).name
+    return _jpeg(into / "original", image, Made(), (showing, load_manifest(session).heading_rad, False)).name
 
 
 def _models(session: Path, into: Path, done: Exported) -> None:

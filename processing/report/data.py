@@ -312,6 +312,14 @@ class Cards:
     cards: tuple[Card, ...]
 
 
+@dataclass(frozen=True)
+class Day(Cards):
+    """Moments of one day, one at a time under a slider."""
+
+    kind: ClassVar[str] = "day"
+    scripts: ClassVar[tuple[str, ...]] = ("day.js",)
+
+
 Widget = Comparison | Viewer | Models | Cards
 
 

@@ -10,6 +10,7 @@ import base64
 import hashlib
 import io
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -22,8 +23,10 @@ from processing.calibration.outdoor.sun_place import zone_at
 from processing.ground.room_model import RoomModel
 from processing.pictures.writing import write_bytes
 from processing.report.data import (
+    Card,
     Cards,
     Comparison,
+    Day,
     Embedded,
     Quantity,
     ReportData,
@@ -163,7 +166,7 @@ class ClientData:
     tour: Viewer | None
     plan: Embedded | None
     measures: tuple[Quantity, ...]
-    day: Cards | None
+    day: Day | None
     downloads: tuple[tuple[str, str], ...]
     """File relative to the page, and what it is."""
     made_with: str
@@ -193,7 +196,7 @@ def client_data(context: StageContext, lab: ReportData) -> ClientData:
         tour=_tour(viewers[0]) if viewers else None,
         plan=_Plan(plan.read_bytes()) if isinstance(plan, Path) else None,
         measures=() if room is None else _measures(room),
-        day=days[0] if days else None,
+        day=_day(days[0].cards) if days else None,
         downloads=_downloads(context.session_path, stills),
         made_with=lab.made_with,
     )
@@ -285,6 +288,13 @@ def _tour(lab: Viewer) -> Viewer:
         for state in some
     )
     return replace(lab, states=states)
+
+
+def _day(cards: Sequence[Card]) -> Day:
+    """Return the moments of one day and state of which there are most; a title is "2023-06-21 09:00, staged 1"."""
+    days = Counter((one.title[:10], one.title[16:]) for one in cards)
+    ((day, state), _), *_ = days.most_common(1)
+    return Day(tuple(one for one in cards if (one.title[:10], one.title[16:]) == (day, state)))
 
 
 def _measures(room: RoomModel) -> tuple[Quantity, ...]:
