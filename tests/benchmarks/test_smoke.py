@@ -51,6 +51,7 @@ KEYS = {
     "files": "",
     "studio": "corner_iou_gain drag_ms relit_ms relit_worst_ms preview_s first_page_s full_size_s server_peak_mb "
     "tab_mb",
+    "pages": "index_mb index_first_paint_s index_axe index_asked index_too_wide_px lab_mb lab_first_paint_s lab_axe",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
     "late_partner_lost clock_cases clock_lost",
     "pipeline": "quarter_cpu_s quarter_peak_mb quarter_disk_mb rerun_s rerun_unneeded_cpu_s draft_cpu_s draft_moved_m "
@@ -68,7 +69,7 @@ NEEDS = {
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
     *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "files", "hostile", "instruments", "merge"),
-    "photometry",
+    *("pages", "photometry"),
     *("pipeline", "real", "relight", "remove", "render", "response", "room", "sphere", "stills", "studio", "truth"),
 }
 """Five seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""
@@ -184,7 +185,7 @@ def test_benchmark_runs_and_has_its_keys(name: str, monkeypatch: pytest.MonkeyPa
     needed = DATA / NEEDS.get(name, "")
     if name in NEEDS and not needed.is_dir():
         pytest.skip(f"shared data {NEEDS[name]} are not beside the checkout")
-    if name == "studio" and CHROMIUM is None:
+    if name in ("studio", "pages") and CHROMIUM is None:
         pytest.skip("no Chromium on this machine")
     shrink(name, monkeypatch)
     result = form.run_one(name, quick=True, seed=0)

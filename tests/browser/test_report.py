@@ -29,6 +29,7 @@ pytestmark = [
     pytest.mark.skipif(not VIEWER.exists(), reason="the viewer is not built: make web"),
     pytest.mark.timeout(900),
 ]
+AXE = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 PATIENCE_MS = 60_000
 """A ceiling on a wait, for slow machines; nothing is timed."""
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
@@ -341,10 +342,17 @@ def test_every_picture_has_words_and_every_control_a_name(opened: Opened) -> Non
     named = """() => [...document.querySelectorAll("input, select")].filter(
         (one) => !(one.labels && one.labels.length) && !one.getAttribute("aria-label")).length"""
     assert opened.page.evaluate(named) == 0
-    axe = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
-    opened.page.evaluate(axe.read_text("utf-8"))
-    found = opened.page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])")
-    assert found == []
+    for width in (390, 900):
+        opened.page.set_viewport_size({"width": width, "height": 700})
+        assert violations(opened.page) == []
+
+
+def violations(page: Any) -> list[Any]:
+    """What axe-core finds in a page: rule and first element."""
+    page.evaluate(AXE.read_text("utf-8"))
+    found = page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])")
+    assert isinstance(found, list)
+    return found
 
 
 def test_nothing_was_asked_of_the_net_and_nothing_failed(opened: Opened) -> None:

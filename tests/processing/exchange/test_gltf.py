@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, directions
 from processing.stages.render import finely
 from processing.surfaces.maps import surface_maps
+from studio.build import node_and_npm
 from tests.processing.light.rooms import box, box_room, scene_of, uniform_sky
 
 
@@ -50,6 +53,38 @@ def test_a_second_loader_finds_all_where_it_is() -> None:
     np.testing.assert_allclose(high, (1.6, 0.8, -0.2), atol=1e-6)
     np.testing.assert_allclose(found.geometry["floor"].bounds[:, 1], 0, atol=1e-6)
     np.testing.assert_allclose(found.geometry["ceiling"].bounds[:, 1], 2.7, atol=1e-6)
+
+
+WEB = Path(__file__).parents[3] / "studio" / "web"
+VALIDATE = """
+const { readFileSync } = require("fs");
+require("gltf-validator").validateBytes(new Uint8Array(readFileSync(process.argv[1])))
+  .then((found) => console.log(JSON.stringify(found.issues)));
+"""
+
+
+def issues_of(path: Path) -> dict[str, Any]:
+    """What Khronos' own validator finds."""
+    if not (WEB / "node_modules" / "gltf-validator").is_dir():
+        pytest.skip("gltf-validator is not installed: make web")
+    node, _ = node_and_npm()
+    command = [node, "-e", VALIDATE, str(path)]
+    result: dict[str, Any] = json.loads(subprocess.run(command, cwd=WEB, capture_output=True, check=True).stdout)
+    return result
+
+
+@pytest.mark.parametrize("bare", [True, False])
+def test_khronos_validator_finds_nothing_wrong(tmp_path: Path, bare: bool) -> None:
+    scene = scene_of(box_room(), uniform_sky()) if bare else furnished()
+    write_scene_glb(tmp_path / "room.glb", scene, None if bare else (0.0, 0.0, 1.6))
+    found = issues_of(tmp_path / "room.glb")
+    assert (found["numErrors"], found["numWarnings"]) == (0, 0), found["messages"]
+
+
+def test_the_validator_finds_what_is_wrong(tmp_path: Path) -> None:
+    data = scene_glb(furnished())
+    (tmp_path / "cut.glb").write_bytes(data[: len(data) - 400])
+    assert issues_of(tmp_path / "cut.glb")["numErrors"] > 0
 
 
 def test_surfaces_face_inwards_and_leave_the_window_free() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from processing.report.data import Card, Cards, Day, Section
 from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
 from processing.report.stills import FEWEST
@@ -98,3 +99,19 @@ def _both(given: StageContext) -> tuple[StageContext, object]:
 def _with_room(found: Results, room: object, confidence: float) -> Results:
     changed = room.model_copy(update={"source": "estimated", "confidence": confidence})  # type: ignore[attr-defined]
     return {**found, "room": {**found["room"], "room": changed}}
+
+
+def test_the_slider_shows_one_states_day_and_no_lone_hour_has_one(staged: StageContext) -> None:
+    data = client_data(staged, report_data(staged))
+    assert data.day is None
+    assert "data-part=hour" not in build_client_page(data)
+    hours = ("2025-06-21 09:00, staged 1", "2025-06-21 15:00, staged 1", "2025-06-21 09:00, emptied")
+    cards = tuple(Card(title, b"\xff\xd8", title) for title in hours)
+    lab = report_data(staged)
+    day = replace(lab, sections=(*lab.sections, Section("Times of day", widgets=(Cards(cards),))))
+    found = client_data(staged, day).day
+    assert found is not None
+    assert [card.title for card in found.cards] == list(hours[:2])
+    assert 'max="1"' in (page := build_client_page(replace(data, day=found)))
+    assert page.count('class="card"') == 2
+    assert 'data-part="hour"' not in build_client_page(replace(data, day=Day(cards[:1])))
