@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from processing.calibration.outdoor.sun_place import with_zone, zone_at
 from processing.errors import ParameterError
 from processing.ground.finished import RESULT_NAME
 from processing.running.choices import forget, read_choices, remember
@@ -42,10 +43,11 @@ def _card(session: Path) -> dict[str, Any]:
         manifest = load_manifest(session)
     except Exception as error:  # noqa: BLE001 (one damaged session must not hide the others)
         return {"name": session.name, "title": session.name, "taken": "", "status": "damaged", "missing": [str(error)]}
+    site = manifest.site
     return {
         "name": session.name,
         "title": manifest.name,
-        "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC",
+        "taken": with_zone(manifest.created_utc, zone_at(site.latitude_deg, site.longitude_deg)),
         "status": manifest.status.value,
         "missing": list(manifest.missing),
         "simulated": manifest.simulated,

@@ -206,8 +206,7 @@ def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
     from processing.pictures.panorama import read_panorama
     from processing.running.panorama_session import existing_session
 
-    session = existing_session(panorama, into)
-    if session is not None:
+    if (session := existing_session(panorama, into)) is not None:
         return session
     units = read_panorama(panorama).image.unit
     if as_json:
@@ -305,10 +304,8 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
     """Yield what was done, what was not and why, warnings, seconds and memory."""
     for stage in report.stages:
         yield from map(printable, _stage_lines(stage, explain=explain))
-    for flag, key, value in (
-        ("--max-error", "max_error", request.max_error),
-        ("--time-budget", "time_budget", request.time_budget_s),
-    ):
+    trades = (("--max-error", "max_error", request.max_error), ("--time-budget", "time_budget", request.time_budget_s))
+    for flag, key, value in trades:
         if value is not None:
             honoured = [s.stage for s in report.stages if key in s.summary.get("honoured", {})]
             yield f"{flag} {value:g}: honoured by {', '.join(honoured) or 'no stage'}; the others cannot trade it"
@@ -369,28 +366,32 @@ def choices(session: Path, given: tuple[str, ...], *, forget: tuple[str, ...], p
       daylit choices sessions/2023-05-19T1554Z_coda-320 --forget mask
     """
     from processing.errors import ParameterError
-    from processing.running.choices import forget as drop
-    from processing.running.choices import read_choices, remember
+    from processing.running import choices as kept
 
     pairs = dict(pair.partition("=")[::2] for pair in given)
     if wrong := [pair for pair in given if "=" not in pair]:
         raise ParameterError(f"{wrong[0][:60]!r} is not NAME=VALUE", advice="such as set=living")
     if forget:
-        drop(session, forget)
+        kept.forget(session, forget)
     if pairs:
-        remember(session, {name.removeprefix("--"): value for name, value in pairs.items()}, by="daylit choices")
-    found = read_choices(session)
+        kept.remember(session, {name.removeprefix("--"): value for name, value in pairs.items()}, by="daylit choices")
+    found = kept.read_choices(session)
     facts = {"ok": True, "session": session.name, **found.model_dump(mode="json")}
-    return answer(facts, _lines(found, past=past), as_json=as_json)
+    return answer(facts, _lines(session, found, past=past), as_json=as_json)
 
 
-def _lines(found: Choices, *, past: bool) -> list[str]:
+def _lines(session: Path, found: Choices, *, past: bool) -> list[str]:
+    from processing.calibration.outdoor.sun_place import with_zone, zone_at
     from processing.running.choices import shown
+    from station.session.store import load_manifest
+
+    site = load_manifest(session).site
+    zone = zone_at(site.latitude_deg, site.longitude_deg, found.value(session, "zone"))
 
     lines = [
-        f"{name:<16} {shown(one):<28} {one.at:%Y-%m-%d %H:%M} UTC  {one.by}{f'  ({one.file})' if one.file else ''}"
+        f"{name:<16} {shown(one):<28} {with_zone(one.at, zone)}  {one.by}{f'  ({one.file})' if one.file else ''}"
         for name, one in found.chosen.items()
     ]
     if past:
-        lines += [f"until {one.until:%Y-%m-%d %H:%M} UTC: {one.name} {shown(one)}  {one.by}" for one in found.past]
+        lines += [f"until {with_zone(one.until, zone)}: {one.name} {shown(one)}  {one.by}" for one in found.past]
     return lines or ["nothing was chosen: every option has its default"]

@@ -10,7 +10,7 @@ from pathlib import Path
 from processing.errors import ParameterError, PictureFileError, ProcessingError, ResultFileError
 from processing.exchange.gltf import write_scene_glb
 from processing.exchange.jpeg_files import Made, PanoramaTags, write_jpeg
-from processing.exchange.showing import Shown, made_of, session_shown
+from processing.exchange.showing import Shown, made_of, photograph_of, session_shown
 from processing.ground.finished import Finished
 from processing.ground.room_model import read_room
 from processing.light.scene.scene_file import read_scene
@@ -118,12 +118,8 @@ def _jpeg(stem: Path, image: LuminanceImage, made: Made, how: tuple[Shown, float
 
 def write_original(session: Path, into: Path, showing: Shown) -> str:
     """Write the unaltered photograph beside pictures that were made of it; return its name, "" where there is none."""
-    files = (recorded(session, *where, {}) for where in (("room", "panorama.exr"), ("calibrate", "indoor.exr")))
-    file = next((one for one in files if one is not None), None)
-    image = None if file is None else read_shown(file)
-    if not isinstance(image, LuminanceImage):
-        return ""
-    return _jpeg(into / "original", image, Made(), (showing, load_manifest(session).heading_rad, False)).name
+    image, how = photograph_of(session), (showing, load_manifest(session).heading_rad, False)
+    return "" if image is None else _jpeg(into / "original", image, Made(), how).name
 
 
 def _models(session: Path, into: Path, done: Exported) -> None:

@@ -119,28 +119,23 @@ def _qr(link: str, height: int) -> Image.Image:
 PHOTOGRAPH, EMPTIED, STAGED = "photograph", "emptied", "staged"
 PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT}
 EDITS = {
-    PHOTOGRAPH: "",
     EMPTIED: "Furniture was removed by computer, and the room's light worked out without it.",
     STAGED: "Furniture is virtual; the room's own furniture was removed by computer, and its light worked out anew.",
-}
-ADDED = "Furniture is virtual, and the room's light worked out with it."
-FURTHER = {
-    "": "",
+    "added": "Furniture is virtual, and the room's light worked out with it.",
     "relit": "The light is that of another time or sky, computed.",
     "computed view": "What the camera did not see from its own place is computed.",
 }
-UNALTERED = " Unaltered original: "
 
 
 class Made(NamedTuple):
     """What a picture is, and all that it says of that."""
 
     state: str = PHOTOGRAPH
-    """A key of `EDITS`."""
+    """A key of `PLATES`."""
     removed: bool = True
     """Of a staged one: whether furniture was removed before."""
     further: str = ""
-    """A key of `FURTHER`."""
+    """relit, computed view, or neither."""
     original: str = ""
     """Where the unaltered photograph is: an address on the web, or a file beside the picture; empty: not known."""
 
@@ -158,9 +153,9 @@ class Made(NamedTuple):
     @property
     def statement(self) -> str:
         """Return what was changed, and where the unaltered original is; empty: as the camera took it."""
-        edits = EDITS[self.state] if self.removed or self.state != STAGED else ADDED
-        said = " ".join(filter(None, (edits, FURTHER[self.further])))
-        return said + UNALTERED + self.original if said and self.original else said
+        edits = "added" if self.state == STAGED and not self.removed else self.state
+        said = " ".join(EDITS[one] for one in (edits, self.further) if one in EDITS)
+        return f"{said} Unaltered original: {self.original}" if said and self.original else said
 
     def on(self, rgb8: Bytes, *, panorama: bool | None = None) -> Bytes:
         """Return an 8-bit picture (H, W, 3) with its label, if it is to have one; see `labelled`."""

@@ -95,7 +95,7 @@ def session_shown(session: Path) -> Shown:
     if (session / DISPLAY_FILE).is_file():
         return Shown(Display.read(read_json(session / DISPLAY_FILE, ProcessingError)), room)
     indoor = _picture(stages / "calibrate" / "indoor.exr")
-    photograph = _picture(stages / "room" / "panorama.exr") or indoor
+    photograph = photograph_of(session)
     if indoor is None or photograph is None:
         return Shown(AS_GIVEN, room)
     facts_file = stages / "calibrate" / "calibration.json"
@@ -111,6 +111,12 @@ def made_of(session: Path, name: str, **more: Any) -> Made:
         removed = True  # nobody knows: nothing is said to be unchanged
     made = Made.of(name, removed=removed, **more)
     return made if removed or made.state == STAGED else made._replace(state=PHOTOGRAPH)
+
+
+def photograph_of(session: Path) -> LuminanceImage | None:
+    """Return the room's panorama as it was calibrated, upright where it was made so; None: there is none."""
+    stages = session / "stages"
+    return _picture(stages / "room" / "panorama.exr") or _picture(stages / "calibrate" / "indoor.exr")
 
 
 def _picture(path: Path) -> LuminanceImage | None:

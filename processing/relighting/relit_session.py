@@ -350,9 +350,8 @@ def write_animation(path: Path, pictures: Sequence[Bytes], made: Made) -> None:
 
     frames = [Image.fromarray(np.ascontiguousarray(p)) for p in pictures]
     out = io.BytesIO()
-    how: dict[str, Any] = {"duration": FRAME_MS, "loop": 0, "quality": 80}
-    xmp = packet(*frames[0].size, made=made)
-    frames[0].save(out, "WEBP", save_all=True, append_images=frames[1:], xmp=xmp, **how)
+    how: dict[str, Any] = {"duration": FRAME_MS, "loop": 0, "quality": 80, "xmp": packet(*frames[0].size, made=made)}
+    frames[0].save(out, "WEBP", save_all=True, append_images=frames[1:], **how)
     write_bytes(path, out.getvalue())
 
 

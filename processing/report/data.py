@@ -308,16 +308,8 @@ class Cards:
     """Pictures side by side: alternatives, times of day."""
 
     kind: ClassVar[str] = "cards"
-    scripts: ClassVar[tuple[str, ...]] = ()
     cards: tuple[Card, ...]
-
-
-@dataclass(frozen=True)
-class Day(Cards):
-    """Moments of one day, one at a time under a slider."""
-
-    kind: ClassVar[str] = "day"
-    scripts: ClassVar[tuple[str, ...]] = ("day.js",)
+    scripts: tuple[str, ...] = ()
 
 
 Widget = Comparison | Viewer | Models | Cards

@@ -26,8 +26,8 @@ from processing.report.data import (
     Card,
     Cards,
     Comparison,
-    Day,
     Embedded,
+    Picture,
     Quantity,
     ReportData,
     Scene,
@@ -164,17 +164,12 @@ class ClientData:
     """What a reader must know before trusting a picture."""
     compared: Comparison | None
     tour: Viewer | None
-    plan: Embedded | None
+    plan: Picture | None
     measures: tuple[Quantity, ...]
-    day: Day | None
+    day: Cards | None
     downloads: tuple[tuple[str, str], ...]
     """File relative to the page, and what it is."""
     made_with: str
-
-
-@dataclass(frozen=True)
-class _Plan(Embedded):
-    data: bytes
 
 
 def client_data(context: StageContext, lab: ReportData) -> ClientData:
@@ -194,7 +189,7 @@ def client_data(context: StageContext, lab: ReportData) -> ClientData:
         notices=_notices(context, room, [one["state"] for one in stills]),
         compared=_compared(folder, stills),
         tour=_tour(viewers[0]) if viewers else None,
-        plan=_Plan(plan.read_bytes()) if isinstance(plan, Path) else None,
+        plan=Picture("Plan", plan.read_bytes(), "") if isinstance(plan, Path) else None,
         measures=() if room is None else _measures(room),
         day=_day(days[0].cards) if days else None,
         downloads=_downloads(context.session_path, stills),
@@ -290,11 +285,11 @@ def _tour(lab: Viewer) -> Viewer:
     return replace(lab, states=states)
 
 
-def _day(cards: Sequence[Card]) -> Day:
+def _day(cards: Sequence[Card]) -> Cards:
     """Return the moments of one day and state of which there are most; a title is "2023-06-21 09:00, staged 1"."""
     days = Counter((one.title[:10], one.title[16:]) for one in cards)
     ((day, state), _), *_ = days.most_common(1)
-    return Day(tuple(one for one in cards if (one.title[:10], one.title[16:]) == (day, state)))
+    return Cards(tuple(one for one in cards if (one.title[:10], one.title[16:]) == (day, state)), ("day.js",))
 
 
 def _measures(room: RoomModel) -> tuple[Quantity, ...]:

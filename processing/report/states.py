@@ -142,11 +142,6 @@ class State:
     """Where it is, relative to the session's folder."""
     alt: str = ""
 
-    @property
-    def staged(self) -> bool:
-        """Whether it shows furniture that is not there."""
-        return self.made.state == STAGED
-
 
 @dataclass(frozen=True)
 class Cuts:
@@ -174,7 +169,7 @@ def cuts_of(state: State, look: Look, wide: int) -> Cuts:
     scenes.append(_scene("Panorama", state, look, image, around, panorama=True))
     card = shown(cut_view(whole, small)[-small_height_px(SMALL_PX) :], look, small)
     first = _jpeg(card, state, look, image, panorama=False)
-    return Cuts(state.name, state.staged, tuple(scenes), first, viewer(state, look, wide))
+    return Cuts(state.name, state.made.state == STAGED, tuple(scenes), first, viewer(state, look, wide))
 
 
 def comparison(cuts: Sequence[Cuts]) -> Comparison:
@@ -215,7 +210,7 @@ def viewer(state: State, look: Look, wide: int = VIEWER_WIDTHS_PX[0][1]) -> View
         (luminance.shape[1], luminance.shape[0]),
         (image.rgb.shape[1], image.rgb.shape[0]),
         state.file,
-        state.staged,
+        state.made.state == STAGED,
     )
     return Viewer(
         (found,),

@@ -60,6 +60,7 @@ class CaptureRequest:
     typed_readings: tuple[float, ...] = ()
     target: MeterTarget | None = None
     noise_frac: float | None = None
+    address: str = ""
 
 
 class Capture:
@@ -242,7 +243,7 @@ class Capture:
             created_utc=self._rig.clock.utc_now(),
             software=software_versions(),
             simulated=self._rig.simulated,
-            site=rig.site,
+            site=rig.site.model_copy(update={"name": self._request.address or rig.site.name}),
             heading_rad=None if rig.heading_deg is None else math.radians(rig.heading_deg),
             camera_height_m=rig.camera_height_m,
             bracket=BracketRecord(

@@ -49,6 +49,7 @@ _RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
 )
 @click.option("--no-meter", is_flag=True, help="Without a meter; the session is marked so.")
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
+@click.option("--address", default="", metavar="TEXT", help="How people name the place, as a client's page shows it.")
 @click.option("--every", metavar="60m", help="A bracket of ROOM again and again, so far apart; until --until.")
 @click.option("--until", metavar="HH:MM", help="With --every: the last bracket begins by then, local time.")
 @click.option("--rooms", "rooms_path", type=FILE, help="File of rooms, one a line, in order.")
@@ -111,7 +112,7 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
         raise UsageError("--every and --until belong together", where="capture", advice="--every 60m --until 18:00")
     if options["resume_path"] is None:
         return
-    taken = ("rooms", "rooms_path", "every", "stops", "bracket", "noise", "target", "dry_run")
+    taken = ("rooms", "rooms_path", "every", "stops", "bracket", "noise", "target", "address", "dry_run")
     given = [name for name in taken if options[name]]
     if given:
         names_given = ", ".join("ROOM" if n in ("rooms", "rooms_path") else f"--{n.replace('_', '-')}" for n in given)
@@ -146,6 +147,7 @@ def _request(room: str, options: dict[str, Any]) -> CaptureRequest:
         typed_readings=options["readings"],
         target=parse_target(options["target"]),
         noise_frac=options["noise"] and options["noise"] / 100,
+        address=options["address"],
     )
 
 

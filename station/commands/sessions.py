@@ -44,6 +44,7 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
+@click.option("--address", metavar="TEXT", help="How people name the place, as a client's page shows it.")
 @click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's); --dataset: or its name.")
 @click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
 @click.option("--strict", is_flag=True, help="Make no session if any file is refused.")
@@ -86,7 +87,7 @@ def import_session(**options: Any) -> int:
         into=options["into"],
         shutter_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
         readings_cd_m2=options["readings"],
-        site=parse_site(options["site"]),
+        site=parse_site(options["site"], options["address"]),
         heading_rad=None if heading_deg is None else math.radians(heading_deg % 360),
         target=parse_target(options["target"]),
         camera_zone_min=parse_zone(options["zone"]),
@@ -101,19 +102,17 @@ def import_session(**options: Any) -> int:
     return 0 if report.manifest.status is SessionStatus.COMPLETE else 4
 
 
-def parse_site(text: str | None) -> Site:
-    """Return the place given as ``LAT,LON`` in degrees (an empty one for None); UsageError for anything else."""
+def parse_site(text: str | None, address: str | None = None) -> Site:
+    """Return the place given as ``LAT,LON`` in degrees (None: not known) and its address; UsageError for others."""
     from station.errors import UsageError
     from station.session.session import Site
 
-    if text is None:
-        return Site()
     try:
-        latitude_deg, longitude_deg = (float(v) for v in text.split(","))
-        return Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
+        latitude_deg, longitude_deg = (None, None) if text is None else (float(v) for v in text.split(","))
+        return Site(name=address or "", latitude_deg=latitude_deg, longitude_deg=longitude_deg)
     except ValueError as error:
         advice = "write LAT,LON in degrees, e.g. 40.44,-79.99"
-        raise UsageError(f"{text!r} is not a place", where="--site", advice=advice) from error
+        raise UsageError(f"{text or address!r} is not a place", where="--site", advice=advice) from error
 
 
 def parse_zone(text: str | None) -> int | None:
@@ -231,7 +230,7 @@ def _advice(report: VerifyReport) -> list[str]:
     return lines
 
 
-NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading")
+NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading", "address")
 """Options that say something of one room only."""
 
 

@@ -42,6 +42,28 @@ def test_unknown_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) ->
     assert "nonsense" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["proces", "x"], "did you mean process or"),
+        (["captur", "x"], "did you mean capture"),
+        (["rig", "calibrat"], "calibrate"),
+        (["process", "x", "--qualty", "draft"], "--quality"),
+        (["export", "x", "--no-lable"], "--no-label"),
+    ],
+)
+def test_a_word_that_is_nearly_one_of_ours_is_recognised(
+    words: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert daylit.main(words) == 2
+    assert meant in capsys.readouterr().err
+
+
+def test_a_word_that_is_like_nothing_suggests_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["xyzzy"]) == 2
+    assert "did you mean" not in capsys.readouterr().err
+
+
 def test_errors_are_json_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["verify", "no-such-session", "--json"]) == 4
     answer = json.loads(capsys.readouterr().out)

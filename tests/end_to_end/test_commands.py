@@ -47,8 +47,9 @@ def daylit(*arguments: str, cwd: Path, expect: int = 0) -> list[dict[str, Any]]:
 
 
 def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
-    events = daylit(*CAPTURE, *FEW_STOPS, cwd=tmp_path)
+    events = daylit(*CAPTURE, *FEW_STOPS, "--address", "7 Elm Street", cwd=tmp_path)
     summary = events[-1]
+    assert json.loads((tmp_path / summary["session"] / "session.json").read_text())["site"]["name"] == "7 Elm Street"
     assert summary["ok"]
     assert summary["frames"] == 6
     kinds = [e["event"] for e in events[:-1]]

@@ -144,6 +144,19 @@ def test_names_stay_text_and_all_sessions_are_there(opened: Opened) -> None:
     assert opened.page.locator(".card b").count() == 0
 
 
+def test_the_list_says_when_by_the_clocks_of_the_place(tmp_path: Path) -> None:
+    from station.session.session import Site
+    from station.session.store import load_manifest
+    from studio.sessions import cards
+    from tests.station.session.sessions import complete_session
+
+    session = complete_session(tmp_path)
+    assert cards(tmp_path)[0]["taken"] == "2023-05-19 15:54 UTC"
+    there = load_manifest(session).model_copy(update={"site": Site(latitude_deg=40.44, longitude_deg=-79.99)})
+    (session / "session.json").write_text(there.model_dump_json())
+    assert cards(tmp_path)[0]["taken"] == "2023-05-19 11:54 EDT"
+
+
 def test_corners_dragged_on_the_plan_to_the_truth(opened: Opened) -> None:
     """Square to its neighbours by itself: the mouse needs not be exact."""
     assert iou(wrong(TRUTH), TRUTH) < 0.9

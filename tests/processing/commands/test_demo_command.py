@@ -11,6 +11,7 @@ from PIL import Image
 import daylit
 from processing.commands import demo as command
 from station.session.store import load_manifest
+from tests.station.session.sessions import complete_session
 
 
 @pytest.fixture
@@ -37,6 +38,29 @@ def test_what_cannot_be_is_refused_first(
     assert daylit.main(["demo", *filled, "--into", str(tmp_path / "demo")]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "demo").exists()
+
+
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [
+        ([], ("bedroom-7-clear", "full", "bedroom-7-clear", 4.0)),
+        (["--quick"], ("bedroom-7-clear", "quarter", "bedroom-7-clear", 8.0)),
+        (["--world", "room:7", "--size", "half"], ("room:7", "half", "room-7", 4.0)),
+    ],
+)
+def test_what_is_seen_by_itself_is_the_sunny_bedroom(
+    asked: list[str], expected: tuple[str, str, str, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[str, str, str, float]] = []
+
+    def captured(world: str, size: str, room: str, into: Path, *, rate: float, **_: object) -> object:
+        seen.append((world, size, room, rate))
+        path = complete_session(into)
+        return path, load_manifest(path), True
+
+    monkeypatch.setattr(command, "_captured", captured)
+    assert daylit.main(["demo", "--capture-only", *asked, "--into", str(tmp_path / "demo")]) == 0
+    assert seen == [expected]
 
 
 def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(

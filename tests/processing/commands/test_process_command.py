@@ -140,6 +140,24 @@ def test_the_session_remembers_options(session: Path, capsys: pytest.CaptureFixt
     assert daylit.open_session(session).choices == {"quality": "draft", "scale": 3.0}
 
 
+def test_choices_show_the_time_of_the_places_clocks(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of Pittsburgh where the session says so, of a zone that was chosen, else UTC."""
+    from station.session.session import Site
+    from station.session.store import load_manifest
+
+    daylit.main(["choices", str(session), "scale=2"])
+    daylit.main(["choices", str(session), "scale=3", "--past"])
+    assert capsys.readouterr().out.count(" UTC") == 3
+    there = load_manifest(session).model_copy(update={"site": Site(latitude_deg=40.44, longitude_deg=-79.99)})
+    (session / "session.json").write_text(there.model_dump_json())
+    daylit.main(["choices", str(session), "--past"])
+    shown = capsys.readouterr().out
+    assert shown.count(" EST") + shown.count(" EDT") == 2
+    assert " UTC" not in shown
+    daylit.main(["choices", str(session), "zone=Asia/Tokyo"])
+    assert capsys.readouterr().out.count(" JST") == 2
+
+
 def test_choices_are_shown_set_and_dropped(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["choices", str(session)]) == 0
     assert "nothing was chosen" in capsys.readouterr().out

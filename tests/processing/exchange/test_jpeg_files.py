@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import FURTHER, STAGED_SOURCE, Made, PanoramaTags, jpeg_bytes, packet, write_jpeg
+from processing.exchange.jpeg_files import STAGED_SOURCE, Made, PanoramaTags, jpeg_bytes, packet, write_jpeg
 
 
 def picture(width: int = 64, height: int = 32) -> np.ndarray:
@@ -84,7 +84,8 @@ def test_one_place_says_what_a_picture_is(
 
 def test_the_longest_address_fits_the_statement() -> None:
     longest = "https://" + "a" * 300
-    every = [Made.of(state, further=one, original=longest) for state in ("empty", "staged") for one in FURTHER]
+    more = [(state, one) for state in ("empty", "staged") for one in ("relit", "computed view")]
+    every = [Made.of(state, further=one, original=longest) for state, one in more]
     assert all(longest.encode() in packet(64, 32, made=one) for one in every)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from processing.report.data import Card, Cards, Day, Section
+from processing.report.data import Card, Cards, Section
 from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
 from processing.report.stills import FEWEST
@@ -114,4 +114,4 @@ def test_the_slider_shows_one_states_day_and_no_lone_hour_has_one(staged: StageC
     assert [card.title for card in found.cards] == list(hours[:2])
     assert 'max="1"' in (page := build_client_page(replace(data, day=found)))
     assert page.count('class="card"') == 2
-    assert 'data-part="hour"' not in build_client_page(replace(data, day=Day(cards[:1])))
+    assert 'data-part="hour"' not in build_client_page(replace(data, day=Cards(cards[:1], ("day.js",))))

@@ -21,6 +21,7 @@ from station.commands.views import printable
         ["--resume", "S", "--bracket", "adaptive"],
         ["--resume", "S", "--target", "0,0"],
         ["--resume", "S", "--dry-run"],
+        ["--resume", "S", "--address", "7 Elm Street"],
         ["kitchen", "--size", "half"],
         ["kitchen", "--simulate", "recorded:t.jsonl", "--size", "half"],
         ["kitchen", "--simulate", "recorded:t.jsonl", "--rig", "rig.toml"],

@@ -308,6 +308,19 @@ def test_options_that_say_nothing_are_refused(tmp_path, room, options):
     assert not (tmp_path / "s").exists()
 
 
+def test_the_address_is_what_people_call_the_place(tmp_path, room, capsys):
+    where = ("--site", "40.44,-79.99", "--address", "7 Elm Street, Pittsburgh")
+    assert daylit.main(["import", "r", "--indoor", str(room), "--into", str(tmp_path / "s"), *where, "--json"]) in (
+        0,
+        4,
+    )
+    (session,) = (tmp_path / "s").iterdir()
+    site = load_manifest(session).site
+    assert (site.name, site.latitude_deg) == ("7 Elm Street, Pittsburgh", 40.44)
+    with pytest.raises(UsageError):
+        invoke("room", "--dataset", str(room), "--address", "here")
+
+
 def test_errors_of_the_command_are_json_where_asked(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     code = daylit.main(["import", "r", "--indoor", str(tmp_path / "empty"), "--into", str(tmp_path), "--json"])
