@@ -187,18 +187,3 @@ def test_two_stations_on_one_session_exclude_each_other(tmp_path: Path) -> None:
         assert refused["error"]["code"] == "SES-002"
         process.kill()
     assert daylit(*RESUME, session, cwd=tmp_path)[-1]["ok"], "a killed holder leaves no lock behind"
-
-
-@pytest.mark.timeout(1800)
-def test_demo_ends_with_a_report(tmp_path: Path) -> None:
-    """The whole of it, staging too, in draft quality with pictures of an eighth the size."""
-    with started("demo", "--quick", "--world", "room", "--size", "small", cwd=tmp_path) as process:
-        out, err = process.communicate(timeout=1700)
-    assert process.returncode == 0, err
-    assert len(list((tmp_path / "demo").glob("*_room/indoor/*.jpg"))) == 9
-    (page,) = (Path(line.removeprefix("look at: ")) for line in out.splitlines() if line.startswith("look at: "))
-    text = (tmp_path / page).with_name("lab.html").read_text("utf-8")
-    assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
-    assert "Alternative 3" in text
-    assert "daylit models get" in out, "none is installed here"
-    assert len(list(page.parents[1].glob("render/staged-?.exr"))) == 3

@@ -1,0 +1,138 @@
+"""`daylit demo` from nothing to its last line, then README's commands as written, in order, on what it made."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.timeout(3600)
+SESSION = "sessions/2023-05-19T1554Z_coda-320"
+"""README's session: here it is the demo's, under this name."""
+NEEDED = {
+    "doctor --rig": "connects to instruments (tests/end_to_end/test_commands.py: on simulated ones)",
+    "capture coda-320": "needs instruments (the same)",
+    "capture --resume": "needs a capture that was cut off (the same)",
+    "studio": "serves until it is stopped (tests/studio)",
+    "demo": "done before, at an eighth of the size",
+    "capture x": "renders a generated room for minutes (tests/mocks)",
+    "simulate rooms": "renders twenty generated rooms for an hour (tests/station/simulate)",
+    "models get": "fetches a file from the net",
+    "process --panorama": "a whole run more (tests/processing/running)",
+}
+"""README's commands that are not run here, by how they begin, and why."""
+OF_THE_PLACE = ("north is not known", "the panorama's heading is not recorded")
+"""Warnings that the simple room must have: it is in no place. The default room is, but takes minutes to render."""
+
+
+@dataclass
+class Made:
+    """What the demo made, and said."""
+
+    folder: Path
+    session: Path
+    lines: list[str]
+
+
+def run(*words: str, cwd: Path) -> str:
+    """Run a command as a user would; a browser that is asked for opens nothing."""
+    done = subprocess.run(
+        [sys.executable, "-m", "daylit", *words],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "BROWSER": shutil.which("true") or "true"},
+        capture_output=True,
+        text=True,
+        timeout=1700,
+        check=False,
+    )
+    assert done.returncode == 0, f"daylit {shlex.join(words)}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The whole of it, staging too, in draft quality with pictures of an eighth the size."""
+    folder = tmp_path_factory.mktemp("demo")
+    lines = run("demo", "--quick", "--world", "room", "--size", "small", cwd=folder).splitlines()
+    (session,) = (folder / "demo").glob("*_room")
+    return Made(folder, session, lines)
+
+
+def test_demo_ends_with_a_report(demo: Made) -> None:
+    assert len(list(demo.session.glob("indoor/*.jpg"))) == 9
+    (page,) = (Path(line.removeprefix("look at: ")) for line in demo.lines if line.startswith("look at: "))
+    text = (demo.folder / page).with_name("lab.html").read_text("utf-8")
+    assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
+    assert "Alternative 3" in text
+    assert len(list(page.parents[1].glob("render/staged-?.exr"))) == 3
+
+
+def test_demos_last_lines_are_stills_page_and_three_commands(demo: Made) -> None:
+    """First the pictures, the best one first, then the page, then what can be done next; every path is there."""
+    first = next(k for k, line in enumerate(demo.lines) if line.startswith("still:"))
+    stills = [line.split()[-1] for line in demo.lines[first:] if line.startswith("still:")]
+    assert [Path(still).name for still in stills] == [f"still-{k}.jpg" for k in range(1, len(stills) + 1)]
+    assert len(stills) >= 3
+    assert all((demo.folder / still).is_file() for still in stills)
+    rest = demo.lines[first + len(stills) :]
+    assert rest[0].startswith("look at: ")
+    assert (demo.folder / rest[0].removeprefix("look at: ")).is_file()
+    assert rest[1] == "next:"
+    session = demo.session.relative_to(demo.folder)
+    assert [line.strip() for line in rest[2:5]] == [
+        f"daylit stills {session} --into pictures",
+        f"daylit relight {session} --staged 1 --sweep day",
+        f"daylit export {session}",
+    ]
+    assert "daylit models get" in rest[5], "none is installed here"
+    assert len(rest) == 6
+
+
+def test_demo_warns_of_nothing_but_what_its_room_does_not_say(demo: Made) -> None:
+    warnings = [line.partition("warning: ")[2] for line in demo.lines if "warning: " in line]
+    assert all(warning.startswith(OF_THE_PLACE) for warning in warnings), warnings
+
+
+def readme() -> list[str]:
+    """README's `daylit` commands, in order, without their comments; those within the text last."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    blocks = "\n".join(re.findall(r"^```\n(.*?)^```", text, re.M | re.S))
+    lines = [line for line in blocks.replace("\\\n", " ").splitlines() if line.startswith("daylit ")]
+    inline = re.findall(r"`(daylit [^`]*\S)`", " ".join(re.sub(r"^```.*?^```", "", text, flags=re.M | re.S).split()))
+    return [shlex.join(shlex.split(line, comments=True)[1:]) for line in (*lines, *inline)]
+
+
+def not_run(command: str) -> str | None:
+    return next((why for begin, why in NEEDED.items() if command.startswith(begin)), None)
+
+
+def test_each_command_of_the_readme_is_run_or_says_why_not() -> None:
+    commands = readme()
+    assert len(commands) >= 18
+    assert all(any(one.startswith(begin) for one in commands) for begin in NEEDED), "README no longer has one of these"
+    assert sum(not_run(one) is None for one in commands) >= 9
+
+
+def test_the_readmes_commands_run_as_written(demo: Made) -> None:
+    here = demo.folder / "office"
+    for name, source in (("rig/chart", "rig/*_chart"), ("rig/sphere", "rig/*_sphere"), (SESSION, "*_room")):
+        (found,) = (demo.folder / "demo").glob(source)
+        shutil.copytree(found, here / name)
+    run("choices", SESSION, "site=40.44,-79.99", "heading=120", cwd=here)  # which the simple room does not say
+    for command in readme():
+        if not_run(command) is None and command not in ("process", "verify"):
+            run(*shlex.split(command), cwd=here)
+    name = Path(SESSION).name
+    for made in (
+        *("rig.toml", "lab.json", f"{name}-export/{name}_staged-1.jpg", f"{name}-export/{name}_room.glb"),
+        *(f"{name}-proof/proof.json", f"{SESSION}/relight"),
+    ):
+        assert (here / made).exists(), made
