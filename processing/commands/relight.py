@@ -78,7 +78,8 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     moments["made"] = _made(session, room, "relit", folder)
     name = _name(room)
     found = (_sweep if asked["sweep"] else _one)(ready, moments, folder, name)
-    lines = (*(f"note: {note}" for note in found["notes"]), *map(_line, found["moments"]), f"written to {folder}")
+    then = "" if asked["output"] else f"; on the report's pages after: daylit process {session}"
+    lines = (*(f"note: {note}" for note in found["notes"]), *map(_line, found["moments"]), f"written to {folder}{then}")
     return answer({"ok": True, "folder": str(folder), **found}, lines, as_json=as_json)
 
 

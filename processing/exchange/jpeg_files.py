@@ -170,7 +170,8 @@ class Made(NamedTuple):
 GPANO = "http://ns.google.com/photos/1.0/panorama/"
 IPTC_EXTENSION = "http://iptc.org/std/Iptc4xmpExt/2008-02-29/"
 DAYLIT = "urn:daylit:xmp:1/"
-STAGED_SOURCE = "http://cv.iptc.org/newscodes/digitalsourcetype/compositeSynthetic"
+DIGITAL_SOURCE = "http://cv.iptc.org/newscodes/digitalsourcetype/"
+STAGED_SOURCE = DIGITAL_SOURCE + "compositeSynthetic"
 """IPTC's word for pictures of which some elements are synthetic: virtual furniture, or a floor that nobody saw."""
 
 _LONGEST_TITLE = 500  # chosen: a paragraph

@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from processing.errors import ParameterError
+from processing.exchange.jpeg_files import DIGITAL_SOURCE, STAGED_SOURCE
 from processing.ground.finished import PLAIN_NAME, Finished
 from processing.pictures.writing import write_bytes
 from station.session import strict_json
@@ -31,8 +32,7 @@ LABEL = "org.daylit.proof"
 """Of the assertion that chains a picture to its frames."""
 SELF_MADE = "made by daylit for one proof - vouched for by nobody"
 """Common name of a certificate that was made here: whoever reads it knows."""
-_KINDS = "http://cv.iptc.org/newscodes/digitalsourcetype/"
-SOURCES = {"original": _KINDS + "computationalCapture", "result": _KINDS + "compositeSynthetic"}
+SOURCES = {"original": f"{DIGITAL_SOURCE}computationalCapture", "result": STAGED_SOURCE}
 """IPTC's digital source types: several exposures joined by computer; a photograph with synthetic parts."""
 ALGORITHMS = {"Ed25519PublicKey": "ed25519", "RSAPublicKey": "ps256", "secp256r1": "es256", "secp384r1": "es384"}
 """C2PA's words by kind of key, or curve."""

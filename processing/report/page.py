@@ -21,7 +21,6 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import zone_at
 from processing.ground.room_model import RoomModel
-from processing.pictures.writing import write_bytes
 from processing.report.data import (
     Card,
     Cards,
@@ -83,11 +82,6 @@ def _environment() -> Environment:
 
     loader = FileSystemLoader(TEMPLATES)
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-
-
-def write_page(path: Path, page: str) -> None:
-    """Write a page durably."""
-    write_bytes(path, page.encode("utf-8"))
 
 
 def _source(name: str) -> str:

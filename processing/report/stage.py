@@ -10,6 +10,7 @@ from processing.calibration.outdoor.sun_place import with_zone, zone_at
 from processing.ground.room_model import RoomModel
 from processing.ground.tables import table_of
 from processing.pictures.display import Display
+from processing.pictures.writing import write_bytes
 from processing.report.calibration_sections import (
     camera_section,
     indoor_section,
@@ -17,7 +18,7 @@ from processing.report.calibration_sections import (
     outdoor_section,
 )
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
-from processing.report.page import build_client_page, build_page, client_data, write_page
+from processing.report.page import build_client_page, build_page, client_data
 from processing.report.room_states import display_in
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import kept, staging_sections
@@ -43,9 +44,9 @@ FILES = {
 def run(context: StageContext) -> StageOutput:
     """Write index.html for a client and lab.html for the laboratory."""
     data = report_data(context)
-    write_page(context.folder / "lab.html", build_page(data))
+    write_bytes(context.folder / "lab.html", build_page(data).encode())
     client = client_data(context, data)
-    write_page(context.folder / "index.html", build_client_page(client))
+    write_bytes(context.folder / "index.html", build_client_page(client).encode())
     metrics = {"sections": len(data.sections), "stills": len(client.stills)}
     cuts = {f"cuts-{k}": (context.folder / f"cuts-{k}.json.gz").is_file() for k in range(1, MOST_STAGED + 3)}
     made = dict.fromkeys(("page", "lab", "details", *(name for name, there in cuts.items() if there)), True)
@@ -121,7 +122,7 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 def _shape(context: StageContext) -> tuple[Quantity, ...]:
     """Return the room's size, as people ask for it."""
-    room = room_of(context)
+    room: RoomModel | None = context.optional_artifact("room", "room")
     if room is None:
         return ()
     height = f"{room.ceiling_height_m:.2f} m high, {len(room.openings)} windows and doors"
@@ -157,14 +158,8 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     return tuple(found)
 
 
-def room_of(context: StageContext) -> RoomModel | None:
-    """Return the room, None where there is none."""
-    room: RoomModel | None = context.optional_artifact("room", "room")
-    return room
-
-
 def _room(context: StageContext, display: Display) -> list[Section]:
-    room = room_of(context)
+    room: RoomModel | None = context.optional_artifact("room", "room")
     if room is None:
         return []
     summary = context.summary("room")

@@ -223,15 +223,10 @@ class Moment:
     """The room at one moment or under one sky."""
 
     path: Path
-    staged: int | None
+    title: str
+    """When it is, and what is shown: 2023-06-21 09:00, staged 1."""
     facts: Mapping[str, Any]
     made: Made
-
-    @property
-    def title(self) -> str:
-        """When it is, and what is shown."""
-        when = str(self.facts.get("local_time", "another sky"))
-        return f"{when}, {'emptied' if self.staged is None else f'staged {self.staged}'}"
 
 
 def relight_section(session: Path, look: Look) -> Section | None:
@@ -259,12 +254,13 @@ def relit_moments(session: Path) -> Iterator[Moment]:
         staged = data.get("staged")
         name = "empty" if staged is None else f"staged-{staged}"
         made = made_of(session, name, further="relit")
+        shown = made.state if staged is None else f"staged {staged}"
         for facts in data.get("moments", []):
             stem = str(facts.get("local_time", "")).replace(" ", "T").replace(":", "")
             path = folder / (f"{name}-{stem}.jpg" if stem else f"{summary.stem}.jpg")
             if path.is_file() and path not in seen:
                 seen.add(path)
-                yield Moment(path, staged, facts, made)
+                yield Moment(path, f"{facts.get('local_time', 'another sky')}, {shown}", facts, made)
 
 
 def _read(path: Path) -> dict[str, Any]:

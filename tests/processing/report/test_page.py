@@ -40,7 +40,7 @@ from processing.report.data import (
     safe_json,
     size_text,
 )
-from processing.report.page import build_page, write_page
+from processing.report.page import build_page
 
 PIXEL = png_bytes(np.zeros((1, 1, 3), np.uint8))
 DATA = ReportData(
@@ -182,11 +182,6 @@ def test_an_empty_report_is_a_page() -> None:
     page = build_page(ReportData("empty", (), (), (), (), (), (), "daylit"))
     assert "No warnings." in page
     assert 'id="files"' not in page
-
-
-def test_page_on_disk(tmp_path: Path) -> None:
-    write_page(tmp_path / "index.html", build_page(DATA))
-    assert (tmp_path / "index.html").read_text("utf-8") == build_page(DATA)
 
 
 @pytest.mark.parametrize(
