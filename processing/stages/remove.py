@@ -28,7 +28,7 @@ from processing.stages.upright import check_mask_size, known_room, mask_in_size,
 from processing.surfaces.maps import FLOOR, plane_map
 
 FOREIGN, ANYTHING = 0.4, 0.7
-"""Probability of furniture or fixtures, and of these with walls and what is in them, from which a floor is not filled
+"""Probability of furniture, fixtures or equipment, and of these with walls and what is in them, from which a floor is not filled
 from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky)."""
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
 CONFIDENCE_STEPS = 128  # as kept, of 0 to 1 (chosen)
@@ -98,13 +98,13 @@ def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | N
 
 
 def _foreign(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
-    """Return what the network takes for furniture or fixtures (rugs), in the target or not, or on the floor for
-    anything but floor (an open door's leaf), and the share (h, w) of skirting; None: it said nothing."""
+    """Return what the network takes for furniture, fixtures (rugs) or equipment, in the target or not, or on the floor
+    for anything but floor (an open door's leaf), and the share (h, w) of skirting; None: it said nothing."""
     kept = context.optional_artifact("room", "evidence")
     if kept is None:
         return None, None
     evidence = read_evidence(kept)
-    things = evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE)
+    things = evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD)
     floor = plane_map(room, Equirectangular(things.shape[1], things.shape[0])) == FLOOR
     anything = floor * (things + evidence.share(SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR))
     foreign = [resized(share, (shape[0], shape[1])) > p for share, p in ((things, FOREIGN), (anything, ANYTHING))]
