@@ -34,7 +34,7 @@ from processing.removal.shadows import ShadowFound, find_plain_shade, find_shado
 from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
-from processing.segmentation.evidence import SceneClass, SceneEvidence
+from processing.segmentation.evidence import BEYOND, SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps, surface_maps
 from processing.surfaces.sun import coloured_as_behind
@@ -47,7 +47,6 @@ FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and 
 BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.12, math.radians(1.2)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
-BEYOND = 1.5  # times the distance of the wall, from which what is seen is beyond an opening (chosen; 1.4 is error)
 CRUMB_SR, CRUMB_PX = 2e-3, 16
 """Of what stays on a wall of which all around is removed: larger is a picture (chosen); pixels of the working size, for
 what it does not see (chosen)."""

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.kernels import compiled, inner
 from processing.room.wall_views import WallView
 from processing.segmentation.evidence import SceneClass
@@ -346,6 +346,13 @@ def fitted_last(one: Candidate) -> Candidate:
 
 def brighter_inside(one: Candidate) -> float:
     """Return by how many stops what is seen of an opening is brighter than what is around it; medians; 0: unknown."""
+    inside, around = inside_around(one)
+    light = one.field.view.log_luminance
+    return float(np.median(light[inside]) - np.median(light[around])) if inside.any() and around.any() else 0.0
+
+
+def inside_around(one: Candidate) -> tuple[Flags, Flags]:
+    """Return what is seen of an opening, and `AROUND_M` around it, of the known texels of its wall, (H, W) each."""
     view, p = one.field.view, one.field.view.px_per_m
     inside = np.zeros(view.known.shape, bool)
     around = np.zeros(view.known.shape, bool)
@@ -355,7 +362,4 @@ def brighter_inside(one: Candidate) -> float:
         part[v0:v1, u0:u1] = True
     u0, v0, u1, v1 = (max(0, round(side * p)) for side in one.box)
     around[v0:v1, u0:u1] = False
-    inside, around = inside & view.known, around & view.known
-    if not inside.any() or not around.any():
-        return 0.0
-    return float(np.median(view.log_luminance[inside]) - np.median(view.log_luminance[around]))
+    return inside & view.known, around & view.known

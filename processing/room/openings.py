@@ -17,7 +17,9 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity, 
 from processing.room import opening_fit
 from processing.room.opening_fit import Box, Candidate, Field, Kind
 from processing.room.wall_views import WallView, shown_by, wall_views
-from processing.segmentation.evidence import SceneClass, SceneEvidence
+from processing.segmentation.evidence import BEYOND, SceneClass, SceneEvidence
+from processing.sphere import Equirectangular
+from processing.surfaces.textures import unwrap
 
 # What curtains, blinds and furniture hide of a window, by what rooms have in common.
 #
@@ -150,11 +152,26 @@ def find_openings(
     """
     seen = wall_views(image, evidence, room)
     views = tuple(_plain_is_wall(view) for view in seen)
-    found = [*uncovered(_of_kind(views, opening_fit.WINDOW)), *_of_kind(views, opening_fit.DOOR)]
+    windows = [one for one in uncovered(_of_kind(views, opening_fit.WINDOW)) if not _beyond(one, evidence, room)]
+    found = [*windows, *_of_kind(views, opening_fit.DOOR)]
     if evidence.own is not None:
         found += _of_kind(shown_by(evidence.own, image.geometry, room, seen), opening_fit.DOOR)
     outside = luminance_outside(image, outdoor)
     return tuple(_opening(one, room, outside) for one in _apart(found))
+
+
+def _beyond(window: Candidate, evidence: SceneEvidence, room: RoomModel) -> bool:
+    """Return whether a window is the next room's: what is around it lies, by the network's distances, far beyond its
+    wall."""
+    if evidence.reach is None:
+        return False
+    view, rows = window.field.view, evidence.reach.shape[0]
+    reach = evidence.reach[..., None] * np.float32(room.camera_height_m)
+    far_m = unwrap(reach, Equirectangular(2 * rows, rows), room, view.plane, view.px_per_m).values[..., 0]
+    u, v = ((np.arange(n) + 0.5) / view.px_per_m - at for n, at in zip(far_m.shape[::-1], view.eye[:2], strict=True))
+    around = opening_fit.inside_around(window)[1] & (window.field.shown < LEAST_SHARE)
+    far = (far_m / np.sqrt(u**2 + v[:, None] ** 2 + view.eye[2] ** 2))[around]
+    return bool(far.size and np.median(far) > BEYOND)
 
 
 def luminance_outside(image: RelativeImage | LuminanceImage, outdoor: LuminanceImage | None) -> float | None:

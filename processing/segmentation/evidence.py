@@ -80,6 +80,9 @@ class SceneEvidence:
         return np.asarray(self.probabilities[list(classes)].sum(axis=0), dtype=np.float32)
 
 
+BEYOND = 1.5
+"""Times the distance of a wall, from which what is seen is beyond an opening (chosen; 1.4 is `SceneEvidence.reach`'s
+error)."""
 FORMAT = 2  # raised when arrays that a reader needs change
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
 _DETAILS = ("reach", "skirting", "own")

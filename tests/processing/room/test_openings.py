@@ -15,7 +15,8 @@ from processing.room.opening_fit import Candidate, Field, brighter_inside
 from processing.room.openings import find_openings, uncovered
 from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.evidence import SceneClass, SceneEvidence
-from processing.surfaces.maps import planes_of
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import planes_of, surface_maps
 from tests.processing.room.drawn_rooms import Drawn, Patch, as_image, draw
 
 ROWS = 256
@@ -109,6 +110,23 @@ def test_a_glass_door_is_a_window_down_to_the_floor() -> None:
 def test_a_wide_opening_to_another_room_is_a_passage() -> None:
     image, evidence = result((Patch("left", -1.4, 0.6, 0.0, 2.1, 0.2),), (SceneClass.DOOR,))
     assert [o.kind for o in find_openings(image, evidence, ROOM)] == [OpeningKind.PASSAGE]
+
+
+def test_a_window_of_the_next_room_seen_through_a_passage_is_not_this_rooms() -> None:
+    """The passage shows the next room's wall with a window in it, at twice the distance of this room's wall."""
+    patches = (WINDOW, Patch("left", -1.4, 0.9, 0.0, 2.2, 0.45), Patch("left", -0.6, 0.3, 0.9, 1.8, 20.0))
+    drawn = draw(ROWS, low=LOW, high=HIGH, patches=patches)
+    image = as_image(drawn.luminance)
+    evidence = evidence_of(drawn, (SceneClass.WINDOW, SceneClass.WALL, SceneClass.WINDOW))
+    geometry = Equirectangular(256, 128)
+    wall = surface_maps(ROOM, geometry).depth_m / np.float32(ROOM.camera_height_m)
+    through = cv2.resize((drawn.patch >= 2).astype(np.float32), (256, 128), interpolation=cv2.INTER_AREA)
+    seen = replace(evidence, reach=np.where(through > 0.5, 2 * wall, wall))
+    (mine,) = find_openings(image, seen, ROOM)
+    assert iou(mine, 2, 1.2, 2.5, 0.9, 2.1) > 0.85
+    near = find_openings(image, replace(evidence, reach=wall), ROOM)
+    assert len(near) == 2, "in a recess of its own wall it would be this room's"
+    assert len(find_openings(image, evidence, ROOM)) == 2, "without distances nothing is dropped"
 
 
 def test_nothing_is_found_where_nothing_is_and_where_nothing_is_known() -> None:
