@@ -38,6 +38,7 @@ from processing.report.data import (
 from processing.report.sections import floor_area_m2
 from processing.report.states import packed
 from processing.stages.contract import StageContext
+from processing.stages.upright import UNTRUSTED, trusted_parts
 from station.session.session import SessionManifest
 
 if TYPE_CHECKING:
@@ -234,11 +235,20 @@ def _notices(context: StageContext, room: RoomModel | None, states: list[str]) -
     if context.has("remove", "filled"):
         found.append("Furniture that stood in the room was removed by computer: what it hid is computed, not seen.")
     if room is not None and room.source == "estimated" and room.confidence < DOUBTFUL:
-        found.append(
-            f"The room's shape is doubtful (confidence {room.confidence:.0%}): measures, and where furniture stands, "
-            "may be wrong."
-        )
+        found.append(f"The room's shape is doubtful (confidence {room.confidence:.0%}){_meaning(context, *found)}")
     return tuple(found)
+
+
+def _meaning(context: StageContext, *done: str) -> str:
+    """Return what a doubtful shape means, by what was left undone for it and by the sentences on what was done."""
+    stages = {"emptied": "remove", "staged": "materials"}
+    undone = [what for what, one in stages.items() if "doubtful" in str(context.summary(one).get("skipped", ""))]
+    undone = ["emptied as a whole"] * (UNTRUSTED in context.summary("remove")["left_out"]) + undone
+    if undone:
+        text = f"{'neither' if len(undone) > 1 else 'not'} {' nor '.join(undone)}"
+        return f", and it was {text}: of it {trusted_parts(context)} can be trusted, other measures may be wrong."
+    stands = ", and where furniture stands," if any("staged" in text for text in done) else ""
+    return f": measures{stands} may be wrong."
 
 
 def _compared(folder: Path, stills: list[Any]) -> Comparison | None:

@@ -116,12 +116,10 @@ def diagnose(
 ) -> Diagnostics:
     """Return the diagnostics of the room chosen; ``among``: all hypotheses, the best first, and that one."""
     found = np.minimum(np.abs(residuals(refined.polygon, refined.outline.ratio, columns)), CAP)
-    sigma = np.degrees((columns.floor_sigma / (1 + columns.floor**2)).mean())
-    other = np.degrees((columns.ceiling_sigma / (1 + columns.ceiling**2)).mean())
     return Diagnostics(
         misfit=float(np.sqrt((found**2).mean())),
         unexplained=float((found >= CAP).any(axis=0).mean()),
-        sigma_deg=float((sigma + other) / 2),
+        sigma_deg=float(_sigmas_deg(columns).mean()),
         ratio_spread=columns.ratio_spread,
         rival=_rival(*among, refined.polygon),
         loss=loss,
@@ -132,6 +130,12 @@ def diagnose(
         edges=(refined.floor_share + refined.ceiling_share) / 2,
         corners=float(len(refined.polygon)),
     )
+
+
+def _sigmas_deg(columns: Columns) -> Doubles:
+    """Return each column's uncertainty (N,): the mean of floor's and ceiling's."""
+    floor, ceiling = columns.floor_sigma / (1 + columns.floor**2), columns.ceiling_sigma / (1 + columns.ceiling**2)
+    return np.asarray(np.degrees(floor + ceiling) / 2)
 
 
 def _rival(ranked: list[Hypothesis], chosen: Hypothesis, polygon: Doubles) -> float:
@@ -154,6 +158,9 @@ LARGEST_SPREAD = 0.2  # clamps the fit's feature; chosen, never swept
 LEAST_SIGMA_DEG, LEAST_LOSS = 0.25, 0.01
 LEAST, MOST = 0.02, 0.98
 FULLY_EXPLAINED = 0.75  # of a wall's columns: noise leaves no wall without any residual
+HALF_RIGHT_DEG = 5.0
+"""Uncertainty of its boundaries with which a wall is right (6 %) as often as not, as it is with its square: on 195
+walls of 40 pictures of validation seeds; in doubtful rooms it parts right from wrong walls with .95 under the curve."""
 UNSEEN = 0.3  # of the room's confidence, for a wall of which no column is seen
 
 
@@ -193,12 +200,17 @@ def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
     return tuple(doubted)
 
 
-def wall_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[float, ...]:
-    """Return each wall's confidence: the room's, less where its columns are not explained; `UNSEEN` of it if unseen."""
+def part_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[tuple[float, ...], float]:
+    """Return each wall's confidence and the ceiling's: by how well the network sees their boundaries, less where the
+    wall does not explain them, or floor and ceiling disagree; `UNSEEN` of the room's, ``sure``, for an unseen wall."""
     polygon = np.asarray(room.floor) / room.camera_height_m
     _, wall = wall_ranges(polygon, columns.azimuth_rad)
     ratio = room.ceiling_height_m / room.camera_height_m - 1
     explained = 1 - (np.minimum(np.abs(residuals(polygon, ratio, columns)), CAP) / CAP).mean(axis=0)
+    right = 1 / (1 + (_sigmas_deg(columns) / HALF_RIGHT_DEG) ** 2)
     seen = [wall == number for number in range(len(polygon))]
-    shares = [min(1.0, float(explained[own].mean()) / FULLY_EXPLAINED) if own.any() else UNSEEN for own in seen]
-    return tuple(round(sure * share, 3) for share in shares)
+    shares = [min(1.0, float(explained[own].mean()) / FULLY_EXPLAINED) if own.any() else 0.0 for own in seen]
+    each = zip(seen, shares, strict=True)
+    walls = (share * float(right[own].mean()) if own.any() else UNSEEN * sure for own, share in each)
+    ceiling = float(right.mean()) * math.exp(-((columns.ratio_spread / 0.3) ** 2))
+    return tuple(round(one, 3) for one in walls), round(ceiling, 3)

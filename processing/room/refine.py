@@ -129,6 +129,7 @@ STRENGTH_WITHIN_RAD = math.radians(0.2)
 LEAST_COLUMNS = 8  # columns with an edge that make a wall refined
 LEAST_GAIN = 0.08  # mean strength along a wall below which it shows no edge
 PROBE_RAD = math.radians(2.0)  # how far from a boundary the classes are asked what is there
+UPRIGHT = [SceneClass.WALL, SceneClass.DOOR, SceneClass.WINDOW]
 LEAST_CLEAR = 0.5  # more likely than not
 COLUMN_WEIGHT = 0.25  # of a column in choosing shifts: neighbours carry the same evidence
 
@@ -219,13 +220,17 @@ def _look(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: F
     azimuth = ((np.arange(AZIMUTHS) + 0.5) / AZIMUTHS - 0.5) * (2 * math.pi)
     distance, wall = wall_ranges(fit.polygon, azimuth)
     floor, ceiling = -np.arctan2(1.0, distance), np.arctan2(fit.outline.ratio, distance)
-    above, below = _classes(evidence, azimuth, floor + PROBE_RAD), _classes(evidence, azimuth, floor - PROBE_RAD)
     over, under = _classes(evidence, azimuth, ceiling + PROBE_RAD), _classes(evidence, azimuth, ceiling - PROBE_RAD)
-    upright = (SceneClass.WALL, SceneClass.DOOR, SceneClass.WINDOW)
-    floor_clear = (below[SceneClass.FLOOR] >= LEAST_CLEAR) & (sum(above[c] for c in upright) >= LEAST_CLEAR)
-    ceiling_clear = (over[SceneClass.CEILING] >= LEAST_CLEAR) & (sum(under[c] for c in upright) >= LEAST_CLEAR)
+    floor_clear = floor_seen(evidence, azimuth, floor)
+    ceiling_clear = (over[SceneClass.CEILING] >= LEAST_CLEAR) & (under[UPRIGHT].sum(axis=0) >= LEAST_CLEAR)
     strips = strip_along(image, azimuth, floor), strip_along(image, azimuth, ceiling)
     return _Sight(azimuth, wall, floor, ceiling, *strips, floor_clear, ceiling_clear)
+
+
+def floor_seen(evidence: SceneEvidence, azimuth_rad: Doubles, floor_rad: Doubles) -> Flags:
+    """Return where the floor is seen to end at a wall, at azimuths and latitudes (N,): floor below, wall above."""
+    above, below = (_classes(evidence, azimuth_rad, floor_rad + probe) for probe in (PROBE_RAD, -PROBE_RAD))
+    return np.asarray((below[SceneClass.FLOOR] >= LEAST_CLEAR) & (above[UPRIGHT].sum(axis=0) >= LEAST_CLEAR))
 
 
 def _classes(evidence: SceneEvidence, azimuth_rad: Doubles, latitude_rad: Doubles) -> Floats:

@@ -258,6 +258,7 @@ class LightParameters(_InTheRoom):
 class RemoveParameters(_InTheRoom):
     """What a user may say about removal."""
 
+    trusted_walls: bool = Field(False, description="Of a doubtful room, empty what touches only walls that stand.")
     keep_sunlight: bool = Field(False, description="Leave direct sunlight where it is (not for relighting).")
     filler: Path | None = path_field("file", "Inpainting network of your own: a LaMa export, ONNX.")
     filler_channels: Literal["rgb", "bgr"] = Field(

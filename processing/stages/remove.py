@@ -12,7 +12,7 @@ import numpy.typing as npt
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import largest_channel
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import grown, resized, share_of_sphere
+from processing.ground.seam import components, grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import ESTIMATED_BITS, estimated, to_bits
 from processing.removal.fill import Emptied, Others, Quick, empty_room
@@ -21,15 +21,15 @@ from processing.removal.lift import lifted
 from processing.removal.shadows import relit
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.sphere import Equirectangular
+from processing.stages import upright
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
-from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_unfit, working_panorama
 from processing.surfaces.maps import FLOOR, plane_map
 
 FOREIGN, ANYTHING = 0.4, 0.7
-"""Probability of furniture, fixtures or equipment, and of these with walls and what is in them, from which a floor is not filled
-from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky)."""
+"""Probability of furniture, fixtures or equipment, and of these with walls and what is in them, from which a floor is
+not filled from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky)."""
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
 CONFIDENCE_STEPS = 128  # as kept, of 0 to 1 (chosen)
 LIFT_STEP = 2.0**-10  # of log luminance as kept: a thousandth, where shade is known to a tenth (chosen)
@@ -41,9 +41,14 @@ def nothing_to_remove(context: StageContext) -> str | None:
     target = context.optional_artifact("detect", "target")
     if target is None:
         return "the stage detect found no target; give one (--mask)"
-    if not np.asarray(target).any():
+    mask = np.asarray(target, bool)
+    if not mask.any():
         return "nothing to remove"
-    return why_unfit(context, asked=context.parameters_of(RemoveParameters).doubtful_room)
+    why = upright.why_unfit(context, asked=context.parameters_of(RemoveParameters).doubtful_room)
+    if not _in_part(context):
+        return why
+    some, _ = _on_trusted(context, mask, _optional_mask(context, "shadow", mask.shape[1]))
+    return None if some.any() else f"{why}; nothing to remove touches these alone"
 
 
 def run(context: StageContext) -> StageOutput:
@@ -67,20 +72,21 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     ``quick``: in place of the context's quality.
     """
     asked = context.parameters_of(RemoveParameters)
-    image = working_panorama(context)
+    image = upright.working_panorama(context)
     width_px = image.rgb.shape[1]
     target = np.asarray(context.artifact("detect", "target"), bool)
-    check_mask_size(target, context)
-    target = mask_in_size(target, width_px)
-    sunlight = _optional_mask(context, "sunlight", width_px)
+    upright.check_mask_size(target, context)
+    target = upright.mask_in_size(target, width_px)
+    sunlight, shadow = (_optional_mask(context, name, width_px) for name in ("sunlight", "shadow"))
+    if _in_part(context):
+        target, shadow = _on_trusted(context, target, shadow)
     if asked.keep_sunlight and sunlight is not None:
         target, sunlight = _without_sunlight(context, target, sunlight)
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
-    shade, room = read_shade(context), known_room(context)
+    shade, room = read_shade(context), upright.known_room(context)
     foreign, boards = _foreign(context, room, target.shape)
     how: dict[str, Any] = {"sunlight": sunlight, "quality": quick or context.quality.value, "filler": filler}
-    shadow = _optional_mask(context, "shadow", width_px)
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
         shade = shade._replace(shadow=shadow, boards=boards)
@@ -92,9 +98,24 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     return empty_room(bright, target, room, others=Others(foreign, boards), **how), None, share
 
 
+def _in_part(context: StageContext) -> bool:
+    """Return whether only the part of a doubtful room is emptied that can be trusted."""
+    asked = context.parameters_of(RemoveParameters)
+    return asked.trusted_walls and upright.why_unfit(context, asked=asked.doubtful_room) is not None
+
+
+def _on_trusted(context: StageContext, target: Flags, shadow: Flags | None) -> tuple[Flags, Flags | None]:
+    """Return what of a target and of soft shadow (H, W) hangs together and touches only surfaces that can be trusted:
+    a thing goes with its shadow, and whole or not at all."""
+    planes = plane_map(upright.known_room(context), Equirectangular(target.shape[1], target.shape[0]))
+    _, labels = components(target if shadow is None else target | shadow)
+    stays = np.isin(labels, np.unique(labels[~np.isin(planes, upright.trusted_planes(context))]))
+    return target & ~stays, None if shadow is None else shadow & ~stays
+
+
 def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:
     mask = context.optional_artifact("detect", name)
-    return None if mask is None else mask_in_size(np.asarray(mask, bool), width_px)
+    return None if mask is None else upright.mask_in_size(np.asarray(mask, bool), width_px)
 
 
 def _foreign(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
@@ -151,6 +172,9 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
         text = f"mean confidence of what was filled: {sure:.2f}; too little of the surfaces is seen"
         warnings.append(StageWarning(code="confidence", message=text))
     warnings += [StageWarning(code="hidden", message=note) for note in found.notes if "hidden altogether" in note]
+    left_out = {} if change is not None else {"lift": context.summary("light").get("skipped") or "shade is kept"}
+    if _in_part(context):
+        left_out[upright.UNTRUSTED] = f"of the room's shape only {upright.trusted_parts(context)} can be trusted"
     finest = max((one.hole.size for one in found.textures), default=0)
     changed = np.zeros(0) if change is None else change[change != 0]
     brighter_pct = round(100 * math.expm1(float(np.median(changed))), 2) if len(changed) else 0.0
@@ -165,6 +189,6 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
             **({} if change is None else {"lifted_median_pct": brighter_pct}),
         },
         warnings=tuple(warnings),
-        left_out={} if change is not None else {"lift": context.summary("light").get("skipped") or "shade is kept"},
+        left_out=left_out,
         honoured={"quality": f"textures of up to {finest} pixels ({context.quality.value})"},
     )

@@ -15,6 +15,7 @@ from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR
 from station.session.session import SessionManifest, Side
 
 LEAST_DRAFT_PX = 1600  # width that a draft's panorama keeps (chosen: a screen's)
@@ -77,6 +78,7 @@ LEAST_CONFIDENCE = 0.3
 """Of an estimated room, below which it is emptied and staged on request only (chosen: where confidence is from .02 to
 .3, walls of real rooms stood across open space)."""
 LEAST_OF_PART = 0.5  # of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)
+UNTRUSTED = "what touches other walls"  # of a doubtful room emptied in part: not done, and why
 
 
 def why_unfit(context: StageContext, *, asked: bool) -> str | None:
@@ -86,15 +88,30 @@ def why_unfit(context: StageContext, *, asked: bool) -> str | None:
         return "the stage room found no room; give one (--room)"
     if asked or room.source == "given" or room.confidence >= LEAST_CONFIDENCE:
         return None
-    facts: dict[str, Any] = context.summary("room").get("metrics", {})
-    walls = [str(k + 1) for k, sure in enumerate(facts.get("wall_confidences", ())) if sure >= LEAST_OF_PART]
-    parts = [f"wall{'s' * (len(walls) > 1)} {', '.join(walls)}"] if walls else []
-    parts += ["the ceiling's height"] * (facts.get("ceiling_confidence", 0) >= LEAST_OF_PART)
     return (
         f"the room's shape is doubtful (confidence {room.confidence:.2f}, below {LEAST_CONFIDENCE:g}); "
-        f"of it {' and '.join(parts) or 'no part'} can be trusted, and the masks do not depend on it: correct it "
-        "(daylit room SESSION --edit), or ask for it all the same (--doubtful-room)"
+        f"of it {trusted_parts(context)} can be trusted, and the masks do not depend on it: correct it "
+        "(daylit room SESSION --edit), have furniture removed that touches no other wall (--trusted-walls), or ask for "
+        "all of it all the same (--doubtful-room)"
     )
+
+
+def trusted_planes(context: StageContext) -> tuple[int, ...]:
+    """Return the surfaces (`processing.surfaces.maps`) of an estimated room that stand though it may be doubtful.
+
+    The floor does: it is the camera's height below the camera, whatever the walls.
+    """
+    facts: dict[str, Any] = context.summary("room").get("metrics", {})
+    walls = [FIRST_WALL + k for k, sure in enumerate(facts.get("wall_confidences", ())) if sure >= LEAST_OF_PART]
+    return (FLOOR, *[CEILING] * (facts.get("ceiling_confidence", 0) >= LEAST_OF_PART), *walls)
+
+
+def trusted_parts(context: StageContext) -> str:
+    """Return in words which walls, numbered from 1, and whether the ceiling's height can be trusted."""
+    planes = trusted_planes(context)
+    walls = [str(plane - FIRST_WALL + 1) for plane in planes if plane >= FIRST_WALL]
+    parts = [f"wall{'s' * (len(walls) > 1)} {', '.join(walls)}"] if walls else []
+    return " and ".join([*parts, *["the ceiling's height"] * (CEILING in planes)]) or "no part"
 
 
 def check_mask_size(mask: Flags, context: StageContext) -> None:

@@ -18,6 +18,7 @@ from processing.report.stills import FEWEST
 from processing.report.stills import run as frame
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters
+from processing.stages.upright import UNTRUSTED
 from tests.processing.report.made_up import Results, context, results, without
 
 MOST_BYTES = 8_000_000
@@ -84,6 +85,37 @@ def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Pa
     assert plain.compared is None
     assert {still.original for still in plain.stills} == {""}
     assert not any(still.statement for still in plain.stills)
+
+
+@pytest.mark.parametrize(
+    ("skipped", "left_out", "said"),
+    [
+        ({"remove", "materials"}, {}, "it was neither emptied nor staged: of it walls 1, 3 can be trusted"),
+        ({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: of it walls 1, 3"),
+        ({"materials"}, {}, "it was not staged: of it walls 1, 3"),
+        (set(), {}, "(confidence 7%): measures, and where furniture stands, may be wrong."),
+    ],
+)
+def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_stands(
+    tmp_path: Path, skipped: set[str], left_out: dict[str, str], said: str
+) -> None:
+    made = results(alternatives=1)
+    found = _with_room(made, made["room"]["room"], 0.07)
+    gone = {"materials": ("materials", "arrange", "render"), "remove": ("remove",)}
+    given = with_stills(tmp_path, without(found, *(stage for one in skipped for stage in gone[one])))
+
+    def summary(stage: str) -> dict[str, object]:
+        facts = {"wall_confidences": [0.9, 0.2, 0.8, 0.1]} if stage == "room" else {}
+        why = {"skipped": "the room's shape is doubtful (confidence 0.07)"} if stage in skipped else {}
+        own = dict(given.summary(stage))
+        mine = own["left_out"] | (left_out if stage == "remove" else {})
+        return own | {"metrics": own["metrics"] | facts, "left_out": mine} | why
+
+    page = replace(given, summary=summary)
+    notices = client_data(page, report_data(page)).notices
+    assert any(said in text for text in notices), notices
+    removed = [text for text in notices if "removed by computer" in text]
+    assert len(removed) == ("remove" not in skipped), "its sentences depend on what was done"
 
 
 def test_without_any_still_the_page_stands(tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import RemoveParameters
 from processing.stages.remove import nothing_to_remove, run
-from processing.surfaces.maps import FLOOR, plane_map
+from processing.stages.upright import UNTRUSTED
+from processing.surfaces.maps import FIRST_WALL, FLOOR, plane_map
 
 ROWS = 32
 MARGIN_DEG = 6.0
@@ -196,6 +197,36 @@ def test_a_doubtful_room_is_not_emptied_unasked_and_what_stands_is_said(tmp_path
     assert _reason(doubtful, doubtful_room=True) is None
     assert _reason(doubtful.model_copy(update={"confidence": 0.3})) is None
     assert _reason(ROOM.model_copy(update={"confidence": 0.1})) is None, "who gives a room vouches for it"
+
+
+def test_of_a_doubtful_room_only_what_touches_nothing_but_walls_that_stand_is_removed_on_request(
+    tmp_path: Path,
+) -> None:
+    doubtful = ROOM.model_copy(update={"source": "estimated", "confidence": 0.1})
+    facts = {"wall_confidences": [0.9, 0.1, 0.9, 0.9], "ceiling_confidence": 0.9}
+    planes = plane_map(ROOM, picture().geometry)  # type: ignore[arg-type]
+    columns = [int(np.flatnonzero(planes[ROWS // 2] == FIRST_WALL + k).mean()) for k in range(4)]
+    chair, table, bed = (patch(slice(18, 24), slice(c - 2, c + 2)) for c in (columns[2], columns[3], columns[1]))
+    shadow = patch(slice(24, 27), slice(columns[3] - 1, columns[3] + 1))
+    masks = {"target": chair | table | bed, "shadow": shadow}
+
+    def given(asked: RemoveParameters, room: RoomModel = doubtful, **found: Any) -> StageContext:
+        made = context(tmp_path, asked, room=room, **(masks | found))
+        return replace(made, summary=lambda _stage: {"metrics": facts, "left_out": {}})
+
+    part = RemoveParameters(trusted_walls=True)
+    assert nothing_to_remove(given(part)) is None
+    made = run(given(part))
+    assert np.array_equal(np.asarray(made.artifacts["filled"]), chair | table)
+    assert "walls 1, 3, 4 and the ceiling's height" in made.left_out[UNTRUSTED]
+    reaches = patch(slice(24, 27), slice(min(columns[1], columns[2]) - 2, max(columns[1], columns[2]) + 2))
+    joined = run(given(part, shadow=shadow | reaches))
+    assert np.array_equal(np.asarray(joined.artifacts["filled"]), table), "a thing goes with its shadow or not at all"
+    assert "these alone" in str(nothing_to_remove(given(part, target=bed)))
+    for asked, room in ((part, ROOM), (RemoveParameters(trusted_walls=True, doubtful_room=True), doubtful)):
+        whole = run(given(asked, room))
+        assert np.asarray(whole.artifacts["filled"]).sum() == masks["target"].sum()
+        assert UNTRUSTED not in whole.left_out
 
 
 def test_soft_shadow_is_lifted_beyond_the_target_and_the_page_says_so(tmp_path: Path) -> None:

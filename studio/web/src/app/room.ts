@@ -48,7 +48,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     if (drafted) localStorage.setItem(draftName, JSON.stringify(room));
     overlay();
     drawPlan();
-    const sure = corrected ? "corrected by hand" : `estimated, confidence ${room.confidence.toFixed(2)}`;
+    const sure = corrected ? "corrected by hand" : `estimated, confidence ${room.confidence.toFixed(2)}${room.confidence < 0.3 ? ", doubtful: neither emptied nor staged unless corrected here or asked for" : ""}`;
     facts.textContent = `${area(room.floor).toFixed(2)} m², walls in metres, ${room.ceiling_height_m.toFixed(2)} m high, ${room.openings.length} windows and doors · ${sure}${room.held?.length ? ` · held: ${room.held.map((name) => name.replace(/\d+/, (n) => String(Number(n) + 1))).join(", ")}` : ""}`;
   }
 
