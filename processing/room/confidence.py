@@ -208,9 +208,8 @@ def part_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[tu
     ratio = room.ceiling_height_m / room.camera_height_m - 1
     explained = 1 - (np.minimum(np.abs(residuals(polygon, ratio, columns)), CAP) / CAP).mean(axis=0)
     right = 1 / (1 + (_sigmas_deg(columns) / HALF_RIGHT_DEG) ** 2)
-    seen = [wall == number for number in range(len(polygon))]
-    shares = [min(1.0, float(explained[own].mean()) / FULLY_EXPLAINED) if own.any() else 0.0 for own in seen]
-    each = zip(seen, shares, strict=True)
-    walls = (share * float(right[own].mean()) if own.any() else UNSEEN * sure for own, share in each)
+    shares = np.array([right, np.minimum(explained / FULLY_EXPLAINED, 1)])
+    seen = [shares[:, wall == number] for number in range(len(polygon))]
+    walls = (float(own.mean(axis=1).prod()) if own.size else UNSEEN * sure for own in seen)
     ceiling = float(right.mean()) * math.exp(-((columns.ratio_spread / 0.3) ** 2))
     return tuple(round(one, 3) for one in walls), round(ceiling, 3)

@@ -14,13 +14,13 @@ from processing.errors import NoRoomError, ParameterError
 from processing.ground.arrays import Doubles
 from processing.ground.room_model import RoomModel, geometry_problems
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.room.columns import Columns, columns_of, height_ratio
+from processing.room.columns import Columns, columns_of
 from processing.room.confidence import Diagnostics, check_picture, confidence_of, diagnose, doubts, part_confidences
 from processing.room.held import Held
 from processing.room.hypotheses import ClassTable, Hypothesis, class_entropy, hypotheses, overhead_share
 from processing.room.outline import Outline
 from processing.room.refine import Refined, floor_seen, refine, unrefined
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import BoundaryEvidence, SceneEvidence
 from processing.sphere import Equirectangular
 
 # Floor polygons without what is no wall: corners on top of each other or on a straight line.
@@ -59,10 +59,9 @@ REFINED_AT_MOST = {"standard": 6, "reference": 12}
 REFINED_WITHIN = 300.0  # cost by which a room may be worse than the best before edges are asked
 CLASS_WEIGHT = 800.0  # squared standard deviations for a mean loss of 1 over the sphere
 LEAST_OVERHEAD = 0.1  # share of ceiling above 50 degrees below which the picture is taken to be outdoors
-GUESSED, LEAST_SEEN = 2.0, 24
-"""Times its stated uncertainty, that of a floor's end that is not seen, where it is seen in so many columns of 192. By
-3D IoU: 12 ZInD pictures .602 to .624, 16 simulated .972 to .974, penn_bed by its authors' layout .80 to .87; with 3,
-.627, .973, .88."""
+GUESSED, LEAST_SEEN = 2.0, 0.125
+"""Times its stated uncertainty, that of a floor's end that is not seen, where it is seen in so much of the turn: 3D IoU
+of 12 ZInD pictures .602 to .624, of 16 simulated ones .972 to .973, of penn_bed .80 to .87; with 3 no better."""
 MOST_KEPT = 24  # hypotheses that are refined further; chosen, never swept
 
 
@@ -122,7 +121,7 @@ def estimate_room(
             f"only {100 * overhead:.0f} % of what is overhead may be a ceiling", likely="the picture is taken outdoors"
         )
     columns = columns_of(evidence.boundary)
-    heard = _heard(columns, evidence)
+    heard = _heard(evidence.boundary, evidence)
     columns, heard = (columns, heard) if held is None else (held.on(columns), held.on(heard))
     turned = walls_azimuth(heard) if manhattan_rad is None else manhattan_rad
     ranked = ranked_hypotheses(heard, evidence, turned)
@@ -148,19 +147,15 @@ def estimate_room(
     )
 
 
-def _heard(columns: Columns, evidence: SceneEvidence) -> Columns:
+def _heard(boundary: BoundaryEvidence, evidence: SceneEvidence) -> Columns:
     """Return columns whose floor counts less where its end at the wall is not seen; the heights' ratio is by these.
 
     What networks guess behind furniture errs to one side in a whole room: walls would end beyond their floor.
     """
-    floor, ceiling = np.arctan(columns.floor), np.arctan(columns.ceiling)
-    seen = floor_seen(evidence, columns.azimuth_rad, -floor)
-    if seen.sum() < LEAST_SEEN:
-        return columns
-    sigma = np.where(seen, columns.floor_sigma, GUESSED * columns.floor_sigma)
-    ends = floor, sigma * np.cos(floor) ** 2, ceiling, columns.ceiling_sigma * np.cos(ceiling) ** 2
-    ratio, spread = height_ratio(*ends)
-    return replace(columns, floor_sigma=sigma, ratio=ratio, ratio_spread=spread)
+    azimuth = ((np.arange(len(boundary.floor_rad)) + 0.5) / len(boundary.floor_rad) - 0.5) * (2 * math.pi)
+    seen = floor_seen(evidence, azimuth, boundary.floor_rad)
+    guessed = GUESSED if seen.mean() > LEAST_SEEN else 1.0
+    return columns_of(replace(boundary, floor_sigma_rad=np.where(seen, 1.0, guessed) * boundary.floor_sigma_rad))
 
 
 def ranked_hypotheses(columns: Columns, evidence: SceneEvidence, turned_rad: float) -> list[Hypothesis]:

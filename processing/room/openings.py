@@ -19,6 +19,7 @@ from processing.room.opening_fit import Box, Candidate, Field, Kind
 from processing.room.wall_views import WallView, shown_by, wall_views
 from processing.segmentation.evidence import BEYOND, SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
+from processing.surfaces.maps import surface_maps
 from processing.surfaces.textures import unwrap
 
 # What curtains, blinds and furniture hide of a window, by what rooms have in common.
@@ -165,13 +166,11 @@ def _beyond(window: Candidate, evidence: SceneEvidence, room: RoomModel) -> bool
     wall."""
     if evidence.reach is None:
         return False
-    view, rows = window.field.view, evidence.reach.shape[0]
-    reach = evidence.reach[..., None] * np.float32(room.camera_height_m)
-    far_m = unwrap(reach, Equirectangular(2 * rows, rows), room, view.plane, view.px_per_m).values[..., 0]
-    u, v = ((np.arange(n) + 0.5) / view.px_per_m - at for n, at in zip(far_m.shape[::-1], view.eye[:2], strict=True))
+    view, sphere = window.field.view, Equirectangular(*evidence.reach.shape[::-1])
+    times = evidence.reach * np.float32(room.camera_height_m) / surface_maps(room, sphere).depth_m
+    seen = unwrap(times, sphere, room, view.plane, view.px_per_m).values.reshape(view.known.shape)
     around = opening_fit.inside_around(window)[1] & (window.field.shown < LEAST_SHARE)
-    far = (far_m / np.sqrt(u**2 + v[:, None] ** 2 + view.eye[2] ** 2))[around]
-    return bool(far.size and np.median(far) > BEYOND)
+    return bool(around.any() and np.median(seen[around]) > BEYOND)
 
 
 def luminance_outside(image: RelativeImage | LuminanceImage, outdoor: LuminanceImage | None) -> float | None:
