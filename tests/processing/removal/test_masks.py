@@ -171,6 +171,34 @@ def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) ->
     assert (found.furniture & fixture).sum() < 0.1 * fixture.sum()
 
 
+@pytest.mark.parametrize("networks", [1, 2])
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [((150, 185), (380, 430)), ((100, 116), (300, 340)), ((115, 190), (120, 260))],
+    ids=["radiator", "air conditioner", "kitchen"],
+)
+def test_what_is_fixed_to_the_building_stays(
+    painted: Painted, rows: tuple[int, int], columns: tuple[int, int], networks: int
+) -> None:
+    """A radiator before a wall, an air conditioner on it, a kitchen along it down to the floor: fixtures all."""
+    fixed = np.zeros_like(painted.furniture)
+    fixed[slice(*rows), slice(*columns)] = True
+    fixed &= ~grown(painted.furniture, math.radians(3))
+    assert fixed.sum() > 400
+    classes = painted.evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
+    light = np.where(fixed[..., None], np.float32((0.9, 0.85, 0.8)), painted.image.rgb)
+
+    def target(kind: SceneClass) -> np.ndarray:
+        evidence = replace(evidence_of(np.where(fixed, kind, classes)), networks=networks)
+        image = replace(painted.image, rgb=light)
+        return find_masks(image, evidence, painted.room, sun_possible=False).target
+
+    inner = fixed & ~grown(~fixed, math.radians(1.5))
+    assert target(SceneClass.FIXTURE)[inner].mean() < 0.02
+    if rows[1] > 180:
+        assert target(SceneClass.FURNITURE)[inner].mean() > 0.9, "were it furniture, it would go"
+
+
 def test_an_empty_room_has_nothing_to_remove() -> None:
     bare = paint(sun=False, things=False)
     found = find_masks(bare.image, bare.evidence, bare.room)

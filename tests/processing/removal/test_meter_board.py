@@ -12,7 +12,10 @@ from processing.ground.seam import share_of_sphere
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.masks import find_masks
 from processing.removal.tripod import meter_board
-from tests.processing.removal.painted_room import paint
+from processing.segmentation.evidence import SceneClass
+from processing.surfaces.maps import FLOOR
+from tests.processing.removal.painted_room import evidence_of, paint
+from tests.processing.room.evidence import picture_of
 
 HEIGHT = 256
 PIXEL = math.pi / HEIGHT
@@ -165,3 +168,19 @@ def test_masks_take_the_board_with_the_tripod_and_say_so() -> None:
     assert not without.tripod[row, column]
     assert found.target[row, column]
     assert any("meter's board" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("times", [1, 2, 4, 8])
+def test_board_and_stand_are_one_object_whatever_the_pictures_size(times: int) -> None:
+    """The same wall, board and stand in panoramas of 256 to 2048 rows, with noise of each size's own pixels."""
+    level, board, pole, target = picture(40.0, -12.0)
+    large = np.kron(level, np.ones((times, times), np.float32))
+    large *= (1 + 0.004 * np.random.default_rng(4).standard_normal(large.shape)).astype(np.float32)
+    image, empty = picture_of(large), paint(rows=HEIGHT, things=False, sun=False, window=False)
+    nothing = evidence_of(np.where(empty.maps.plane == FLOOR, SceneClass.FLOOR, SceneClass.WALL))
+    found = find_masks(image, nothing, empty.room, sun_possible=False, meter_target=target)
+    mask = found.tripod.reshape(HEIGHT, times, 2 * HEIGHT, times).mean(axis=(1, 3)) > 0.5
+    assert any("with its stand" in note for note in found.notes)
+    assert (mask & board).sum() > 0.95 * board.sum()
+    assert (mask & pole).sum() > 0.8 * pole.sum()
+    assert mask[: int(0.9 * HEIGHT)].sum() < 2 * (board | pole).sum()

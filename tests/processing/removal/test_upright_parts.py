@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from processing.ground.room_model import Opening, OpeningKind
 from processing.removal.plane_fill import fill_plane
 from processing.removal.upright_parts import Part, upright_parts
 from processing.surfaces.maps import FIRST_WALL, planes_of
@@ -128,6 +129,28 @@ def test_posts_and_curtains_go_on_to_the_floor():
     off = np.abs(np.log(done.values[-30:, inner] / values[-30:, inner]))
     assert np.quantile(off, 0.95) < 0.1
     assert "parts between upright edges" in done.how
+
+
+def test_a_half_hidden_door_is_finished_not_painted_over():
+    """Furniture hides a red door's lower right part and the wall beside it: leaf and panels go on to the floor."""
+    door = Opening(kind=OpeningKind.DOOR, wall=0, start_m=1.5, end_m=2.4, sill_m=0.0, head_m=2.0)
+    room = box_room(window=False).model_copy(update={"openings": (door,)})
+    plane = planes_of(room)[FIRST_WALL]
+    height, width = texture_shape(plane, PX_PER_M)
+    values, leaf = np.full((height, width, 3), GREY, np.float32), np.zeros((height, width), bool)
+    left, right = (round((plane.width_m - u) * PX_PER_M) for u in (door.end_m, door.start_m))
+    leaf[height - round(door.head_m * PX_PER_M) :, left:right] = True
+    values[leaf] = RED
+    values[leaf & (np.arange(width) % 12 < 2)] = np.float32(RED) / 2
+    hole = np.zeros((height, width), bool)
+    hole[-60:, (left + right) // 2 :] = True
+    seen = np.where(hole[..., None], 0, values).astype(np.float32)
+    texture = Texture(plane, PX_PER_M, seen, ~hole, np.ones((height, width), np.float32))
+    done = fill_plane(texture, hole, (np.zeros_like(hole), np.zeros_like(hole)), room, np.float32(GREY))
+    off = np.abs(np.log(np.maximum(done.values, 1e-3) / values)).max(axis=2)
+    assert np.quantile(off[hole & leaf], 0.9) < 0.1, "leaf and panels go on"
+    away = hole & (np.arange(width) > right + 8)
+    assert np.quantile(off[away], 0.95) < 0.1, "the wall beside stays grey"
 
 
 def test_the_wall_below_a_window_is_one():

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from processing.errors import RoomError
-from processing.ground.room_model import check_room, write_room
+from processing.ground.room_model import OpeningKind, check_room, write_room
+from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage
 from processing.room.estimate import estimate_room
-from processing.segmentation.evidence import read_evidence
+from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import RoomParameters
 from processing.stages.room import run
+from tests.processing.room.drawn_rooms import Patch, as_image, draw
 from tests.processing.room.evidence import BOX, evidence_of, painted, picture_of, room_of, turned
 from tests.station.session.sessions import manifest
 
@@ -56,6 +58,43 @@ def test_room_and_evidence_are_made_and_an_upright_picture_is_left_as_it_is(tmp_
     assert "stands as it is" in output.left_out["panorama"]
     assert output.metrics["walls"] == 4
     assert len(output.metrics["wall_confidences"]) == 4
+
+
+class ByBrightness:
+    """A second network: all is wall, and what is bright a window, if it ``sees`` any."""
+
+    name, size_px, fixed_size = "by brightness", 64, False
+
+    def __init__(self, *, sees: bool) -> None:
+        self.sees = sees
+
+    def probabilities(self, view_rgb8):
+        window = (view_rgb8.min(axis=2) > 200) & self.sees
+        found = np.zeros((*window.shape, len(SceneClass)), np.float32)
+        found[..., SceneClass.WALL], found[..., SceneClass.WINDOW] = ~window, window
+        return found
+
+
+@pytest.mark.parametrize(
+    ("own", "sees", "alone", "fused"), [(0.65, False, 1, 0), (0.3, True, 0, 1)], ids=["veto", "confirm"]
+)
+def test_a_second_network_vetoes_and_confirms_windows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own: float, sees: bool, alone: int, fused: int
+) -> None:
+    """Where a model is installed the stage takes the mean of both, for what is kept and for windows."""
+    drawn = draw(256, patches=(Patch("front", -0.9, 0.4, 0.9, 2.1, 20.0, 0.2),))
+    room = room_of(((-2.0, -1.5), (1.6, -1.5), (1.6, 2.4), (-2.0, 2.4)), ceiling=2.6)
+    ours, pane = evidence_of(room), resized((drawn.patch > 0).astype(np.float32), (128, 256)) > 0.5
+    ours.probabilities[:, pane] = 0.01
+    ours.probabilities[SceneClass.WINDOW, pane], ours.probabilities[SceneClass.WALL, pane] = own, 0.94 - own
+    monkeypatch.setattr("processing.stages.room.scene_evidence", lambda *_, **__: ours)
+    monkeypatch.setattr("processing.stages.room.open_installed", lambda _: ByBrightness(sees=sees))
+    picture = calibrated(as_image(drawn.luminance))
+    for file, networks, windows in ((None, 1, alone), (Path("installed"), 2, fused)):
+        monkeypatch.setattr("processing.stages.room.segmenter_file", lambda _, file=file: file)
+        made = run(context(picture, tmp_path))
+        assert read_evidence(tmp_path / "evidence.npz").networks == networks
+        assert [one.kind for one in made.artifacts["room"].openings] == [OpeningKind.WINDOW] * windows
 
 
 @pytest.mark.usefixtures("by_hand")
