@@ -1,4 +1,5 @@
-"""Rules that an emptied photograph keeps, checked without a truth: rests, tones, doors, skirting, the floor's grain."""
+"""Rules that an emptied photograph keeps, checked without a truth: rests, tones, seams, doors, skirting, the floor's
+grain."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from processing.removal.skirting import find_skirting
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import FLOOR, planes_of, surface_maps
+from processing.surfaces.maps import FIRST_WALL, FLOOR, plane_map, planes_of, surface_maps
 from processing.surfaces.textures import unwrap
 
 ROWS = 512
@@ -28,6 +29,15 @@ BESIDE_RAD = math.radians(4)
 TWO_TONE = 0.3
 """Natural logarithm, in any channel, by which they differ where a surface has two tones (chosen: plain to the eye)."""
 LEAST_PX = 300
+RIM_RAD, APART_RAD, NEARBY_RAD = math.radians(0.4), math.radians(2), math.radians(6)
+"""Half the width of the rim, and between which distances from it gradients are nearby ones."""
+STEEP, SEAM = 0.9, 0.4
+"""Quantile of the nearby gradients that the rim's are held against, and share of a surface's rim above it from which it
+shows a seam: four times what is there by chance (chosen)."""
+FAINTEST = 0.04
+"""Natural logarithm over two pixels, below which no gradient is seen (chosen)."""
+FOOT_RAD, LEAST_FOOT_PX = math.radians(2), 40
+"""Height of a wall's foot, and filled pixels of it from which its skirting can be lost."""
 HALVED = (0.1, 0.9)
 """Share of a door within the target between which it is cut in two."""
 FLOOR_PX_PER_M = 60.0
@@ -56,19 +66,20 @@ def checked(one: Emptying) -> dict[str, float]:
     maps = surface_maps(one.room, geometry)
     seen = resized(scene_evidence(picture_of(after)).share(SceneClass.FURNITURE), shape) > THING
     things = resized(one.evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD), shape) > THING / 2
-    tones = [
-        _step(after, target, (maps.plane == plane) & (maps.opening < 0), things) for plane in np.unique(maps.plane)
-    ]
+    surfaces = [(maps.plane == plane) & (maps.opening < 0) for plane in np.unique(maps.plane)]
+    tones = [_step(after, target, one, things) for one in surfaces]
+    seams = [seam for one in surfaces if (seam := seam_share(after, target, one, things)) is not None]
     doors = [k for k, o in enumerate(one.room.openings) if o.kind is OpeningKind.DOOR and (maps.opening == k).any()]
     cut = [float(target[maps.opening == k].mean()) for k in doors]
-    had = find_skirting(before, geometry, one.room, target)
-    has = find_skirting(after, geometry, one.room, ~target)
+    boards = [had and not has for had, has in skirting_by_wall(before, after, target, one.room)]
     return {
         "rests": share(seen & (maps.opening < 0)),
         "two_tone_planes": sum(tone is not None and tone > TWO_TONE for tone in tones),
         "planes": sum(tone is not None for tone in tones),
         "halved_doors": sum(HALVED[0] < part < HALVED[1] for part in cut),
-        "skirting_lost": float(had is not None and has is None),
+        "seam_planes": sum(seam > SEAM for seam in seams),
+        "skirting_lost": sum(boards),
+        "skirting_walls": len(boards),
         "floor_turned_deg": _floor_turned_deg(after, target, one.room),
     }
 
@@ -81,6 +92,39 @@ def _step(after: Floats, target: Flags, plane: Flags, things: Flags) -> float | 
         return None
     level = np.log(np.maximum(after, 1e-4))
     return float(np.abs(np.median(level[inside], axis=0) - np.median(level[outside], axis=0)).max())
+
+
+def seam_share(after: Floats, target: Flags, plane: Flags, things: Flags) -> float | None:
+    """Return the share of the rim on a plane at which light changes more than it does nearby; None: hardly a rim.
+
+    ``after`` (H, W, 3); the others (H, W). By chance it is 1 - `STEEP`.
+    """
+    level = cv2.GaussianBlur(np.log(np.maximum(luminance_cd_m2(after), 1e-4)).astype(np.float32), (0, 0), 0.8)
+    size = np.hypot(*(cv2.Sobel(level, cv2.CV_32F, *way, scale=0.25) for way in ((1, 0), (0, 1))))
+    # A line has its steps beside the rim, and the masks of two sizes differ by a pixel: the largest around counts.
+    size = cv2.dilate(size, np.ones((5, 5), np.uint8))
+    inner = plane & ~grown(~plane, RIM_RAD)
+    rim = grown(target, RIM_RAD) & grown(~target, RIM_RAD) & inner & ~things
+    nearby = grown(rim, NEARBY_RAD) & inner & ~things & ~grown(rim, APART_RAD)
+    if min(rim.sum(), nearby.sum()) < LEAST_PX:
+        return None
+    return float((size[rim] > max(float(np.quantile(size[nearby], STEEP)), FAINTEST)).mean())
+
+
+def skirting_by_wall(before: Floats, after: Floats, target: Flags, room: RoomModel) -> list[tuple[bool, bool]]:
+    """Return for each wall whose foot is filled in part whether skirting was seen on it, and is where it was filled.
+
+    ``before`` and ``after`` (H, W, 3), ``target`` (H, W). Walls that never showed any are left out.
+    """
+    geometry = Equirectangular(target.shape[1], target.shape[0])
+    planes, found = plane_map(room, geometry), []
+    for wall in range(FIRST_WALL, FIRST_WALL + len(room.floor)):
+        foot = (planes == wall) & grown(planes == FLOOR, FOOT_RAD)
+        others = (planes >= FIRST_WALL) & (planes != wall)
+        if (foot & target).sum() < LEAST_FOOT_PX or find_skirting(before, geometry, room, target | others) is None:
+            continue
+        found.append((True, find_skirting(after, geometry, room, ~target | others) is not None))
+    return found
 
 
 def _floor_turned_deg(after: Floats, target: Flags, room: RoomModel) -> float:

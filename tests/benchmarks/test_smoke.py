@@ -36,7 +36,8 @@ KEYS = {
     "room": "iou3d_empty_median iou3d_furnished_median corner_err_pct window_iou iou3d_zind_median seconds",
     "detect": "furniture_iou_sim sunny_rooms furniture_iou_real furniture_recall_real furniture_iou_real_fused "
     "furniture_recall_real_fused target_share_ratio false_sun_pictures seconds",
-    "real": "pictures mean_grade share_at_4 rests_px_share two_tone_planes",
+    "real": "pictures mean_grade share_at_4 rests_px_share two_tone_planes seam_planes halved_doors skirting_lost "
+    "skirting_walls floor_turned_deg own_mean_grade own_rests_px_share own_seam_planes",
     "remove": "npp_psnr_db npp_gain_db room_median_err_pct room_gain_db seconds_full",
     "arrange": "hard_violations layouts rooms placed_all_pct p95_ms seven_p95_ms paper_faulty_pct",
     "albedo": "median_err p95_err relight_median_err_pct",
