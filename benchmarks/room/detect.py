@@ -129,7 +129,8 @@ def _kept(kept: Rows, key: str, make: Any) -> dict[str, Any]:
 
 
 def _full(number: int, use: Use) -> dict[str, float]:
-    """Return CPU seconds and peak memory of the masks of one full-size panorama, from its evidence and room on."""
+    """Return CPU seconds and peak memory of the masks of one full-size panorama, from its evidence and room on; and,
+    where the model of `daylit models` is there, CPU seconds of all with it, from both networks to the masks."""
     room, truth = truth_of(number, use)
     image = picture_of(cv2.resize(truth.luminance_rgb, FULL_SIZE, interpolation=cv2.INTER_LINEAR))
     evidence, true = scene_evidence(image), room_model_of(room)
@@ -137,7 +138,13 @@ def _full(number: int, use: Use) -> dict[str, float]:
         start_s = time.process_time()
         _masks(image, evidence, true, room)
         seconds = time.process_time() - start_s
-    return {"full_seconds": round(seconds, 2), "full_peak_mb": round(memory.own_peak_mb, 1)}
+    out = {"full_seconds": round(seconds, 2), "full_peak_mb": round(memory.own_peak_mb, 1)}
+    if MODEL.is_file():
+        start_s = time.process_time()
+        both = fused(scene_evidence(image), image, open_installed(MODEL))
+        _masks(image, both, estimated(image, both, sun_of(room)), room)
+        out["full_seconds_fused"] = round(time.process_time() - start_s, 2)
+    return out
 
 
 def chosen_rooms(count: int, seed: int) -> list[tuple[int, Use]]:
@@ -202,6 +209,7 @@ def _simulated(number: int, use: Use) -> dict[str, Any]:
     stand = masks.equipment & ~masks.tripod
     result["tripod"] = score(found.tripod & _below(found.tripod), masks.tripod, stand)
     result["equipment"] = score(found.tripod, masks.equipment)
+    result["equipment_left"] = share(masks.equipment & ~found.target) / max(share(masks.equipment), 1e-9)
     result["sun"] = score(found.sunlight & masks.planar, masks.sunlight)
     result["sun_true_room"] = score(known.sunlight & masks.planar, masks.sunlight)
     result["false_sun"] = share(found.sunlight) if sunlit < SUNNY_SHARE else 0.0
@@ -279,6 +287,7 @@ def _simulated_metrics(found: list[dict[str, Any]]) -> dict[str, float]:
         "target_recall_sim": _mean(one["target"].recall for one in found),
         "tripod_iou_sim": _mean(one["tripod"].iou for one in found),
         "equipment_iou_sim": _mean(one["equipment"].iou for one in found),
+        "equipment_left_sim": round(max(one["equipment_left"] for one in found), 4),
         "sunlight_false_share_pct": round(100 * max(one["false_sun"] for one in found), 3),
         "sunny_rooms": len(sunny),
     } | _sun_metrics(sunny)

@@ -1,10 +1,12 @@
 """Rooms estimated from one panorama: 3D IoU, corners, windows, confidence, run time.
 
 Simulated rooms of test seeds, furnished (as they stand) and emptied, 1024 x 512; ZInD pictures of the scored half
-against ``layout_raw`` (keys ``_zind_``) and ``layout_visible``; ``seconds`` is the CPU time of one full-size panorama
-(6720 x 3360) from levelling to openings. Corner errors are in % of a 1024 x 512 picture's diagonal. Keys ``level_``:
-test rooms tilted by up to 15 degrees; ``_given_room``: openings alone, on the true walls. Keys ``doubt_``: rooms drawn
-to be mistaken (`benchmarks.room.room_doubt`). A full run keeps its rows (`benchmarks.kept_rows`).
+against ``layout_raw`` (keys ``_zind_``) and ``layout_visible``, and both halves where the camera stands inside of it
+(``_zind_inside_``, with the confidence's squared error and a constant's); ``seconds`` is the CPU time of one full-size
+panorama (6720 x 3360) from levelling to openings. Corner errors are in % of a 1024 x 512 picture's diagonal. Keys
+``level_``: test rooms tilted by up to 15 degrees; ``_given_room``: openings alone, on the true walls, ``_own_room``: on
+estimated ones. Keys ``doubt_``: rooms drawn to be mistaken (`benchmarks.room.room_doubt`). A full run keeps its rows
+(`benchmarks.kept_rows`).
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from benchmarks.room.room_doubt import HOUSES, doubt_rows
 from benchmarks.room.room_level import level_metrics
 from benchmarks.room.room_openings import opening_metrics
 from benchmarks.room.room_openings import score_room as score_openings
-from benchmarks.room.room_real import RealRoom, labelled_rooms, real_rooms
+from benchmarks.room.room_real import RealRoom, camera_inside, labelled_rooms, real_rooms
 from benchmarks.room.room_run import Estimated, estimated, rivals_of
 from benchmarks.room.room_scores import RoomScore, score_room
 from benchmarks.truth_rooms import kept_list, room_model_of, truth_of
@@ -177,6 +179,7 @@ def _real(kept: Rows, *, quick: bool) -> tuple[dict[str, Any], list[str]]:
     if not rooms:
         return {"metrics": {"iou3d_zind_median": 0.0}, "rivals": {}}, ["the shared panoramas are not here"]
     chosen = rooms[:3] if quick else rooms
+    inside = [room for room in (*chosen, *(() if quick else real_rooms("looked at"))) if camera_inside(room.raw)]
     raw = _Gathered([kept.row(room.name, lambda room=room: _real_row(room)) for room in chosen])
     visible = [row["visible"] for row in raw.rows]
     metrics = {
@@ -188,6 +191,15 @@ def _real(kept: Rows, *, quick: bool) -> tuple[dict[str, Any], list[str]]:
         "iou3d_zind_visible_mean": float(np.mean(visible)),
         "iou3d_zind_better_median": float(np.median(np.maximum(visible, raw.all("iou3d")))),
         "zind_pictures": float(len(chosen)),
+    }
+    within = _Gathered([kept.row(room.name, lambda room=room: _real_row(room)) for room in inside])
+    right = np.array([iou >= RIGHT_IOU3D for iou in within.all("iou3d")], dtype=np.float64)
+    metrics |= {
+        "zind_inside_pictures": float(len(inside)),
+        "iou3d_zind_inside_mean": within.mean("iou3d"),
+        "iou3d_zind_inside_median": within.median("iou3d"),
+        "confidence_brier_zind_inside": float(((np.array(within.all("confidence")) - right) ** 2).mean()),
+        "constant_brier_zind_inside": float(right.mean() * (1 - right.mean())),
     }
     for room in labelled_rooms("scored") if not quick else []:
         row = kept.row(room.name, lambda room=room: _real_row(room))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 
 from benchmarks.room.detect_truth import photograph
 from benchmarks.shared_data import DATA
@@ -47,6 +48,11 @@ def real_rooms(half: Half) -> list[RealRoom]:
         for number, name in enumerate(names)
         if (number % 2 == 0) == (half == "looked at")
     ]
+
+
+def camera_inside(room: RoomModel) -> bool:
+    """Return whether the camera stands inside of a room as drawn, not in a doorway beside it."""
+    return bool(shapely.Polygon(room.floor).contains(shapely.Point(0, 0)))
 
 
 def labelled_rooms(half: Half) -> list[RealRoom]:
