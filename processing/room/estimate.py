@@ -120,9 +120,8 @@ def estimate_room(
         raise NoRoomError(
             f"only {100 * overhead:.0f} % of what is overhead may be a ceiling", likely="the picture is taken outdoors"
         )
-    columns = columns_of(evidence.boundary)
-    heard = _heard(evidence.boundary, evidence)
-    columns, heard = (columns, heard) if held is None else (held.on(columns), held.on(heard))
+    both = columns_of(evidence.boundary), _heard(evidence.boundary, evidence)
+    columns, heard = both if held is None else (held.on(both[0]), held.on(both[1]))
     turned = walls_azimuth(heard) if manhattan_rad is None else manhattan_rad
     ranked = ranked_hypotheses(heard, evidence, turned)
     chosen, refined = _chosen(image, evidence, ranked, heard, camera_height_m, (quality, held))
@@ -133,12 +132,10 @@ def estimate_room(
     seen = {"overhead": overhead, "blank": blank, "entropy": class_entropy(evidence)}
     found = diagnose(columns, (ranked, chosen), refined, loss=loss, **seen)
     sure = confidence_of(found)
-    walls, ceiling = part_confidences(room, columns, sure)
     note = f"{chosen.name}, {len(refined.polygon)} walls; {refined.edges} of them refined on edges"
     return RoomEstimate(
-        room=room.model_copy(update={"confidence": round(sure, 3), "note": note}),
-        walls=walls,
-        ceiling=ceiling,
+        room.model_copy(update={"confidence": round(sure, 3), "note": note}),
+        *part_confidences(room, columns, sure),
         warnings=doubts(found, sure),
         diagnostics=found,
         manhattan_rad=refined.outline.turned_rad,
