@@ -34,8 +34,8 @@ KEYS = {
     "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct",
     "sphere": "speedup_py360convert remap_ratio uniform_err hemisphere_err sun_energy_err_pct",
     "room": "iou3d_empty_median iou3d_furnished_median corner_err_pct window_iou iou3d_zind_median seconds "
-    "iou3d_zind_inside_mean confidence_brier_zind_inside constant_brier_zind_inside windows_recall_zind_own_room "
-    "doors_precision_zind_own_room",
+    "iou3d_zind_inside_mean confidence_brier_zind_inside constant_brier_zind_inside windows_precision_zind_own_room "
+    "doors_recall_zind_own_room",
     "detect": "furniture_iou_sim sunny_rooms furniture_iou_real furniture_recall_real furniture_iou_real_fused "
     "furniture_recall_real_fused equipment_left_sim target_share_ratio false_sun_pictures seconds",
     "real": "pictures mean_grade share_at_4 rests_px_share two_tone_planes seam_planes halved_doors skirting_lost "
