@@ -43,12 +43,9 @@ class CameraLink:
     def session(self) -> PtpSession:
         """The open session; `DeviceLostError` while there is none."""
         if self._session is None:
-            raise DeviceLostError(
-                "not connected",
-                where=self._model.name,
-                likely="it was unplugged or switched off",
-                advice="check the cable and the power switch, then resume",
-            )
+            likely = "it was unplugged or switched off"
+            advice = "check the cable and the power switch, then resume"
+            raise DeviceLostError("not connected", where=self._model.name, likely=likely, advice=advice)
         return self._session
 
     @property
@@ -121,11 +118,9 @@ class CameraLink:
             return
         other, self._info = self.info.serial, before
         self.close()
-        raise DeviceNotFoundError(
-            f"another camera answers: serial number {other}, not {before.serial}",
-            where=self._model.name,
-            advice="plug the first camera in again, or start a new session with this one",
-        )
+        text = f"another camera answers: serial number {other}, not {before.serial}"
+        advice = "plug the first camera in again, or start a new session with this one"
+        raise DeviceNotFoundError(text, where=self._model.name, advice=advice)
 
     def close(self) -> None:
         """Close session and transport; never raises."""

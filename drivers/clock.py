@@ -102,10 +102,7 @@ class Deadline:
     def check(self, what: str, where: str = "") -> None:
         """Raise `DeviceTimeoutError` naming ``what`` was waited for, once expired."""
         if self.expired:
-            raise DeviceTimeoutError(
-                f"no {what} within {self.limit_s:g} s",
-                where=where,
-                likely="the instrument is asleep, busy, or its cable is loose",
-                advice="wake it, check the cable, then resume",
-                limit_s=self.limit_s,
-            )
+            text = f"no {what} within {self.limit_s:g} s"
+            likely = "the instrument is asleep, busy, or its cable is loose"
+            advice = "wake it, check the cable, then resume"
+            raise DeviceTimeoutError(text, where=where, likely=likely, advice=advice, limit_s=self.limit_s)

@@ -15,25 +15,16 @@ def typed_error(number: int | None, message: str, where: str) -> errors.DeviceEr
     if number == errno.EPIPE:
         return errors.LinkStallError(message, where=where, errno=number)
     if number == errno.EOVERFLOW:
-        return errors.ProtocolViolationError(
-            message, where=where, likely="the camera sent more than a packet", errno=number
-        )
+        likely = "the camera sent more than a packet"
+        return errors.ProtocolViolationError(message, where=where, likely=likely, errno=number)
     if number in (errno.EACCES, errno.EPERM):
-        return errors.DevicePermissionError(
-            message,
-            where=where,
-            likely="no udev rule gives you the camera",
-            advice="install drivers/udev/70-daylit.rules, then replug the camera",
-            errno=number,
-        )
+        likely = "no udev rule gives you the camera"
+        advice = "install drivers/udev/70-daylit.rules, then replug the camera"
+        return errors.DevicePermissionError(message, where=where, likely=likely, advice=advice, errno=number)
     # EIO is what Linux gives while a cable is being pulled; only opening the link anew helps against any of the rest.
-    return errors.DeviceLostError(
-        message,
-        where=where,
-        likely="the cable was pulled or the camera switched off",
-        advice="check cable and power, then resume",
-        errno=number,
-    )
+    likely = "the cable was pulled or the camera switched off"
+    advice = "check cable and power, then resume"
+    return errors.DeviceLostError(message, where=where, likely=likely, advice=advice, errno=number)
 
 
 def open_error(error: Exception, name: str) -> errors.DeviceError:

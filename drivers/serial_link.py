@@ -149,13 +149,11 @@ class SerialLink:
             if deadline.expired:
                 partial = bytes(self._buffer)
                 self._buffer.clear()
+                text = f"no whole line within {timeout_s:g} s"
+                likely = "the meter is off, not in remote mode, or speaks another dialect"
+                advice = "switch it on as its manual says for remote work; try: daylit meter probe"
                 raise DeviceTimeoutError(
-                    f"no whole line within {timeout_s:g} s",
-                    where=self.name,
-                    likely="the meter is off, not in remote mode, or speaks another dialect",
-                    advice="switch it on as its manual says for remote work; try: daylit meter probe",
-                    partial=partial.hex(),
-                    limit_s=timeout_s,
+                    text, where=self.name, likely=likely, advice=advice, partial=partial.hex(), limit_s=timeout_s
                 )
             self._buffer += self._read(max_bytes + len(delimiter))
 
@@ -287,12 +285,9 @@ class PortOpener:
         for port in self._ports():
             if (port.vendor_id, port.product_id, port.serial) == same:
                 return port.device
-        raise DeviceNotFoundError(
-            f"the instrument with serial number {known.serial} is not among the ports",
-            where=self._port,
-            likely="it is unplugged or off",
-            advice="plug it in, into whatever socket",
-        )
+        text = f"the instrument with serial number {known.serial} is not among the ports"
+        advice = "plug it in, into whatever socket"
+        raise DeviceNotFoundError(text, where=self._port, likely="it is unplugged or off", advice=advice)
 
 
 def find_port(
@@ -306,9 +301,6 @@ def find_port(
     if len(found) == 1:
         return found[0].stable_name
     what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"
-    raise DeviceNotFoundError(
-        f"{what} among the serial ports",
-        where="meter",
-        likely="it is off, or it sits on an RS-232 adapter that does not show what is behind it",
-        advice='name the port in the rig: [meter] port = "/dev/ttyUSB0"',
-    )
+    likely = "it is off, or it sits on an RS-232 adapter that does not show what is behind it"
+    advice = 'name the port in the rig: [meter] port = "/dev/ttyUSB0"'
+    raise DeviceNotFoundError(f"{what} among the serial ports", where="meter", likely=likely, advice=advice)

@@ -79,11 +79,9 @@ def read_transcript(path: Path) -> Iterator[Entry]:
                 number += 1
                 yield _entry(line)
     except (OSError, EOFError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ProtocolViolationError(
-            f"line {number} is no line of a transcript: {error}",
-            where=str(path),
-            advice="record it anew with --record, or repair the line",
-        ) from error
+        text = f"line {number} is no line of a transcript: {error}"
+        advice = "record it anew with --record, or repair the line"
+        raise ProtocolViolationError(text, where=str(path), advice=advice) from error
 
 
 def _entry(line: str) -> Entry:

@@ -74,9 +74,8 @@ def list_cameras(backend: Any | None = None) -> list[UsbDeviceInfo]:
 def _require_backend(backend: Any | None) -> Any:
     backend = backend or real_backend()
     if backend is None:
-        raise errors.DeviceNotFoundError(
-            "no USB library can be loaded", likely="libusb is not installed", advice="pip install libusb-package"
-        )
+        text = "no USB library can be loaded"
+        raise errors.DeviceNotFoundError(text, likely="libusb is not installed", advice="pip install libusb-package")
     return backend
 
 
@@ -160,27 +159,21 @@ class UsbLink:
         if self._serial is not None:
             serials = [_text(device, device.iSerialNumber) for device in found]
             if found and not any(serials):
-                raise errors.DevicePermissionError(
-                    "its serial number cannot be read",
-                    where=self.name,
-                    likely="no udev rule gives you the camera, or it has no serial number on USB",
-                    advice="install drivers/udev/70-daylit.rules, or leave the serial number out of the rig file",
-                )
+                text = "its serial number cannot be read"
+                likely = "no udev rule gives you the camera, or it has no serial number on USB"
+                advice = "install drivers/udev/70-daylit.rules, or leave the serial number out of the rig file"
+                raise errors.DevicePermissionError(text, where=self.name, likely=likely, advice=advice)
             found = [device for device, serial in zip(found, serials, strict=True) if serial == self._serial]
         if len(found) == 1:
             return found[0]
         if found:
-            raise errors.DeviceNotFoundError(
-                f"{len(found)} such cameras are plugged in",
-                where=self.name,
-                advice="name one of them by its serial number in the rig file",
-            )
-        raise errors.DeviceNotFoundError(
-            "not found on USB" + (f" with serial number {self._serial}" if self._serial else ""),
-            where=self.name,
-            likely="it is switched off, asleep, or not plugged in",
-            advice="switch it on and check the cable",
-        )
+            text = f"{len(found)} such cameras are plugged in"
+            advice = "name one of them by its serial number in the rig file"
+            raise errors.DeviceNotFoundError(text, where=self.name, advice=advice)
+        text = "not found on USB" + (f" with serial number {self._serial}" if self._serial else "")
+        likely = "it is switched off, asleep, or not plugged in"
+        advice = "switch it on and check the cable"
+        raise errors.DeviceNotFoundError(text, where=self.name, likely=likely, advice=advice)
 
     def _read_endpoints(self, device: Any) -> _Endpoints:
         try:
@@ -194,12 +187,9 @@ class UsbLink:
         for interface in configuration:
             if _is_still_image(interface) and interface.bAlternateSetting == 0:
                 return self._sort_endpoints(interface)
-        raise errors.UnsupportedError(
-            "no still-image interface",
-            where=self.name,
-            likely="the camera is in another USB mode (live streaming, mass storage)",
-            advice="set its USB mode to MTP/PTP",
-        )
+        likely = "the camera is in another USB mode (live streaming, mass storage)"
+        advice = "set its USB mode to MTP/PTP"
+        raise errors.UnsupportedError("no still-image interface", where=self.name, likely=likely, advice=advice)
 
     def _sort_endpoints(self, interface: Any) -> _Endpoints:
         found: dict[tuple[int, int], Any] = {}
@@ -232,12 +222,10 @@ class UsbLink:
             if error.errno != errno.EBUSY:
                 raise _ours(error, self.name, "claiming the camera") from error
             holder = find_holder(f"/dev/bus/usb/{device.bus or 0:03d}/{device.address or 0:03d}", suspects=SUSPECTS)
+            likely = "the desktop has opened the camera by itself"
+            advice = "unmount the camera in the file manager, end that program, or install the udev rule"
             raise errors.DeviceClaimedError(
-                f"held by {holder or 'another program'}",
-                where=self.name,
-                likely="the desktop has opened the camera by itself",
-                advice="unmount the camera in the file manager, end that program, or install the udev rule",
-                holder=holder,
+                f"held by {holder or 'another program'}", where=self.name, likely=likely, advice=advice, holder=holder
             ) from error
 
     def _require_open(self) -> tuple[Any, _Endpoints]:

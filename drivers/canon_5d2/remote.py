@@ -94,9 +94,8 @@ class CanonRemote:
             return self._link.session.transact(operation, params, timeout_s=timeout_s).params
         except OperationRefusedError as error:
             if error.response_code == CanonResponse.LOW_BATTERY:
-                raise BatteryLowError(
-                    error.message, where=error.where, advice="charge or change the battery"
-                ) from error
+                advice = "charge or change the battery"
+                raise BatteryLowError(error.message, where=error.where, advice=advice) from error
             raise
 
     def poll(self) -> tuple[Record, ...]:
@@ -133,12 +132,9 @@ class CanonRemote:
                 return
             if deadline.expired:
                 break
-        raise DeviceTimeoutError(
-            f"still sending events after {deadline.limit_s:g} s",
-            where=self._link.name,
-            likely="a control of the camera is held or turned",
-            advice="let go of the camera, then resume",
-        )
+        text = f"still sending events after {deadline.limit_s:g} s"
+        likely = "a control of the camera is held or turned"
+        raise DeviceTimeoutError(text, where=self._link.name, likely=likely, advice="let go of the camera, then resume")
 
     def patiently(self, call: Callable[[], T], limit_s: float = BUSY_LIMIT_S) -> T:
         """Call until the camera is not busy any more, draining its events between; at most ``limit_s``."""

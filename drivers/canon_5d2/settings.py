@@ -215,15 +215,11 @@ def _destination(remote: CanonRemote, *, to_card: bool) -> bytes:
 
 def refused(name: str, asked: object, got: object, **details: Any) -> SettingRefusedError:
     """Return the error for a setting that the camera does not take."""
+    text = f"{name} cannot be set: asked {asked}, got {got}"
+    likely = "the camera or its lens has no such value, or a control on the camera excludes it"
+    advice = "correct the rig file, or check the controls on the camera"
     return SettingRefusedError(
-        f"{name} cannot be set: asked {asked}, got {got}",
-        where=WHERE,
-        likely="the camera or its lens has no such value, or a control on the camera excludes it",
-        advice="correct the rig file, or check the controls on the camera",
-        setting=name,
-        asked=str(asked),
-        got=str(got),
-        **details,
+        text, where=WHERE, likely=likely, advice=advice, setting=name, asked=str(asked), got=str(got), **details
     )
 
 

@@ -159,9 +159,8 @@ def load_dialect(name_or_path: str) -> Dialect:
             raise DialectError("too large to be a dialect", where=name_or_path)
         return Dialect.model_validate(tomllib.loads(path.read_text("utf-8")))
     except FileNotFoundError as error:
-        raise DialectError(
-            "no dialect of that name and no such file", where=name_or_path, advice=f"shipped: {', '.join(SHIPPED)}"
-        ) from error
+        advice = f"shipped: {', '.join(SHIPPED)}"
+        raise DialectError("no dialect of that name and no such file", where=name_or_path, advice=advice) from error
     except ValidationError as error:
         keys = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
         raise DialectError(keys, where=name_or_path, advice="its form: docs/reference/meter-dialects.md") from error

@@ -119,19 +119,13 @@ class KonicaMinoltaMeter:
         if answer.status is ReadingStatus.BATTERY_LOW:
             return BatteryLowError("the battery is low", where=where, advice="change it, or type: --reading")
         if answer.status is ReadingStatus.NO_ANSWER:
-            return DeviceTimeoutError(
-                f"no {title} answers: {answer.detail}",
-                where=where,
-                likely="it is off, not in remote mode, or speaks another dialect",
-                advice="LS-100: hold F while switching on. Find out: daylit meter probe. Or type: --reading",
-            )
-        return ProtocolViolationError(
-            f"this is not what the {title} answers: {answer.detail}",
-            where=where,
-            likely="another dialect, other port settings, or a bad cable",
-            advice="find out: daylit meter probe. Or type: --reading",
-            got=answer.raw,
-        )
+            likely = "it is off, not in remote mode, or speaks another dialect"
+            advice = "LS-100: hold F while switching on. Find out: daylit meter probe. Or type: --reading"
+            return DeviceTimeoutError(f"no {title} answers: {answer.detail}", where=where, likely=likely, advice=advice)
+        text = f"this is not what the {title} answers: {answer.detail}"
+        likely = "another dialect, other port settings, or a bad cable"
+        advice = "find out: daylit meter probe. Or type: --reading"
+        return ProtocolViolationError(text, where=where, likely=likely, advice=advice, got=answer.raw)
 
     def _sample(self, deadline: Deadline) -> Answer:
         try:

@@ -26,12 +26,9 @@ def violation(message: str, data: bytes | bytearray = b"", **details: Any) -> Pr
     """Return the error for bytes that PTP does not allow, with the first of them as hex."""
     if data:
         details["bytes_hex"] = bytes(data[:_SHOWN_BYTES]).hex(" ")
-    return ProtocolViolationError(
-        message,
-        likely="an exchange was cut short, or the cable corrupts data",
-        advice="resynchronise; if it comes back, try another cable or port",
-        **details,
-    )
+    likely = "an exchange was cut short, or the cable corrupts data"
+    advice = "resynchronise; if it comes back, try another cable or port"
+    return ProtocolViolationError(message, likely=likely, advice=advice, **details)
 
 
 @dataclass(frozen=True)

@@ -132,13 +132,10 @@ class ThetaZ1:
         deadline = Deadline.after(self._clock, limit_s)
         while not is_ready(self._properties):
             if deadline.expired:
-                raise DeviceBusyError(
-                    f"still working after {limit_s:g} s",
-                    where=self._link.name,
-                    likely="it records, counts down, or converts a film",
-                    advice="stop it by its own button, then resume",
-                    limit_s=limit_s,
-                )
+                text = f"still working after {limit_s:g} s"
+                likely = "it records, counts down, or converts a film"
+                advice = "stop it by its own button, then resume"
+                raise DeviceBusyError(text, where=self._link.name, likely=likely, advice=advice, limit_s=limit_s)
             self._clock.sleep(READY_PAUSE_S)
 
     def _drain_events(self) -> None:

@@ -120,20 +120,13 @@ class ThetaExposure:
         reported = "; ".join((*problems, *warnings))
         facts = {"error_info": error_info, "frames": [f.name for f in self._expected.frames]}
         if self._store_full or error_info & NO_SPACE_BITS:
-            return StoreFullError(
-                "the camera's memory is full: the picture was not saved",
-                where=self._link.name,
-                likely=reported,
-                advice="delete pictures from the camera, then resume",
-                **facts,
-            )
-        return ExposureFailedError(
-            f"no picture {FAIL_AFTER_S:g} s after the shutter closed",
-            where=self._link.name,
-            likely=reported or "the camera fell asleep or its shooting stopped",
-            advice="resume; if it comes back, switch the camera off and on",
-            **facts,
-        )
+            text = "the camera's memory is full: the picture was not saved"
+            advice = "delete pictures from the camera, then resume"
+            return StoreFullError(text, where=self._link.name, likely=reported, advice=advice, **facts)
+        text = f"no picture {FAIL_AFTER_S:g} s after the shutter closed"
+        likely = reported or "the camera fell asleep or its shooting stopped"
+        advice = "resume; if it comes back, switch the camera off and on"
+        return ExposureFailedError(text, where=self._link.name, likely=likely, advice=advice, **facts)
 
 
 def is_ready(properties: ThetaProperties) -> bool:

@@ -107,12 +107,10 @@ class PictureCache:
             lock.release()
 
     def _unwritable(self, error: OSError) -> PictureCacheError:
-        return PictureCacheError(
-            f"pictures cannot be kept ({error.strerror or error})",
-            where=str(self.folder),
-            likely="the disk is full or the folder may not be written",
-            advice="make room (a full-size bracket takes about 600 MB), or point DAYLIT_CACHE elsewhere",
-        )
+        text = f"pictures cannot be kept ({error.strerror or error})"
+        likely = "the disk is full or the folder may not be written"
+        advice = "make room (a full-size bracket takes about 600 MB), or point DAYLIT_CACHE elsewhere"
+        return PictureCacheError(text, where=str(self.folder), likely=likely, advice=advice)
 
     def evict(self) -> None:
         """Delete the files unused for longest until the rest fits the limit; what is in use just now stays."""

@@ -128,12 +128,9 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 
 def _refused(path: Path, what: str) -> WorldFileError:
-    return WorldFileError(
-        f"{path.name} {what}",
-        where="world",
-        likely="not an equirectangular HDR picture, or a damaged download",
-        advice="give a .hdr or .exr panorama, twice as wide as high",
-    )
+    likely = "not an equirectangular HDR picture, or a damaged download"
+    advice = "give a .hdr or .exr panorama, twice as wide as high"
+    return WorldFileError(f"{path.name} {what}", where="world", likely=likely, advice=advice)
 
 
 @dataclass(frozen=True)

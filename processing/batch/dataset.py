@@ -86,9 +86,8 @@ def read_index(folder: Path) -> list[Row]:
         reader = csv.DictReader(io.StringIO(path.read_text("utf-8"), newline=""))
         rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ParameterError(
-            f"no index that can be read: {error}", where=str(path), advice="daylit dataset build makes it"
-        ) from None
+        advice = "daylit dataset build makes it"
+        raise ParameterError(f"no index that can be read: {error}", where=str(path), advice=advice) from None
     if tuple(reader.fieldnames or ()) != COLUMNS or any(None in row.values() for row in rows):
         raise ParameterError("the index has other columns, or a damaged row", where=str(path), advice="build it again")
     return rows

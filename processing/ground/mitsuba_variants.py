@@ -54,12 +54,9 @@ def load_mitsuba(variant: str) -> Any:
     except (ImportError, NameError) as error:
         # Dr.Jit 1.4 fails with a NameError of its own while it words the ImportError that says what is missing.
         why = error.__context__ if isinstance(error, NameError) else error
-        raise EngineError(
-            f"Mitsuba cannot be loaded: {why}",
-            where="mitsuba",
-            likely="a system without GCC's libatomic, such as a minimal Debian image",
-            advice="install it (Debian and Ubuntu: `apt install libatomic1`)",
-        ) from error
+        likely = "a system without GCC's libatomic, such as a minimal Debian image"
+        advice = "install it (Debian and Ubuntu: `apt install libatomic1`)"
+        raise EngineError(f"Mitsuba cannot be loaded: {why}", where="mitsuba", likely=likely, advice=advice) from error
     mi.set_variant(variant)
     return mi
 

@@ -30,7 +30,6 @@ def triangles(outline: Doubles) -> Doubles:
     except shapely.GEOSException:
         parts = ()
     if not len(parts):
-        raise SceneError(
-            "an outline that crosses itself or has no area", where="floor polygon", advice="correct the corners"
-        )
+        advice = "correct the corners"
+        raise SceneError("an outline that crosses itself or has no area", where="floor polygon", advice=advice)
     return np.stack([shapely.get_coordinates(part)[:3] for part in parts])

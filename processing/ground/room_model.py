@@ -179,12 +179,9 @@ def check_room(data: Any) -> None:
     """Raise `RoomError` listing all that is wrong with a room in JSON data."""
     _, problems = room_problems(data)
     if problems:
-        raise RoomError(
-            "; ".join(problems[:5]) + (f"; and {len(problems) - 5} more" if len(problems) > 5 else ""),
-            where="room model",
-            advice="correct these keys; daylit room SESSION --check FILE lists them all",
-            problems=problems,
-        )
+        text = "; ".join(problems[:5]) + (f"; and {len(problems) - 5} more" if len(problems) > 5 else "")
+        advice = "correct these keys; daylit room SESSION --check FILE lists them all"
+        raise RoomError(text, where="room model", advice=advice, problems=problems)
 
 
 def read_json(path: Path, refused: type[ProcessingError] = RoomError, most_bytes: int = MAX_ROOM_BYTES) -> Any:

@@ -133,9 +133,8 @@ class RawFrame:
 def array_frame(array: Codes, name: str = "array", *, linear: bool | None = None) -> ArrayFrame:
     """Return a frame of uint8 or uint16 (H, W, 3) RGB in memory; ``linear`` by default: 16 bits are, 8 are not."""
     if array.dtype not in (np.uint8, np.uint16) or array.ndim != 3 or array.shape[2] != 3 or not array.size:
-        raise ParameterError(
-            f"a frame is uint8 or uint16 of shape (height, width, 3), not {array.dtype} of {array.shape}", where=name
-        )
+        text = f"a frame is uint8 or uint16 of shape (height, width, 3), not {array.dtype} of {array.shape}"
+        raise ParameterError(text, where=name)
     is_linear = array.dtype == np.uint16 if linear is None else linear
     return ArrayFrame(_contiguous(array), name, (array.shape[1], array.shape[0]), 8 * array.itemsize, is_linear)
 
@@ -224,11 +223,9 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
     if pixels is None:
         raise damaged_picture(name, "it cannot be decoded")
     if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim not in (2, 3) or pixels.shape[2:] not in _CHANNELS:
-        raise PictureFileError(
-            f"it holds {pixels.dtype} of shape {pixels.shape}, not grey or RGB of 8 or 16 bits",
-            where=name,
-            advice="light in decimal numbers: save it as OpenEXR (.exr); else as RGB of 8 or 16 bits",
-        )
+        text = f"it holds {pixels.dtype} of shape {pixels.shape}, not grey or RGB of 8 or 16 bits"
+        advice = "light in decimal numbers: save it as OpenEXR (.exr); else as RGB of 8 or 16 bits"
+        raise PictureFileError(text, where=name, advice=advice)
     if pixels.ndim == 2 or pixels.shape[2] == 1:
         return _contiguous(np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2))
     if pixels.shape[2] == 4:
@@ -244,11 +241,9 @@ def refuse_alpha(alpha: Codes, name: str) -> None:
     """Let an alpha channel (H, W) of nothing but opaque pixels pass; `PictureFileError` for any other."""
     opaque = np.iinfo(alpha.dtype).max
     if int(alpha.min()) < opaque:
-        raise PictureFileError(
-            f"{float((alpha < opaque).mean()):.1%} of it are transparent: what is behind is not known",
-            where=name,
-            advice="save it without transparency (flatten it, or switch 'film transparent' off)",
-        )
+        text = f"{float((alpha < opaque).mean()):.1%} of it are transparent: what is behind is not known"
+        advice = "save it without transparency (flatten it, or switch 'film transparent' off)"
+        raise PictureFileError(text, where=name, advice=advice)
 
 
 def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
@@ -345,20 +340,16 @@ def _bytes(source: Path | bytes, name: str) -> bytes:
 def checked_size(width: int, height: int, name: str) -> tuple[int, int]:
     """Return width and height; `PictureFileError` for more pixels than a picture has."""
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise PictureFileError(
-            f"its header says {width} x {height} pixels; a picture has 1 to {MAX_PIXELS:,}", where=name, likely="damage"
-        )
+        text = f"its header says {width} x {height} pixels; a picture has 1 to {MAX_PIXELS:,}"
+        raise PictureFileError(text, where=name, likely="damage")
     return int(width), int(height)
 
 
 def damaged_picture(name: str, what: str) -> PictureFileError:
     """Return the error of a file that cannot be decoded."""
-    return PictureFileError(
-        f"it is damaged or not what its name says: {what}",
-        where=name,
-        likely="a copy that was cut short, or a failing card",
-        advice="take the file from its source again; of a bracket it can be left out",
-    )
+    text = f"it is damaged or not what its name says: {what}"
+    advice = "take the file from its source again; of a bracket it can be left out"
+    return PictureFileError(text, where=name, likely="a copy that was cut short, or a failing card", advice=advice)
 
 
 @contextmanager

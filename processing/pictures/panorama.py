@@ -251,9 +251,8 @@ def _of_decimals(path: Path) -> bool:
 
 def _own(image: RelativeImage | LuminanceImage, path: Path) -> GivenPanorama:
     if not isinstance(image.geometry, Equirectangular):
-        raise PanoramaError(
-            f"it is a {type(image.geometry).__name__.lower()} picture", where=path.name, advice="give the panorama"
-        )
+        kind, advice = type(image.geometry).__name__.lower(), "give the panorama"
+        raise PanoramaError(f"it is a {kind} picture", where=path.name, advice=advice)
     if isinstance(image, RelativeImage):
         image = LuminanceImage(**vars(image), scale_uncertainty=0.0, absolute=False)
     units = "cd/m2" if image.absolute else "relative"
@@ -275,9 +274,8 @@ def _plain(rgb: Floats, *, absolute: bool, source: str) -> GivenPanorama:
 
 def _check_shape(width: int, height: int, name: str) -> None:
     if width < LEAST_WIDTH_PX:
-        raise PanoramaError(
-            f"it is {width} x {height} pixels", where=name, advice=f"at least {LEAST_WIDTH_PX} pixels of width"
-        )
+        advice = f"at least {LEAST_WIDTH_PX} pixels of width"
+        raise PanoramaError(f"it is {width} x {height} pixels", where=name, advice=advice)
     ratio = width / height
     if abs(ratio / 2 - 1) <= ASPECT_TOLERANCE:
         return
@@ -286,12 +284,9 @@ def _check_shape(width: int, height: int, name: str) -> None:
         abs(ratio - 1) < 0.02: "a stereo pair one above the other, or a single fisheye picture",
         abs(ratio - 4 / 3) < 0.02: "an ordinary photograph, or a cube map",
     }.get(True, "an ordinary photograph, or a part of a panorama")
-    raise PanoramaError(
-        f"it is {width} x {height} pixels, and a whole equirectangular panorama is twice as wide as high",
-        where=name,
-        likely=likely,
-        advice="export the whole sphere (360 x 180 degrees), equirectangular",
-    )
+    text = f"it is {width} x {height} pixels, and a whole equirectangular panorama is twice as wide as high"
+    advice = "export the whole sphere (360 x 180 degrees), equirectangular"
+    raise PanoramaError(text, where=name, likely=likely, advice=advice)
 
 
 def _check_not_two_circles(rgb: Floats, name: str) -> None:

@@ -77,12 +77,9 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     manifest = load_manifest(session)
     scene_path = stages / "materials" / "scene.npz"
     if not scene_path.is_file():
-        raise RelightError(
-            "the session has no scene",
-            where=session.name,
-            likely="it was processed without furniture (--set none), or not as far",
-            advice="run: daylit process SESSION --set auto",
-        )
+        likely = "it was processed without furniture (--set none), or not as far"
+        advice = "run: daylit process SESSION --set auto"
+        raise RelightError("the session has no scene", where=session.name, likely=likely, advice=advice)
     scene = read_scene(scene_path)
     facts = _json(stages / "materials" / "materials.json")
     height_m = read_room(stages / "room" / "room.json").camera_height_m
@@ -110,12 +107,9 @@ def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) 
     listing = stages / "render" / "staged.json"
     every = _json(listing).get("alternatives", []) if listing.is_file() else []
     if not 1 <= staged <= len(every):
-        raise RelightError(
-            f"there is no staged alternative {staged}",
-            where=stages.parent.name,
-            likely=f"{len(every)} are rendered",
-            advice="give --staged 1 and up, or --empty",
-        )
+        text = f"there is no staged alternative {staged}"
+        advice = "give --staged 1 and up, or --empty"
+        raise RelightError(text, where=stages.parent.name, likely=f"{len(every)} are rendered", advice=advice)
     files = _json(stages / "render" / "result.json").get("ingredients", {}).get("files", {})
     if bool(files.get("furniture")) != (furniture is not None):
         built_in = "leave --furniture out (chosen before: daylit choices SESSION --forget furniture)"
@@ -191,12 +185,10 @@ def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tu
         return room.manifest.heading_rad, "session"
     sun = room.scene.outdoors.sun
     if sun is None:
-        raise DaylightError(
-            "nobody knows whither the panorama faces",
-            where=room.manifest.name,
-            likely="no heading in the session, and no sun in its outdoor picture",
-            advice="give --heading DEGREES (compass azimuth of the panorama's middle)",
-        )
+        text = "nobody knows whither the panorama faces"
+        likely = "no heading in the session, and no sun in its outdoor picture"
+        advice = "give --heading DEGREES (compass azimuth of the panorama's middle)"
+        raise DaylightError(text, where=room.manifest.name, likely=likely, advice=advice)
     compass = sun_place(room.time_utc, place).azimuth_rad
     return math.remainder(compass - math.atan2(sun.direction[0], sun.direction[1]), 2 * math.pi), "captured sun"
 
@@ -217,9 +209,8 @@ def other_sky(path: Path) -> Outdoors:
             scale_uncertainty=0.1,
         )
     if not isinstance(image, LuminanceImage):
-        raise RelightError(
-            "a sky without a scale", where=path.name, advice="give one in cd/m2: stages/calibrate has it"
-        )
+        advice = "give one in cd/m2: stages/calibrate has it"
+        raise RelightError("a sky without a scale", where=path.name, advice=advice)
     return outdoors_of(image)
 
 

@@ -173,11 +173,9 @@ def daylight_at(
     """
     sun = sun_place(time_utc, place)
     if sun.elevation_rad <= 0:
-        raise DaylightError(
-            f"the sun is {math.degrees(-sun.elevation_rad):.1f} degrees below the horizon",
-            where=time_utc.isoformat(timespec="minutes"),
-            advice="give a time by day; twilight and night are not modelled",
-        )
+        text = f"the sun is {math.degrees(-sun.elevation_rad):.1f} degrees below the horizon"
+        advice = "give a time by day; twilight and night are not modelled"
+        raise DaylightError(text, where=time_utc.isoformat(timespec="minutes"), advice=advice)
     clear = clear_beam(time_utc, place)
     share = (
         weather.diffuse * _clear_share(clear, min(weather.beam, 1.0), sun.elevation_rad) / max(clear.diffuse_lx, 1e-9)
@@ -253,9 +251,8 @@ def parse_time(text: str, zone: tzinfo) -> datetime:
     try:
         found = datetime.fromisoformat(text.strip())
     except ValueError as error:
-        raise DaylightError(
-            f"no time: {text!r}", advice='say "2023-06-21 16:00", or with a zone: …T16:00+02:00'
-        ) from error
+        advice = 'say "2023-06-21 16:00", or with a zone: …T16:00+02:00'
+        raise DaylightError(f"no time: {text!r}", advice=advice) from error
     return (found.replace(tzinfo=zone) if found.tzinfo is None else found).astimezone(UTC)
 
 

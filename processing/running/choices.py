@@ -100,11 +100,9 @@ class Choices(BaseModel):
             return None if choice is None else choice.value
         path = session / choice.file
         if not path.exists():
-            raise ChoicesError(
-                f"{name}: {choice.file} is not there any more (chosen {choice.at:%Y-%m-%d} by {choice.by})",
-                where=str(session / FILE),
-                advice=f"give --{name} again, or forget it: daylit choices {session} --forget {name}",
-            )
+            text = f"{name}: {choice.file} is not there any more (chosen {choice.at:%Y-%m-%d} by {choice.by})"
+            advice = f"give --{name} again, or forget it: daylit choices {session} --forget {name}"
+            raise ChoicesError(text, where=str(session / FILE), advice=advice)
         return path
 
 
@@ -249,9 +247,8 @@ def _read(root: Folder) -> Choices:
         found = tomllib.loads(raw.decode())
         version = found.get("schema_version")
         if isinstance(version, int) and version > SCHEMA:
-            raise SchemaTooNewError(
-                f"is of version {version}, this daylit knows {SCHEMA}", where=where, advice="update daylit"
-            )
+            text = f"is of version {version}, this daylit knows {SCHEMA}"
+            raise SchemaTooNewError(text, where=where, advice="update daylit")
         choices = Choices.model_validate(found)
     except ValidationError as error:
         raise ChoicesError(strict_json.faults_of(error)[0], where=where, advice=advice) from error

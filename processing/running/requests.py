@@ -84,11 +84,9 @@ def _check_together(request: RunRequest, own: Mapping[str, Option]) -> None:
             raise ParameterError(f"{flag}: of no effect without {', '.join(missing)}", advice="give that too")
         idle = [other for other in own[flag].excludes if other in request.options]
         if idle:
-            raise ParameterError(
-                f"{', '.join(idle)}: of no effect beside {flag}",
-                likely=f"{flag} gives what {', '.join(idle)} would help to find",
-                advice=f"leave out {flag} or {', '.join(idle)}",
-            )
+            likely = f"{flag} gives what {', '.join(idle)} would help to find"
+            advice = f"leave out {flag} or {', '.join(idle)}"
+            raise ParameterError(f"{', '.join(idle)}: of no effect beside {flag}", likely=likely, advice=advice)
 
 
 def _check_range(flag: str, value: float | None, low: float, high: float) -> None:

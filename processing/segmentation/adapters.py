@@ -65,12 +65,10 @@ def class_matrix(names: Sequence[str], table: Table) -> Floats:
     """
     unknown = [name for name in names if not table.get(name)]
     if unknown:
-        raise SegmenterError(
-            f"classes without a meaning: {', '.join(unknown[:8])}" + (" ..." if len(unknown) > 8 else ""),
-            likely="another data set's names, or a background class that is not listed",
-            advice="say in the contract's meanings what they are",
-            classes=unknown,
-        )
+        text = f"classes without a meaning: {', '.join(unknown[:8])}" + (" ..." if len(unknown) > 8 else "")
+        likely = "another data set's names, or a background class that is not listed"
+        advice = "say in the contract's meanings what they are"
+        raise SegmenterError(text, likely=likely, advice=advice, classes=unknown)
     matrix = np.zeros((len(names), len(SceneClass)), dtype=np.float32)
     for row, name in enumerate(names):
         for kind in table[name]:
@@ -159,11 +157,9 @@ def read_contract(path: Path) -> NetworkContract:
         strict_json.loads(raw)
         contract = NetworkContract.model_validate_json(raw)
     except OSError as exc:
-        raise SegmenterError(
-            f"the network's contract cannot be read: {exc.strerror}",
-            where=str(path),
-            advice="put a JSON file of that name beside the network; docs/reference/detection.md has examples",
-        ) from exc
+        text = f"the network's contract cannot be read: {exc.strerror}"
+        advice = "put a JSON file of that name beside the network; docs/reference/detection.md has examples"
+        raise SegmenterError(text, where=str(path), advice=advice) from exc
     except strict_json.StrictJsonError as exc:
         raise SegmenterError(str(exc), where=str(path), advice="correct the file") from exc
     except ValidationError as exc:
@@ -201,12 +197,9 @@ def scene_probabilities(contract: NetworkContract, outputs: Sequence[AnyArray], 
         found = _of_scores(contract, _without_batch(contract, given[0], 3))
     expected = tuple(-(-side // contract.output_stride) for side in size_px)
     if any(abs(side - asked) > 1 for side, asked in zip(found.shape[:2], expected, strict=True)):
-        raise SegmenterError(
-            f"the output is {found.shape[0]} x {found.shape[1]} for a view of {size_px[0]} x {size_px[1]}",
-            where=contract.name,
-            likely=f"output_stride is not {contract.output_stride}, or the layout is another",
-            advice="correct output_stride in the contract",
-        )
+        text = f"the output is {found.shape[0]} x {found.shape[1]} for a view of {size_px[0]} x {size_px[1]}"
+        likely = f"output_stride is not {contract.output_stride}, or the layout is another"
+        raise SegmenterError(text, where=contract.name, likely=likely, advice="correct output_stride in the contract")
     return found
 
 
@@ -216,11 +209,9 @@ def _without_batch(contract: NetworkContract, output: AnyArray, axes: int) -> An
     if contract.output == "argmax" and output.ndim == 4 and 1 in (output.shape[1], output.shape[3]):
         found = output[0, 0] if output.shape[1] == 1 else output[0, ..., 0]
     if found.ndim != axes:
-        raise SegmenterError(
-            f"an output of shape {list(output.shape)} for {contract.output}",
-            where=contract.name,
-            advice="correct output: logits are [1, C, h, w], argmax is [1, h, w], queries are [Q, C + 1] and [Q, h, w]",
-        )
+        text = f"an output of shape {list(output.shape)} for {contract.output}"
+        advice = "correct output: logits are [1, C, h, w], argmax is [1, h, w], queries are [Q, C + 1] and [Q, h, w]"
+        raise SegmenterError(text, where=contract.name, advice=advice)
     if not np.isfinite(found).all():
         raise SegmenterError("the network gives NaN or Inf", where=contract.name, likely="its weights are damaged")
     return found
@@ -251,12 +242,9 @@ def _of_labels(contract: NetworkContract, labels: AnyArray) -> Floats:
     least, most = int(numbers.min()), int(numbers.max())
     if most >= len(contract.names) or least < -1:
         number = (most if most >= len(contract.names) else least) + contract.first_label
-        raise SegmenterError(
-            f"class number {number} of {len(contract.names)} classes that start at {contract.first_label}",
-            where=contract.name,
-            likely="labels are off by one (0 is 'other'), or names are missing",
-            advice="set first_label, or list all names",
-        )
+        text = f"class number {number} of {len(contract.names)} classes that start at {contract.first_label}"
+        likely = "labels are off by one (0 is 'other'), or names are missing"
+        raise SegmenterError(text, where=contract.name, likely=likely, advice="set first_label, or list all names")
     # One row more, the last, for what no class is given to: number -1.
     rows = np.vstack([contract.matrix, np.full((1, len(SceneClass)), UNKNOWN, np.float32)])
     return np.asarray(rows[numbers], dtype=np.float32)
@@ -267,12 +255,10 @@ def _of_queries(contract: NetworkContract, classes: AnyArray, masks: AnyArray) -
     if classes.shape[1] != names + 1:
         raise _wrong_classes(contract, int(classes.shape[1]), besides=1)
     if classes.shape[0] != masks.shape[0]:
-        raise SegmenterError(
-            f"{classes.shape[0]} queries with {masks.shape[0]} masks",
-            where=contract.name,
-            likely="the two outputs are named in the wrong order",
-            advice="outputs: class logits first, mask logits second",
-        )
+        text = f"{classes.shape[0]} queries with {masks.shape[0]} masks"
+        likely = "the two outputs are named in the wrong order"
+        advice = "outputs: class logits first, mask logits second"
+        raise SegmenterError(text, where=contract.name, likely=likely, advice=advice)
     scores = np.exp(classes - classes.max(axis=1, keepdims=True)).astype(np.float32)
     scores /= scores.sum(axis=1, keepdims=True)
     ours = scores[:, contract.first_label : names] @ contract.matrix

@@ -43,9 +43,8 @@ def network_picture(rgb: npt.ArrayLike) -> Floats:
     """
     picture = np.asarray(rgb)
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.shape[0] < 4 or picture.shape[1] < 8:
-        raise ParameterError(
-            f"a picture of shape {picture.shape} for the room network", advice="give (H, W, 3), 8 x 4 pixels or more"
-        )
+        advice = "give (H, W, 3), 8 x 4 pixels or more"
+        raise ParameterError(f"a picture of shape {picture.shape} for the room network", advice=advice)
     gain = exposure(picture)
     wide = picture.shape[1] >= SEEN_WIDTH_PX and picture.shape[0] >= SEEN_HEIGHT_PX
     bands = []
@@ -139,11 +138,9 @@ def scene_evidence(
     changed or of another kind.
     """
     if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad != 0.0:
-        raise ParameterError(
-            "the room network needs an equirectangular picture with longitude 0 in its middle",
-            where=str(image.geometry),
-            advice="resample it to Equirectangular(width, height) first",
-        )
+        text = "the room network needs an equirectangular picture with longitude 0 in its middle"
+        advice = "resample it to Equirectangular(width, height) first"
+        raise ParameterError(text, where=str(image.geometry), advice=advice)
     if quality not in TURNS_PX:
         raise ParameterError(f"no quality {quality!r}", advice=f"choose {', '.join(TURNS_PX)}")
     network = _network(model or SHIPPED)
@@ -244,12 +241,9 @@ def _loaded(path: Path, _network_changed: int, _page_changed: int) -> _Network:
     except (ValueError, KeyError, TypeError) as exc:
         raise SegmenterError(f"the network's page is damaged: {exc!r}", where=str(path.with_suffix(".json"))) from exc
     if hashlib.sha256(data).hexdigest() != digest:
-        raise SegmenterError(
-            "the room network is not the one that its page names",
-            where=str(path),
-            likely="the file is damaged or was replaced",
-            advice="install daylit anew, or export network and page together",
-        )
+        text = "the room network is not the one that its page names"
+        advice = "install daylit anew, or export network and page together"
+        raise SegmenterError(text, where=str(path), likely="the file is damaged or was replaced", advice=advice)
     # One thread: more gain little on so small a picture, and one gives the same answer everywhere.
     session = open_session(
         data, lambda what: SegmenterError(f"the room network {what}", where=str(path)), repeatable=True

@@ -87,12 +87,9 @@ def add_model(path: Path) -> tuple[KnownModel, Path]:
     for model in KNOWN_MODELS:
         if model.sha256 == digest:
             return model, _kept(model, path)
-    raise ModelError(
-        f"no known model has this file's SHA-256 {digest}",
-        where=str(path),
-        likely="another version, an unfinished download, or a pointer to the file",
-        advice="`daylit models list` has the digests; a network of your own is given with --segmenter FILE",
-    )
+    likely = "another version, an unfinished download, or a pointer to the file"
+    advice = "`daylit models list` has the digests; a network of your own is given with --segmenter FILE"
+    raise ModelError(f"no known model has this file's SHA-256 {digest}", where=str(path), likely=likely, advice=advice)
 
 
 def get_model(model: KnownModel, *, url: str | None = None) -> Path:
@@ -114,12 +111,9 @@ def get_model(model: KnownModel, *, url: str | None = None) -> Path:
         return _kept(model, part)
     # What the client raises is an OSError; another file than the pinned one is a ValueError.
     except (OSError, ValueError) as exc:
-        raise ModelError(
-            f"{model.name} cannot be fetched: {str(exc)[:300]}",
-            where=source,
-            likely="no network here, or the file has moved",
-            advice=f"fetch {model.file} by other means (SHA-256 {model.sha256}), then `daylit models add FILE`",
-        ) from exc
+        text = f"{model.name} cannot be fetched: {str(exc)[:300]}"
+        advice = f"fetch {model.file} by other means (SHA-256 {model.sha256}), then `daylit models add FILE`"
+        raise ModelError(text, where=source, likely="no network here, or the file has moved", advice=advice) from exc
     finally:
         part.unlink(missing_ok=True)
 

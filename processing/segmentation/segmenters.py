@@ -83,9 +83,8 @@ class _ByContract(ABC):
         try:
             self.probabilities(grey)
         except SegmenterError as error:
-            raise SegmenterError(
-                f"breaks its contract: {error.message}", where=str(path), likely=error.likely, advice=error.advice
-            ) from error
+            text = f"breaks its contract: {error.message}"
+            raise SegmenterError(text, where=str(path), likely=error.likely, advice=error.advice) from error
 
     @property
     def name(self) -> str:
@@ -206,21 +205,17 @@ def _check_names(path: Path, contract: NetworkContract, there: list[str], key: s
     asked = (contract.input,) if key == "input" else contract.outputs
     missing = [name for name in asked if name not in there]
     if missing:
-        raise SegmenterError(
-            f"{key}: the network has no {', '.join(missing)}", where=str(path), advice=f"it has: {', '.join(there)}"
-        )
+        advice = f"it has: {', '.join(there)}"
+        raise SegmenterError(f"{key}: the network has no {', '.join(missing)}", where=str(path), advice=advice)
 
 
 def _unreadable(path: Path, what: str) -> SegmenterError:
-    return SegmenterError(
-        f"the network {what}", where=str(path), likely="the file is damaged, a pointer to it, or newer than the runtime"
-    )
+    likely = "the file is damaged, a pointer to it, or newer than the runtime"
+    return SegmenterError(f"the network {what}", where=str(path), likely=likely)
 
 
 def _failed(contract: NetworkContract, view_rgb8: Bytes, exc: Exception) -> SegmenterError:
-    return SegmenterError(
-        f"the network refuses a view of {view_rgb8.shape[0]} x {view_rgb8.shape[1]}: {str(exc)[:300]}",
-        where=contract.name,
-        likely="size, layout or type of the input are declared wrongly",
-        advice="correct size_px, layout or input_type in the contract",
-    )
+    text = f"the network refuses a view of {view_rgb8.shape[0]} x {view_rgb8.shape[1]}: {str(exc)[:300]}"
+    likely = "size, layout or type of the input are declared wrongly"
+    advice = "correct size_px, layout or input_type in the contract"
+    return SegmenterError(text, where=contract.name, likely=likely, advice=advice)

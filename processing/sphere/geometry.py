@@ -62,9 +62,8 @@ class Perspective:
         for name in ("fov_x_rad", "yaw_rad", "pitch_rad", "roll_rad"):
             _check_finite(name, getattr(self, name))
         if not 0 < self.fov_x_rad < math.pi:
-            raise ParameterError(
-                f"a perspective view of {self.fov_x_rad} rad", advice="give a field between 0 and pi", fov_x_rad=True
-            )
+            advice = "give a field between 0 and pi"
+            raise ParameterError(f"a perspective view of {self.fov_x_rad} rad", advice=advice, fov_x_rad=True)
 
     @property
     def focal_px(self) -> float:
@@ -129,11 +128,9 @@ def _check_finite(name: str, value: float) -> None:
 def _check_field(mapping: LensMapping, half_field_rad: float) -> None:
     most = {LensMapping.ORTHOGRAPHIC: math.pi / 2, LensMapping.STEREOGRAPHIC: math.pi * 0.999}.get(mapping, math.pi)
     if not 0 < half_field_rad <= most:
-        raise LensError(
-            f"a fisheye, {mapping}, with a half field of {half_field_rad} rad",
-            likely="degrees were given, or the full field",
-            advice=f"give a half field above 0 and up to {most:.4f} rad",
-        )
+        text = f"a fisheye, {mapping}, with a half field of {half_field_rad} rad"
+        advice = f"give a half field above 0 and up to {most:.4f} rad"
+        raise LensError(text, likely="degrees were given, or the full field", advice=advice)
 
 
 def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> None:
@@ -144,18 +141,14 @@ def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> 
         return
     total = math.fsum(coefficients)
     if abs(total - 1) > SUM_TOLERANCE:
-        raise LensError(
-            f"the lens polynomial's coefficients sum to {total}, not 1",
-            likely="they belong to another radius or half field, or were rounded",
-            advice="divide them by their sum and the half field by the same",
-        )
+        text = f"the lens polynomial's coefficients sum to {total}, not 1"
+        likely = "they belong to another radius or half field, or were rounded"
+        raise LensError(text, likely=likely, advice="divide them by their sum and the half field by the same")
     slopes = sum(k * c * np.linspace(0, 1, 1001) ** (k - 1) for k, c in enumerate(coefficients, start=1))
     if np.min(slopes) <= 0:
-        raise LensError(
-            "the lens polynomial is not monotone between 0 and 1",
-            likely="it was fitted to too few points, or extrapolates",
-            advice="fit it again with fewer terms, or to the whole field",
-        )
+        text = "the lens polynomial is not monotone between 0 and 1"
+        likely = "it was fitted to too few points, or extrapolates"
+        raise LensError(text, likely=likely, advice="fit it again with fewer terms, or to the whole field")
 
 
 # Radial mappings of fisheyes: the polar angle of a radius and back, both ways to rounding error.

@@ -237,9 +237,8 @@ def _checked(rgb: npt.ArrayLike, source: Geometry) -> tuple[Floats, bool]:
     flat = picture.ndim == 2
     picture = np.ascontiguousarray(picture[..., None] if flat else picture)
     if picture.ndim != 3 or picture.shape[:2] != (source.height_px, source.width_px) or not picture.shape[2]:
-        raise ParameterError(
-            f"a picture of shape {np.shape(rgb)} for {source}", advice="give (H, W) or (H, W, C) of the source's size"
-        )
+        advice = "give (H, W) or (H, W, C) of the source's size"
+        raise ParameterError(f"a picture of shape {np.shape(rgb)} for {source}", advice=advice)
     if not np.isfinite(picture).all():
         raise ParameterError("a picture with NaN or Inf", advice="mark these invalid by weights, and set them to 0")
     return picture, flat

@@ -214,9 +214,8 @@ def _checked_pictures(pictures: Sequence[npt.ArrayLike], views: Sequence[Perspec
         raise ParameterError(f"{len(light)} pictures for {len(views)} views", advice="give one a view")
     for picture, view in zip(light, views, strict=True):
         if picture.shape[:2] != (view.height_px, view.width_px) or picture.shape[2:] != light[0].shape[2:]:
-            raise ParameterError(
-                f"a picture of shape {picture.shape} for {view}", advice="give (h, w) or (h, w, C) of the view's size"
-            )
+            advice = "give (h, w) or (h, w, C) of the view's size"
+            raise ParameterError(f"a picture of shape {picture.shape} for {view}", advice=advice)
         if picture.ndim > 3 or not np.isfinite(picture).all():
             raise ParameterError("a view with NaN or Inf, or over 3 axes", advice="mark invalid pixels by weights")
     return light

@@ -221,9 +221,8 @@ class CameraWorker:
                 raise ExposureFailedError("the exposure ended without a picture", where=str(self.side), likely=likely)
             if self._backlog and self._camera.can_transfer_while_exposing:
                 self._transfer_chunk(EXPOSING_CHUNK_BYTES)
-        raise DeviceTimeoutError(
-            f"no picture within {deadline.limit_s:g} s of the release", where=str(self.side), limit_s=deadline.limit_s
-        )
+        text = f"no picture within {deadline.limit_s:g} s of the release"
+        raise DeviceTimeoutError(text, where=str(self.side), limit_s=deadline.limit_s)
 
     def _transfer_chunk(self, max_bytes: int, *, pause: bool = False) -> None:
         """Fetch one chunk of the oldest frame; a frame that fails is fetched anew once, then reported lost."""
@@ -247,9 +246,8 @@ class CameraWorker:
     def _read_into(self, transfer: _Transfer, max_bytes: int) -> None:
         frame = transfer.shot.frame
         if frame.size_bytes > FRAME_CAP_BYTES:
-            raise ProtocolViolationError(
-                f"a frame of {frame.size_bytes} bytes is announced, more than {FRAME_CAP_BYTES}", where=str(self.side)
-            )
+            text = f"a frame of {frame.size_bytes} bytes is announced, more than {FRAME_CAP_BYTES}"
+            raise ProtocolViolationError(text, where=str(self.side))
         data = self._camera.read_chunk(frame, transfer.offset, min(max_bytes, frame.size_bytes - transfer.offset))
         if not data:
             raise ExposureFailedError("the camera sent nothing of the frame", where=str(self.side), handle=frame.handle)

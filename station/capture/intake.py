@@ -43,11 +43,9 @@ def check_typed(luminance_cd_m2: float) -> None:
     """
     low, high = TYPED_RANGE_CD_M2
     if not low <= luminance_cd_m2 <= high:
-        raise UsageError(
-            f"{luminance_cd_m2} cd/m2 is not a reading such a meter can show",
-            where="--reading",
-            advice=f"type the number on the display, in cd/m2, between {low:g} and {high:g}",
-        )
+        text = f"{luminance_cd_m2} cd/m2 is not a reading such a meter can show"
+        advice = f"type the number on the display, in cd/m2, between {low:g} and {high:g}"
+        raise UsageError(text, where="--reading", advice=advice)
 
 
 def drift_frac(readings: tuple[ReadingRecord, ...]) -> float | None:
@@ -240,9 +238,8 @@ class Intake:
         """Return what the frame is known by; raises `FrameRejectedError` with the reason if it does not count."""
         name = f"{self.side} {shutter_label(shot.asked_s)}"
         if part.size_bytes != shot.frame.size_bytes:
-            raise FrameRejectedError(
-                f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
-            )
+            text = f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}"
+            raise FrameRejectedError(text, where=part.path.name)
         if shot.frame.format is not FrameFormat.JPEG:
             # Refuse a raw file whose JPEG does not count: that comes first, and alone has the exposure
             jpeg = self._store.manifest.frame(shot.side, shot.stop)

@@ -95,9 +95,8 @@ def open_links(record: Path | None, rig: RigFile, clock: Clock, *, simulated: bo
         opened = gzip.open if record.suffix == ".gz" else open
         file = cast("IO[str]", opened(record, "xt", encoding="utf-8"))  # closed with the links
     except OSError as error:
-        raise ResourceError(
-            f"cannot be written: {error.strerror}", where=str(record), advice="choose a new name, in a folder of yours"
-        ) from error
+        advice = "choose a new name, in a folder of yours"
+        raise ResourceError(f"cannot be written: {error.strerror}", where=str(record), advice=advice) from error
     transcript = Transcript(file, clock)
     table = rig.model_dump(mode="json", exclude={"site", "heading_deg"})
     transcript.write(RIG, "open", info={"rig": table, "simulated": simulated})
@@ -119,10 +118,8 @@ def replayed_links(path: Path) -> tuple[Links, RigFile]:
         rig = RigFile.model_validate(made_with["rig"])
         simulated = bool(made_with["simulated"])
     except (IndexError, KeyError, ValidationError) as error:
-        raise ProtocolViolationError(
-            "does not begin with the rig it was made with",
-            where=str(path),
-            advice="record it with: daylit conform --record FILE",
-        ) from error
+        text = "does not begin with the rig it was made with"
+        advice = "record it with: daylit conform --record FILE"
+        raise ProtocolViolationError(text, where=str(path), advice=advice) from error
     missing = {who: None for who in (*map(str, Side), METER) if who not in entries}
     return Links(entries=entries, simulated=simulated), rig.model_copy(update=missing)

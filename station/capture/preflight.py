@@ -85,12 +85,9 @@ def require(findings: Findings) -> None:
         return
     if len(failures) == 1 and failures[0].error is not None:
         raise failures[0].error
-    raise PreflightError(
-        "; ".join(f"{c.name}: {c.text}" for c in failures),
-        where="preflight",
-        advice="; ".join(dict.fromkeys(c.advice for c in failures if c.advice)) or "see daylit doctor",
-        checks=[c.to_dict() for c in failures],
-    )
+    text = "; ".join(f"{c.name}: {c.text}" for c in failures)
+    advice = "; ".join(dict.fromkeys(c.advice for c in failures if c.advice)) or "see daylit doctor"
+    raise PreflightError(text, where="preflight", advice=advice, checks=[c.to_dict() for c in failures])
 
 
 def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:

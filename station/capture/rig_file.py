@@ -178,9 +178,8 @@ def load_rig(path: Path) -> RigFile:
             raise RigError("too large to be a rig file", where=str(path))
         return RigFile.model_validate(tomllib.loads(path.read_text("utf-8")))
     except FileNotFoundError as error:
-        raise RigError(
-            "there is no such rig file", where=str(path), advice="write one with: daylit doctor --write-rig rig.toml"
-        ) from error
+        advice = "write one with: daylit doctor --write-rig rig.toml"
+        raise RigError("there is no such rig file", where=str(path), advice=advice) from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise RigError(f"cannot be read: {error}", where=str(path), advice="correct the file") from error
     except ValidationError as error:

@@ -80,9 +80,8 @@ def _write_example(path: Path) -> int:
     except FileExistsError as error:
         raise UsageError("is already there", where=str(path), advice="choose another name") from error
     except OSError as error:
-        raise ResourceError(
-            f"cannot be written: {error.strerror}", where=str(path), advice="choose a folder you may write to"
-        ) from error
+        advice = "choose a folder you may write to"
+        raise ResourceError(f"cannot be written: {error.strerror}", where=str(path), advice=advice) from error
     click.echo(f"wrote {path}: look through it, then daylit doctor --rig {path}")
     return 0
 

@@ -240,12 +240,9 @@ class FrameChecker:
             hello = worker.receive(START_LIMIT_S)
         except (_WorkerSlowError, _WorkerGoneError) as error:
             how = worker.end()
-            raise ResourceError(
-                f"the process that checks frames does not start: {error}",
-                where="frame checker",
-                likely=f"memory is short, or the installation is broken (process {how})",
-                advice="run `daylit doctor`",
-            ) from None
+            text = f"the process that checks frames does not start: {error}"
+            likely = f"memory is short, or the installation is broken (process {how})"
+            raise ResourceError(text, where="frame checker", likely=likely, advice="run `daylit doctor`") from None
         self.limits = tuple(str(limit)[:200] for limit in hello.get("limits", ()))
         self._worker = worker
         return worker

@@ -86,13 +86,10 @@ def parse_journal(raw: bytes, where: str) -> JournalContent:
         except ValueError as exc:
             if end < 0 or end == len(raw) - 1:
                 return JournalContent(tuple(entries), position, raw[position:])
-            raise JournalError(
-                f"line {len(entries) + 1} is damaged: {exc}",
-                where=where,
-                likely="a failing disk, or the file was edited",
-                advice="keep the folder as it is and restore journal.jsonl from a copy",
-                line=len(entries) + 1,
-            ) from exc
+            text = f"line {len(entries) + 1} is damaged: {exc}"
+            likely = "a failing disk, or the file was edited"
+            advice = "keep the folder as it is and restore journal.jsonl from a copy"
+            raise JournalError(text, where=where, likely=likely, advice=advice, line=len(entries) + 1) from exc
         entries.append(entry)
         position = end + 1
     return JournalContent(tuple(entries), position, b"")

@@ -138,9 +138,8 @@ def replay(entries: Iterable[JournalEntry], where: str) -> SessionState:
         try:
             state.apply(entry)
         except (ValidationError, ValueError, KeyError) as exc:
-            raise JournalError(
-                f"line {entry.seq} ({entry.kind}) does not fit what was before: {str(exc)[:300]}", where=where
-            ) from exc
+            text = f"line {entry.seq} ({entry.kind}) does not fit what was before: {str(exc)[:300]}"
+            raise JournalError(text, where=where) from exc
     if state is None:
         raise JournalError("the journal is empty", where=where)
     return state

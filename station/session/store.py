@@ -253,9 +253,8 @@ class SessionStore:
     def _resume(self) -> None:
         """Open for work: lock, read both memories, clear up, and journal what was done."""
         if not any(self._root.lstat(name) for name in (MANIFEST_NAME, JOURNAL_NAME)):
-            raise SessionNotFoundError(
-                "neither a manifest nor a journal here", where=str(self.path), advice="name a session folder"
-            )
+            advice = "name a session folder"
+            raise SessionNotFoundError("neither a manifest nor a journal here", where=str(self.path), advice=advice)
         self._lock = SessionLock(self._root)
         memory = recovery.remember(self._root)
         self._state = memory.state

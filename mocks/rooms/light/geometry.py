@@ -47,12 +47,9 @@ class Geometry:
             from embreex.mesh_construction import TriangleMesh
             from embreex.rtcore_scene import EmbreeScene
         except ImportError as error:
-            raise EngineError(
-                f"rays cannot be cast: {error}",
-                where="embreex",
-                likely="a system that Embree has no package for, such as Linux on ARM",
-                advice="generate rooms on another computer; --simulate room works everywhere",
-            ) from error
+            likely = "a system that Embree has no package for, such as Linux on ARM"
+            advice = "generate rooms on another computer; --simulate room works everywhere"
+            raise EngineError(f"rays cannot be cast: {error}", where="embreex", likely=likely, advice=advice) from error
         scene = EmbreeScene(robust=True)
         TriangleMesh(scene, np.ascontiguousarray(self.corners))
         return scene

@@ -127,9 +127,8 @@ def check_place(scene: Scene, eye_m: Vector) -> None:
     floor_m = low.origin_m[2] if low is not None else -np.inf
     ceiling_m = high.origin_m[2] if high is not None else np.inf
     if not floor_m < eye[2] < ceiling_m:
-        raise ViewpointError(
-            f"above the ceiling or below the floor: heights go from {floor_m:g} to {ceiling_m:.2f} m", where=where
-        )
+        text = f"above the ceiling or below the floor: heights go from {floor_m:g} to {ceiling_m:.2f} m"
+        raise ViewpointError(text, where=where)
     for name, parts in _items(scene).items():
         if abs(sum(_winding(part, eye) for part in parts)) > 0.5:
             raise ViewpointError(f"within {name}", where=where, advice="look from beside it")

@@ -114,12 +114,9 @@ class Part:
         if not shapes or not len(self.faces):
             raise SceneError("no triangles", where=f"part {self.name}", advice="give vertices (n, 3) and faces (m, 3)")
         if not np.isfinite(self.vertices_m).all() or np.abs(self.vertices_m).max() > 1e4:
-            raise SceneError(
-                "a vertex that is not finite, or kilometres away",
-                where=f"part {self.name}",
-                likely="a damaged file, or units other than metres",
-                advice="repair the mesh",
-            )
+            text = "a vertex that is not finite, or kilometres away"
+            likely = "a damaged file, or units other than metres"
+            raise SceneError(text, where=f"part {self.name}", likely=likely, advice="repair the mesh")
         if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
             raise SceneError("a face names no vertex", where=f"part {self.name}", advice="repair the mesh")
         if self.normals is not None and (
@@ -262,12 +259,9 @@ class Scene:
 
 def _check_albedo(where: str, values: npt.NDArray[np.floating]) -> None:
     if not (np.isfinite(values).all() and (values >= 0).all() and (values <= 1).all()):
-        raise MaterialError(
-            "an albedo that is not a number within 0 and 1",
-            where=where,
-            likely="a damaged texture, or values of 0 to 255",
-            advice="repair it; linear values within 0 and 1",
-        )
+        likely = "a damaged texture, or values of 0 to 255"
+        advice = "repair it; linear values within 0 and 1"
+        raise MaterialError("an albedo that is not a number within 0 and 1", where=where, likely=likely, advice=advice)
 
 
 def _check_texture(where: str, values: Floats) -> None:

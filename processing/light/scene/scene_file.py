@@ -51,12 +51,10 @@ def read_scene(path: Path) -> Scene:
             raise SceneError(f"a scene of version {header['version']}", where=path.name, advice="make it anew")
         return _scene(header, arrays)
     except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise SceneError(
-            f"no scene: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
-            where=path.name,
-            likely="a damaged file, or one of another program",
-            advice="let the stage materials run again (--force materials)",
-        ) from error
+        text = f"no scene: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        likely = "a damaged file, or one of another program"
+        advice = "let the stage materials run again (--force materials)"
+        raise SceneError(text, where=path.name, likely=likely, advice=advice) from error
 
 
 def _check_size(path: Path) -> None:

@@ -100,12 +100,9 @@ def _affordable(stage: Stage, effort: Effort) -> None:
     a_patch = 8 * effort.patch_samples + 2 * effort.patch_samples * panes
     size = pixels * a_pixel + stage.patches.count * a_patch
     if size > MOST_BYTES:
-        raise RelightError(
-            f"its basis would take {size / 2**30:.1f} GiB",
-            where="relighting",
-            likely="a very large room, or very many windows",
-            advice="ask for less quality",
-        )
+        text = f"its basis would take {size / 2**30:.1f} GiB"
+        advice = "ask for less quality"
+        raise RelightError(text, where="relighting", likely="a very large room, or very many windows", advice=advice)
 
 
 def _lamps(stage: Stage, sight: Sight, pixel: Indices, links: Links, effort: Effort, seed: int) -> Floats:

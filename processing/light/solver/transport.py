@@ -285,12 +285,10 @@ def settled(
     first = sky + by_bright
     total = first.copy()
     if not settle(links.patch, stage.albedo, first, total, MOST_BOUNCES, SETTLED):
-        raise NoBalanceError(
-            "light is given off but not absorbed",
-            where="light transport",
-            likely="a closed room in which everything has an albedo of 1",
-            advice="give some surface an albedo below 1, or an opening",
-        )
+        text = "light is given off but not absorbed"
+        likely = "a closed room in which everything has an albedo of 1"
+        advice = "give some surface an albedo below 1, or an opening"
+        raise NoBalanceError(text, where="light transport", likely=likely, advice=advice)
     return LightMap(sun, total, bright, links)
 
 
