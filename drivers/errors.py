@@ -47,16 +47,8 @@ class DaylitError(Exception):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the error as a JSON-able mapping (code, kind, message, where, likely, advice, details)."""
-        return {
-            "code": self.code,
-            "kind": type(self).__name__,
-            "message": self.message,
-            "where": self.where,
-            "likely": self.likely,
-            "advice": self.advice,
-            "retryable": self.retryable,
-            "details": self.details,
-        }
+        named = ("message", "where", "likely", "advice", "retryable", "details")
+        return {"code": self.code, "kind": type(self).__name__, **{name: getattr(self, name) for name in named}}
 
 
 class DeviceError(DaylitError, code="DEV-000", exit_code=3):

@@ -33,12 +33,9 @@ def open_error(error: Exception, name: str) -> errors.DeviceError:
     text = str(error)
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         holder = find_holder(name)
-        return errors.DeviceClaimedError(
-            f"{holder or 'another program'} holds the port",
-            where=name,
-            advice=f"stop {holder or 'it'} (ModemManager? see the udev rule)",
-            holder=holder,
-        )
+        text = f"{holder or 'another program'} holds the port"
+        advice = f"stop {holder or 'it'} (ModemManager? see the udev rule)"
+        return errors.DeviceClaimedError(text, where=name, advice=advice, holder=holder)
     if number in (errno.EACCES, errno.EPERM):
         advice = "install the udev rule, or join the group dialout and log in anew"
         return errors.DevicePermissionError("the system refuses the port", where=name, advice=advice)

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.instruments.exposures import ShotRequest
-from mocks.optics.picture_jobs import RawFrame, dng_file
+from mocks.optics.picture_jobs import RawFrame, mosaic_file
 from processing.ground.arrays import Bytes, Floats
 
 _LIMIT, BLACK = 16383, 1024  # 14 bits; black as Canon's cameras of 14 bits have it
@@ -73,7 +73,7 @@ class HostileCamera:
         height, width = light.shape[:2]
         taken = datetime.fromisoformat(f"2026-06-01T12:00:{moment:02d}")
         shot = ShotRequest(TIMES_S[moment], 100, 5.6, 5600, width, height, taken, moment + 1, "Maker", "A-1", "1", "1")
-        return dng_file(wells, shot)
+        return mosaic_file(wells, shot, cr2=False)
 
     def _wells(self, light: Floats, moment: int) -> Floats:
         """Return what all wells show of all channels, at most 1, noise below 0 too."""

@@ -7,24 +7,12 @@ Mark II's have not been recorded. They are never written: no camera lists values
 from collections.abc import Iterator, Mapping
 
 from drivers.camera import NOT_REPORTED, BodySetting, Verdict
-from drivers.canon_5d2.codes import CanonProp
+from drivers.canon_5d2.codes import CanonProp, code_words
 from drivers.canon_5d2.operations import encode_number
 from drivers.canon_5d2.remote import CanonRemote
 from drivers.canon_5d2.settings import CanonSetting, make, number_words
 
-PICTURE_STYLES = {
-    0x81: "standard",
-    0x82: "portrait",
-    0x83: "landscape",
-    0x84: "neutral",
-    0x85: "faithful",
-    0x86: "monochrome",
-    0x87: "auto",
-    0x88: "fine detail",
-    0x21: "user 1",
-    0x22: "user 2",
-    0x23: "user 3",
-}
+PICTURE_STYLES = code_words("picture_style")
 UNUSABLE_STYLES = {0x86: "it takes the colour out", 0x87: "it changes the curve from frame to frame"}
 COLOUR_SPACES = {1: "sRGB", 2: "Adobe RGB"}
 SRGB = 1  # the camera's number, as in the table above

@@ -201,9 +201,8 @@ class Canon5D2:
             except OperationRefusedError:
                 self._store_known = False  # then a lost announcement cannot be made good
         self._kept = kept
-        self._formats = (
-            (camera.FrameFormat.JPEG, camera.FrameFormat.CR2) if settings.keep_raw else (camera.FrameFormat.JPEG,)
-        )
+        raws = (camera.FrameFormat.CR2,) if settings.keep_raw else ()
+        self._formats = (camera.FrameFormat.JPEG, *raws)
         self._learn_shutter_times()
         return readbacks
 
@@ -223,11 +222,10 @@ class Canon5D2:
             code = canon_settings.nearest_shutter_code(shutter_s, self._shutter_codes())
         except ValueError as error:
             raise canon_settings.refused("shutter", shutter_s, error) from error
+        words = canon_settings.shutter_words
         with self._noticing_a_held_picture():
-            canon_settings.make(
-                self._remote,
-                CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), canon_settings.shutter_words),
-            )
+            setting = CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), words)
+            canon_settings.make(self._remote, setting)
         self._remote.wait_idle()
         self._shutter_s = canon_settings.SHUTTER_S[code]
         return camera.ShutterReadback(asked_s=shutter_s, nominal_s=self._shutter_s, raw=f"{code:#04x}")

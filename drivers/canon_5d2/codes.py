@@ -44,15 +44,13 @@ class CanonOperation(IntEnum):
 
 
 class CanonProp(IntEnum):
-    """EOS properties, seen only through GetEvent."""
+    """EOS properties that we use, seen only through GetEvent."""
 
     APERTURE = 0xD101
     SHUTTER_SPEED = 0xD102
     ISO_SPEED = 0xD103
-    EXP_COMPENSATION = 0xD104
     AUTO_EXPOSURE_MODE = 0xD105
     DRIVE_MODE = 0xD106
-    METERING_MODE = 0xD107
     FOCUS_MODE = 0xD108
     WHITE_BALANCE = 0xD109
     COLOR_TEMPERATURE = 0xD10A
@@ -66,7 +64,6 @@ class CanonProp(IntEnum):
     CAMERA_TIME = 0xD113
     AUTO_POWER_OFF = 0xD114
     OWNER = 0xD115
-    MODEL_ID = 0xD116
     AVAILABLE_SHOTS = 0xD11B
     CAPTURE_DESTINATION = 0xD11C
     IMAGE_FORMAT = 0xD120
@@ -74,7 +71,6 @@ class CanonProp(IntEnum):
     HIGHLIGHT_TONE_PRIORITY = 0xD13B
     CUSTOM_FUNCTIONS = 0xD1A0
     SERIAL_NUMBER = 0xD1AF
-    EVF_OUTPUT_DEVICE = 0xD1B0
     MIRROR_LOCKUP_STATE = 0xD1BF
     LIGHTING_OPTIMISER = 0xD1C1
     ARTIST = 0xD1D0
@@ -84,7 +80,7 @@ class CanonProp(IntEnum):
 
 
 class CanonEvent(IntEnum):
-    """Records of the GetEvent stream."""
+    """Records of the GetEvent stream that we use."""
 
     REQUEST_GET_EVENT = 0xC101
     OBJECT_ADDED_EX = 0xC181
@@ -97,22 +93,17 @@ class CanonEvent(IntEnum):
     AVAIL_LIST_CHANGED = 0xC18A
     CAMERA_STATUS_CHANGED = 0xC18B
     WILL_SOON_SHUTDOWN = 0xC18D
-    SHUTDOWN_TIMER_UPDATED = 0xC18E
     REQUEST_OBJECT_TRANSFER_DT = 0xC190
     BULB_EXPOSURE_TIME = 0xC194
     CTG_INFO_CHECK_COMPLETE = 0xC1A4
 
 
 class CanonResponse(IntEnum):
-    """Vendor response codes."""
+    """Vendor response codes that we use."""
 
     UNKNOWN_COMMAND = 0xA001
     OPERATION_REFUSED = 0xA005
-    LENS_COVER = 0xA006
     LOW_BATTERY = 0xA101
-    OBJECT_NOT_READY = 0xA102
-    CANNOT_MAKE_OBJECT = 0xA104
-    MEMORY_STATUS_NOT_READY = 0xA106
 
 
 # Values of the EOS properties (libgphoto2 camlibs/ptp2).
@@ -132,6 +123,11 @@ _tables = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
 def _table(name: str) -> dict[int, float]:
     """Return a table of ``codes.toml`` by code; "1/60" is a sixtieth."""
     return {int(code, 16): 1 / int(v[2:]) if isinstance(v, str) else v for code, v in _tables[name].items()}
+
+
+def code_words(name: str) -> dict[int, str]:
+    """Return a table of ``codes.toml`` that says in words what a property's codes mean."""
+    return {int(code, 16): str(words) for code, words in _tables[name].items()}
 
 
 SHUTTER_CODES = _table("shutter_thirds")

@@ -129,11 +129,8 @@ class CanonExposure:
                     if frame is not None:
                         self._add(frame)
         if not self._done and now_s >= self._fail_at_s:
-            raise ExposureFailedError(
-                f"no picture {FAIL_AFTER_S:g} s after the exposure",
-                where=self._link.name,
-                likely="the camera did not focus, or its card refused the picture",
-                advice="switch the lens to MF, check the card, then resume",
-                frames=[f.name for f in self._expected.frames],
-                button_held=self._remote.pressed,
-            )
+            text = f"no picture {FAIL_AFTER_S:g} s after the exposure"
+            likely = "the camera did not focus, or its card refused the picture"
+            advice = "switch the lens to MF, check the card, then resume"
+            facts = {"frames": [f.name for f in self._expected.frames], "button_held": self._remote.pressed}
+            raise ExposureFailedError(text, where=self._link.name, likely=likely, advice=advice, **facts)

@@ -26,6 +26,7 @@ from drivers.canon_5d2.codes import (
     SHUTTER_CODES_HALF,
     WB_COLOR_TEMPERATURE,
     CanonProp,
+    code_words,
 )
 from drivers.canon_5d2.remote import CanonRemote
 from drivers.errors import OperationRefusedError, ProtocolViolationError, SettingRefusedError
@@ -35,20 +36,7 @@ SHUTTER_S: Mapping[int, float] = {**SHUTTER_CODES_HALF, **SHUTTER_CODES}
 
 AE_MODES = {0: "P", 1: "Tv", 2: "Av", 3: "M", 4: "B", 5: "A-DEP", 7: "C1", 9: "green", 0x10: "C2", 0x11: "C3"}
 DRIVE_MODES = {0: "single", 1: "continuous", 4: "fast", 5: "slow", 0x10: "self-timer 10 s", 0x11: "self-timer 2 s"}
-WHITE_BALANCES = {
-    0: "auto",
-    1: "daylight",
-    2: "cloudy",
-    3: "tungsten",
-    4: "fluorescent",
-    5: "flash",
-    6: "manual",
-    8: "shade",
-    9: "colour temperature",
-    0x0A: "PC-1",
-    0x0B: "PC-2",
-    0x0C: "PC-3",
-}
+WHITE_BALANCES = code_words("white_balance")
 DESTINATIONS = {1: "card", 2: "card", 4: "computer", 5: "card and computer", 6: "card and computer"}
 BATTERY_FRAC = {0: 0.05, 1: 0.5, 2: 1.0, 4: 0.75, 5: 0.25}
 """D111 -> charge; the camera reports quarters only, and "low" for 0 (libgphoto2)."""

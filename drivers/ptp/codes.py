@@ -22,10 +22,9 @@ class ContainerType(IntEnum):
 
 
 class ClassRequest(IntEnum):
-    """bRequest of the class-specific control transfers."""
+    """bRequest of the class-specific control transfers that we use."""
 
     CANCEL = 0x64
-    GET_EXTENDED_EVENT = 0x65
     DEVICE_RESET = 0x66
     GET_DEVICE_STATUS = 0x67
 
@@ -97,23 +96,15 @@ class Response(IntEnum):
 
 
 class Event(IntEnum):
-    """Standard events."""
+    """Standard events that our cameras use."""
 
-    UNDEFINED = 0x4000
     CANCEL_TRANSACTION = 0x4001
     OBJECT_ADDED = 0x4002
     OBJECT_REMOVED = 0x4003
-    STORE_ADDED = 0x4004
-    STORE_REMOVED = 0x4005
     DEVICE_PROP_CHANGED = 0x4006
-    OBJECT_INFO_CHANGED = 0x4007
-    DEVICE_INFO_CHANGED = 0x4008
-    REQUEST_OBJECT_TRANSFER = 0x4009
     STORE_FULL = 0x400A
-    DEVICE_RESET = 0x400B
     STORAGE_INFO_CHANGED = 0x400C
     CAPTURE_COMPLETE = 0x400D
-    UNREPORTED_STATUS = 0x400E
 
 
 class Prop(IntEnum):
@@ -138,14 +129,11 @@ class Prop(IntEnum):
 class ObjectFormat(IntEnum):
     """Object formats that our cameras use."""
 
-    UNDEFINED = 0x3000
     ASSOCIATION = 0x3001
-    SCRIPT = 0x3002
     EXIF_JPEG = 0x3801
     DNG = 0x3811
     CANON_CRW = 0xB101
     CANON_CR2 = 0xB103
-    MP4 = 0xB982
 
 
 class DataType(IntEnum):

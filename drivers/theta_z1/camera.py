@@ -212,9 +212,8 @@ class ThetaZ1:
         images = theta_settings.picture_settings(settings, theta_settings.find_f_number(self._link, settings.f_number))
         readbacks += self._apply(images)
         self._kept = tuple(s for s in (*modes, *images) if s.prop in WITNESSES)
-        self._formats = (
-            (camera.FrameFormat.JPEG, camera.FrameFormat.DNG) if settings.keep_raw else (camera.FrameFormat.JPEG,)
-        )
+        raws = (camera.FrameFormat.DNG,) if settings.keep_raw else ()
+        self._formats = (camera.FrameFormat.JPEG, *raws)
         self._learn_shutter_times()
         self._store.remember()
         return readbacks

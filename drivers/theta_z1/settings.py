@@ -193,16 +193,11 @@ class ThetaProperties:
             raise error
 
     def _refused(self, name: str, prop: int, asked: int | str, got: str) -> SettingRefusedError:
-        return SettingRefusedError(
-            f"{name} cannot be set: asked {asked}, got {got}",
-            where=self._link.name,
-            likely="this firmware has no such value, or another setting excludes it",
-            advice="check the value in the rig file and the camera's firmware",
-            setting=name,
-            property=f"{prop:04X}",
-            asked=asked,
-            got=got,
-        )
+        text = f"{name} cannot be set: asked {asked}, got {got}"
+        likely = "this firmware has no such value, or another setting excludes it"
+        advice = "check the value in the rig file and the camera's firmware"
+        facts = {"setting": name, "property": f"{prop:04X}", "asked": asked, "got": got}
+        return SettingRefusedError(text, where=self._link.name, likely=likely, advice=advice, **facts)
 
     def apply(self, setting: Setting) -> SettingReadback:
         """Make one fixed setting and return what the camera then has."""
@@ -279,14 +274,9 @@ def find_f_number(link: CameraLink, f_number: float) -> int:
     code = None if codes is None else f_number_code(f_number, codes)
     if code is not None:
         return code
-    raise SettingRefusedError(
-        f"f-number cannot be set: asked f/{f_number:g}, the camera lists {listed}",
-        where=link.name,
-        likely="the lens has no such aperture (2.1, 3.5, 5.6)"
-        if codes
-        else "a firmware whose f-number encoding is not known",
-        advice="correct f_number in the rig file" if codes else "report the camera's firmware and this list",
-        setting="f-number",
-        asked=f_number,
-        got=listed,
-    )
+    text = f"f-number cannot be set: asked f/{f_number:g}, the camera lists {listed}"
+    likely, advice = "the lens has no such aperture (2.1, 3.5, 5.6)", "correct f_number in the rig file"
+    if not codes:
+        likely, advice = "a firmware whose f-number encoding is not known", "report the camera's firmware and this list"
+    facts = {"setting": "f-number", "asked": f_number, "got": listed}
+    raise SettingRefusedError(text, where=link.name, likely=likely, advice=advice, **facts)

@@ -133,23 +133,15 @@ RGB_OF_XYZ = ((3.2410, -1.5374, -0.4986), (-0.9692, 1.8760, 0.0416), (0.0556, -0
 """IEC 61966-2-1, Annex D."""
 
 
-def cr2_file(frame: RawFrame, request: ShotRequest) -> bytes:
-    """Return a Canon raw file in outline: TIFF header, ``CR`` 2.0 at byte 8, and the mosaic uncompressed."""
-    return _tiff(frame, request, cr2=True)
-
-
-def dng_file(frame: RawFrame, request: ShotRequest) -> bytes:
-    """Return a DNG 1.4: one linear mosaic, uncompressed, with black and white levels."""
-    return _tiff(frame, request, cr2=False)
-
-
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SIGNED = 1, 2, 3, 4, 5, 10
 _WIDTHS = {_BYTE: 1, _ASCII: 1, _SHORT: 2, _LONG: 4, _RATIONAL: 8, _SIGNED: 8}
 _Entry = tuple[int, int, bytes]
 
 
-def _tiff(frame: RawFrame, request: ShotRequest, *, cr2: bool) -> bytes:
-    """Lay out header, one IFD, its long values, and the strip."""
+def mosaic_file(frame: RawFrame, request: ShotRequest, *, cr2: bool) -> bytes:
+    """Return a raw file with the mosaic uncompressed: a Canon's in outline (TIFF header, ``CR`` 2.0 at byte 8), else a
+    DNG 1.4 with black and white levels."""
+    # Lay out header, one IFD, its long values, and the strip
     start = 16 if cr2 else 8
     entries = sorted([*_common_entries(frame, request), *([] if cr2 else _dng_entries(frame, request))])
     values_at = start + 2 + 12 * len(entries) + 4

@@ -132,11 +132,7 @@ class RenderedShots:
         red, green, blue = sensor.native_balance
         own = ((red, 0.0, 0.0), (0.0, green, 0.0), (0.0, 0.0, blue))
         frame = picture_jobs.RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1, own)
-        return (
-            picture_jobs.cr2_file(frame, request)
-            if request.manufacturer.startswith("Canon")
-            else picture_jobs.dng_file(frame, request)
-        )
+        return picture_jobs.mosaic_file(frame, request, cr2=request.manufacturer.startswith("Canon"))
 
     @property
     def _focal_length_mm(self) -> float:

@@ -75,10 +75,6 @@ def open_world(name: str) -> World:
 
 
 def _unknown(name: str) -> WorldFileError:
-    return WorldFileError(
-        f"no world is called {name!r}",
-        where="world",
-        likely="a misspelt name",
-        advice=f"say room:7, {', '.join(f'{use}-7' for use in Use)}, chart, uniform:100, or two pictures as "
-        "indoor.hdr,outdoor.hdr",
-    )
+    rooms = ", ".join(f"{use}-7" for use in Use)
+    advice = f"say room:7, {rooms}, chart, uniform:100, or two pictures as indoor.hdr,outdoor.hdr"
+    return WorldFileError(f"no world is called {name!r}", where="world", likely="a misspelt name", advice=advice)

@@ -56,17 +56,9 @@ def index_rows(folder: Path, shares: Sequence[float], zone: str | None = None) -
     for index, path in enumerate(find_sessions(folder), 1):
         row, known = session_row(path, zone), ledger.get(path.name, {})
         room = known.get("room", "") or row["scene_name"]
-        rows.append(
-            {
-                **dict.fromkeys(COLUMNS, ""),
-                **row,
-                "index": str(index),
-                "folder": path.relative_to(folder).as_posix(),
-                "natural_light": known.get("natural_light", ""),
-                "room": room,
-                "split": split_of(room, shares),
-            }
-        )
+        place = {"index": str(index), "folder": path.relative_to(folder).as_posix()}
+        said = {"natural_light": known.get("natural_light", ""), "room": room, "split": split_of(room, shares)}
+        rows.append({**dict.fromkeys(COLUMNS, ""), **row, **place, **said})
     return rows
 
 

@@ -49,7 +49,7 @@ def panorama_session(path: Path, into: Path, *, site: Site | None = None) -> Pat
     with SessionStore.create(into, manifest, clock=clock) as store:
         _put(store.path, record, data)
         store.update(panorama=record)
-        store.add_warning(WarningRecord(code="one_picture", message="one picture: no brackets, no meter, no sky"))
+        store.add(WarningRecord(code="one_picture", message="one picture: no brackets, no meter, no sky"))
         store.finish()
         return store.path
 

@@ -37,12 +37,7 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
     found = estimate_room(image, evidence, camera_height_m=room.camera_height_m, manhattan_rad=manhattan_rad, held=held)
     sky = stages / "calibrate" / "outdoor.exr"
     outdoor = read_exr(sky) if sky.is_file() else None
-    openings = find_openings_in_sun(
-        image,
-        evidence,
-        found.room,
-        sun_direction(load_manifest(session)),
-        outdoor=outdoor,  # type: ignore[arg-type]
-    )
+    sun = sun_direction(load_manifest(session))
+    openings = find_openings_in_sun(image, evidence, found.room, sun, outdoor=outdoor)  # type: ignore[arg-type]
     made = found.room.model_copy(update={"openings": held.openings(found.room, openings)})
     return RoomModel.model_validate_json(made.model_dump_json())

@@ -273,11 +273,10 @@ def _normalised(found: Floats) -> Floats:
 
 def _wrong_classes(contract: NetworkContract, found: int, besides: int = 0) -> SegmenterError:
     named = len(contract.names) + contract.first_label
-    return SegmenterError(
-        f"the network gives {found} classes, the contract names {named}" + (f" and {besides} more" if besides else ""),
-        where=contract.name,
-        likely="one more is a background or 'other' class (labels not reduced): all would be off by one"
-        if found == named + besides + 1
-        else "the names are another data set's, or the layout is another",
-        advice="set first_label to 1 where 0 is 'other', or list all names in index order",
-    )
+    more = f" and {besides} more" if besides else ""
+    text = f"the network gives {found} classes, the contract names {named}{more}"
+    likely = "the names are another data set's, or the layout is another"
+    if found == named + besides + 1:
+        likely = "one more is a background or 'other' class (labels not reduced): all would be off by one"
+    advice = "set first_label to 1 where 0 is 'other', or list all names in index order"
+    return SegmenterError(text, where=contract.name, likely=likely, advice=advice)

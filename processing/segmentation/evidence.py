@@ -93,14 +93,8 @@ _DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedEr
 
 def write_evidence(path: Path, evidence: SceneEvidence) -> None:
     """Write evidence: a compressed NumPy archive without pickles, probabilities in half precision."""
-    facts = {
-        "format": FORMAT,
-        "source": evidence.source,
-        "views_used": evidence.views_used,
-        "views_skipped": evidence.views_skipped,
-        "notes": list(evidence.notes),
-        "networks": evidence.networks,
-    }
+    names = ("source", "views_used", "views_skipped", "notes", "networks")
+    facts = {"format": FORMAT, **{name: getattr(evidence, name) for name in names}}
     arrays = {"probabilities": evidence.probabilities.astype(np.float16)}
     if evidence.boundary is not None:
         arrays |= {name: np.asarray(getattr(evidence.boundary, name)) for name in _BOUNDARY}

@@ -86,16 +86,9 @@ def row_overlaps(px: Any, py: Any, row: int, first: int, count: int, area: Any, 
             continue
         a = x0 + (x1 - x0) * t0
         b = x0 + (x1 - x0) * t1
-        _add_piece(
-            a,
-            min(max(y0 + (y1 - y0) * t0, row), row + 1),
-            b,
-            min(max(y0 + (y1 - y0) * t1, row), row + 1),
-            first,
-            count,
-            area,
-            cover,
-        )
+        at_a = min(max(y0 + (y1 - y0) * t0, row), row + 1)
+        at_b = min(max(y0 + (y1 - y0) * t1, row), row + 1)
+        _add_piece(a, at_a, b, at_b, first, count, area, cover)
     carried = 0.0
     for i in range(count):
         own = area[i]

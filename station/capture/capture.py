@@ -211,7 +211,7 @@ class Capture:
             yield self._warn("resumed", "the session was completed later: its light may have changed in between")
         for check in findings.checks:
             if check.level is Level.WARN:
-                self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+                self._store.add(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
 
     def _stop_checks(self) -> Iterator[Check]:
         """Refuse stops that a connected camera does not have: it would take the nearest under their name."""
@@ -284,7 +284,7 @@ class Capture:
             raise
         if record is None:
             return
-        self.store.add_reading(record)
+        self.store.add(record)
         text = f"meter {record.when}: {_in_words(record)}"
         yield self._say(EventKind.READING, text, **record.model_dump(mode="json"))
         if record.luminance_cd_m2 is None:
@@ -364,7 +364,7 @@ class Capture:
             raise next(iter(dead.values()))
 
     def _warn(self, code: str, text: str) -> CaptureEvent:
-        self.store.add_warning(WarningRecord(code=code, message=text[:500]))
+        self.store.add(WarningRecord(code=code, message=text[:500]))
         return self._say(EventKind.WARNING, text, code=code)
 
     def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:

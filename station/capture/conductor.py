@@ -214,7 +214,7 @@ class Conductor:
             if reason is None:
                 needed.append(side)
                 continue
-            self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
+            self._store.add(SkippedStop(side=side, stop=stop, reason=reason))
             text = f"{side} {self._label(stop)} left out: {reason}"
             yield self._event(_KINDS.SKIPPED, text, side=side, stop=stop, reason=reason)
         return tuple(needed)
@@ -377,7 +377,7 @@ class Conductor:
         return shutter_label(self._plan.stops_s[stop])
 
     def _warn(self, code: str, text: str, /, **data: object) -> events.CaptureEvent:
-        self._store.add_warning(WarningRecord(code=code, message=text[:500]))
+        self._store.add(WarningRecord(code=code, message=text[:500]))
         return self._event(_KINDS.WARNING, text, code=code, **data)
 
     def _event(self, kind: events.EventKind, text: str, /, **data: object) -> events.CaptureEvent:

@@ -37,10 +37,7 @@ def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
 
 
 def check_typed(luminance_cd_m2: float) -> None:
-    """Accept a number that a meter of the family can show.
-
-    Raises `UsageError`: outside 0.001 .. 1e7 cd/m2.
-    """
+    """Accept a number that a meter of the family can show; raises `UsageError` outside 0.001 .. 1e7 cd/m2."""
     low, high = TYPED_RANGE_CD_M2
     if not low <= luminance_cd_m2 <= high:
         text = f"{luminance_cd_m2} cd/m2 is not a reading such a meter can show"
@@ -202,7 +199,7 @@ class Intake:
             counts = False
             file = part.reject(error.message)
             record = RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=error.message[:500])
-            self._store.add_rejected(record)
+            self._store.add(record)
             self.notices.put(Rejected(self.side, shot.stop, record))
         else:
             stored = part.commit()
@@ -227,7 +224,7 @@ class Intake:
             except FrameRejectedError as error:
                 reason = error.message
         file = part.reject(reason)
-        self._store.add_rejected(RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=reason[:500]))
+        self._store.add(RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=reason[:500]))
         if record is not None:
             record = record.model_copy(update={"file": file})
             self._store.update(references=(*self._store.manifest.references, record))

@@ -11,12 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
-from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraIdentity, CameraStatus, SettingReadback, Verdict
+from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraStatus, SettingReadback, Verdict
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
 from station.capture.rig import Rig
-from station.capture.rig_file import CameraTable, LimitsTable
+from station.capture.rig_file import LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
 
 LEAST_FRAMES, SESSION_BYTES = 20, 150_000_000  # chosen: a bracket of nine with its raw files and two retakes; its JPEGs
@@ -123,7 +124,11 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
         *_body_checks(side, body, table.accept),
         *status_checks(side, status, offset_s, rig.file.limits),
     ]
-    device = _camera_record(side, table, identity, (*settings, *map(_kept, body)), offset_s, simulated=rig.simulated)
+    record: dict[str, Any] = {"role": side.value, "kind": table.kind, "lens": table.lens, "nd_filter": table.nd_filter}
+    record |= {name: getattr(identity, name)[:200] for name in ("manufacturer", "model", "serial", "firmware")}
+    read = (*settings, *map(_kept, body))
+    kept = tuple(SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in read)
+    device = DeviceRecord(**record, simulated=rig.simulated, clock_offset_s=offset_s, settings=kept)
     return Findings(tuple(checks), (device,))
 
 
@@ -171,30 +176,6 @@ def status_checks(
         text = f"its clock is {offset_s:+.0f} s from the computer's"
         checks.append(Check(Level.WARN, f"{side} clock", text, advice="set the camera's clock"))
     return checks
-
-
-def _camera_record(
-    side: Side,
-    table: CameraTable,
-    identity: CameraIdentity,
-    read: Sequence[SettingReadback],
-    offset_s: float | None,
-    *,
-    simulated: bool,
-) -> DeviceRecord:
-    return DeviceRecord(
-        role=side.value,
-        kind=table.kind,
-        manufacturer=identity.manufacturer[:200],
-        model=identity.model[:200],
-        serial=identity.serial[:200],
-        firmware=identity.firmware[:200],
-        simulated=simulated,
-        clock_offset_s=offset_s,
-        lens=table.lens,
-        nd_filter=table.nd_filter,
-        settings=tuple(SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in read),
-    )
 
 
 def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:

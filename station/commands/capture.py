@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _SIZE = click.Choice(["full", "half", "quarter", "small"])
 _RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
+_READING = "Luminance typed from the display; twice: before, after."
+_RESUME = "Complete a partial session with its own rig, cameras and meter (--rig: with another)."
 
 
 @click.command()
@@ -39,14 +41,7 @@ _RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
 @click.option("--noise", type=_NOISE, metavar="PERCENT", help="Further frames until 95 % of sky and room are so sure.")
 @click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="One camera only.")
-@click.option(
-    "--reading",
-    "readings",
-    type=float,
-    multiple=True,
-    metavar="CD_M2",
-    help="Luminance typed from the display; twice: before, after.",
-)
+@click.option("--reading", "readings", type=float, multiple=True, metavar="CD_M2", help=_READING)
 @click.option("--no-meter", is_flag=True, help="Without a meter; the session is marked so.")
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
 @click.option("--address", default="", metavar="TEXT", help="How people name the place, as a client's page shows it.")
@@ -54,13 +49,7 @@ _RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
 @click.option("--until", metavar="HH:MM", help="With --every: the last bracket begins by then, local time.")
 @click.option("--rooms", "rooms_path", type=FILE, help="File of rooms, one a line, in order.")
 @click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
-@click.option(
-    "--resume",
-    "resume_path",
-    type=FILE,
-    metavar="SESSION",
-    help="Complete a partial session with its own rig, cameras and meter (--rig: with another).",
-)
+@click.option("--resume", "resume_path", type=FILE, metavar="SESSION", help=_RESUME)
 @click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from station.session.session import Site
     from station.session.verify import VerifyReport
 
-_FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+_FOLDER, _CD_M2 = click.Path(exists=True, file_okay=False, path_type=Path), click.FloatRange(min=0, max=1e10)
+_READING = "Luminance of the meter's target; twice: before, after."
 
 
 @click.command()
@@ -33,14 +34,7 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--indoor", type=_FOLDER, help="Folder with the JPEGs of the room.")
 @click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
 @click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
-@click.option(
-    "--reading",
-    "readings",
-    type=click.FloatRange(min=0, max=1e10),
-    multiple=True,
-    metavar="CD_M2",
-    help="Luminance of the meter's target; twice: before, after.",
-)
+@click.option("--reading", "readings", type=_CD_M2, multiple=True, metavar="CD_M2", help=_READING)
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")

@@ -14,34 +14,22 @@ if TYPE_CHECKING:
     from station.simulate.run import DatasetEvent
 
 
+_CONDITIONS = "Scenes, times, headings and lux, a row a session, local time in Pittsburgh (default: rooms by seed)."
+_USE = click.Choice(["bedroom", "living", "dining", "office", "empty"])
+_QUALITY = click.Choice(["draft", "standard", "reference"])
+_SESSIONS, _ROWS = click.IntRange(min=1), click.IntRange(min=16, max=4096)
+
+
 @click.command()
 @click.argument("folder", type=FOLDER)
-@click.option(
-    "--conditions",
-    type=FILE,
-    metavar="CSV",
-    help="Scenes, times, headings and lux, a row a session, local time in Pittsburgh (default: rooms by seed).",
-)
-@click.option(
-    "--sessions", type=click.IntRange(min=1), metavar="N", help="How many (default: one per condition, else 137)."
-)
-@click.option(
-    "--use",
-    type=click.Choice(["bedroom", "living", "dining", "office", "empty"]),
-    help="What all rooms are for (default: by the scene's name, else drawn).",
-)
+@click.option("--conditions", type=FILE, metavar="CSV", help=_CONDITIONS)
+@click.option("--sessions", type=_SESSIONS, metavar="N", help="How many (default: one per condition, else 137).")
+@click.option("--use", type=_USE, help="What all rooms are for (default: by the scene's name, else drawn).")
 @click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full")
-@click.option(
-    "--quality",
-    type=click.Choice(["draft", "standard", "reference"]),
-    default="standard",
-    help="Work that goes into the rooms' light.",
-)
+@click.option("--quality", type=_QUALITY, default="standard", help="Work that goes into the rooms' light.")
 @click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Other rooms.")
 @click.option("--truth/--no-truth", default=True, help="Save what is true of each room.")
-@click.option(
-    "--truth-rows", type=click.IntRange(min=16, max=4096), default=512, help="Height of its pictures, twice as wide."
-)
+@click.option("--truth-rows", type=_ROWS, default=512, help="Height of its pictures, twice as wide.")
 @click.option("--clouds", is_flag=True, help="Clouds pass while the brackets are taken.")
 @click.option("--json", "as_json", is_flag=True, help="One summary object.")
 def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:

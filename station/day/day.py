@@ -278,11 +278,8 @@ class Day:
                 if job.has_store:
                     path = job.store.path
                     job.store.close()
-            if (
-                (path and self._manifest(path).status is SessionStatus.COMPLETE)
-                or self._stop_asked
-                or self._rig.clock.monotonic_s() > until_s
-            ):
+            whole = path and self._manifest(path).status is SessionStatus.COMPLETE
+            if whole or self._stop_asked or self._rig.clock.monotonic_s() > until_s:
                 break
         if path is not None:
             self.taken.append(Taken(path, self._manifest(path)))

@@ -13,9 +13,9 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import IO, Any, Literal, Self
+from typing import IO, Any, Literal
 
 from pydantic import ValidationError
 
@@ -121,7 +121,7 @@ def _environment() -> dict[str, str]:
     return {**kept, **threads, "PYTHONPATH": os.pathsep.join(dict.fromkeys(paths)), "OPENCV_LOG_LEVEL": "OFF"}
 
 
-class FrameChecker:
+class FrameChecker(AbstractContextManager["FrameChecker"]):
     """Checks frames in a worker process that is started when first needed, and anew when it had to be ended.
 
     Usable from several threads, one file at a time; close it, or use it in a ``with`` statement.
@@ -142,9 +142,6 @@ class FrameChecker:
         self._memory_bytes = memory_bytes
         self._lock = threading.Lock()
         self._worker: _Worker | None = None
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_error: object) -> None:
         self.close()

@@ -208,16 +208,16 @@ def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Cl
     for refused in (*found.refused, *changed):
         stop = import_plan.stop_of(found.stops_s, refused.time_s)
         reason = f"{refused.name}: {refused.message}"[:500]
-        store.add_rejected(RejectedFrame(side=refused.side, stop=stop, reason=reason))
+        store.add(RejectedFrame(side=refused.side, stop=stop, reason=reason))
     for skipped in _other_side_only(found):
-        store.add_skipped(skipped)
+        store.add(skipped)
     for reading in _readings(request, clock.utc_now()):
-        store.add_reading(reading)
+        store.add(reading)
     drift = drift_frac(store.manifest.readings)
     if drift is not None:
         store.update(drift_frac=drift)
     for warning in _warnings(request, found):
-        store.add_warning(warning)
+        store.add(warning)
     return changed
 
 

@@ -12,9 +12,9 @@ import os
 import socket
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from filelock import FileLock, Timeout
 
@@ -157,7 +157,7 @@ def _holder(folder: Folder, name: str) -> str:
     return "another process"
 
 
-class SessionLock:
+class SessionLock(AbstractContextManager["SessionLock"]):
     """The held lock of a session folder."""
 
     def __init__(self, folder: Folder, name: str = LOCK_NAME, *, wait_s: float = 0.0) -> None:
@@ -186,9 +186,6 @@ class SessionLock:
                 write_all(fd, info.ljust(_INFO_BYTES).encode()[:_INFO_BYTES])
             finally:
                 os.close(fd)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_error: object) -> None:
         self.release()

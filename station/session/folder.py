@@ -12,10 +12,9 @@ import hashlib
 import os
 import secrets
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from station.errors import FrameRejectedError, IntegrityError, SessionError, SessionNotFoundError
 from station.session import durable
@@ -25,7 +24,7 @@ PART_PREFIX = ".part-"
 READ_BYTES = 1 << 20
 
 
-class Folder:
+class Folder(AbstractContextManager["Folder"]):
     """An open folder. Names in it go with its descriptor, so no link put in its way leads elsewhere."""
 
     def __init__(self, fd: int, path: Path) -> None:
@@ -146,9 +145,6 @@ class Folder:
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_error: object) -> None:
         self.close()
@@ -272,10 +268,8 @@ class FramePart:
         """
         self._need("open")
         if self.size_bytes + len(chunk) > FRAME_CAP_BYTES:
-            text, advice = (
-                f"more than {FRAME_CAP_BYTES} bytes in one frame",
-                "restart the camera and take the frame again",
-            )
+            text = f"more than {FRAME_CAP_BYTES} bytes in one frame"
+            advice = "restart the camera and take the frame again"
             likely = "the camera announces one size and sends another"
             raise FrameRejectedError(text, where=str(self.path), likely=likely, advice=advice)
         try:

@@ -8,9 +8,9 @@ truth.
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from drivers.clock import Clock, SystemClock
 from station.errors import SessionError, SessionExistsError, SessionNotFoundError
@@ -58,7 +58,7 @@ __all__ = ["FRAME_CAP_BYTES", "FramePart", "Recovery", "SessionStore", "StoredFr
 _MAX_NAMESAKES = 999  # chosen: one scene within one minute
 
 
-class SessionStore:
+class SessionStore(AbstractContextManager["SessionStore"]):
     """A session folder open for reading or for work. Thread-safe; get one by `create` or `open`."""
 
     def __init__(self, root: Folder, clock: Clock) -> None:
@@ -153,23 +153,11 @@ class SessionStore:
             problem = recovery.file_problem(self._folders[record.side], record)
             if problem:
                 raise SessionError(f"cannot be recorded: it {problem.message}", where=str(self.path / record.file))
-            self._add("frame", record)
+            self._add(record)
 
-    def add_reading(self, record: ReadingRecord) -> None:
-        """Record a meter reading, durably."""
-        self._add("reading", record)
-
-    def add_rejected(self, record: RejectedFrame) -> None:
-        """Record a frame that does not count, durably."""
-        self._add("rejected", record)
-
-    def add_skipped(self, record: SkippedStop) -> None:
-        """Record a stop that is left out on purpose, durably."""
-        self._add("skipped", record)
-
-    def add_warning(self, record: WarningRecord) -> None:
-        """Record a warning, durably."""
-        self._add("warning", record)
+    def add(self, record: ReadingRecord | RejectedFrame | SkippedStop | WarningRecord) -> None:
+        """Record, durably, a meter reading, a frame that does not count, a stop left out on purpose, or a warning."""
+        self._add(record)
 
     def withdraw_frame(self, side: Side, stop: int, format_: str, reason: str) -> RejectedFrame:
         """Take an acknowledged frame back (damaged later, or to be retaken); its file goes to rejected/."""
@@ -183,7 +171,7 @@ class SessionStore:
             name, folder = frame.file.partition("/")[2], self._folders[frame.side]
             file = self._reject(folder, name, f"{side}_{name}", reason) if folder.lstat(name) else None
             record = RejectedFrame(side=frame.side, stop=stop, file=file, reason=reason[:500])
-            self._add("rejected", record)
+            self._add(record)
             return record
 
     def update(self, **fields: Any) -> None:
@@ -233,9 +221,6 @@ class SessionStore:
             for folder in (*self._folders.values(), self._root):
                 folder.close()
             self._folders = {}
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_error: object) -> None:
         self.close()
@@ -293,18 +278,16 @@ class SessionStore:
             recovery.set_orphans_aside(self._folders[side], rejected, self._state.files)
         records = recovery.unlisted_rejects(rejected, self._state)
         for record in records:
-            self._add("rejected", record)
+            self._add(record)
         return tuple(record.file or "" for record in records)
 
     def _damaged(self) -> tuple[str, ...]:
         problems = ((f.file, recovery.file_problem(self._folders[f.side], f)) for f in self._state.manifest.frames)
         return tuple(f"{file} {problem.message}" for file, problem in problems if problem)
 
-    def _add(self, kind: str, record: Model) -> None:
+    def _add(self, record: Model) -> None:
         """Check, journal, apply; a failure at the journal leaves the state as it was."""
-        model = RECORDS[kind][1]
-        if not isinstance(record, model):
-            raise TypeError(f"a {kind} is a {model.__name__}, not {type(record).__name__}")
+        kind = next(kind for kind, (_, model) in RECORDS.items() if isinstance(record, model))
         with self._mutex:
             journal = self._need_journal()
             try:

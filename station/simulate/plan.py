@@ -39,10 +39,7 @@ class Ledger:
     """The rows of dataset.csv by session folder; every change is on disk when it returns."""
 
     def __init__(self, folder: Path) -> None:
-        """Read what is there.
-
-        Raises `SessionError`: A dataset.csv that is not ours or is damaged.
-        """
+        """Read what is there; raises `SessionError` for a dataset.csv that is not ours or is damaged."""
         self.path = folder / LEDGER_NAME
         self.rows: dict[str, Row] = {}
         try:

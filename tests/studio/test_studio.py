@@ -508,7 +508,7 @@ def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
             part.write(picture.read_bytes())
             store.add_frame(frame_record(Side.INDOOR, stop_index, part.commit()))
             until(opened.page, f"() => document.querySelectorAll('[data-file] img').length === {1 + stop_index // 2}")
-        store.add_warning(WarningRecord(code="start_skew", message="the shutters opened 459 ms apart"))
+        store.add(WarningRecord(code="start_skew", message="the shutters opened 459 ms apart"))
         opened.page.get_by_text("459 ms apart").wait_for()
         store.save_manifest()
         part = store.begin_frame(Side.INDOOR, 1, STOPS_S[1])

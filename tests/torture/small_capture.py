@@ -100,7 +100,7 @@ def _before(store: SessionStore, acknowledge: Acknowledge) -> None:
     _reading(store, "before", 34.5, acknowledge)
     for side in Side:
         if not any(s.side == side for s in store.manifest.skipped):
-            store.add_skipped(SkippedStop(side=side, stop=SKIPPED, reason="nothing clipped any more"))
+            store.add(SkippedStop(side=side, stop=SKIPPED, reason="nothing clipped any more"))
         acknowledge({"what": "skipped", "side": side})
 
 
@@ -119,7 +119,7 @@ def _frame(store: SessionStore, side: Side, stop: int) -> None:
         part = store.begin_frame(side, stop, STOPS_S[stop])
         part.write(b"black")
         file = part.reject("black")
-        store.add_rejected(RejectedFrame(side=side, stop=stop, file=file, reason="black"))
+        store.add(RejectedFrame(side=side, stop=stop, file=file, reason="black"))
     part = store.begin_frame(side, stop, STOPS_S[stop])
     try:
         data = content(side, stop)
@@ -134,7 +134,7 @@ def _frame(store: SessionStore, side: Side, stop: int) -> None:
 def _after(store: SessionStore, acknowledge: Acknowledge) -> None:
     _reading(store, "after", 35.0, acknowledge)
     if not store.manifest.warnings:
-        store.add_warning(WarningRecord(code="drift", message="the light changed"))
+        store.add(WarningRecord(code="drift", message="the light changed"))
     store.update(drift_frac=0.5 / 34.5)
     store.event("note", text="lamp off")
     acknowledge({"what": "drift"})
@@ -143,7 +143,7 @@ def _after(store: SessionStore, acknowledge: Acknowledge) -> None:
 def _reading(store: SessionStore, when: str, value: float, acknowledge: Acknowledge) -> None:
     if when in store.manifest.missing_readings():
         record = {"when": when, "status": "ok", "luminance_cd_m2": value, "taken_utc": UTC_TIME}
-        store.add_reading(ReadingRecord.model_validate(record))
+        store.add(ReadingRecord.model_validate(record))
     acknowledge({"what": "reading", "when": when})
 
 

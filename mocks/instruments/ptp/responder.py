@@ -17,7 +17,6 @@ from drivers.ptp.codes import Operation, Response
 from mocks.instruments.exposures import CameraTiming, ExposureRecord
 from mocks.instruments.faults import CONDITIONS, Fault, FaultKind, FaultRunner, FaultSchedule, Moment
 from mocks.instruments.ptp import wire
-from mocks.instruments.ptp import wire as ptp_wire
 
 # What a simulated device has still to do, and when: no threads, the device catches up whenever it is looked at.
 
@@ -208,7 +207,7 @@ class PtpResponder:
                 answer = self._carry_out(request, faults)
             except wire.Refusal as refusal:
                 answer = wire.Answer(refusal.code, refusal.params)
-            except ptp_wire.BadBytesError:
+            except wire.BadBytesError:
                 answer = wire.Answer(Response.INVALID_DATASET)
             self._log(request, answer)
             return answer

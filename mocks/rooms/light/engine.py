@@ -160,25 +160,20 @@ def mesh_shape(mesh: Mesh, bsdf: Any, emitter: dict[str, Any] | None = None, sen
     return shape
 
 
+def square_film(side_px: int) -> dict[str, Any]:
+    """Return what a sensor's light falls on: each pixel has its own samples only, as RGB of 32-bit floats."""
+    pixels = {"width": side_px, "height": side_px, "pixel_format": "rgb", "component_format": "float32"}
+    return {"type": "hdrfilm", **pixels, "rfilter": {"type": "box"}}
+
+
 def irradiance_over(scene: Any, mesh: Mesh, spp: int, seed: int = 0) -> Doubles:
     """Return the mean illuminance (lx, as RGB, shape (3,)) over a mesh that need not be in the scene.
 
     The mesh is not put into the scene, so that the meter neither shades nor reflects. About ``spp`` rays start from it.
     """
     mi = mitsuba()
-    meter = mi.load_dict(
-        {
-            "type": "irradiancemeter",
-            "sampler": {"type": "multijitter"},
-            "film": {
-                "type": "hdrfilm",
-                "width": _METER_PIXELS,
-                "height": _METER_PIXELS,
-                "component_format": "float32",
-                "rfilter": {"type": "box"},
-            },
-        }
-    )
+    sampler = {"type": "multijitter"}
+    meter = mi.load_dict({"type": "irradiancemeter", "sampler": sampler, "film": square_film(_METER_PIXELS)})
     shape = mesh_shape(mesh, {"type": "diffuse"}, sensor=meter)
     # The sampler spreads square numbers of rays best.
     each = max(1, round(math.sqrt(spp) / _METER_PIXELS)) ** 2

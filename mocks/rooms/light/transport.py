@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mocks.rooms.light.cube import FACES, Cube
-from mocks.rooms.light.engine import PATH, environment_emitter, mesh_shape, mitsuba, sun_emitter
+from mocks.rooms.light.engine import PATH, environment_emitter, mesh_shape, mitsuba, square_film, sun_emitter
 from mocks.rooms.light.sunlight import SunPatch
 from mocks.rooms.model import Part
 from mocks.worlds.light import Vector
@@ -117,14 +117,7 @@ def _camera(eye: Vector, ahead: Vector, above: Vector, sampling: Sampling) -> di
         "fov": 2 * float(np.degrees(np.arctan(cube.half_width))),
         "near_clip": 1e-3,
         "to_world": mi.ScalarTransform4f().look_at(origin=list(eye), target=target, up=list(above)),
-        "film": {
-            "type": "hdrfilm",
-            "width": cube.side_px,
-            "height": cube.side_px,
-            "rfilter": {"type": "box"},
-            "pixel_format": "rgb",
-            "component_format": "float32",
-        },
+        "film": square_film(cube.side_px),
         "sampler": {"type": "independent"},
     }
 

@@ -1,6 +1,7 @@
 """What is fixed to the walls and ceiling of an empty room: heating, sockets, curtains and blinds, lamps."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from shapely import maximum_inscribed_circle
@@ -28,17 +29,10 @@ def draw_fixtures(rng: np.random.Generator, plan: Plan, lamps_on: bool) -> Plan:
 
 def _add(plan: Plan, *fixtures: Fixture) -> Plan:
     """Return the plan with the fixtures if all of them fit, else as it was."""
-    rounded = [
-        replace(
-            f,
-            start_m=round(f.start_m, 4),
-            width_m=round(f.width_m, 4),
-            bottom_m=round(f.bottom_m, 4),
-            height_m=round(f.height_m, 4),
-            centre=(round(f.centre[0], 4), round(f.centre[1], 4)),
-        )
-        for f in fixtures
-    ]
+    rounded = []
+    for f in fixtures:
+        sizes: dict[str, Any] = {n: round(getattr(f, n), 4) for n in ("start_m", "width_m", "bottom_m", "height_m")}
+        rounded.append(replace(f, centre=(round(f.centre[0], 4), round(f.centre[1], 4)), **sizes))
     candidate = replace(plan, fixtures=(*plan.fixtures, *rounded))
     return plan if fixture_problems(candidate) else candidate
 

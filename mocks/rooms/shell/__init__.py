@@ -11,11 +11,5 @@ from mocks.rooms.shell.surfaces import floor_and_ceiling, mouldings, walls
 
 def shell_parts(plan: Plan, finish: Finish) -> list[Part]:
     """Return shell and fixtures of a room, in its coordinates (metres)."""
-    return [
-        *floor_and_ceiling(plan, finish),
-        *walls(plan, finish),
-        *mouldings(plan, finish),
-        *window_parts(plan, finish),
-        *door_parts(plan, finish),
-        *fixture_parts(plan, finish),
-    ]
+    makers = (floor_and_ceiling, walls, mouldings, window_parts, door_parts, fixture_parts)
+    return [part for make in makers for part in make(plan, finish)]

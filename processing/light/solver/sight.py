@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,16 +50,8 @@ class Sight:
 
     def some(self, pixels: np.ndarray) -> Sight:
         """Return what some pixels (K,) see, as one row."""
-        return Sight(
-            (1, len(pixels)),
-            self.rays[pixels],
-            self.label[pixels],
-            self.pane[pixels],
-            self.distance_m[pixels],
-            self.point[pixels],
-            self.normal[pixels],
-            self.triangle[pixels],
-        )
+        taken = {field.name: getattr(self, field.name)[pixels] for field in fields(self)[1:]}
+        return replace(self, shape=(1, len(pixels)), **taken)
 
 
 def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:

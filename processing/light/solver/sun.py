@@ -48,14 +48,8 @@ def _glass_of(stage: Stage, sun: Sun) -> _Glass:
     sizes = [(*p.clear.shape, start) for p, start in zip(panes, first, strict=True)]
     tints = [p.through(towards)[0] for p in panes]
     clear = np.concatenate([p.clear.ravel() for p in panes]).astype(np.float32)
-    return _Glass(
-        stage.patches.owner,
-        stage.patches.item,
-        np.array(frames, np.float64),
-        np.array(sizes, np.int32),
-        np.array(tints, np.float64),
-        clear,
-    )
+    arrays = np.array(frames, np.float64), np.array(sizes, np.int32), np.array(tints, np.float64), clear
+    return _Glass(stage.patches.owner, stage.patches.item, *arrays)
 
 
 def may_see_sun(stage: Stage, sun: Sun, points: Floats, normals: Floats) -> Flags:

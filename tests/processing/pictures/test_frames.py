@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocks.instruments.exposures import ShotRequest
-from mocks.optics.picture_jobs import RawFrame, dng_file
+from mocks.optics.picture_jobs import RawFrame, mosaic_file
 from processing.errors import ParameterError, PictureFileError
 from processing.pictures.frames import (
     FrameSource,
@@ -158,7 +158,7 @@ def raw_file(level: float) -> bytes:
     mosaic = np.full((64, 96), round(black + level * (white - black)), dtype=np.uint16)
     taken = datetime(2026, 3, 1, 12, 0, 0)
     request = ShotRequest(1 / 60, 100, 5.6, 6500, 96, 64, taken, 1, "RICOH", "THETA Z1", "1", "3.0")
-    return dng_file(RawFrame(mosaic, black, white), request)
+    return mosaic_file(RawFrame(mosaic, black, white), request, cr2=False)
 
 
 def test_simulated_raw_doubles_with_the_time(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def test_a_rejected_frame_is_kept_aside(tmp_path: Path) -> None:
             part.write(b"black")
             file = part.reject("black")
             assert file == f"rejected/indoor_01_1-4s{number}.jpg"
-            store.add_rejected(RejectedFrame(side=Side.INDOOR, stop=1, file=file, reason="black"))
+            store.add(RejectedFrame(side=Side.INDOOR, stop=1, file=file, reason="black"))
             assert (store.path / file).read_bytes() == b"black"
         assert store.manifest.missing_stops(Side.INDOOR) == (0, 1, 2)
         assert len(store.manifest.rejected) == 2
@@ -115,12 +115,12 @@ def test_everything_is_there_again_without_a_saved_manifest(tmp_path: Path) -> N
     with SessionStore.create(tmp_path, manifest(readings_planned=2)) as store:
         put(store, 0, b"a")
         put(store, 1, b"b")
-        store.add_skipped(SkippedStop(side=Side.INDOOR, stop=2, reason="dark"))
+        store.add(SkippedStop(side=Side.INDOOR, stop=2, reason="dark"))
         for when in ("before", "after"):
-            store.add_reading(
+            store.add(
                 ReadingRecord(when=when, status="ok", luminance_cd_m2=34.63, taken_utc=CREATED_UTC)  # type: ignore[arg-type]
             )
-        store.add_warning(WarningRecord(code="drift", message="clouds"))
+        store.add(WarningRecord(code="drift", message="clouds"))
         store.update(drift_frac=0.01, devices=(DeviceRecord(role="meter", kind="ls160"),))
         store.event("paused", why="door opened")
         before = store.manifest
