@@ -7,23 +7,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 from drivers.camera import CameraSettings, SettingReadback
+from drivers.canon_5d2 import codes as canon_codes
 from drivers.canon_5d2 import operations
 from drivers.canon_5d2.codes import (
-    AE_MANUAL,
     APERTURE_CODES,
     DESTINATION_PC,
-    DRIVE_SINGLE,
-    FOCUS_MANUAL,
-    IMAGE_COMPRESSION_FINE,
-    IMAGE_COMPRESSION_NORMAL,
-    IMAGE_SIZE_LARGE,
-    IMAGE_SIZE_MEDIUM,
-    IMAGE_SIZE_SMALL,
-    IMAGE_TYPE_JPEG,
-    IMAGE_TYPE_RAW,
     ISO_CODES,
-    SHUTTER_CODES,
-    SHUTTER_CODES_HALF,
     WB_COLOR_TEMPERATURE,
     CanonProp,
     code_words,
@@ -31,7 +20,7 @@ from drivers.canon_5d2.codes import (
 from drivers.canon_5d2.remote import CanonRemote
 from drivers.errors import OperationRefusedError, ProtocolViolationError, SettingRefusedError
 
-SHUTTER_S: Mapping[int, float] = {**SHUTTER_CODES_HALF, **SHUTTER_CODES}
+SHUTTER_S: Mapping[int, float] = {**canon_codes.SHUTTER_CODES_HALF, **canon_codes.SHUTTER_CODES}
 """Shutter code -> nominal seconds, third and half stops."""
 
 AE_MODES = {0: "P", 1: "Tv", 2: "Av", 3: "M", 4: "B", 5: "A-DEP", 7: "C1", 9: "green", 0x10: "C2", 0x11: "C3"}
@@ -85,9 +74,9 @@ def iso_text(code: int) -> str:
 
 def image_format_text(files: Iterable[operations.ImageFile]) -> str:
     """Return an image format in words: ``JPEG L fine + RAW L``."""
-    kinds = {IMAGE_TYPE_JPEG: "JPEG", IMAGE_TYPE_RAW: "RAW"}
-    sizes = {IMAGE_SIZE_LARGE: "L", IMAGE_SIZE_MEDIUM: "M", IMAGE_SIZE_SMALL: "S"}
-    qualities = {IMAGE_COMPRESSION_NORMAL: " normal", IMAGE_COMPRESSION_FINE: " fine"}
+    kinds = {canon_codes.IMAGE_TYPE_JPEG: "JPEG", canon_codes.IMAGE_TYPE_RAW: "RAW"}
+    sizes = {canon_codes.IMAGE_SIZE_LARGE: "L", canon_codes.IMAGE_SIZE_MEDIUM: "M", canon_codes.IMAGE_SIZE_SMALL: "S"}
+    qualities = {canon_codes.IMAGE_COMPRESSION_NORMAL: " normal", canon_codes.IMAGE_COMPRESSION_FINE: " fine"}
     return " + ".join(
         f"{kinds.get(f.file_type, f'type {f.file_type}')} {sizes.get(f.size, f'size {f.size}')}"
         f"{qualities.get(f.compression, '')}"
@@ -175,11 +164,9 @@ def fixed_settings(
     formats = listed.formats if listed is not None else ()
     image_format = operations.encode_image_format(next((f for f in formats if sorted(f) == sorted(wanted)), wanted))
     white_balance, destination = operations.encode_number(WB_COLOR_TEMPERATURE), _destination(remote, to_card=to_card)
-    kelvin_words = number_words(lambda k: f"{k} K")
+    kelvin_words, single = number_words(lambda k: f"{k} K"), operations.encode_number(canon_codes.DRIVE_SINGLE)
     return (
-        CanonSetting(
-            "drive mode", CanonProp.DRIVE_MODE, operations.encode_number(DRIVE_SINGLE), _table_words(DRIVE_MODES)
-        ),
+        CanonSetting("drive mode", CanonProp.DRIVE_MODE, single, _table_words(DRIVE_MODES)),
         CanonSetting("image format", CanonProp.IMAGE_FORMAT, image_format, _format_words),
         CanonSetting("white balance", CanonProp.WHITE_BALANCE, white_balance, _table_words(WHITE_BALANCES)),
         CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, kelvin_words),
@@ -252,10 +239,10 @@ def control_problems(remote: CanonRemote) -> tuple[str, ...]:
     """Return what stands wrong on the camera's own controls, which no computer can turn."""
     problems = []
     mode = remote.number(CanonProp.AUTO_EXPOSURE_MODE)
-    if mode is not None and mode != AE_MANUAL:
+    if mode is not None and mode != canon_codes.AE_MANUAL:
         problems.append(f"the mode dial stands at {AE_MODES.get(mode, hex(mode))}: turn it to M")
     focus = remote.number(CanonProp.FOCUS_MODE)
-    if focus is not None and focus != FOCUS_MANUAL:
+    if focus is not None and focus != canon_codes.FOCUS_MANUAL:
         problems.append("the lens is on AF: switch it to MF and focus by hand")
     return tuple(problems)
 

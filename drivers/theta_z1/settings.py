@@ -10,15 +10,8 @@ from drivers.camera_link import CameraLink
 from drivers.clock import Clock
 from drivers.errors import DeviceBusyError, OperationRefusedError, SettingRefusedError
 from drivers.ptp.codes import DataType, Prop
-from drivers.theta_z1.codes import (
-    ERROR_INFO_BITS,
-    EXPOSURE_PROGRAM_MANUAL,
-    F_NUMBER_INDEX,
-    STILL_CAPTURE_SINGLE,
-    STITCHING_STATIC,
-    WHITE_BALANCE_COLOR_TEMPERATURE,
-    RicohProp,
-)
+from drivers.theta_z1 import codes as ricoh_codes
+from drivers.theta_z1.codes import RicohProp
 
 F_NUMBER_560 = 560  # in the enumeration of a camera that counts f-numbers times 100
 
@@ -72,7 +65,7 @@ def f_number_codes(enumeration: Iterable[int]) -> Mapping[int, str] | None:
     values = set(enumeration)
     if F_NUMBER_560 in values:
         return {v: f"{v / 100:g}" if v else "auto" for v in sorted(values)}
-    return F_NUMBER_INDEX if values == set(F_NUMBER_INDEX) else None
+    return ricoh_codes.F_NUMBER_INDEX if values == set(ricoh_codes.F_NUMBER_INDEX) else None
 
 
 def f_number_code(f_number: float, codes: Mapping[int, str]) -> int | None:
@@ -86,7 +79,7 @@ def error_texts(error_info: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     warnings: list[str] = []
     for bit in (1 << n for n in range(32)):
         if error_info & bit:
-            text, can_shoot = ERROR_INFO_BITS.get(bit, (f"unknown error bit {bit:#010x}", True))
+            text, can_shoot = ricoh_codes.ERROR_INFO_BITS.get(bit, (f"unknown error bit {bit:#010x}", True))
             (warnings if can_shoot else problems).append(text)
     return tuple(problems), tuple(warnings)
 
@@ -212,12 +205,12 @@ def mode_settings() -> tuple[Setting, ...]:
     return (
         Setting("sleep", RicohProp.SLEEP_DELAY, 0, "never"),
         Setting("automatic power off", RicohProp.AUTO_POWER_OFF_DELAY, 0, "never"),
-        Setting("capture mode", Prop.STILL_CAPTURE_MODE, STILL_CAPTURE_SINGLE, "single"),
+        Setting("capture mode", Prop.STILL_CAPTURE_MODE, ricoh_codes.STILL_CAPTURE_SINGLE, "single"),
         Setting("function", RicohProp.FUNCTION, 0, "normal", optional=True),  # "My setting" would bring its own values
         Setting("self-timer", Prop.CAPTURE_DELAY, 0, "off", optional=True),
         # Any filter would force the exposure program back to automatic.
         Setting("filter", RicohProp.FILTER, 0, "off"),
-        Setting("exposure program", Prop.EXPOSURE_PROGRAM_MODE, EXPOSURE_PROGRAM_MANUAL, "manual"),
+        Setting("exposure program", Prop.EXPOSURE_PROGRAM_MODE, ricoh_codes.EXPOSURE_PROGRAM_MANUAL, "manual"),
     )
 
 
@@ -233,9 +226,9 @@ def picture_settings(settings: CameraSettings, f_number: int) -> tuple[Setting, 
     return (
         Setting("image size", Prop.IMAGE_SIZE, size, size),
         Setting("image format", RicohProp.IMAGE_FORMAT, raw, "JPEG + DNG" if raw else "JPEG"),
-        Setting("stitching", RicohProp.IMAGE_STITCHING, STITCHING_STATIC, "static", optional=True),
+        Setting("stitching", RicohProp.IMAGE_STITCHING, ricoh_codes.STITCHING_STATIC, "static", optional=True),
         Setting("top/bottom correction", RicohProp.TOP_BOTTOM_CORRECTION, TOP_BOTTOM_DISAPPLY, "off", optional=True),
-        Setting("white balance", Prop.WHITE_BALANCE, WHITE_BALANCE_COLOR_TEMPERATURE, "colour temperature"),
+        Setting("white balance", Prop.WHITE_BALANCE, ricoh_codes.WHITE_BALANCE_COLOR_TEMPERATURE, "colour temperature"),
         Setting("colour temperature", RicohProp.COLOR_TEMPERATURE, kelvin, f"{kelvin} K"),
         Setting("f-number", Prop.F_NUMBER, f_number, f"f/{settings.f_number:g}"),
         Setting("ISO", Prop.EXPOSURE_INDEX, iso, str(iso)),

@@ -19,6 +19,7 @@ from processing.ground.arrays import Flags, Floats
 Vector: TypeAlias = tuple[float, float, float]
 
 LUMINANCE_WEIGHTS = np.array(colour.LUMINANCE_WEIGHTS, dtype=np.float32)
+SUN_RADIUS_RAD = math.radians(0.53 / 2)
 
 
 class WorldFileError(DaylitError, code="SIM-001", exit_code=2):

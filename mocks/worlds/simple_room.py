@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, Vector, unit
-from mocks.worlds.sky import SUN_RADIUS_RAD, SimpleSky
+from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, LightDrift, OneLight, Site, Vector, unit
+from mocks.worlds.sky import SimpleSky
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 
 CAMERA_HEIGHT_M = 1.6  # the paper's tripod

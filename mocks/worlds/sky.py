@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocks.worlds.light import BrightDisc, Vector, direction_of, luminance_cd_m2
+from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, Vector, direction_of, luminance_cd_m2
 from processing.ground.arrays import Floats
-
-SUN_RADIUS_RAD = math.radians(0.53 / 2)
 
 
 @dataclass(frozen=True)

@@ -28,18 +28,7 @@ from station.session.folder import (
 )
 from station.session.journal import Journal
 from station.session.manifest import load_manifest, manifest_bytes
-from station.session.recovery import (
-    CREATED,
-    RECORDS,
-    REJECTED,
-    REJECTING,
-    RESERVED,
-    SUBFOLDERS,
-    UPDATE,
-    WITHDRAWN,
-    Recovery,
-    SessionState,
-)
+from station.session.recovery import Recovery, SessionState
 from station.session.session import (
     JOURNAL_NAME,
     MANIFEST_NAME,
@@ -166,7 +155,7 @@ class SessionStore(AbstractContextManager["SessionStore"]):
             frame = self._state.manifest.frame(side, stop, format_)
             if frame is None:
                 raise SessionError(f"no {format_} frame of {side}, stop {stop}", where=str(self.path))
-            journal.append(WITHDRAWN, {"side": side, "stop": stop, "format": format_, "reason": reason[:500]})
+            journal.append(recovery.WITHDRAWN, {"side": side, "stop": stop, "format": format_, "reason": reason[:500]})
             self._state.withdraw(Side(side), stop, format_)
             name, folder = frame.file.partition("/")[2], self._folders[frame.side]
             file = self._reject(folder, name, f"{side}_{name}", reason) if folder.lstat(name) else None
@@ -185,12 +174,12 @@ class SessionStore(AbstractContextManager["SessionStore"]):
                 base = self._state.updated(fields)
             except ValueError as exc:
                 raise SessionError(f"cannot be updated: {str(exc)[:500]}", where=str(self.path)) from exc
-            journal.append(UPDATE, base.model_dump(mode="json", include=set(fields)))
+            journal.append(recovery.UPDATE, base.model_dump(mode="json", include=set(fields)))
             self._state.rebase(base)
 
     def event(self, kind: str, **data: Any) -> None:
         """Write a plain journal line, durably; ``data``: JSON values (anything else is written as text)."""
-        if kind in RESERVED:
+        if kind in recovery.RESERVED:
             raise SessionError(f"the journal kind {kind!r} is the store's own", where=str(self.path))
         with self._mutex:
             self._need_journal().append(kind, data)
@@ -232,7 +221,7 @@ class SessionStore(AbstractContextManager["SessionStore"]):
         write_file(self._root, MANIFEST_NAME, manifest_bytes(self._state.manifest))
         self._open_folders()
         journal = Journal(self._root, self._clock, None)
-        journal.append(CREATED, manifest.model_dump(mode="json"))
+        journal.append(recovery.CREATED, manifest.model_dump(mode="json"))
         self._journal = journal
 
     def _resume(self) -> None:
@@ -247,7 +236,7 @@ class SessionStore(AbstractContextManager["SessionStore"]):
         swept = [name for folder in (self._root, *self._folders.values()) for name in recovery.sweep(folder)]
         journal = Journal(self._root, self._clock, memory.journal)
         if memory.journal is None:
-            journal.append(CREATED, memory.state.manifest.model_dump(mode="json"))
+            journal.append(recovery.CREATED, memory.state.manifest.model_dump(mode="json"))
         self._journal = journal
         for kind, record in memory.unjournalled:
             journal.append(kind, record.model_dump(mode="json"))
@@ -261,19 +250,19 @@ class SessionStore(AbstractContextManager["SessionStore"]):
             manifest=memory.manifest_problem,
         )
         if memory.manifest_problem:
-            recovery.keep_damaged_manifest(self._root, self._folders[REJECTED])
+            recovery.keep_damaged_manifest(self._root, self._folders[recovery.REJECTED])
             self.save_manifest()
         journal.append("opened", {"recovery": self.recovery.to_dict()})
 
     def _open_folders(self) -> None:
-        new = [self._root.make_sub(name) for name in SUBFOLDERS]
+        new = [self._root.make_sub(name) for name in recovery.SUBFOLDERS]
         if any(new):
             self._root.sync()
-        for name in SUBFOLDERS:
+        for name in recovery.SUBFOLDERS:
             self._folders[name] = self._root.sub(name)
 
     def _set_aside_orphans(self) -> tuple[str, ...]:
-        rejected = self._folders[REJECTED]
+        rejected = self._folders[recovery.REJECTED]
         for side in Side:
             recovery.set_orphans_aside(self._folders[side], rejected, self._state.files)
         records = recovery.unlisted_rejects(rejected, self._state)
@@ -287,7 +276,7 @@ class SessionStore(AbstractContextManager["SessionStore"]):
 
     def _add(self, record: Model) -> None:
         """Check, journal, apply; a failure at the journal leaves the state as it was."""
-        kind = next(kind for kind, (_, model) in RECORDS.items() if isinstance(record, model))
+        kind = next(kind for kind, (_, model) in recovery.RECORDS.items() if isinstance(record, model))
         with self._mutex:
             journal = self._need_journal()
             try:
@@ -306,12 +295,12 @@ class SessionStore(AbstractContextManager["SessionStore"]):
 
     def _reject(self, folder: Folder, temporary: str, final: str, reason: str) -> str:
         with self._mutex:
-            journal, rejected = self._need_journal(), self._folders[REJECTED]
+            journal, rejected = self._need_journal(), self._folders[recovery.REJECTED]
             name = free_name(rejected, final)
             # Journalled first, so that a crash between here and the record does not lose the reason.
-            journal.append(REJECTING, {"file": f"{REJECTED}/{name}", "reason": reason[:500]})
+            journal.append(recovery.REJECTING, {"file": f"{recovery.REJECTED}/{name}", "reason": reason[:500]})
             folder.move(temporary, rejected, name)
-            return f"{REJECTED}/{name}"
+            return f"{recovery.REJECTED}/{name}"
 
     def _need_journal(self) -> Journal:
         if self._journal is None:
@@ -341,7 +330,7 @@ def _remove_unborn(parent: Folder, name: str) -> None:
         for file in (MANIFEST_NAME, JOURNAL_NAME, LOCK_NAME):
             root.remove(file)
         recovery.sweep(root)
-        for sub in SUBFOLDERS:
+        for sub in recovery.SUBFOLDERS:
             with suppress(OSError):
                 durable.os_calls.rmdir(sub, dir_fd=root.fd)
         root.close()

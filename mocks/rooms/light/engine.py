@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import DaylitError
-from mocks.worlds.light import Vector, unit
+from mocks.worlds.light import SUN_RADIUS_RAD, Vector, unit
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.mesh import Mesh, quad
 from processing.ground.mitsuba_variants import LLVM, SCALAR, load_mitsuba, usable_library, version_in_name
@@ -28,7 +28,6 @@ from processing.ground.mitsuba_variants import LLVM, SCALAR, load_mitsuba, usabl
 PATH: dict[str, Any] = {"type": "path", "max_depth": -1, "rr_depth": 12}
 """The integrator: paths of any length, ended by chance (which leaves the mean as it is) from the 12th bounce on."""
 
-SUN_RADIUS_RAD = math.radians(0.53 / 2)
 _SUN_DISTANCE_M = 1e5  # far enough that the sun stands at the same place (to 0.1 mrad) for all of a room
 _METER_PIXELS, _METER_SIDE_M = 4, 1e-3
 

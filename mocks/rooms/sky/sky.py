@@ -11,7 +11,7 @@ from mocks.rooms.noise import fractal, smoothstep
 from mocks.rooms.sky import daylight, outdoors
 from mocks.rooms.sky.daylight import Moment, sun_distance_au, sun_of
 from mocks.rooms.sky.outdoors import Ambient, Component, Surroundings, cosine_grid
-from mocks.worlds.light import BrightDisc, Vector, direction_of
+from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, Vector, direction_of
 from processing.ground.arrays import Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 
@@ -111,7 +111,6 @@ def _passing(seed: int, slot: int) -> tuple[float, float, float, float]:
 
 Kind: TypeAlias = Literal["clear", "intermediate", "overcast"]
 
-SUN_RADIUS_RAD = math.radians(0.53 / 2)
 OVERCAST_K = 6400.0  # usual colour temperature of overcast skies
 SHARES: dict[Kind, float] = {"clear": 0.45, "intermediate": 0.30, "overcast": 0.25}
 CIE_TYPES: dict[Kind, tuple[int, ...]] = {

@@ -13,8 +13,8 @@ import pytest
 from benchmarks.photometry.outdoor import linke_of, pvlib_clear_sky_lx
 from mocks.rooms.sky import daylight as sky_light
 from mocks.rooms.sky.daylight import Moment, draw_moment, sun_distance_au, sun_of
-from mocks.rooms.sky.sky import SUN_RADIUS_RAD, CloudDrift, Sky, draw_sky
-from mocks.worlds.light import direction_of, luminance_cd_m2
+from mocks.rooms.sky.sky import CloudDrift, Sky, draw_sky
+from mocks.worlds.light import SUN_RADIUS_RAD, direction_of, luminance_cd_m2
 from processing.ground.arrays import Floats
 from tests.conftest import LONG
 

@@ -14,9 +14,9 @@ from mocks.rooms.light.transport import Lighting, load_scene
 from mocks.rooms.model import Material, Part, Role, Use
 from mocks.rooms.room import draw_plan, make_room
 from mocks.rooms.sky.daylight import Moment, sun_of
-from mocks.rooms.sky.sky import SUN_RADIUS_RAD, Sky
+from mocks.rooms.sky.sky import Sky
 from mocks.rooms.truth import equirectangular
-from mocks.worlds.light import Site, UniformWorld, direction_of, luminance_cd_m2
+from mocks.worlds.light import SUN_RADIUS_RAD, Site, UniformWorld, direction_of, luminance_cd_m2
 from processing.ground.mesh import quad
 
 SIZE = (400, 200)
