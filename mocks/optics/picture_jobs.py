@@ -139,8 +139,8 @@ _Entry = tuple[int, int, bytes]
 
 
 def mosaic_file(frame: RawFrame, request: ShotRequest, *, cr2: bool) -> bytes:
-    """Return a raw file with the mosaic uncompressed: a Canon's in outline (TIFF header, ``CR`` 2.0 at byte 8), else a
-    DNG 1.4 with black and white levels."""
+    """Return a raw file of one linear mosaic, uncompressed: a Canon's in outline (TIFF header, ``CR`` 2.0 at byte 8),
+    else a DNG 1.4 with black and white levels."""
     # Lay out header, one IFD, its long values, and the strip
     start = 16 if cr2 else 8
     entries = sorted([*_common_entries(frame, request), *([] if cr2 else _dng_entries(frame, request))])

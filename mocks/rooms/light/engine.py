@@ -68,12 +68,9 @@ def engine() -> Engine:
         raise EngineError(f"no renderer is called {asked!r}", where=ASKED, likely="a misspelt name", advice=advice)
     library = None if asked == SCALAR else usable_library()
     if asked == LLVM and library is None:
-        raise EngineError(
-            "no LLVM library works here",
-            where=ASKED,
-            likely="LLVM 16 or newer is not installed, or not where it is looked for",
-            advice=f"install libllvm19, or name the library in DRJIT_LIBLLVM_PATH, or say {SCALAR}",
-        )
+        likely = "LLVM 16 or newer is not installed, or not where it is looked for"
+        advice = f"install libllvm19, or name the library in DRJIT_LIBLLVM_PATH, or say {SCALAR}"
+        raise EngineError("no LLVM library works here", where=ASKED, likely=likely, advice=advice)
     return Engine(LLVM, library) if library else Engine(SCALAR, None)
 
 
