@@ -206,7 +206,7 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     if outdoor := figures.get("outdoor"):
         quantities.append(_quantity("On level ground outdoors", outdoor["level_up"], unit))
     if (ratio := figures.get("level_ratio")) is not None:
-        percent = ratio | {name: 100 * ratio[name] for name in ("value", "uncertainty")}
+        percent = {**ratio, **{name: 100 * ratio[name] for name in ("value", "uncertainty")}}
         quantities.append(_quantity("Inside over outside", percent, "%", "under an overcast sky the daylight factor"))
     looks = [(look, _name(look, k)) for k, look in enumerate(camera["directions"]) if "glare" in look]
     if looks:

@@ -15,6 +15,7 @@ from processing.figures.figures import camera_figures, outdoor_figures, surface_
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage, Validity
+from processing.running.reads import SUMMARY, Noted
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, ReportParameters
@@ -102,13 +103,16 @@ def context(folder: Path, found: Mapping[str, Mapping[str, Any]], *, no_staged_l
 
     def fetch(stage: str, name: str) -> Any:
         value = found.get(stage, {}).get(name)
+        if isinstance(value, dict):  # as a run hands it on: a mapping that is no dict
+            return Noted(value, f"{stage}/{name}", lambda _read: None)
         return folder / "stages" / stage / _file(name) if name in files and value is not None else value
 
-    def summary(stage: str) -> dict[str, Any]:
+    def summary(stage: str) -> Noted:
         optional = ("panorama", "outdoor", "empty", *(f"staged-{k}" for k in range(1, MOST_STAGED + 1)))
         left_out = {name: NO_SUCH for name in optional if name not in found.get(stage, {})}
         blank = {"metrics": {}, "warnings": [], "left_out": left_out, "honoured": {}}
-        return blank if stage in found or stage == "verify" else {**blank, "skipped": "not asked"}
+        done = stage in found or stage == "verify"
+        return Noted(blank if done else {**blank, "skipped": "not asked"}, f"{stage}/{SUMMARY}", lambda _read: None)
 
     out = folder / "page"
     out.mkdir(exist_ok=True)
