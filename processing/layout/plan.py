@@ -146,7 +146,14 @@ class Window(_OnEdge):
 
 @dataclass(frozen=True)
 class Hung(Window):
-    """What hangs on a wall, sill to head: a picture, radiator, curtain (`name`); pieces had better not hide it."""
+    """What is seen on a wall, sill to head: a picture, radiator, curtain (`name`); pieces had better not hide it.
+
+    A door that is no opening of the room (`HUNG_DOOR`) is kept free as one, where all has a place so.
+    """
+
+
+HUNG_DOOR = "door"
+"""The name of a `Hung` that is a door."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ KEYS = {
     "skirting_walls floor_turned_deg own_mean_grade own_rests_px_share own_seam_planes",
     "remove": "npp_psnr_db npp_gain_db room_median_err_pct room_gain_db seconds_full",
     "arrange": "hard_violations layouts rooms placed_all_pct p95_ms seven_p95_ms paper_faulty_pct",
+    "steady": "steady_pct steady_first_pct moved_p50_m moved_p90_m placed_all_pct score_mean found_mean median_ms",
     "albedo": "median_err p95_err relight_median_err_pct",
     "render": "analytic_err_pct radiance_diff_pct equal_error_speedup changed_median_err_pct",
     "relight": "speedup median_err_pct",

@@ -136,6 +136,8 @@ class Candidate:
     left_out: tuple[str, ...]
     score: float
     scores: dict[str, float]
+    final: Final | None = None
+    """The state that it is."""
 
 
 @dataclass(frozen=True)
@@ -150,18 +152,20 @@ def choose(
     candidates: Sequence[Candidate],
     count: int,
     main: str,
-    valid: Callable[[Candidate], bool],
+    fitted: Callable[[Candidate], Candidate | None],
     most_checks: int,
     before: Sequence[Chosen] = (),
 ) -> list[Chosen]:
-    """Return `before` and valid candidates, up to `count`: the best, then each the best that differs from all before.
+    """Return `before` and fitted candidates, up to `count`: the best, then each the best that differs from all before.
+
+    ``fitted``: returns a candidate as it stands in the room, None where it breaks a rule there.
 
     What stands elsewhere in more of its footprint is preferred. More of them change none of the first ones.
 
     Different: the main piece on another wall or moved by 1 m; where no more of those are left, another large piece.
     """
-    chosen = list(before)
-    known: dict[int, bool] = {}
+    chosen, stand = list(before), list(before)
+    known: dict[int, Candidate | None] = {}
     shares = [apart(c.placed, [b.candidate.placed for b in before]) for c in candidates]
     while len(chosen) < count:
         best = _next(candidates, chosen, (known, shares), main)
@@ -171,19 +175,24 @@ def choose(
         if number not in known:
             if len(known) >= most_checks:
                 break
-            known[number] = valid(candidates[number])
-        if known[number]:
+            known[number] = fitted(candidates[number])
+        fit = known[number]
+        if fit is not None:
             more = f"; {100 * shares[number]:.0f} % of the large pieces' footprint stands elsewhere" if chosen else ""
             one = candidates[number]
             near = [apart(c.placed, [one.placed]) for c in candidates]
             shares = [min(a, b) for a, b in zip(shares, near, strict=True)] if chosen else near
             chosen.append(Chosen(one, f"{difference}{more}"))
-            known[number] = False  # taken
-    return chosen
+            stand.append(replace(chosen[-1], candidate=fit))
+            known[number] = None  # taken
+    return stand
 
 
 def _next(
-    candidates: Sequence[Candidate], chosen: Sequence[Chosen], seen: tuple[dict[int, bool], list[float]], main: str
+    candidates: Sequence[Candidate],
+    chosen: Sequence[Chosen],
+    seen: tuple[dict[int, Candidate | None], list[float]],
+    main: str,
 ) -> tuple[int, str] | None:
     """Return the best candidate that differs from all chosen and is not known to be invalid, and how it differs.
 
@@ -193,7 +202,9 @@ def _next(
     best: tuple[float, int, str] | None = None
     before = [c.candidate for c in chosen]
     for number, candidate in enumerate(candidates):
-        if not known.get(number, True) or (best is not None and candidate.score + APART_WORTH <= best[0]):
+        if (number in known and known[number] is None) or (
+            best is not None and candidate.score + APART_WORTH <= best[0]
+        ):
             continue
         gain = APART_WORTH * shares[number]
         for same_main, cost in ((False, 0.0), (True, SAME_MAIN_COSTS)):

@@ -10,7 +10,7 @@ import numpy as np
 from shapely.geometry import MultiPolygon, Polygon
 
 from processing.ground.arrays import Doubles
-from processing.layout.plan import DOOR_HEAD_M, Door, FloorPlan, Window
+from processing.layout.plan import DOOR_HEAD_M, HUNG_DOOR, Door, FloorPlan, Window
 from processing.layout.rules import RuleSet
 from processing.layout.solver.free_sets import DOOR, KEPT, WINDOW, Outlines
 from processing.layout.solver.walk_grid import Grid, wall_clearance2
@@ -204,6 +204,9 @@ def make_field(floor: Floor, rules: RuleSet, pinned: Sequence[Row] = ()) -> Fiel
         rows += [(corners, 0.0, DOOR_HEAD_M, DOOR) for corners in _door_outlines(plan, door, rules)]
         deep = max(rules.door_approach, rules.path / 2 + 0.1)
         doorways.append(_on_edge(plan, door.edge, door.start_m, door.end_m, deep))
+    for seen in (Door(h.edge, h.start_m, h.end_m) for h in plan.hung if h.name == HUNG_DOOR):
+        # Whether it leads anywhere is not known: it is kept free, and no path has to reach it.
+        rows += [(corners, 0.0, DOOR_HEAD_M, DOOR) for corners in _door_outlines(plan, seen, rules)]
     for window in plan.windows:
         low = max(0.0, window.sill_m - UNDER_SILL_M)
         outline = _on_edge(plan, window.edge, window.start_m, window.end_m, rules.window_band)

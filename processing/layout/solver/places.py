@@ -24,7 +24,7 @@ from processing.layout.solver.free_sets import (
     rects_inside,
 )
 from processing.layout.solver.steering import ROLE, Spot, score_spot
-from processing.layout.solver.units import Unit
+from processing.layout.solver.units import Unit, Variant
 from processing.layout.solver.walk_grid import Walk, copy_rows, rect_distance2
 
 KEPT_INTERVALS = 40
@@ -126,23 +126,28 @@ class Work(NamedTuple):
     """(N, 4, 2)."""
 
 
-def unit_table(unit: Unit, field: Field) -> UnitTable:
-    """Return the table of one unit in a field."""
-    rows = [variant.rects() for variant in unit.variants]
+def variants_of(listed: Sequence[Variant]) -> Variants:
+    """Return variants as arrays."""
+    rows = [variant.rects() for variant in listed]
     most = max(map(len, rows))
     rects, kinds = np.zeros((len(rows), most, 6)), np.zeros((len(rows), most), dtype=np.int64)
-    for v, listed in enumerate(rows):
-        for r, (rect, kind) in enumerate(listed):
+    for v, row in enumerate(rows):
+        for r, (rect, kind) in enumerate(row):
             rects[v, r], kinds[v, r] = rect, kind
-    mains = [(v.members[0], v.members[0].item.spec.size_m) for v in unit.variants]
-    variants = Variants(
+    mains = [(v.members[0], v.members[0].item.spec.size_m) for v in listed]
+    return Variants(
         rects,
         kinds,
-        np.array([len(listed) for listed in rows], dtype=np.int64),
-        np.array([v.width_m for v in unit.variants]),
-        np.array([v.bonus for v in unit.variants]),
+        np.array([len(row) for row in rows], dtype=np.int64),
+        np.array([v.width_m for v in listed]),
+        np.array([v.bonus for v in listed]),
         np.array([[m.x_m, m.y_m, *m.front(), w / 2, d / 2] for m, (w, d, _) in mains], dtype=np.float64),
     )
+
+
+def unit_table(unit: Unit, field: Field) -> UnitTable:
+    """Return the table of one unit in a field."""
+    variants = variants_of(unit.variants)
     # Wall lines are for variants at walls, free lines for those of the depth they were made for.
     depths = sorted({round(v.depth_m, 6) for v in unit.variants if not v.at_wall})
     groups = [field.floor.wall_lines, *(field.floor.free_lines(depth) for depth in depths)]

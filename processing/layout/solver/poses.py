@@ -25,7 +25,8 @@ from processing.layout.solver.steering import ROLE
 from processing.layout.solver.units import Rect, zone_choices, zone_rect
 from processing.layout.verify import Judge, Piece
 
-LIST_STEP_M = 1e-4  # lengths are compared to this step when frames are (chosen: what a plan is drawn to)
+LIST_STEPS_M = (0.5, 0.1, 1e-4)
+"""Lengths are compared to these steps, one after the other, when frames are (the last: what a plan is drawn to)."""
 SNAP_M = 1e-7
 """Coordinates in the canonical frame are rounded to this (chosen: above rounding, below `DEEP_M` of the judge)."""
 Pose: TypeAlias = tuple[float, float, float]
@@ -82,9 +83,9 @@ def canonical_plan(plan: FloorPlan, pins: Sequence[Pose], *, mirror: bool = True
     sides = [(plan, False)] + ([(mirrored_plan(plan), True)] if mirror else [])
     best: tuple[tuple[object, ...], FloorPlan, bool, int] | None = None
     for side, flipped in sides:
-        edges = _edge_list(side)
-        for first in range(len(edges)):
-            listed = (*edges[first:], *edges[:first])
+        edges = [_edge_list(side, step_m) for step_m in LIST_STEPS_M]
+        for first in range(len(side.corners)):
+            listed = tuple((*one[first:], *one[:first]) for one in edges)
             if best is not None and listed > best[0][0]:  # type: ignore[operator]
                 continue
             frame = _frame(side, first, flipped)
@@ -126,24 +127,31 @@ def mirrored_plan(plan: FloorPlan) -> FloorPlan:
     )
 
 
-def _step(value: float) -> int:
-    return round(value / LIST_STEP_M)
+def _step(value: float, step_m: float = LIST_STEPS_M[-1]) -> int:
+    return round(value / step_m)
 
 
-def _edge_list(plan: FloorPlan) -> list[tuple[object, ...]]:
+def _edge_list(plan: FloorPlan, step_m: float) -> list[tuple[object, ...]]:
+    """Return the list of one step; openings by how far their middles are from their walls', and by their widths."""
     count = len(plan.corners)
     listed: list[tuple[object, ...]] = []
+
+    def steps(*values_m: float) -> tuple[int, ...]:
+        return tuple(_step(value, step_m) for value in values_m)
+
+    def along(o: Door | Window) -> tuple[int, ...]:
+        return steps(0.5 * (o.start_m + o.end_m - plan.edge(o.edge)[2]), o.width_m)
+
     openings: list[tuple[int, tuple[object, ...]]]
-    openings = [(d.edge, (0, _step(d.start_m), _step(d.end_m), d.hinge, d.swing)) for d in plan.doors]
+    openings = [(d.edge, (0, *along(d), d.hinge, d.swing)) for d in plan.doors]
     openings += [
-        (w.edge, (1 + isinstance(w, Hung), _step(w.start_m), _step(w.end_m), _step(w.sill_m), _step(w.head_m)))
-        for w in (*plan.windows, *plan.hung)
+        (w.edge, (1 + isinstance(w, Hung), *along(w), *steps(w.sill_m, w.head_m))) for w in (*plan.windows, *plan.hung)
     ]
     for i in range(count):
-        _, along, length_m = plan.edge(i)
+        _, ahead, length_m = plan.edge(i)
         _, following, _ = plan.edge((i + 1) % count)
-        turn = math.atan2(along[0] * following[1] - along[1] * following[0], float(along @ following))
-        listed.append((_step(length_m), _step(turn), tuple(sorted(o for e, o in openings if e == i))))
+        turn = math.atan2(ahead[0] * following[1] - ahead[1] * following[0], float(ahead @ following))
+        listed.append((*steps(length_m, turn), tuple(sorted(o for e, o in openings if e == i))))
     return listed
 
 

@@ -16,7 +16,7 @@ from benchmarks.layout.raster import Raster
 from benchmarks.layout.rooms import KINDS, generated
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError, RulesError
 from processing.ground.room_model import RoomModel, starter_room, write_room
-from processing.layout.arrange import arrange
+from processing.layout.arrange import TIE, arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.assumed import hung_things, open_doors
 from processing.layout.drawn.drawing import write_drawings
@@ -81,7 +81,7 @@ def test_more_alternatives_leave_the_first_as_they_are() -> None:
     few, more = (arrange(ROOM, set_items("bedroom"), "tight", n=n).arrangements for n in (3, 5))
     assert [one.items for one in more[:3]] == [one.items for one in few]
     assert len(more) == 5
-    assert more[0].score >= max(one.score for one in more[1:])
+    assert more[0].score >= max(one.score for one in more[1:]) - TIE
 
 
 def test_nothing_tall_hides_a_picture_or_stands_right_before_the_camera() -> None:
