@@ -37,7 +37,7 @@ LINES = {
     "drivers": 6_700,
     "station": 10_750,
     "mocks": 14_700,
-    "processing": 59_000,  # uncertainty of every figure, .cal files, statements on altered pictures; the others gave as much
+    "processing": 59_000,  # uncertainty of every figure, .cal files, steady rooms, statements; others gave as much
     "studio": 850,
 }
 """The budget of lines of each room."""
