@@ -2,10 +2,17 @@
 
 Rows are those of `end_to_end`: simulated rooms of test seeds through the whole pipeline, nothing given. ``filled_*``:
 where removal filled in; ``all_*``: all valid pixels; ``near_holes_*``: seen pixels within 4 degrees of what was filled,
-where ghosts would be; ``staged_*``: the first staged picture where furniture changes it; ``pane_worst_pct``: the worst
-pane's mean radiance towards the camera against what the camera sees on it; ``depth_err_pct``: distance of the old
-furniture's stand-ins. Medians over rooms, but for the worst pane. Rival: ``keep``, the same rooms with the shade kept
-(what every other tool does), in a quick run only on the first room.
+where ghosts would be; ``staged_*``: the first staged picture where furniture changes it, ``staged_above_15`` the number
+of rooms of which it is more than 15 % off; ``pane_worst_pct``: the worst pane's mean radiance towards the camera, of
+what the camera sees on it; ``pane_median_pct`` the median of the rooms' worst; ``depth_err_pct``: distance of the old
+furniture's stand-ins. Medians over rooms, but for the worst pane. ``cpu_s``: the stages light and remove together,
+``full_size_cpu_s``: the same of the first room at the rig's full size (not in a quick run). Rival: ``keep``, the same
+rooms with the shade kept (what every other tool does), in a quick run only on the first room.
+
+``clipped_windows_*``: the same rooms as single photographs without a picture of the sky, each clipped at `CLIPPED_AT`
+times its median: how far the windows' strength (`sources.brightened`) is off, stops, median and worst, and how often
+its interval holds the true one, over the ``clipped_windows`` cases whose windows clip at all. True is what the room's
+panes show the camera over what the clipped picture does; rooms, masks and distances are the true ones.
 
 ``infinigen_*``: rooms of another generator and another renderer (Infinigen Indoors, Cycles), furnished and emptied
 under the same daylight, as single panoramas in relative units without a picture of the sky; left out where they are not
@@ -14,6 +21,8 @@ beside the checkout.
 
 from __future__ import annotations
 
+import math
+import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,15 +30,27 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.sessions import write_session
 from benchmarks.shared_data import DATA
-from benchmarks.whole.end_to_end import rig_profile, rows_of
-from benchmarks.whole.end_to_end_run import bias_pct, errors_of
+from benchmarks.truth_rooms import LIGHT_QUALITY, room_model_of, truth_list, truth_of
+from benchmarks.whole.end_to_end import FULL_DIVISOR, FULL_ROOMS, QUICK_DIVISOR, QUICK_ROOMS, rig_profile, rows_of
+from benchmarks.whole.end_to_end_run import PANORAMA_PX, bias_pct, errors_of, taken_of
+from mocks.rooms.model import Use
+from mocks.rooms.room import make_room
+from processing.light.scene.albedo import DARK
+from processing.light.scene.furnished import OldFurniture, furnished_light
+from processing.light.scene.scene import Outdoors, Scene, shell_of
+from processing.light.scene.standins import standins_of
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.sight import GLASS, sight_of
+from processing.light.solver.stage import Stage
 from processing.pictures.exr import read_exr, read_exr_rgb
-from processing.pictures.images import luminance_cd_m2
+from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.pictures.preview import read_mask
 from processing.running.panorama_session import panorama_session
 from processing.running.requests import RunRequest
 from processing.running.runner import process
+from processing.sphere import Equirectangular, solid_angles
 from processing.stages.contract import Quality
 
 KEYS = {
@@ -51,10 +72,78 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     rows = rows_of(profile, seed, quick=quick)
     kept = rows_of(profile, seed, quick=quick, rooms=1 if quick else None, options={"--shade": "keep"})
     lifted, others = _metrics(rows), _metrics(kept)
+    count, divisor = (QUICK_ROOMS, QUICK_DIVISOR) if quick else (FULL_ROOMS, FULL_DIVISOR)
+    rooms = truth_list("test", count, seed)
+    if not quick:
+        lifted["full_size_cpu_s"] = round(spent_s(*rooms[0], profile, 1), 1)
+    clipped = [one for number, use in rooms for one in clipped_windows(number, use, PANORAMA_PX // divisor // 2)]
+    lifted |= clipped_metrics(clipped)
     independent, notes = _independent()
     lifted |= independent.get("lift", {})
     others |= independent.get("keep", {})
     return {"metrics": lifted, "rivals": {"keep": others}, "notes": [*(_line(row) for row in rows), *notes]}
+
+
+def spent_s(number: int, use: Use, profile: Path, divisor: int) -> float:
+    """Return what light and remove take of a room in pictures ``divisor`` times smaller than the rig's, CPU s."""
+    room = make_room(number, use)
+    with tempfile.TemporaryDirectory() as folder:
+        session = write_session(Path(folder) / room.name, taken_of(room, divisor))
+        asked: dict[str, object] = {"--calibration": str(profile)}
+        done = process(session, RunRequest(quality=Quality.STANDARD, until="remove", options=asked))
+        return float(sum(one.cost.cpu_seconds for one in done.stages if one.stage in STAGES and one.cost))
+
+
+CLIPPED_AT = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
+"""Times a picture's median luminance: exposures for the room, and for what stands before its windows."""
+LEAST_STRENGTH = 1.1  # of windows that clip; chosen
+LOOK = Effort(texel_m=0.15, rows=32, patch_samples=64, pixel_samples=4, sun_samples=4, clean=False)
+"""The strength is found by the patches alone, as many samples each as the stage light takes at standard quality."""
+STRENGTH = re.compile(r"windows: ([\d.]+) times .*\(([\d.]+) to ([\d.]+)\)")
+
+
+def clipped_windows(
+    number: int, use: Use, rows: int, quality: str = LIGHT_QUALITY, size: int = 128
+) -> list[tuple[str, float, float, float, float]]:
+    """Return of a room, for each level at which its windows clip: name and level, true strength, found, low, high.
+
+    ``rows``, ``quality``: of its kept truth; the pictures are looked at in ``size`` rows.
+    """
+    room, truth = truth_of(number, use, rows=rows, quality=quality)
+    model, geometry = room_model_of(room), Equirectangular(2 * rows, rows)
+    old = truth.furniture | truth.tripod
+    parts = standins_of(model, truth.furniture, np.where(np.isfinite(truth.depth_m), truth.depth_m, 0))
+    surfaces, panes = shell_of(model)
+    glass = sight_of(Stage.of(Scene(surfaces, panes, Outdoors(DARK)), 0.5), geometry, room.eye).label == GLASS
+    seen = glass.reshape(old.shape) & ~old
+    area, luminance = solid_angles(geometry)[seen], luminance_cd_m2(truth.luminance_rgb)
+    found = []
+    for times in CLIPPED_AT:
+        rgb = np.minimum(truth.luminance_rgb, np.float32(times * np.median(luminance)))
+        true = float(area @ luminance[seen] / (area @ luminance_cd_m2(rgb)[seen])) if seen.any() else 1.0
+        if true < LEAST_STRENGTH:
+            continue
+        validity = np.where((rgb < truth.luminance_rgb).any(axis=2), Validity.CLIPPED, Validity.VALID).astype(np.uint8)
+        picture = LuminanceImage(rgb, np.full(old.shape, 0.02, np.float32), validity, geometry, 0.02, absolute=False)
+        light = furnished_light(picture, model, None, OldFurniture(truth.furniture, old, parts), rows=size, effort=LOOK)
+        said = [match for note in light.notes if (match := STRENGTH.search(note))]
+        strength, low, high = (float(value) for value in said[0].groups())
+        found.append((f"{room.name} at {times:g}", true, strength, low, high))
+    return found
+
+
+def clipped_metrics(found: Sequence[tuple[str, float, float, float, float]]) -> dict[str, float]:
+    """Return metrics of what `clipped_windows` found; none of no case."""
+    if not found:
+        return {}
+    off = [abs(math.log2(strength / true)) for _, true, strength, _, _ in found]
+    inside = [low - 0.05 <= true <= high + 0.05 for _, true, _, low, high in found]  # the note has one decimal
+    return {
+        "clipped_windows": len(found),
+        "clipped_windows_err_stops": round(float(np.median(off)), 3),
+        "clipped_windows_worst_stops": round(max(off), 2),
+        "clipped_windows_cover90_pct": round(100 * float(np.mean(inside)), 1),
+    }
 
 
 def _independent() -> tuple[dict[str, dict[str, float]], list[str]]:
@@ -99,7 +188,9 @@ def _metrics(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     found = {name: _median(rows, key) for name, key in KEYS.items() if any(key in row for row in rows)}
     panes = [row["pane_worst_pct"] for row in rows if "pane_worst_pct" in row]
     spent = [sum(row["stage_cpu_s"].get(stage, 0.0) for stage in STAGES) for row in rows if "stage_cpu_s" in row]
-    return found | {"pane_worst_pct": max(panes, default=0.0), "cpu_s": round(float(np.median(spent)), 2)}
+    found |= {"pane_worst_pct": max(panes, default=0.0), "cpu_s": round(float(np.median(spent)), 2)}
+    found["staged_above_15"] = sum(row.get("staged_median_err_pct", 0.0) > 15 for row in rows)
+    return found | ({"pane_median_pct": round(float(np.median(panes)), 2)} if panes else {})
 
 
 def _median(rows: Sequence[dict[str, Any]], key: str) -> float:

@@ -77,7 +77,7 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     manifest = load_manifest(session)
     scene_path = stages / "materials" / "scene.npz"
     if not scene_path.is_file():
-        likely = "it was processed without furniture (--set none), or not as far"
+        likely = "it was processed without furniture (--set none) and has no sun, or not as far"
         advice = "run: daylit process SESSION --set auto"
         raise RelightError("the session has no scene", where=session.name, likely=likely, advice=advice)
     scene = read_scene(scene_path)

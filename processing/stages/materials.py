@@ -40,9 +40,12 @@ MOST_LAMPS = 100  # that are listed one by one; the light of all is in the scene
 
 
 def nothing_to_stage(context: StageContext) -> str | None:
-    """Return why there is nothing to do: no staging asked, or no room."""
-    asked = context.parameters_of(MaterialsParameters)
-    return why_unfit(context, asked=asked.doubtful_room) if asked.wanted else "staging not asked"
+    """Return why there is nothing to do: no staging asked and no sun taken from an emptied room, or no room."""
+    asked, sunlight = context.parameters_of(MaterialsParameters), context.optional_artifact("detect", "sunlight")
+    sun_gone = sunlight is not None and np.asarray(sunlight).any()
+    if not asked.wanted and (not sun_gone or context.optional_artifact("remove", "empty") is None):
+        return "staging not asked, and no sunlight to put back into an emptied room"
+    return why_unfit(context, asked=asked.doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

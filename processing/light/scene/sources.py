@@ -20,9 +20,10 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Rgb, Vector
+from processing.ground.seam import resized, smoothed
 from processing.light.scene.scene import Outdoors, Pane
 from processing.light.solver.kernels import towards_panes
-from processing.light.solver.sight import GLASS, Sight, looked_up
+from processing.light.solver.sight import GLASS, Sight, looked_up, seen_outdoors
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import bounced, links_of, patch_points
@@ -43,7 +44,9 @@ CLEAR_FROM, CLEAR_TO, CLEAR_COLOUR = 0.8, 1.25, 0.25
 """Of what clear glass would show, between which a cell before the sky is clear, and by how much (natural logarithm) its
 colour may differ: sunlit slats and curtains are brighter than the sky, others are not of its colour (measured in three
 simulated rooms: docs/measurements/albedo.md)."""
-GROUND_FROM = 0.4  # of what clear glass would show of the ground, from which a cell is clear
+GROUND_FROM = 0.4  # of what clear glass would show of the ground, from which a cell is clear, to its inverse; chosen
+GROUND_RAD, GROUND_PRIOR = math.radians(15), 0.01
+"""Within which ground is alike, and how much that of all counts besides; chosen: a window is wider, a garden is not."""
 GROUND_QUANTILE = 0.5  # of the brighter half the median is taken; chosen, never swept
 MOST_GROUND = 8.0  # by which the ground may be brighter or darker than its usual albedo makes it
 
@@ -61,13 +64,31 @@ def measured_windows(
     outside = looked_up(outdoors.rgb, sight.rays[glass]).astype(np.float64)
     share, measured = _clear_glass(rgb[glass].astype(np.float64), outside)
     gain = _seen_ground(stage, sight, rgb, good, share)
-    level = float(gain @ np.asarray(LUMINANCE_WEIGHTS)) if gain is not None else 1.0
-    panes = tuple(_covered(stage, replace(p, transmittance=share), level, panorama, eye_m) for p in stage.scene.panes)
     if gain is not None:
-        # The lower half as bright as it is seen through the windows.
-        below = (np.arange(outdoors.rgb.shape[0]) >= outdoors.rgb.shape[0] // 2)[:, None, None]
-        outdoors = replace(outdoors, rgb=np.where(below, outdoors.rgb * gain, outdoors.rgb).astype(np.float32))
-    return panes, outdoors, measured
+        outdoors = replace(outdoors, rgb=outdoors.rgb * resized(gain, outdoors.rgb.shape[:2]))
+    glazed = [replace(pane, transmittance=share) for pane in stage.scene.panes]
+    panes = tuple(_covered(stage, pane, outdoors, panorama, eye_m) for pane in glazed)
+    return _as_seen(stage.under(outdoors, panes), sight, rgb, good, eye_m), outdoors, measured
+
+
+def _as_seen(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, eye_m: Vector) -> tuple[Pane, ...]:
+    """Return panes that give the camera what pixels (N, 3) show on them, in the mean above the horizon and below it.
+
+    What they give too little comes as a veil, what is too much they hold back.
+    """
+    given, panes = seen_outdoors(stage, sight), []
+    area = solid_angles(Equirectangular(sight.shape[1], sight.shape[0])).ravel()
+    for number, pane in enumerate(stage.scene.panes):
+        clear, veil = pane.clear.copy(), pane.veil_cd_m2.copy()
+        low = _cells(stage, pane, eye_m)[0][:, 2].reshape(clear.shape) <= ABOVE_HORIZON
+        for cells, pixels in ((low, sight.rays[:, 2] <= ABOVE_HORIZON), (~low, sight.rays[:, 2] > ABOVE_HORIZON)):
+            mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number) & valid & pixels)
+            if len(mine) >= LEAST_PIXELS:
+                has, due = (np.average(one[mine], axis=0, weights=area[mine]) for one in (given, rgb))
+                kept = np.float32(min(1.0, (due / np.maximum(has, 1e-9)).min()))
+                clear[cells], veil[cells] = kept * clear[cells], kept * veil[cells] + np.maximum(due - kept * has, 0)
+        panes.append(replace(pane, clear=clear, veil_cd_m2=veil.astype(np.float32)))
+    return tuple(panes)
 
 
 def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[Pane, ...]:
@@ -119,21 +140,22 @@ def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Rgb, bool]:
     return (red, green, blue), True
 
 
-def _covered(stage: Stage, pane: Pane, ground: float, panorama: Floats, eye_m: Vector) -> Pane:
+def _covered(stage: Stage, pane: Pane, outdoors: Outdoors, panorama: Floats, eye_m: Vector) -> Pane:
     """Return a pane with clear share and veil as the camera sees them; what it does not see is like the rest.
 
-    A cell is clear or not. Where the camera looks down through the pane it is compared with ground that is ``ground``
-    times as bright as its usual albedo makes it. What covers the rest is as bright from everywhere as for the camera.
+    A cell is clear or not, by ``outdoors`` with the ground as it is seen. What covers the rest is as bright from
+    everywhere as for the camera.
     """
     way, seen, (rows, columns) = _cells(stage, pane, eye_m)
     shown = looked_up(panorama, way).astype(np.float64)
-    through = looked_up(stage.scene.outdoors.rgb, way) * np.asarray(pane.transmittance)
+    through = looked_up(outdoors.rgb, way) * np.asarray(pane.transmittance)
     weights = np.asarray(LUMINANCE_WEIGHTS)
     ratio = (shown @ weights) / np.maximum(through @ weights, 1e-9)
     down = way[:, 2] <= ABOVE_HORIZON
     tint = np.log(np.maximum(shown, 1e-6) / np.maximum(through, 1e-6)) - np.log(np.maximum(ratio, 1e-9))[:, None]
     like_sky = (ratio > CLEAR_FROM) & (ratio < CLEAR_TO) & (np.abs(tint).max(axis=1) < CLEAR_COLOUR)
-    clear = np.where(down, ratio > GROUND_FROM * ground, like_sky).astype(np.float64)
+    like_ground = (ratio > GROUND_FROM) & (ratio < 1 / GROUND_FROM)
+    clear = np.where(down, like_ground, like_sky).astype(np.float64)
     veil = np.where((clear == 1)[:, None], 0, shown)
     if seen.any():
         clear[~seen], veil[~seen] = clear[seen].mean(), veil[seen].mean(axis=0)
@@ -144,16 +166,24 @@ def _covered(stage: Stage, pane: Pane, ground: float, panorama: Floats, eye_m: V
     )
 
 
-def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Rgb) -> Doubles | None:
-    """Return (3,) how bright the ground is against its guess, where it is seen best; None where it is not seen."""
+def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Rgb) -> Floats | None:
+    """Return (H, W, 3) how bright the ground is against its guess, 1 above the horizon; None where it is not seen.
+
+    It is that of the clear places seen within `GROUND_RAD`; elsewhere, of all.
+    """
     mine = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] < -ABOVE_HORIZON) & valid)
     through = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * np.asarray(transmittance)
     if len(mine) < LEAST_PIXELS or not (through > 0).all():
         return None
-    ratio = rgb[mine] / through
+    ratio = np.clip(rgb[mine] / through, 1 / MOST_GROUND, MOST_GROUND)
     level = ratio @ np.asarray(LUMINANCE_WEIGHTS)
-    best = level >= np.quantile(level, GROUND_QUANTILE)
-    return np.asarray(np.clip(np.median(ratio[best], axis=0), 1 / MOST_GROUND, MOST_GROUND))
+    usual = np.median(level[level >= np.quantile(level, GROUND_QUANTILE)])
+    clear = (level > GROUND_FROM * usual) & (level < usual / GROUND_FROM)
+    sums = np.zeros((*sight.shape, 4), np.float32)
+    sums.reshape(-1, 4)[mine[clear]] = np.column_stack([ratio[clear], np.ones(clear.sum())])
+    near = smoothed(sums, GROUND_RAD) + np.float32(GROUND_PRIOR) * np.append(ratio[clear].mean(axis=0), 1)
+    below = (np.arange(sight.shape[0]) >= sight.shape[0] // 2)[:, None, None]
+    return np.where(below, near[..., :3] / near[..., 3:], 1).astype(np.float32)
 
 
 LAMP_TIMES = 1.6  # of all the light that falls on a place: less may be an error of the irradiance, or a highlight

@@ -11,8 +11,9 @@ from processing.errors import AlbedoError
 from processing.light.picture.render import render
 from processing.light.scene.albedo import MOST_ALBEDO, albedo_of_room
 from processing.light.scene.scene import Scene, Sun, plain
+from processing.light.scene.sources import measured_windows
 from processing.light.solver.irradiance import Effort
-from processing.light.solver.sight import albedo_of, sight_of
+from processing.light.solver.sight import GLASS, albedo_of, looked_up, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
@@ -101,3 +102,54 @@ def test_black_and_partial_pictures_are_refused() -> None:
     square = replace(image(np.ones((ROWS, 2 * ROWS, 3), np.float32)), geometry=Equirectangular(ROWS, ROWS))
     with pytest.raises(AlbedoError, match="not a whole panorama"):
         albedo_of_room(square, box_room(), uniform_sky(), rows=ROWS)
+
+
+GLASS_SHARE, GLASS_ROWS = np.array([0.7, 0.72, 0.7]), 256
+SKY_CD_M2 = 4000.0
+COVERS = {
+    "clear": lambda u, v, rgb: rgb,
+    "a blind, half of the sky": lambda u, v, rgb: np.where(v < 0.25, 350.0, rgb),
+    "dark slats": lambda u, v, rgb: np.where(1.5 * v % 0.16 < 0.08, 250.0, rgb),
+    "slats as bright as the sky": lambda u, v, rgb: np.where(
+        1.5 * v % 0.16 < 0.08, 2750.0 * np.array([1, 0.9, 0.6]), rgb
+    ),
+    "sheer over two fifths": lambda u, v, rgb: np.where(u < 0.4, 0.75 * rgb + 60, rgb),
+    "a curtain in folds over more than half": lambda u, v, rgb: np.where(
+        u < 0.58, (0.64 + 0.13 * np.sin(90 * u)) * rgb, rgb
+    ),
+    "mullions": lambda u, v, rgb: np.where((abs(u - 0.5) < 0.03) | (abs(v - 0.3) < 0.03) | (u < 0.04), 20.0, rgb),
+}
+"""By name, what glass shows (N, 3), cd/m2, at a share of its width and of its height from the top (N, 1) each."""
+
+
+def land(rays: np.ndarray, kind: str) -> np.ndarray:
+    """Return how many times as bright as usual the ground (N, 1) is along rays: all lawn, or a street, lawn and hedge."""
+    side = np.sin(6 * np.arctan2(rays[:, :1], -rays[:, 1:2]))
+    return np.ones((len(rays), 1)) if kind == "even" else np.where(side > 0.3, 4.0, np.where(side < -0.4, 0.5, 1.3))
+
+
+@pytest.mark.parametrize("ground", ["even", "street"])
+@pytest.mark.parametrize("cover", COVERS)
+def test_a_pane_gives_the_camera_what_the_camera_sees_on_it(cover: str, ground: str) -> None:
+    """Whatever covers it and stands behind it; and how clear it is is found too, so that no veil stands for the sky."""
+    geometry = Equirectangular(2 * GLASS_ROWS, GLASS_ROWS)
+    stage = Stage.of(scene_of(box_room(), uniform_sky(SKY_CD_M2), colours, reveal_m=0.2), 0.5)
+    sight = sight_of(stage, geometry, EYE)
+    glass = np.flatnonzero(sight.label == GLASS)
+    rays, (u, v) = sight.rays[glass], stage.scene.panes[0].shares(sight.point[glass])
+    outside = looked_up(stage.scene.outdoors.rgb, rays) * np.where(rays[:, 2:] < 0, land(rays, ground), 1)
+    through = GLASS_SHARE * outside
+    shown = COVERS[cover](u[:, None], v[:, None], through)
+    rgb = np.full((len(sight.label), 3), 30.0, np.float32)
+    rgb[glass] = shown
+    valid = np.ones(sight.shape, bool)
+    panes, outdoors, measured = measured_windows(stage, sight, rgb.reshape(*sight.shape, 3), valid, EYE)
+    given = seen_outdoors(stage.under(outdoors, panes), sight)[glass]
+    for part, near in ((rays[:, 2] > -2, 0.03), (rays[:, 2] > 0.02, 0.1), (rays[:, 2] < -0.02, 0.1)):
+        ratio = given[part].mean(axis=0) / shown[part].mean(axis=0)
+        assert ratio == pytest.approx(np.ones(3), abs=near), (cover, ground, ratio)
+    assert measured
+    assert panes[0].transmittance == pytest.approx(GLASS_SHARE, abs=0.03)
+    # How clear it is above the horizon; below, a grey blind looks like a grey street.
+    high, up = rays[:, 2] > 0.02, panes[0].clear[: round(len(panes[0].clear) * float(v[rays[:, 2] > 0.02].max()))]
+    assert up.mean() == pytest.approx((shown == through).all(axis=1)[high].mean(), abs=0.1)

@@ -140,7 +140,13 @@ def test_ibl_and_a_relative_picture(tmp_path: Path, known: dict[tuple[str, str],
 
 def test_what_is_skipped_and_why(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     none = MaterialsParameters(set="none")
-    assert materials.nothing_to_stage(context(tmp_path, none, known)) == "staging not asked"
+    assert "staging not asked" in str(materials.nothing_to_stage(context(tmp_path, none, known)))
+    sunny = {**known, ("detect", "sunlight"): np.ones((ROWS, 2 * ROWS), bool)}
+    assert "staging not asked" in str(materials.nothing_to_stage(context(tmp_path, none, sunny))), "it is still there"
+    sunny["remove", "empty"] = known["calibrate", "indoor"]
+    assert materials.nothing_to_stage(context(tmp_path, none, sunny)) is None, "an emptied room gets its sun back"
+    sunny["detect", "sunlight"] = np.zeros((ROWS, 2 * ROWS), bool)
+    assert "no sunlight" in str(materials.nothing_to_stage(context(tmp_path, none, sunny)))
     assert arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none"), known)) == "no furniture asked"
     assert arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none", items="bed"), known)) is None
     assert "no room" in str(materials.nothing_to_stage(context(tmp_path, MaterialsParameters(), {})))
