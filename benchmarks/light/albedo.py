@@ -4,7 +4,8 @@
 solid angle: fixtures, curtains, doors and blinds too, of which the room model knows nothing. ``day_*`` are of rooms
 without lit lamps, ``lamps_*`` of those with. ``measured_pct`` is the share of pixels whose own albedo is measured.
 ``relight_median_err_pct``: the recovered room under another sky against the simulated room under it, luminance of all
-visible surfaces. The light outdoors comes from a picture of the upper half with the sun in it; what lies below the
+visible surfaces; as in `daylit relight`, what covers windows follows the light on them, and the land outside is that of
+the first picture. The light outdoors comes from a picture of the upper half with the sun in it; what lies below the
 horizon is not given. Rows are kept (`_render_rows`).
 """
 
@@ -24,6 +25,7 @@ from mocks.rooms.room import Room, make_room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
+from processing.light.picture.relight_photo import veil_gains, with_captured_land
 from processing.light.picture.render import render
 from processing.light.scene.albedo import RoomAlbedo, albedo_of_room
 from processing.light.scene.outdoor import outdoors_of
@@ -146,7 +148,10 @@ def relight_error(room: Room, found: RoomAlbedo) -> float:
     rays = equirectangular(RELIGHT_ROWS)
     world = RoomWorld(other.emptied(), LIGHT_QUALITY)
     actual = world.radiance(Site.INDOOR, rays.reshape(-1, 3), math.pi / RELIGHT_ROWS).reshape(*rays.shape) @ WEIGHTS
-    scene = found.scene.under(outdoors_of_room(other))
+    before, after = found.scene.outdoors, with_captured_land(outdoors_of_room(other), found.scene.outdoors)
+    pairs = zip(found.scene.panes, veil_gains(found.scene, before, after), strict=True)
+    panes = tuple(replace(pane, veil_cd_m2=pane.veil_cd_m2 * np.float32(gain)) for pane, gain in pairs)
+    scene = replace(found.scene, panes=panes, outdoors=after)
     geometry = Equirectangular(2 * RELIGHT_ROWS, RELIGHT_ROWS)
     ours = render(scene, geometry, room.eye, effort=EFFORTS["draft"]).rgb @ WEIGHTS
     step = ROWS // RELIGHT_ROWS

@@ -1,4 +1,4 @@
-"""One set of names for the array types of the whole project.
+"""One set of names for the array types of the whole project, and a median for all of them.
 
 The name states the dtype; the docstring of a function states the shape, unit and range of each array. Pictures are
 `Floats` (float32); accumulation, solves and geometry are `Doubles` (float64).
@@ -29,3 +29,11 @@ Vector: TypeAlias = tuple[float, float, float]
 """x, y, z of a place or a size, in metres, or of a direction."""
 Rgb: TypeAlias = tuple[float, float, float]
 """Red, green and blue, or a value for each channel."""
+
+
+def weighted_median(values: Reals, weight: Reals) -> Any:
+    """Return the values (...), from an array (N, ...), with half of the weight (N,) of the first axis below them."""
+    order = np.argsort(values, axis=0)
+    share = np.cumsum(weight[order], axis=0) / weight.sum()
+    place = (share >= 0.5 - 1e-12).argmax(axis=0)[None]
+    return np.take_along_axis(np.take_along_axis(values, order, axis=0), place, axis=0)[0]

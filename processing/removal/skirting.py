@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, weighted_median
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import resized
 from processing.removal.illumination import ToneScale, grey
@@ -59,7 +59,7 @@ class Skirting:
             off, much = paints - paint, np.abs(tone).mean(axis=1, keepdims=True)
             alike = np.abs(off - off.mean(axis=1, keepdims=True)).max(axis=1) < SAME_PAINT
             tone = much / much.max() * (light - paint)
-            tone = _weighted_median(profiles[alike], weight[alike]) if alike.any() else tone
+            tone = weighted_median(profiles[alike], weight[alike]) if alike.any() else tone
         parts = [np.interp(above_m, places, tone[:, k], right=0.0) for k in range(3)]
         return np.stack(parts, axis=-1).astype(np.float32)
 
@@ -81,17 +81,17 @@ def find_skirting(
     edge = np.abs(profiles[:, EDGE_ROWS:] - profiles[:, :-EDGE_ROWS]).mean(axis=2).max(axis=1)
     seen = np.array([count for _, count, _ in found], np.float64)
     columns = seen * edge.clip(LEAST_EDGE)
-    middle = _weighted_median(profiles, columns)
+    middle = weighted_median(profiles, columns)
     strongest = int(np.abs(middle).mean(axis=1).argmax())
     height = float(np.abs(middle[strongest]).mean())
     relative = profiles[:, strongest]
     # Skirting's own tone, where that is more alike on walls than that against them. White boards before white and red
     # walls are white before both: so much lighter than each they are not.
     both = relative, relative + paint
-    apart = [np.average(np.abs(one - _weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
+    apart = [np.average(np.abs(one - weighted_median(one, seen)).mean(axis=1), weights=seen) for one in both]
     tones = both[1] if apart[1] < ALIKE * apart[0] else relative
-    usual = _weighted_median(tones, columns)
-    spread = float(_weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
+    usual = weighted_median(tones, columns)
+    spread = float(weighted_median(np.abs(grey(tones) - float(grey(usual)))[:, None], columns)[0])
     if by_network is not None and np.abs(by_network.tone).mean(axis=1).max() > STANDS_OUT * height:
         return by_network
     if height < LEAST_TONE or spread > MOST_SPREAD * height:
@@ -178,11 +178,3 @@ def _profile(texture: Texture, mixed: int) -> tuple[Floats, int, Floats] | None:
     found[:mixed] = found[min(mixed, rows - 1)]
     paint = np.log(np.maximum(np.median(texture.values[top:low, whole], axis=(0, 1)), 1e-6))
     return found, int(whole.sum()), paint.astype(np.float32)
-
-
-def _weighted_median(values: Floats, weight: np.ndarray) -> Floats:
-    """Return the weighted median along the first axis."""
-    order = np.argsort(values, axis=0)
-    share = np.cumsum(weight[order], axis=0) / weight.sum()
-    place = (share >= 0.5 - 1e-12).argmax(axis=0)[None]
-    return np.asarray(np.take_along_axis(np.take_along_axis(values, order, axis=0), place, axis=0)[0])

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, weighted_median
 from processing.segmentation.evidence import BoundaryEvidence
 
 COLUMNS = 192  # columns that are fitted: 1.9 degrees each; networks see no more
@@ -91,16 +91,9 @@ def height_ratio(
     logs = np.log(np.tan(ceiling_rad) / np.tan(floor_rad))
     sigma = np.hypot(2 * floor_sigma / np.sin(2 * floor_rad), 2 * ceiling_sigma / np.sin(2 * ceiling_rad))
     weights = 1 / (sigma**2 + 0.05**2)
-    middle = weighted_median(logs, weights)
-    spread = 1.4826 * weighted_median(np.abs(logs - middle), weights)
+    middle = float(weighted_median(logs, weights))
+    spread = 1.4826 * float(weighted_median(np.abs(logs - middle), weights))
     return float(np.clip(math.exp(middle), *RATIO_RANGE)), spread
-
-
-def weighted_median(values: Doubles, weights: Doubles) -> float:
-    """Return the value with half of the weight below it; both (N,)."""
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def _resampled(latitude: Doubles, sigma: npt.ArrayLike, count: int) -> tuple[Doubles, Doubles]:

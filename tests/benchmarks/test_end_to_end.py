@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.light import emptying
 from benchmarks.whole import end_to_end
 from benchmarks.whole.end_to_end_plot import spread_lines, table_lines, worst_of, write_plot
 from benchmarks.whole.end_to_end_room import staged_room
@@ -49,6 +50,30 @@ def test_medians_are_over_what_rooms_have() -> None:
     assert table_lines(rows)[2] == "c: CAL-002: nothing"
     result = "iou3d: median 0.7, quartiles 0.6 and 0.8, worst 0.5 (b), 2 rooms"
     assert spread_lines(rows, ["iou3d"]) == [result]
+
+
+def test_emptying_counts_rooms_and_clipped_windows() -> None:
+    rows: list[dict[str, Any]] = [
+        {
+            "room": "a",
+            "staged_median_err_pct": 16.0,
+            "pane_worst_pct": 1.0,
+            "stage_cpu_s": {"light": 2.0, "remove": 1.0},
+        },
+        {"room": "b", "staged_median_err_pct": 9.0, "pane_worst_pct": 4.0, "stage_cpu_s": {"light": 4.0, "merge": 9.0}},
+        {"room": "c", "pane_worst_pct": 3.0, "stage_cpu_s": {}},
+    ]
+    found = emptying._metrics(rows)
+    assert (found["staged_above_15"], found["pane_worst_pct"], found["pane_median_pct"]) == (1, 4.0, 3.0)
+    assert found["cpu_s"] == 3.0
+    clipped = [("a at 2", 4.0, 2.0, 1.0, 3.9), ("a at 3", 2.0, 2.0, 1.0, 4.0), ("b at 2", 2.0, 8.0, 2.1, 9.0)]
+    assert emptying.clipped_metrics(clipped) == {
+        "clipped_windows": 3,
+        "clipped_windows_err_stops": 1.0,
+        "clipped_windows_worst_stops": 2.0,
+        "clipped_windows_cover90_pct": 33.3,
+    }
+    assert emptying.clipped_metrics([]) == {}
 
 
 def test_of_a_bias_the_farthest_from_nothing_is_the_worst() -> None:

@@ -48,7 +48,8 @@ KEYS = {
     "relight": "speedup median_err_pct",
     "end_to_end": "luminance_median_err_pct iou3d_median empty_median_err_pct staged_median_err_pct seconds peak_mb",
     "emptying": "filled_median_err_pct filled_bias_pct all_median_err_pct near_holes_p95_err_pct staged_median_err_pct "
-    "staged_bias_pct pane_worst_pct depth_err_pct cpu_s",
+    "staged_bias_pct staged_above_15 pane_worst_pct pane_median_pct depth_err_pct cpu_s clipped_windows "
+    "clipped_windows_err_stops clipped_windows_cover90_pct",
     "stills": "ceiling_ab_err clipped_window_share wall_ab_err before_after_moved_pct cpu_ms_mpx "
     "stills_rooms niqe_captured niqe_staged realism_mean realism_share_at_4",
     "batch": "done wrong",

@@ -9,7 +9,7 @@ import pytest
 
 from processing.errors import AlbedoError
 from processing.light.picture.render import render
-from processing.light.scene.albedo import MOST_ALBEDO, albedo_of_room
+from processing.light.scene.albedo import MOST_ALBEDO, PX_PER_M, albedo_of_room, painted
 from processing.light.scene.scene import Scene, Sun, plain
 from processing.light.scene.sources import measured_windows
 from processing.light.solver.irradiance import Effort
@@ -17,6 +17,8 @@ from processing.light.solver.sight import GLASS, albedo_of, looked_up, seen_outd
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
+from processing.surfaces.maps import planes_of
+from processing.surfaces.textures import Texture
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
 
 ROWS = 64
@@ -59,6 +61,7 @@ def test_closed_loop_with_sun(sunny: Scene) -> None:
     assert np.quantile(error, 0.95) < 0.08
     assert np.isfinite(found.picture).all()
     assert found.measured.mean() > 0.8
+    assert all(one.albedo.mean(axis=2).std() < 0.004 for one in found.scene.surfaces[:6]), "painted surfaces are plain"
     # And the recovered room under the same light gives the picture back; bounces multiply what albedo is off by.
     again = render(found.scene, GEOMETRY, EYE, effort=look, seed=5).rgb.reshape(-1, 3)[plane]
     ratio = again.sum(axis=1) / rgb.reshape(-1, 3)[plane].sum(axis=1)
@@ -123,7 +126,7 @@ COVERS = {
 
 
 def land(rays: np.ndarray, kind: str) -> np.ndarray:
-    """Return how many times as bright as usual the ground (N, 1) is along rays: all lawn, or a street, lawn and hedge."""
+    """Return how many times as bright as usual the ground (N, 1) is along rays: lawn, or a street, lawn and hedge."""
     side = np.sin(6 * np.arctan2(rays[:, :1], -rays[:, 1:2]))
     return np.ones((len(rays), 1)) if kind == "even" else np.where(side > 0.3, 4.0, np.where(side < -0.4, 0.5, 1.3))
 
@@ -153,3 +156,46 @@ def test_a_pane_gives_the_camera_what_the_camera_sees_on_it(cover: str, ground: 
     # How clear it is above the horizon; below, a grey blind looks like a grey street.
     high, up = rays[:, 2] > 0.02, panes[0].clear[: round(len(panes[0].clear) * float(v[rays[:, 2] > 0.02].max()))]
     assert up.mean() == pytest.approx((shown == through).all(axis=1)[high].mean(), abs=0.1)
+
+
+def wall_as_seen(albedo: np.ndarray, light: np.ndarray, density: np.ndarray | float = 1.0) -> Texture:
+    """A wall 4 x 2.6 m in texels of 2 cm, as a picture with noise of 0.3 % shows it in wrong light."""
+    noise = np.exp(np.random.default_rng(5).normal(0, 0.003, light.shape))
+    values = (albedo * (light * noise)[..., None]).astype(np.float32)
+    known = np.ones(light.shape, bool)
+    known[60:110, 120:150] = False
+    values[~known] = 0
+    plane = planes_of(box_room())[2]
+    return Texture(plane, PX_PER_M, values, known, np.broadcast_to(np.float32(density), light.shape))
+
+
+def test_plain_walls_are_plain_and_what_hangs_on_them_stays() -> None:
+    v, u = np.mgrid[0:130, 0:200] / 50.0
+    wrong = np.exp(0.3 * np.sin(1.5 * u) * np.exp(-v))  # light estimated wrong by a third, and no edge in it
+    paint = np.broadcast_to(np.float32((0.7, 0.68, 0.6)), (130, 200, 3)).copy()
+    found = painted(wall_as_seen(paint, wrong))
+    before = np.abs(wall_as_seen(paint, wrong).values - paint).max()
+    assert before > 0.2
+    assert np.ptp(found.mean(axis=2)) < 0.005, "one colour, where nobody saw it too"
+    picture = paint.copy()
+    picture[30:60, 40:80] = (0.2, 0.1, 0.4)
+    found = painted(wall_as_seen(picture, wrong))
+    assert np.abs(found - picture)[32:58, 42:78].mean() < 0.06
+    assert np.median(np.abs(found - picture)) < 0.02, "nor does it change the wall around it"
+
+
+def test_papered_walls_keep_their_pattern_and_sure_texels_decide() -> None:
+    v, u = np.mgrid[0:130, 0:200] / 50.0
+    pattern = 0.5 * np.exp(0.15 * np.sign(np.sin(25 * u) * np.sin(25 * v)))[..., None] * np.ones(3)
+    wrong = np.exp(0.3 * np.sin(1.5 * u) * np.exp(-v))
+    seen = wall_as_seen(pattern, wrong)
+    found, known = painted(seen), seen.known
+    ratio = np.corrcoef(np.log(found[known].mean(axis=1)), np.log(pattern[known].mean(axis=1)))[0, 1]
+    assert ratio > 0.95
+    assert np.abs(found - pattern)[known].mean() < 0.6 * np.abs(seen.values - pattern)[known].mean()
+    # Two fifths of a wall, seen by a hundred times the pixels, decide against the rest.
+    near = u < 1.6
+    found = painted(
+        wall_as_seen(0.6 * np.ones((130, 200, 3)), np.where(near, 1.0, np.exp(-0.1 * (u - 1.6))), 1 + 99 * near)
+    )
+    assert found == pytest.approx(0.6, abs=0.01)

