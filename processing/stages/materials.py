@@ -52,6 +52,7 @@ def run(context: StageContext) -> StageOutput:
     """Estimate albedo, windows and lamps."""
     asked = context.parameters_of(MaterialsParameters)
     empty = emptied(context)
+    context.let_go()  # of the photograph and of what removal left, each as large as what was made of them
     image = empty.image
     room = known_room(context)
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
@@ -70,7 +71,7 @@ def run(context: StageContext) -> StageOutput:
     sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
     found = replace(found, scene=_under_share(found.scene, share))
     if sunlit is not None:
-        write_patch(context.folder / "sun.npz", sunlit, context.artifact("remove", "empty"))
+        write_patch(context.folder / "sun.npz", sunlit, replace(image, rgb=empty.without(empty.sunlit)[0]))
     write_scene(context.folder / "scene.npz", found.scene)
     facts = _facts(found, source, absolute=image.absolute)
     return StageOutput(
@@ -119,7 +120,7 @@ def in_its_sun(
         kept |= empty.sunlit
     rgb *= whole.astype(np.float32)
     rgb += below
-    rgb[kept] = image.rgb[kept]
+    np.copyto(rgb, image.rgb, where=kept[..., None])
     widen_doubt(rgb, image.rgb, kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
     return estimated(replace(image, rgb=rgb, uncertainty=doubt), ~kept), "", whole
 
