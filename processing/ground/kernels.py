@@ -5,9 +5,8 @@ and a change in one file is not seen by kernels of another that call it. `ByCont
 ``processing/__init__.py``) keeps it in the user's cache by the digest of its file and of the kernels
 and constants that it imports.
 
-``kernels.json`` lists what `daylit process` calls, with types, so that `load_kernels` can compile it while nobody
-waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` writes the list anew by
-processing a session.
+``kernels.json`` lists what `daylit process`, `relight` and moved furniture call, with types, so that `load_kernels` can
+compile it while nobody waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` adds to it by doing all that.
 """
 
 from __future__ import annotations

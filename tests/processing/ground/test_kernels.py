@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import ast
 import json
 import shutil
 import subprocess
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from numba.core import types
 
-from benchmarks.whole.kernel_list import described
+from benchmarks.whole.kernel_list import FROM_KERNELS, SELDOM, described, fields_fit, fits
 from processing.ground import kernels
 from processing.layout.solver.walk_grid import Grid
 
@@ -30,20 +30,64 @@ def test_every_kernel_of_the_list_is_one_and_its_types_can_be_made() -> None:
     listed = json.loads(kernels.LIST.read_text("utf-8"))
     assert len(listed) > 20
     for name, signatures in listed.items():
-        module, _, attribute = name.partition(":")
-        kernel = getattr(importlib.import_module(module), attribute)
         for signature in signatures:
-            assert _fields_fit(signature), f"{name}: a NamedTuple has other fields now (benchmarks.whole.kernel_list)"
-            made = [kernels._type(one) for one in signature]
-            assert [described(one) for one in made] == signature, name
-            assert len(made) == len(kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]), name
+            assert fits(name, signature), f"{name} has other arguments or fields now (benchmarks.whole.kernel_list)"
+            assert [described(kernels._type(one)) for one in signature] == signature, name
 
 
-def _fields_fit(one: object) -> bool:
-    parts = one.get("tuple", []) if isinstance(one, dict) else one
-    named = one.get("named") if isinstance(one, dict) else None
-    whole = named is None or len(kernels._named(named)._fields) == len(parts)
-    return whole and (not isinstance(parts, list) or all(map(_fields_fit, parts)))
+def test_entries_that_no_longer_fit_go_from_the_list() -> None:
+    walk = {"named": "processing.layout.solver.walk_grid:Grid", "tuple": ["float64", "float64", "float64"]}
+    name = "processing.room.opening_fit:region"
+    (signature, *_) = json.loads(kernels.LIST.read_text("utf-8"))[name]
+    assert fits(name, signature)
+    assert not fits(name, signature[1:])
+    assert not fits("processing.room.opening_fit:no_longer", signature)
+    assert not fits("processing.no_longer:region", signature)
+    assert fields_fit(walk)
+    assert not fields_fit(walk | {"tuple": ["float64"]})
+
+
+def test_what_python_calls_is_compiled_ahead() -> None:
+    """Of what only kernels call, nothing is listed: those are compiled within their callers."""
+    made, called = called_from_python()
+    assert len(made) > 60
+    assert made - called == FROM_KERNELS, "kernels that Python does not call: `inner`, or FROM_KERNELS where tests do"
+    listed = set(json.loads(kernels.LIST.read_text("utf-8")))
+    assert called == listed | SELDOM.keys(), "run benchmarks.whole.kernel_list"
+    assert not listed & SELDOM.keys()
+
+
+def called_from_python() -> tuple[set[str], set[str]]:
+    """Return all `compiled` functions of the pipeline, and those named outside of kernels, by module and name."""
+    files = {".".join(path.relative_to(kernels.ROOT.parent).with_suffix("").parts): path for path in sources()}
+    trees = {module: ast.parse(path.read_text("utf-8")) for module, path in files.items()}
+    made = {f"{m}:{one.name}" for m, tree in trees.items() for one in tree.body if "compiled" in decorators(one)}
+    called: set[str] = set()
+    for module, tree in trees.items():
+        names = {one.name: f"{module}:{one.name}" for one in tree.body if isinstance(one, ast.FunctionDef)}
+        for one in ast.walk(tree):
+            if isinstance(one, ast.ImportFrom):
+                names |= {alias.asname or alias.name: f"{one.module}:{alias.name}" for alias in one.names}
+        called |= {names[name] for name in named_in(tree) if names.get(name) in made}
+    return made, called
+
+
+def sources() -> list[Path]:
+    return sorted(kernels.ROOT.rglob("*.py"))
+
+
+def decorators(node: ast.AST) -> set[str]:
+    """Return which kinds of kernel a node is."""
+    found = {ast.unparse(one).partition("(")[0] for one in getattr(node, "decorator_list", ())}
+    return found & {"compiled", "inner", "inlined"}
+
+
+def named_in(node: ast.AST) -> set[str]:
+    """Return the names that are read within a node, kernels aside."""
+    if decorators(node):
+        return set()
+    own = {node.id} if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) else set()
+    return own.union(*(named_in(one) for one in ast.iter_child_nodes(node)))
 
 
 def test_types_are_the_same_after_a_file() -> None:
