@@ -37,7 +37,7 @@ SELDOM = {
     "processing.room.opening_fit:edge": "a window under a blind",
     "processing.sphere.overlap:scatter": "a panorama whose size the target's does not divide",
 }
-"""What calls kernels that the list does without, as `main` does not meet it: each is compiled in two seconds at most."""
+"""What needs kernels that the list does without, as `main` does not meet it: each takes two seconds at most."""
 MORE = "3 bed, 3 wardrobe, 3 desk, 3 sofa"
 """Than a small room holds: for what is left over, all places are looked through."""
 

@@ -44,10 +44,7 @@ PIXELS = 4.0
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring. The world is one and the same: ``seed`` changes nothing."""
     kept, found, notes = default_folder().parent / "pipeline", {}, []
-    profile = kept / "small" / "rig" / "calibration.json"
-    captured(kept, "small")
-    if not profile.is_file():
-        daylit(["demo", "--quick", "--size", "small", "--set", "none", "--into", str(kept / "small")])
+    profile = rig_profile(kept)
     smaller, larger = ("small", "quarter") if quick else ("half", "full")
     with tempfile.TemporaryDirectory() as name:
         folder, sessions = Path(name), {}
@@ -73,6 +70,15 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     growth = math.log(found[f"{larger}_cpu_s"] / found[f"{smaller}_cpu_s"]) / math.log(PIXELS)
     found["growth_exponent"] = round(growth, 3)
     return {"metrics": found, "units": {"growth_exponent": "of pixels", "draft_moved_m": "m"}, "notes": notes}
+
+
+def rig_profile(kept: Path) -> Path:
+    """Return the kept profile of the simulated rig, made with small pictures where it is not there yet."""
+    profile = kept / "small" / "rig" / "calibration.json"
+    captured(kept, "small")
+    if not profile.is_file():
+        daylit(["demo", "--quick", "--size", "small", "--set", "none", "--into", str(kept / "small")])
+    return profile
 
 
 def captured(kept: Path, size: str, world: str = WORLD) -> Path:

@@ -176,7 +176,8 @@ def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
         helper = subprocess.Popen(command, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": path})
     try:
         yield
-        if waited_for:
+        if waited_for and helper.poll() is None:
+            click.echo(f"waiting for the rig's {task}, captured meanwhile ({log.name}) ...", err=True)
             helper.wait(BESIDE_S)
     except subprocess.TimeoutExpired:
         pass

@@ -93,10 +93,11 @@ class Rendering(SilentView):
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
-        columns = (TextColumn("rendering {task.description}"), BarColumn(), TimeElapsedColumn())
+        times = TimeElapsedColumn(), TimeRemainingColumn(), TextColumn("left")
+        columns = (TextColumn("rendering {task.description}"), BarColumn(), *times)
         self.bars = Progress(*columns, console=console, transient=True) if console.is_terminal else None
         self._tasks: dict[str, TaskID] = {}
         self._mentioned: set[str] = set()

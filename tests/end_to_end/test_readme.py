@@ -1,7 +1,11 @@
-"""`daylit demo` from nothing to its last line, then README's commands as written, in order, on what it made."""
+"""`daylit demo` from nothing to its last line, then README's commands as written, in order, on what it made.
+
+Before that, on copies of its session: a draft whose pictures are halved, and what `--keep` leaves.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -11,7 +15,17 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+
+import daylit
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage
+from processing.pipeline import STAGES
+from processing.running.runner import RESULTS
+from processing.stages import upright
+from processing.stages.upright import in_size
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.timeout(3600)
@@ -29,6 +43,8 @@ NEEDED = {
     "process --panorama": "a whole run more (tests/processing/running)",
 }
 """README's commands that are not run here, by how they begin, and why."""
+HALF_PX = 210
+"""Half as wide as the demo's small panorama."""
 OF_THE_PLACE = ("north is not known", "the panorama's heading is not recorded")
 """Warnings that the simple room must have: it is in no place. The default room is, but takes minutes to render."""
 
@@ -99,6 +115,60 @@ def test_demos_last_lines_are_stills_page_and_three_commands(demo: Made) -> None
 def test_demo_warns_of_nothing_but_what_its_room_does_not_say(demo: Made) -> None:
     warnings = [line.partition("warning: ")[2] for line in demo.lines if "warning: " in line]
     assert all(warning.startswith(OF_THE_PLACE) for warning in warnings), warnings
+
+
+def copied(demo: Made, into: Path, *without: str) -> Path:
+    """A copy of the demo's session, without the results of some stages."""
+    session = Path(shutil.copytree(demo.session, into / demo.session.name))
+    for stage in without:
+        shutil.rmtree(session / "stages" / stage)
+    return session
+
+
+def light_of(path: Path) -> np.ndarray:
+    """A stage's panorama, `HALF_PX` wide, cd/m2."""
+    image = read_exr(path)
+    assert isinstance(image, LuminanceImage)
+    return in_size(image, HALF_PX).luminance_cd_m2()
+
+
+def test_a_draft_of_a_large_picture_is_the_same_room_at_half_the_size(
+    demo: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The demo's small pictures stand for large ones: all that is worked at a draft's size is made anew at half."""
+    monkeypatch.setattr(upright, "LEAST_DRAFT_PX", HALF_PX)
+    session = copied(demo, tmp_path, "remove", "materials", "render", "stills", "report")
+    assert daylit.main(["process", str(session)]) == 0
+    whole, half = demo.session / "stages", session / "stages"
+    for name in ("room/room.json", "detect/target.png", "arrange/arrangement.json"):
+        assert (half / name).read_bytes() == (whole / name).read_bytes(), name
+    for name, most in (("remove/empty", 0.01), *((f"render/staged-{k}", 0.04) for k in (1, 2, 3))):
+        assert read_exr(whole / f"{name}.exr").rgb.shape == (HALF_PX, 2 * HALF_PX, 3), name
+        assert read_exr(half / f"{name}.exr").rgb.shape == (HALF_PX // 2, HALF_PX, 3), name
+        ratio = light_of(half / f"{name}.exr") / light_of(whole / f"{name}.exr")
+        assert np.median(np.abs(ratio - 1)) < most, name
+        assert ratio.mean() == pytest.approx(1, abs=0.02), name
+    for still in (whole / "stills").glob("still-?.jpg"):
+        assert cv2.imread(str(half / "stills" / still.name)).shape == cv2.imread(str(still)).shape
+    assert "Alternative 3" in (half / "report" / "lab.html").read_text("utf-8")
+
+
+def test_steps_go_when_results_are_kept_and_come_back_the_same(
+    demo: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = copied(demo, tmp_path)
+    stages, steps = session / "stages", {one.name for one in STAGES} - set(RESULTS)
+    assert daylit.main(["process", str(session), "--keep", "results"]) == 0
+    assert {path.name for path in stages.iterdir() if path.is_dir()} == set(RESULTS)
+    assert {path.name for path in stages.glob(".cleaned-*")} == {f".cleaned-{name}.json" for name in steps}
+    capsys.readouterr()
+    assert daylit.main(["process", str(session), "--until", "calibrate", "--json"]) == 0
+    done = {one["stage"]: one["action"] for one in json.loads(capsys.readouterr().out)["stages"]}
+    assert done == {"verify": "ran", "merge": "ran", "calibrate": "skipped"}
+    for path in (demo.session / "stages" / "merge").glob("*.exr"):
+        assert (stages / "merge" / path.name).read_bytes() == path.read_bytes(), path.name
+    assert daylit.main(["clean", str(session), "--keep", "merge"]) == 0
+    assert {path.name for path in stages.iterdir() if path.is_dir()} == {*RESULTS, "merge"}
 
 
 def readme() -> list[str]:

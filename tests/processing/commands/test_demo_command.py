@@ -10,6 +10,7 @@ from PIL import Image
 
 import daylit
 from processing.commands import demo as command
+from station.commands.views import Rendering
 from station.session.store import load_manifest
 from tests.station.session.sessions import complete_session
 
@@ -85,3 +86,26 @@ def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(
     assert "peak memory" in result
     assert f"look at: {session / 'stages' / 'report' / 'index.html'}" in result.splitlines()
     assert "daylit models get" in result.splitlines()[-1]
+
+
+def test_what_is_waited_for_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "calibration.json").write_text("{}")  # there is nothing to capture
+    with command._beside(tmp_path, "sessions", waited_for=False):
+        pass
+    assert "waiting" not in capsys.readouterr().err
+    with command._beside(tmp_path, "sessions", waited_for=True):
+        pass
+    assert f"waiting for the rig's sessions, captured meanwhile ({tmp_path}/sessions.log)" in capsys.readouterr().err
+
+
+def test_what_is_rendered_says_how_long_it_takes_yet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # what makes rich take it for a terminal
+    moment_s = iter(range(1000))
+    with Rendering() as rendering:
+        assert rendering.bars is not None
+        rendering.bars.get_time = lambda: float(next(moment_s))
+        for step in range(4):
+            rendering("light", step, 100)
+        (task,) = rendering.bars.tasks
+        (words,) = {column.render(task).plain for column in rendering.bars.columns if "Remaining" in str(type(column))}
+    assert words not in ("", "-:--:--")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -327,3 +328,34 @@ def test_what_changes_more_is_stated_less_sure_and_the_kept_photograph_as_before
     assert much == pytest.approx(np.hypot(np.hypot(own, MODELLED), 0.5 * np.log(2)), rel=1e-3)
     assert black == pytest.approx(1.0, rel=0.05)
     np.testing.assert_array_equal(found.uncertainty[3], image.uncertainty[3])
+
+
+def test_materials_lets_go_of_what_the_emptied_room_was_made_of(
+    tmp_path: Path, photograph: LuminanceImage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At full size the photograph and what removal left are 0.4 GB each; the second follows from the emptied room."""
+    shape = photograph.validity.shape
+    sun, filled = np.zeros(shape, bool), np.zeros(shape, bool)
+    sun[30:34, 40:50] = filled[28:40, 36:70] = True
+    held: dict[tuple[str, str], Any] = {
+        ("calibrate", "indoor"): replace(photograph, rgb=photograph.rgb.copy()),
+        ("remove", "empty"): replace(photograph, rgb=np.where(filled[..., None], 0.5 * photograph.rgb, photograph.rgb)),
+        ("remove", "filled"): filled,
+        ("detect", "sunlight"): sun,
+        ("room", "room"): ROOM,
+    }
+    room = materials.emptied(context(tmp_path, MaterialsParameters(), held))
+    assert room.sunlit is not None
+    assert room.sunlit.any()
+    assert np.array_equal(room.without(room.sunlit)[0], held["remove", "empty"].rgb)
+    large = ("calibrate", "indoor"), ("remove", "empty")
+    pictures = [weakref.ref(held[name].rgb) for name in large]
+
+    def albedo(*_: object, **__: object) -> None:
+        assert [one() for one in pictures] == [None, None]
+        raise ProcessingError("far enough", where="here")
+
+    monkeypatch.setattr(materials, "albedo_of_room", albedo)
+    del room
+    with pytest.raises(ProcessingError, match="far enough"):
+        materials.run(context(tmp_path, MaterialsParameters(), held, let_go=lambda: [held.pop(name) for name in large]))
