@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -46,6 +47,9 @@ class Taken:
     begun: datetime = _BEGUN
     place: Place = NOWHERE
     heading_rad: float | None = None
+    raw: Mapping[Side, float] = field(default_factory=dict)
+    """Cameras that leave a DNG beside each JPEG (no program decodes the simulated CR2), and at what share of the
+    sensor's counts it says that wells are full: a scale of its own."""
 
     def optics(self, side: Side) -> CameraOptics:
         """Return the camera."""
@@ -87,7 +91,7 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
     shots = RenderedShots(taken.world, optics, seed=taken.seed, fresh=True, workers=0)
     usual, (maker, model) = optics.usual_settings, _NAMES[side]
     settings = Exposure(1.0, usual.iso, usual.f_number)
-    shots.prepare(taken.stops_s, wide, high, settings=settings)
+    shots.prepare(taken.stops_s, wide, high, settings=settings, raw=side in taken.raw)
     records = []
     for stop, shutter_s in enumerate(taken.stops_s):
         moment = taken.begun + timedelta(seconds=10 + 2 * (len(taken.stops_s) - stop))
@@ -105,27 +109,39 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
             "1001",
             "1.0",
         )
-        data = shots.jpeg(request)
-        name = f"{side.value}/{stop:02d}.jpg"
-        (path / name).write_bytes(data)
-        records.append(
-            FrameRecord(
-                side=side,
-                stop=stop,
-                file=name,
-                size_bytes=len(data),
-                sha256=hashlib.sha256(data).hexdigest(),
-                asked_s=shutter_s,
-                camera_s=shutter_s,
-                iso=usual.iso,
-                f_number=usual.f_number,
-                width_px=wide,
-                height_px=high,
-                taken_utc=moment,
-                release_monotonic_s=(moment - taken.begun).total_seconds(),
+        files = {"jpeg": shots.jpeg(request)}
+        if side in taken.raw:
+            dng = shots.raw(replace(request, manufacturer="Adobe"))
+            files["dng"] = _full_at(dng, optics.sensor.raw_black, 2**optics.sensor.raw_bits - 1, taken.raw[side])
+        for kind, data in files.items():
+            name = f"{side.value}/{stop:02d}.{'jpg' if kind == 'jpeg' else kind}"
+            (path / name).write_bytes(data)
+            records.append(
+                FrameRecord(
+                    side=side,
+                    stop=stop,
+                    file=name,
+                    format="dng" if kind == "dng" else "jpeg",
+                    size_bytes=len(data),
+                    sha256=hashlib.sha256(data).hexdigest(),
+                    asked_s=shutter_s,
+                    camera_s=shutter_s,
+                    iso=usual.iso,
+                    f_number=usual.f_number,
+                    width_px=wide,
+                    height_px=high,
+                    taken_utc=moment,
+                    release_monotonic_s=(moment - taken.begun).total_seconds(),
+                )
             )
-        )
     return records
+
+
+def _full_at(dng: bytes, black: int, white: int, share: float) -> bytes:
+    """Return a DNG whose white level (tag 50717) is a share of what it was, above the black level."""
+    before, after = (struct.pack("<HHIH", 50717, 3, 1, round(black + s * (white - black))) for s in (1.0, share))
+    assert dng.count(before) == 1
+    return dng.replace(before, after)
 
 
 def _device(taken: Taken, side: Side) -> DeviceRecord:

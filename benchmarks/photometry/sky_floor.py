@@ -85,7 +85,7 @@ def _merged(
 ) -> Floats:
     assert camera.lens is not None
     times = side.true_times_s(camera.shutter)
-    return merge(side.sources(), times, curve, noise, geometry=camera.lens.fisheye(size)).image.rgb
+    return merge(side.frames, times, curve, noise, geometry=camera.lens.fisheye(size)).image.rgb
 
 
 def _mean_image(taken: Taken, rows: npt.NDArray[np.intp], scene: Floats) -> Doubles:

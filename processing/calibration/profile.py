@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -140,6 +140,16 @@ class RigProfile(Model):
     cameras: dict[Side, CameraProfile] = Field(default={})
     k2: K2Record | None = None
     warnings: tuple[SafeText, ...] = ()
+    frames: dict[Side, Literal["raw", "jpeg"]] = Field(default={})
+    """Which frames of each camera all this was measured on, and holds for; JPEGs where a side is not named."""
+    raw: RigProfile | None = None
+    """The same rig by its raw files, of the cameras that have them."""
+
+    def of(self, by_raw: Mapping[Side, bool]) -> RigProfile:
+        """Return what holds for sides by whether they were merged from raw files: the part `raw`, else this."""
+        mine = self.raw.frames if self.raw else {}
+        held = any(by_raw.values()) and all((mine.get(side) == "raw") is one for side, one in by_raw.items())
+        return self.raw if self.raw and held else self
 
 
 def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()) -> CameraState:

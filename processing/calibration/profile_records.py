@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
-from processing.calibration.response.shutter import ShutterRule, true_time_s
+from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, true_time_s
 from processing.calibration.scale.glare_fit import WIDTHS_RAD, GlareKernel
 from processing.calibration.scale.vignetting import Vignetting
 from processing.ground.arrays import Rgb
@@ -114,8 +114,14 @@ class ShutterRecord(Model):
 
     def true_s(self, nominal_s: float) -> float:
         """Return the true time of a nominal one: the measured one within 1 % of it, else the rule's."""
-        measured = (t.true_s for t in self.times if abs(t.nominal_s / nominal_s - 1) < _SAME_TIME_FRAC)
-        return next(measured, true_time_s(nominal_s, self.rule))
+        return next((t.true_s for t in self._measured(nominal_s)), true_time_s(nominal_s, self.rule))
+
+    def sigma_stops(self, nominal_s: float) -> float:
+        """Return the uncertainty of `true_s`."""
+        return next((t.sigma_stops for t in self._measured(nominal_s)), RULE_SIGMA_STOPS)
+
+    def _measured(self, nominal_s: float) -> list[ShutterTime]:
+        return [t for t in self.times if abs(t.nominal_s / nominal_s - 1) < _SAME_TIME_FRAC]
 
 
 class VignettingRecord(_Record):

@@ -148,7 +148,8 @@ def _summary(result: RigResult) -> dict[str, Any]:
             "chart_found_by": result.views[side].chart.how,
         }
     k2 = profile.k2.model_dump(mode="json", exclude={"patches", "indoor", "outdoor"}) if profile.k2 else None
-    return {"cameras": cameras, "k2": k2, "warnings": list(profile.warnings)}
+    raw = {"frames": profile.raw.frames, "k2": profile.raw.k2 and profile.raw.k2.value} if profile.raw else None
+    return {"cameras": cameras, "k2": k2, "raw": raw, "warnings": list(profile.warnings)}
 
 
 def _lines(result: RigResult) -> list[str]:
@@ -173,4 +174,7 @@ def _lines(result: RigResult) -> list[str]:
         )
         worst = max((p for p in k2.patches), key=lambda p: p.color_difference)
         lines.append(f"colours of both cameras differ by up to {worst.color_difference:.1f} (L*a*b*, {worst.name})")
+    if raw := found["raw"]:
+        kinds = ", ".join(f"{side} {kind}" for side, kind in raw["frames"].items())
+        lines.append(f"with raw files ({kinds}): " + (f"k2 = {raw['k2']:.5g}" if raw["k2"] else "no k2"))
     return [*lines, *(f"warning: {text}" for text in found["warnings"])]

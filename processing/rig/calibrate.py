@@ -4,12 +4,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from processing.calibration.merge.tables import linear_curve
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
 from processing.calibration.profile_records import ResponseRecord
@@ -18,7 +20,7 @@ from processing.calibration.scale import chart_patches
 from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
-from processing.errors import ChartError, LensError, ParameterError
+from processing.errors import ChartError, LensError, ParameterError, ProcessingError
 from processing.ground.arrays import Bytes
 from processing.pictures.modes import blueness
 from processing.rig.camera_fit import (
@@ -70,6 +72,8 @@ class RigResult:
 def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], None] = lambda _text: None) -> RigResult:
     """Return the rig's profile; ``report`` is called with what is being done.
 
+    Where the chart session has raw files, all is done by them too: the profile's part ``raw``, or a warning.
+
     Raises `ChartError`: the chart was not found in one camera's picture (name its corners); `ResponseError`: a camera's
     frames give no curve; `ParameterError`: sessions without the frames that are needed.
     """
@@ -80,12 +84,32 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
         if side in charts:
             chart_patches.check_corners(np.reshape(corners, (-1, 2)), charts[side].size_px)
     _require_use(request, charts)
-    cameras, views = {}, {}
+    cameras = {}
     for side, taken in charts.items():
         report(f"{side}: response, noise, shutter times")
         cameras[side] = _camera(request, side, taken)
-        report(f"{side}: merging the chart, looking for it")
-        views[side] = _chart_view(cameras[side], taken, request.corners.get(side))
+    report("merging the chart, looking for it")
+    result, part = _result(request, charts, cameras, now), None
+    warnings = list(result.profile.warnings)
+    try:
+        raws = {side: taken for side in charts if (taken := read_side(request.chart, side, raw=True))}
+        for side in raws:
+            report(f"{side}: the same by raw files")
+            bare = replace(cameras[side], response=None, filter=None, warnings=())
+            cameras[side] = _optics(request, bare, raw=True)
+        part = _result(request, charts | raws, cameras, now).profile if raws else None
+        warnings += [f"by raw files: {text}"[:500] for text in (part.warnings if part else ()) if text not in warnings]
+    except ProcessingError as error:
+        warnings.append(f"the profile holds for JPEGs only: {error}"[:500])
+    return replace(result, profile=result.profile.model_copy(update={"raw": part, "warnings": tuple(warnings)}))
+
+
+def _result(
+    request: RigRequest, charts: Mapping[Side, SessionSide], fits: Mapping[Side, CameraFit], now: datetime
+) -> RigResult:
+    """Return the profile of cameras whose optics are known, by the chart in both."""
+    cameras = dict(fits)
+    views = {side: _chart_view(fits[side], taken, request.corners.get(side)) for side, taken in charts.items()}
     if len(charts) == 2 and cameras[Side.OUTDOOR].filter is None:
         camera = cameras[Side.OUTDOOR]
         try:
@@ -106,6 +130,7 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
         cameras={side: camera.profile(charts[side], now) for side, camera in cameras.items()},
         k2=k2[0] if k2 else None,
         warnings=tuple(text[:500] for text in (*warnings, *(k2[1].scale.warnings if k2 else ()))),
+        frames={side: "raw" if taken.linear else "jpeg" for side, taken in charts.items()},
     )
     return RigResult(profile, views, cameras)
 
@@ -123,24 +148,29 @@ def _require_use(request: RigRequest, charts: Mapping[Side, SessionSide]) -> Non
 
 def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
     """Return everything about one camera that the sessions show."""
-    nd = [read_side(path, side) for path in request.nd or ()] if side is Side.OUTDOOR else []
-    others = [read_side(path, side) for path in request.sessions]
+    paths = (*request.sessions, *(request.nd or ())[1:]) if side is Side.OUTDOOR else request.sessions
     # Even fields and a chart behind a dark filter show few codes: a curve from them would be worse, not better.
-    varied = [taken for taken in (*others, *nd[1:]) if taken is not None]
-    takes = _same_camera(chart, varied)
-    camera = fit_camera(takes, chart, request.half_field_rad, request.rules.get(side))
+    varied = [taken for path in paths if (taken := read_side(path, side))]
+    camera = fit_camera(_same_camera(chart, varied), chart, request.half_field_rad, request.rules.get(side))
     for name in request.lens_data:
         if (name in _INDOOR_DATA) == (side is Side.INDOOR):
             camera = replace(camera, vignetting=published_vignetting(name))
-    flats = [taken for path in request.flats if (taken := read_side(path, side)) is not None]
+    return _optics(request, camera)
+
+
+def _optics(request: RigRequest, camera: CameraFit, *, raw: bool = False) -> CameraFit:
+    """Return the camera with what flats, filter and lamps show; by raw files where these have them, else as it is."""
+    side, read = camera.side, partial(read_side, side=camera.side, raw=raw)
+    flats = [taken for path in request.flats if (taken := read(path)) is not None]
     if side is Side.OUTDOOR and flats:
         camera = with_flat_field(camera, flats)
     if request.nd and side is Side.OUTDOOR:
-        filtered, plain = nd
-        if filtered is None or plain is None:
+        filtered, plain = (read(path) for path in request.nd)
+        if filtered is not None and plain is not None:
+            camera = with_filter(camera, filtered, plain)
+        elif not raw:
             raise ParameterError("a session without outdoor frames", where="--nd", advice="--nd WITH WITHOUT")
-        camera = with_filter(camera, filtered, plain)
-    lamps = [(read_side(seen, side), read_side(hidden, side)) for seen, hidden in request.lamps]
+    lamps = [(read(seen), read(hidden)) for seen, hidden in request.lamps]
     pairs = [(seen, hidden) for seen, hidden in lamps if seen is not None and hidden is not None]
     return with_lamps(camera, pairs) if pairs else camera
 
@@ -224,7 +254,10 @@ def _k2(
         ),
         light=float(blueness(views[Side.INDOOR].chart.rgb[chart_patches.WHITE])),
         corrections=tuple(name for name, what in done.items() if what is not None),
-        responses={side: ResponseRecord.of(camera.response.curve).digest() for side, camera in cameras.items()},
+        responses={
+            side: ResponseRecord.of(camera.response.curve if camera.response else linear_curve()).digest()
+            for side, camera in cameras.items()
+        },
     )
     return record, found
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from processing.calibration import profile_records
-from processing.calibration.merge.merge import merge
+from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.optics import stated_circle
 from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
-from processing.calibration.profile import CameraProfile, CameraState, camera_state
+from processing.calibration.profile import CameraProfile, CameraState, RigProfile, camera_state
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, camera_rule
@@ -23,90 +23,71 @@ from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import BracketError, LensError, ParameterError, ProfileError, ResponseError
-from processing.ground.arrays import Bytes, Doubles
-from processing.pictures.frames import FrameSource, frame_of
+from processing.ground.arrays import Doubles
 from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
-from station.session.session import FrameRecord, MeterTarget, ReadingRecord, Side
+from processing.stages.brackets import SideBracket, decoded, side_bracket
+from processing.stages.merge import merged_bracket
+from station.session.session import MeterTarget, ReadingRecord, Side
 from station.session.store import load_manifest
 
 
-@dataclass(frozen=True)
-class SessionSide:
-    """What one camera took in one session; frames in the order of their stops, longest first."""
+@dataclass(frozen=True, kw_only=True)
+class SessionSide(SideBracket):
+    """What one camera took in one session."""
 
     path: Path
-    side: Side
     session_id: str
     created_utc: datetime
-    records: tuple[FrameRecord, ...]
     state: CameraState
     target: MeterTarget | None
     readings: tuple[ReadingRecord, ...]
     circle_frac: Circle | None
     """The image circle that the rig file states: centre and radius as fractions of width, height and width."""
 
-    @property
-    def nominal_s(self) -> tuple[float, ...]:
-        """Return the times the camera was set to."""
-        return tuple(record.camera_s for record in self.records)
-
     def true_times_s(self, shutter: profile_records.ShutterRecord) -> tuple[float, ...]:
         """Return the times that the frames were open."""
         return tuple(shutter.true_s(nominal) for nominal in self.nominal_s)
 
-    def sources(self) -> list[FrameSource]:
-        """Return the frames, not yet decoded."""
-        return [
-            frame_of(self.path / record.file, f"{self.path.name}/{record.file}", coded=True) for record in self.records
-        ]
-
     def bracket(self, times_s: Sequence[float]) -> Bracket8:
         """Return the decoded frames (uint8 RGB) with their times."""
-        return Bracket8([np.asarray(source.decode(), dtype=np.uint8) for source in self.sources()], times_s)
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Return width and height."""
-        return self.sources()[0].size_px
+        return Bracket8(decoded(self.frames), times_s)
 
 
-def read_side(path: Path, side: Side) -> SessionSide | None:
-    """Return one camera's bracket of a session, None where it took none.
+def read_side(path: Path, side: Side, *, raw: bool = False) -> SessionSide | None:
+    """Return one camera's bracket of a session, of JPEGs or of raw files; None where it took none.
 
-    Raises `SessionError`: no session there, or one that cannot be read; `BracketError`: fewer than two frames.
+    Raises `SessionError`: no session there, or one that cannot be read; `BracketError`: fewer than two frames, frames
+    of different settings, or raw files that cannot be used.
     """
-    manifest = load_manifest(path)
-    records = sorted(
-        (f for f in manifest.frames if f.side is side and not f.is_raw), key=lambda f: f.camera_s, reverse=True
-    )
-    if not records:
+    manifest, path = load_manifest(path), path.resolve()
+    if not any(frame.side is side and frame.is_raw is raw for frame in manifest.frames):
         return None
-    if len(records) < 2:
+    # By names that say which of the rig's sessions they belong to
+    named = (frame.model_copy(update={"file": f"{path.name}/{frame.file}"}) for frame in manifest.frames)
+    manifest = manifest.model_copy(update={"frames": tuple(named)})
+    bracket = side_bracket(manifest, path.parent, side, "raw" if raw else "jpeg")
+    if bracket is None or len(bracket.records) < 2:
         raise BracketError(f"only one {side} frame", where=str(path), advice="capture a bracket of several times")
-    device = next((d for d in manifest.devices if d.role == side.value), None)
     return SessionSide(
+        **vars(bracket),
         path=path,
-        side=side,
         session_id=manifest.session_id,
         created_utc=manifest.created_utc,
-        records=tuple(records),
-        state=camera_state(device, records),
+        state=camera_state(bracket.device, manifest.pictures(side)),
         target=manifest.target,
         readings=manifest.readings,
         circle_frac=stated_circle(manifest.rig) if side is Side.OUTDOOR else None,
     )
 
 
-def outdoor_lens(side: SessionSide, frames: Sequence[Bytes], half_field_rad: float) -> LensModel:
+def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
     """Return the fisheye: its circle as the frames show it, else as the rig file states it; an equisolid mapping.
-
-    ``frames``: (H, W, 3) uint8 each.
 
     Raises `LensError`: no circle is seen, and none is stated.
     """
     try:
-        circle = find_image_circle(list(frames))
+        circle = find_image_circle(decoded(side.frames))
         source = "image circle found in the frames"
     except LensError:
         if side.circle_frac is None:
@@ -128,7 +109,8 @@ class CameraFit:
     """What is known of one camera so far."""
 
     side: Side
-    response: ResponseFit
+    response: ResponseFit | None
+    """None: of its raw files, which have none."""
     shutter: profile_records.ShutterRecord
     lens: LensModel | None = None
     """Of the outdoor camera."""
@@ -140,10 +122,13 @@ class CameraFit:
 
     def merged(self, taken: SessionSide) -> RelativeImage:
         """Return a session's bracket merged, in this camera's geometry, nothing corrected."""
-        geometry = self._geometry(taken)
-        times_s = taken.true_times_s(self.shutter)
+        geometry: Geometry = self.lens.fisheye(taken.size_px) if self.lens else Equirectangular(*taken.size_px)
         fit = self.response
-        return merge(taken.sources(), times_s, fit.curve, fit.noise, geometry=geometry).image
+        if fit is None:  # as the stage does it
+            now = taken.created_utc
+            profile = RigProfile(created_utc=now, cameras={self.side: self.profile(taken, now)})
+            return merged_bracket(taken, profile, geometry, MergeOptions())[1].image
+        return merge(taken.frames, taken.true_times_s(self.shutter), fit.curve, fit.noise, geometry=geometry).image
 
     def corrected(self, image: RelativeImage) -> RelativeImage:
         """Return a merged picture with fall-off and the filter's tint undone, in its own geometry."""
@@ -159,18 +144,14 @@ class CameraFit:
             state=chart.state,
             created_utc=now,
             sessions=self.sessions,
-            response=profile_records.ResponseRecord.of(self.response.curve),
-            noise=profile_records.NoiseRecord.of(self.response.noise),
+            response=profile_records.ResponseRecord.of(self.response.curve) if self.response else None,
+            noise=profile_records.NoiseRecord.of(self.response.noise) if self.response else None,
             shutter=self.shutter,
             vignetting=profile_records.VignettingRecord.of(self.vignetting) if self.vignetting else None,
             lens=profile_records.LensRecord.of(self.lens) if self.lens else None,
             nd=profile_records.NdRecord.of(self.filter) if self.filter else None,
             glare=profile_records.GlareRecord.of(self.glare) if self.glare else None,
         )
-
-    def _geometry(self, taken: SessionSide) -> Geometry:
-        wide, high = taken.size_px
-        return Equirectangular(wide, high) if self.lens is None else self.lens.fisheye((wide, high))
 
 
 def fit_camera(
@@ -182,24 +163,15 @@ def fit_camera(
 
     Raises `ResponseError`: the frames of all sessions together give no curve.
     """
-    warnings: list[str] = []
     rule = rule or camera_rule(takes[0].state.model)
-    if rule is None:
-        response, rule, doubt = _best_rule(takes)
-        warnings += doubt
-    else:
-        response = _response(takes, rule)
-    lens = None
-    if circle_of.side is Side.OUTDOOR:
-        frames = circle_of.bracket(circle_of.nominal_s).frames
-        lens = outdoor_lens(circle_of, [np.asarray(f) for f in frames], half_field_rad)
+    response, rule, doubts = _best_rule(takes, (rule,) if rule else _RULES)
     return CameraFit(
         side=takes[0].side,
         response=response,
         shutter=profile_records.ShutterRecord(rule=rule),
-        lens=lens,
+        lens=outdoor_lens(circle_of, half_field_rad) if circle_of.side is Side.OUTDOOR else None,
         sessions=tuple(t.session_id for t in takes),
-        warnings=(*warnings, *(f"{takes[0].side}: {w}" for w in response.warnings)),
+        warnings=(*doubts, *(f"{takes[0].side}: {w}" for w in response.warnings)),
     )
 
 
@@ -266,18 +238,16 @@ def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
     return np.asarray(rgb), chart.uncertainty
 
 
-def _response(takes: Sequence[SessionSide], rule: ShutterRule) -> ResponseFit:
-    shutter = profile_records.ShutterRecord(rule=rule)
-    return recover_response([take.bracket(take.true_times_s(shutter)) for take in takes])
-
-
-def _best_rule(takes: Sequence[SessionSide]) -> tuple[ResponseFit, ShutterRule, list[str]]:
+def _best_rule(
+    takes: Sequence[SessionSide], rules: Sequence[ShutterRule]
+) -> tuple[ResponseFit, ShutterRule, list[str]]:
     """Return the fit and rule whose curve leaves the least residual, and a doubt where that is hardly less."""
     tried: list[tuple[float, int, ResponseFit, ShutterRule]] = []
     failed: ResponseError | None = None
-    for number, rule in enumerate(_RULES):
+    for number, rule in enumerate(rules):
+        shutter = profile_records.ShutterRecord(rule=rule)
         try:
-            fit = _response(takes, rule)
+            fit = recover_response([take.bracket(take.true_times_s(shutter)) for take in takes])
         except ResponseError as error:
             failed = error
             continue

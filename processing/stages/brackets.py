@@ -17,6 +17,7 @@ from processing.pictures.frames import FrameSource, Reduce, frame_of, raw_frame
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from station.session.session import DeviceRecord, FrameRecord, SessionManifest, Side
 
+FramesAsked = Literal["auto", "raw", "jpeg"]
 DECODERS = 2  # chosen: threads of a small computer
 COARSE_PX = 800  # chosen: shows enough for a check
 PANORAMA_CAMERAS = ("THETA", "INSTA360")
@@ -60,7 +61,7 @@ def is_panorama_camera(device: DeviceRecord | None) -> bool:
 
 
 def side_bracket(
-    manifest: SessionManifest, session_path: Path, side: Side, frames: Literal["auto", "raw", "jpeg"] = "auto"
+    manifest: SessionManifest, session_path: Path, side: Side, frames: FramesAsked = "auto"
 ) -> SideBracket | None:
     """Return a side's frames, None where the session has none; ``frames``: raw files or what lies beside them.
 

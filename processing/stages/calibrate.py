@@ -5,6 +5,7 @@ One panorama instead of brackets stays in relative units unless its file says mo
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -36,7 +37,9 @@ def run(context: StageContext) -> StageOutput:
     if context.session.panorama is not None:
         return calibrate_panorama(context)
     asked = context.parameters_of(CalibrateParameters)
-    profile = None if asked.calibration is None else load_profile(asked.calibration)
+    merged = context.optional_artifact("merge", "response") or {}
+    by_raw = {Side(name): one["source"] == "linear" for name, one in merged.items()}
+    profile = None if asked.calibration is None else load_profile(asked.calibration).of(by_raw)
     left_out: dict[str, str] = {}
     room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
     sides: dict[str, Calibrated] = {}
@@ -53,7 +56,7 @@ def run(context: StageContext) -> StageOutput:
     else:
         context.progress(0.3, "outdoor chain")
         try:
-            sides["outdoor"] = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(context))
+            sides["outdoor"] = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(merged))
         except LensError as error:
             left_out["outdoor"] = str(error)
     if not sides:
@@ -79,12 +82,11 @@ def _without_room(asked: CalibrateParameters) -> str:
     return "the stage merge made no indoor picture"
 
 
-def _responses(context: StageContext) -> dict[Side, ResponseRecord]:
+def _responses(merged: Mapping[str, Any]) -> dict[Side, ResponseRecord]:
     """Return the curves that the brackets were merged with."""
-    found = context.optional_artifact("merge", "response") or {}
     return {
         Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"], default=dict))
-        for name, one in found.items()
+        for name, one in merged.items()
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,23 +15,26 @@ from processing.calibration.merge.lens_places import clearest, place_lenses
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
 from processing.calibration.merge.tables import linear_curve
 from processing.calibration.profile import CameraProfile, RigProfile, load_profile, profile_matches
-from processing.calibration.profile_records import NoiseRecord, ResponseRecord
+from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import check_response, estimate_noise, recover_response, residuals_by_code
 from processing.calibration.response.samples import Bracket8, take_samples
-from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, camera_rule, true_time_s
+from processing.calibration.response.shutter import ShutterRule, camera_rule, true_time_s
 from processing.errors import BracketError, PictureFileError, ProcessingError, ResponseError
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
 from processing.pictures.images import Validity
 from processing.pictures.mosaic import FULL, PEDESTAL
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Geometry
 from processing.stages import brackets
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
 
+_ONLY_JPEGS = (
+    "the rig profile holds for this camera's JPEGs only (daylit rig calibrate, with raw files of chart and flat)"
+)
 _STEPS, Z95 = 2 * 2, 1.96  # response and merge of two sides, for the progress; 95 % of a normal distribution
 
 
@@ -67,21 +70,41 @@ def run(context: StageContext) -> StageOutput:
     """
     parameters = context.parameters_of(MergeParameters)
     profile = None if parameters.calibration is None else load_profile(parameters.calibration)
-    gathered = _Gathered()
+    asked: dict[Side, brackets.FramesAsked] = dict.fromkeys(Side, parameters.frames)
+    why = _ONLY_JPEGS
+    if profile and profile.raw and parameters.frames == "auto":
+        try:
+            return _merged(context, profile.raw, profile.raw.frames, why)
+        except (PictureFileError, ResponseError, BracketError) as error:
+            # JPEGs of both cameras then: the profile knows no pair of one's raw files and the other's JPEGs but that.
+            why = f"those that the rig profile holds for are not there: {error}"
+    if profile and parameters.frames == "auto":
+        asked |= {side: "jpeg" for side, camera in profile.cameras.items() if camera.response}
+    return _merged(context, profile, asked, why)
+
+
+def _merged(
+    context: StageContext, profile: RigProfile | None, frames: Mapping[Side, brackets.FramesAsked], why_jpegs: str
+) -> StageOutput:
+    """Merge each side from its frames; ``why_jpegs``: of raw files that a profile passes over."""
+    parameters, gathered = context.parameters_of(MergeParameters), _Gathered()
+    raws = {frame.side for frame in context.session.frames if frame.is_raw}
     for number, side in enumerate(Side):
         if parameters.side not in ("both", side.value):
             gathered.left_out[side.value] = f"only {parameters.side} was asked for"
             continue
-        covered = profile and (camera := profile.cameras.get(side)) and camera.response
-        asked = "jpeg" if covered and parameters.frames == "auto" else parameters.frames
+        asked = frames.get(side, "auto")
         bracket = brackets.side_bracket(context.session, context.session_path, side, asked)
         if bracket is None:
             gathered.left_out[side.value] = f"the session has no {side} frames"
             continue
+        if side in raws and not bracket.linear and asked != parameters.frames:
+            bracket = replace(bracket, raw_refused=why_jpegs)
         try:
             _merge_or_jpegs(context, bracket, profile, gathered, 2 * number)
         except (ResponseError, BracketError) as error:
-            if not gathered.artifacts:
+            if (asked, parameters.frames) == ("raw", "auto") or not gathered.artifacts:
+                error.where = error.where or side.value
                 raise
             gathered.refuse(side, error)
     if not gathered.artifacts:
@@ -103,9 +126,10 @@ def _merge_or_jpegs(
     try:
         return _merge_side(context, bracket, profile, gathered, step)
     except (PictureFileError, ResponseError, BracketError) as error:
+        held = profile is not None and profile.frames.get(bracket.side) == "raw"
         asked = context.parameters_of(MergeParameters).frames
         beside = any(not frame.is_raw for frame in context.session.pictures(bracket.side))
-        if asked != "auto" or not bracket.records[0].is_raw or not beside:
+        if held or asked != "auto" or not bracket.records[0].is_raw or not beside:
             raise
         jpegs = brackets.side_bracket(context.session, context.session_path, bracket.side, "jpeg")
         assert jpegs is not None
@@ -116,32 +140,47 @@ def _merge_side(
     context: StageContext, bracket: brackets.SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
 ) -> None:
     side = bracket.side.value
-    context.progress((step + 0.1) / _STEPS, f"{side}: response curve")
+    response, merged, pair = merged_bracket(
+        *(bracket, profile, brackets.merge_geometry(bracket, context.session.rig)),
+        MergeOptions(quality=context.quality.value, max_error=context.max_error),
+        lambda part, what: context.progress((step + part) / _STEPS, f"{side}: {what}"),
+    )
+    _gather(context, bracket, response, merged, gathered)
+    if pair is not None:
+        gathered.metrics[side]["lenses"] = pair.to_dict()
+
+
+def merged_bracket(
+    bracket: brackets.SideBracket,
+    profile: RigProfile | None,
+    geometry: Geometry,
+    options: MergeOptions,
+    progress: Callable[[float, str], None] = lambda _part, _what: None,
+) -> tuple[CameraResponse, Merged, LensPair | None]:
+    """Return the response that holds, the picture, and how a panorama camera's two lenses look; ``progress``: to 2.
+
+    Raises `ResponseError`, `BracketError` and `PictureFileError` for frames that cannot be merged.
+    """
+    progress(0.1, "response curve")
     response, frames = camera_response(bracket, profile)
     pair = _lens_pair(bracket, frames) if bracket.panoramas else None
-    context.progress((step + 1) / _STEPS, f"{side}: merging")
+    progress(1, "merging")
+    colours = getattr(bracket.frames[0], "colours", None)
     merged = merge(
         frames,
         response.times_s,
         None if bracket.linear else response.curve,
         response.noise,
-        geometry=brackets.merge_geometry(bracket, context.session.rig),
-        options=MergeOptions(
-            quality=context.quality.value,
-            max_error=context.max_error,
-            own_curve=response.source != "profile",
-            colours=getattr(bracket.frames[0], "colours", None),
-        ),
+        geometry=geometry,
+        options=replace(options, own_curve=response.source != "profile", colours=colours),
         time_sigma=response.time_sigma,
         given_s=bracket.nominal_s,
     )
     if pair is not None:
-        context.progress((step + 1.8) / _STEPS, f"{side}: stitching")
+        progress(1.8, "stitching")
         merged = stitched(merged, pair, Equirectangular(*bracket.panoramas[0].size_px))
-    context.progress((step + 2) / _STEPS, f"{side}: merged")
-    _gather(context, bracket, response, merged, gathered)
-    if pair is not None:
-        gathered.metrics[side]["lenses"] = pair.to_dict()
+    progress(2, "merged")
+    return response, merged, pair
 
 
 def _lens_pair(bracket: brackets.SideBracket, raws: Sequence[FrameSource]) -> LensPair:
@@ -203,6 +242,7 @@ def _honoured(context: StageContext, gathered: _Gathered) -> dict[str, str]:
 
 
 DRIFTED = "drifted"
+_Held = tuple["CameraResponse", tuple[FrameSource, ...]]
 
 
 @dataclass(frozen=True)
@@ -241,17 +281,15 @@ class CameraResponse:
         }
 
 
-def camera_response(
-    bracket: brackets.SideBracket, profile: RigProfile | None
-) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
+def camera_response(bracket: brackets.SideBracket, profile: RigProfile | None) -> _Held:
     """Return the profile's response where it has this camera's, else one recovered from the bracket; and the frames.
 
     The frames are in memory already where all of them were looked at. Raises `ResponseError` where no response can
     be had.
     """
-    if bracket.linear:
-        return _linear(bracket)
     camera = profile.cameras.get(bracket.side) if profile else None
+    if bracket.linear:
+        return _linear(bracket, camera)
     if profile and camera and camera.response:
         return _from_profile(bracket, profile, camera), bracket.frames
 
@@ -260,15 +298,16 @@ def camera_response(
     return _recovered(bracket, codes), held
 
 
-def _linear(bracket: brackets.SideBracket) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
-    """Take noise, black level and times from linear frames; their rule's times where the camera's rule is known."""
+def _linear(bracket: brackets.SideBracket, camera: CameraProfile | None) -> _Held:
+    """Take noise, black level and times from linear frames; the profile's or the camera's rule of them, if known."""
     with ThreadPoolExecutor(brackets.DECODERS) as pool:
         codes = [np.asarray(code, np.uint16) for code in pool.map(lambda frame: frame.decode(), bracket.frames)]
     rule = camera_rule(bracket.device.model) if bracket.device else None
-    times_s = [true_time_s(nominal, rule or ShutterRule.NOMINAL) for nominal in bracket.nominal_s]
+    shutter = camera.shutter if camera else ShutterRecord(rule=rule or ShutterRule.NOMINAL)
+    times_s = [shutter.true_s(nominal) for nominal in bracket.nominal_s]
     fit = fit_linear(codes, times_s, PEDESTAL / FULL if bracket.records[0].is_raw else 0.0)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
-    source = f"rule of the camera: {rule}" if rule else "as given"
+    source = "profile" if camera else f"rule of the camera: {rule}" if rule else "as given"
     found = CameraResponse(
         *(linear_curve(), fit.noise, fit.times_s, fit.time_sigma, "linear", f"{source}, held against the frames"),
         *({}, {}, _warnings("response", bracket, fit.warnings)),
@@ -293,14 +332,8 @@ def _from_profile(bracket: brackets.SideBracket, profile: RigProfile, camera: Ca
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     assert camera.response
     curve = camera.response.curve()
-    # True times and their relative uncertainties: as measured where the profile has them, else by its rule
-    measured = {round(math.log2(time.nominal_s), 3): time for time in camera.shutter.times}
-    times, sigmas = [], []
-    for nominal in bracket.nominal_s:
-        known = measured.get(round(math.log2(nominal), 3))
-        times.append(known.true_s if known else true_time_s(nominal, ShutterRule(camera.shutter.rule)))
-        sigmas.append((known.sigma_stops if known else RULE_SIGMA_STOPS) * math.log(2))
-    times_s, time_sigma = tuple(times), tuple(sigmas)
+    times_s = tuple(camera.shutter.true_s(nominal) for nominal in bracket.nominal_s)
+    time_sigma = tuple(camera.shutter.sigma_stops(nominal) * math.log(2) for nominal in bracket.nominal_s)
     if camera.noise:
         noise = camera.noise.model()
     else:

@@ -138,7 +138,7 @@ class MergeParameters(StageParameters):
 
     calibration: Profile = None
     side: Literal["both", "indoor", "outdoor"] = Field("both", description="Which brackets are merged")
-    frames: Literal["auto", "raw", "jpeg"] = Field("auto", description="auto: raw, but JPEG with a profile")
+    frames: Literal["auto", "raw", "jpeg"] = Field("auto", description="auto: raw where a profile holds for it")
 
 
 class CalibrateParameters(StageParameters):

@@ -1,0 +1,216 @@
+"""``daylit rig calibrate`` on sessions with raw files, and what `daylit process` makes of its profile."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import daylit
+from benchmarks.photometry.rig import CHART_STOPS_S, DENSE_STOPS_S
+from benchmarks.sessions import Taken, write_session
+from mocks.optics.chart import ChartRoom
+from mocks.worlds.light import Site, UniformWorld, luminance_cd_m2
+from mocks.worlds.simple_room import SimpleRoom
+from mocks.worlds.sky import SimpleSky
+from processing.calibration.profile import RigProfile, load_profile, save_profile
+from station.session.session import Side
+
+SMALL = 12
+"""Of the frames' size."""
+INDOOR, OUTDOOR = Side.INDOOR, Side.OUTDOOR
+RAW = {INDOOR: 1 / 1.5, OUTDOOR: 1.0}
+"""The indoor camera's raw files are 1.5 times as bright as its JPEGs: k2 of one is none of the other."""
+OFF = {"linear": 0.02, "profile": 0.05}
+"""Of the sky's illuminance, by frames; 0.3 and 3.1 % are found, and with the other frames' k2 it would be 50 %."""
+SKY = SimpleSky(sun_luminance_cd_m2=0.0)
+
+
+@dataclass(frozen=True)
+class PaperedRoom(ChartRoom):
+    """The chart's room with patterned walls, by which the panorama camera's lenses can be placed."""
+
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):  # type: ignore[no-untyped-def]
+        light = super().radiance(site, directions, pixel_rad, component)
+        x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
+        east, up = np.arctan2(x, y) / np.pi + 1, np.arcsin(np.clip(z, -1, 1)) / np.pi + 0.5
+        paper = np.ones(light.shape[:-1])
+        for n in (16, 32, 64):
+            cells = np.random.default_rng(n).uniform(0.25, 1, (n, 2 * n)) ** 0.7
+            paper *= cells[np.clip(up * n, 0, n - 1).astype(int), np.clip(east * n, 0, 2 * n - 1).astype(int)]
+        paper[y > np.cos(np.radians(40))] = 1  # around chart and board
+        return (light * paper[..., None]).astype(np.float32) if site is Site.INDOOR else light
+
+
+@dataclass(frozen=True)
+class UnderTheSky(PaperedRoom):
+    """The same room, and an overcast sky outdoors."""
+
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):  # type: ignore[no-untyped-def]
+        if site is Site.INDOOR:
+            return super().radiance(site, directions, pixel_rad, component)
+        return 4 * SKY.radiance(directions)
+
+    def open_sky(self, site: Site, directions: np.ndarray) -> np.ndarray:
+        return np.full(directions.shape[:-1], site is Site.OUTDOOR, np.float32)
+
+
+def sky_lux() -> float:
+    z, around = np.meshgrid((np.arange(200) + 0.5) / 200, np.linspace(0, 2 * np.pi, 400, endpoint=False), indexing="ij")
+    flat = np.sqrt(1 - z**2)
+    rays = np.stack([flat * np.cos(around), flat * np.sin(around), z], axis=-1).astype(np.float32)
+    return float(2 * np.pi * np.mean(luminance_cd_m2(UnderTheSky().radiance(Site.OUTDOOR, rays)) * z))
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rig")
+    write_session(folder / "chart", Taken(PaperedRoom(), SMALL, stops_s=CHART_STOPS_S, raw=RAW))
+    write_session(folder / "room", Taken(SimpleRoom(3), SMALL, (INDOOR,), stops_s=DENSE_STOPS_S))
+    write_session(folder / "plain", Taken(PaperedRoom(), SMALL, (OUTDOOR,), nd=False, stops_s=DENSE_STOPS_S, raw=RAW))
+    write_session(folder / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), raw=RAW))
+    write_session(folder / "session", Taken(UnderTheSky(), SMALL, raw=RAW, seed=1))
+    return folder
+
+
+def calibrated(rig: Path, chart: str, into: str) -> RigProfile:
+    words = [*(str(rig / name) for name in (chart, "room")), "--nd", str(rig / chart), str(rig / "plain")]
+    words += ["--flat", str(rig / "flat"), "--lens-data", "theta_z1", "--into", str(rig / into)]
+    assert daylit.main(["rig", "calibrate", *words]) == 0
+    return load_profile(rig / into)
+
+
+@pytest.fixture(scope="module")
+def profile(rig: Path) -> RigProfile:
+    return calibrated(rig, "chart", "lab.json")
+
+
+def without_raw(at: Path, side: Side, into: Path) -> Path:
+    """Copy a session but for a side's raw files."""
+    shutil.copytree(at, into, ignore=shutil.ignore_patterns("stages"))
+    found = json.loads((into / "session.json").read_text())
+    found["frames"] = [f for f in found["frames"] if (f["side"], f["format"]) != (side.value, "dng")]
+    (into / "session.json").write_text(json.dumps(found))
+    for dng in (into / side.value).glob("*.dng"):
+        dng.unlink()
+    return into
+
+
+def processed(at: Path, profile: Path, frames: str = "auto") -> tuple[dict, dict]:
+    """Return the results of merge and calibrate."""
+    words = ["--until", "calibrate", "--calibration", str(profile), "--frames", frames]
+    assert daylit.main(["process", str(at), *words]) in (0, None)
+    merge, calibrate = (json.loads((at / "stages" / s / "result.json").read_text()) for s in ("merge", "calibrate"))
+    return merge, calibrate
+
+
+def sources(merge: dict) -> dict[str, str]:
+    return {side: found["response_source"] for side, found in merge["metrics"].items()}
+
+
+def test_raw_files_of_rig_and_session_are_used_and_right(rig: Path, profile: RigProfile) -> None:
+    part = profile.raw
+    assert part is not None
+    assert profile.k2 is not None
+    assert part.k2 is not None
+    assert (profile.frames, part.frames) == (dict.fromkeys(Side, "jpeg"), dict.fromkeys(Side, "raw"))
+    assert part.k2.value / profile.k2.value == pytest.approx(1.5, rel=0.03)
+    jpegs, raws = profile.cameras[OUTDOOR], part.cameras[OUTDOOR]
+    assert raws.response is None
+    assert raws.nd is not None
+    assert raws.nd.density == pytest.approx(3.0, abs=0.03)
+    assert raws.vignetting not in (None, jpegs.vignetting)
+    for frames, source in (("auto", "linear"), ("jpeg", "profile")):
+        merge, found = processed(rig / "session", rig / "lab.json", frames)
+        assert sources(merge) == {"indoor": source, "outdoor": source}
+        assert not any("raw" in name for name in merge["left_out"])
+        assert found["metrics"]["outdoor_lux"] == pytest.approx(sky_lux(), rel=OFF[source])
+        assert not any("k2" in warning["message"] for warning in found["warnings"])
+
+
+def test_a_profile_of_jpegs_keeps_to_them_and_says_why(rig: Path, profile: RigProfile) -> None:
+    """Also one from before profiles said what they hold for."""
+    old = json.loads(profile.model_dump_json(exclude={"raw", "frames"}))
+    (rig / "old.json").write_text(json.dumps(old))
+    merge, found = processed(rig / "session", rig / "old.json")
+    assert sources(merge) == {"indoor": "profile", "outdoor": "profile"}
+    assert all("holds for this camera's JPEGs only" in merge["left_out"][f"{side} raw files"] for side in Side)
+    assert found["metrics"]["outdoor_lux"] == pytest.approx(sky_lux(), rel=OFF["profile"])
+    merge, found = processed(rig / "session", rig / "old.json", "raw")
+    assert sources(merge) == {"indoor": "linear", "outdoor": "linear"}
+    assert any("k2 may not hold" in warning["message"] for warning in found["warnings"])
+
+
+def test_a_session_with_raw_files_of_one_camera_is_merged_from_both_cameras_jpegs(
+    rig: Path, profile: RigProfile, tmp_path: Path
+) -> None:
+    assert profile.raw is not None
+    at = without_raw(rig / "session", OUTDOOR, tmp_path / "session")
+    merge, found = processed(at, rig / "lab.json")
+    assert sources(merge) == {"indoor": "profile", "outdoor": "profile"}
+    assert "0 raw files beside 9 pictures" in merge["left_out"]["indoor raw files"]
+    assert found["metrics"]["outdoor_lux"] == pytest.approx(sky_lux(), rel=OFF["profile"])
+
+
+def test_a_raw_file_that_breaks_leaves_both_cameras_jpegs(rig: Path, profile: RigProfile, tmp_path: Path) -> None:
+    assert profile.raw is not None
+    at = tmp_path / "session"
+    shutil.copytree(rig / "session", at, ignore=shutil.ignore_patterns("stages"))
+    manifest = json.loads((at / "session.json").read_text())
+    [broken] = [f for f in manifest["frames"] if f["file"] == "outdoor/04.dng"]
+    broken["size_bytes"] = 3000
+    (at / "outdoor/04.dng").write_bytes(data := (at / "outdoor/04.dng").read_bytes()[:3000])
+    broken["sha256"] = hashlib.sha256(data).hexdigest()
+    (at / "session.json").write_text(json.dumps(manifest))
+    merge, found = processed(at, rig / "lab.json")
+    assert sources(merge) == {"indoor": "profile", "outdoor": "profile"}
+    assert "outdoor/04.dng" in merge["left_out"]["indoor raw files"]
+    assert found["metrics"]["outdoor_lux"] == pytest.approx(sky_lux(), rel=OFF["profile"])
+
+
+def test_a_rig_with_raw_files_of_one_camera_holds_for_just_that_pair(rig: Path, tmp_path: Path) -> None:
+    without_raw(rig / "chart", OUTDOOR, rig / "chart-mixed")
+    mixed = calibrated(rig, "chart-mixed", "mixed.json")
+    assert mixed.raw is not None
+    assert mixed.raw.frames == {INDOOR: "raw", OUTDOOR: "jpeg"}
+    merge, found = processed(rig / "session", rig / "mixed.json")
+    assert sources(merge) == {"indoor": "linear", "outdoor": "profile"}
+    assert "JPEGs only" in merge["left_out"]["outdoor raw files"]
+    assert "indoor raw files" not in merge["left_out"]
+    assert found["metrics"]["outdoor_lux"] == pytest.approx(sky_lux(), rel=OFF["linear"])
+    assert not any("k2" in warning["message"] for warning in found["warnings"])
+
+
+def test_raw_files_that_cannot_be_used_leave_a_profile_of_jpegs_and_a_warning(
+    rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chart = tmp_path / "chart"
+    shutil.copytree(rig / "chart", chart)
+    (chart / "outdoor/03.dng").write_bytes(b"no raw file")
+    words = [
+        "rig",
+        "calibrate",
+        str(chart),
+        str(rig / "room"),
+        str(rig / "plain"),
+        "--into",
+        str(tmp_path / "lab.json"),
+    ]
+    assert daylit.main(words) == 0
+    assert "the profile holds for JPEGs only" in (said := capsys.readouterr().out)
+    assert "chart/outdoor/03.dng" in said
+    assert load_profile(tmp_path / "lab.json").raw is None
+
+
+def test_a_profile_with_its_raw_part_is_read_as_written(rig: Path, profile: RigProfile) -> None:
+    save_profile(rig / "again.json", profile)
+    assert load_profile(rig / "again.json") == profile
+    assert profile.of({INDOOR: True, OUTDOOR: True}) is profile.raw
+    assert profile.of({INDOOR: True}) is profile.raw
+    for other in ({}, {INDOOR: False}, {INDOOR: True, OUTDOOR: False}):
+        assert profile.of(other) is profile
