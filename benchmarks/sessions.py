@@ -5,17 +5,20 @@ from __future__ import annotations
 import hashlib
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
+
 from mocks.instruments.exposures import ShotRequest
-from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics, Filter
+from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics, Filter, scene_rows
 from mocks.optics.pictures import RenderedShots
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import Site, Vector, World
 from mocks.worlds.world import meter_luminance_cd_m2
+from processing.ground.arrays import Doubles, Floats
 from station.session.session import (
     BracketRecord,
     DeviceRecord,
@@ -35,6 +38,39 @@ _NAMES = {Side.INDOOR: ("Ricoh Company, Ltd.", "RICOH THETA Z1"), Side.OUTDOOR: 
 
 
 @dataclass(frozen=True)
+class Body:
+    """A camera in a session: the simulated rig's own, in whose place `benchmarks.hostile.rigs` puts others."""
+
+    optics: CameraOptics
+    known: bool = True
+    """Whether all of it follows from its optics, as the sky with everything known needs."""
+
+    def pictures(self, taken: Taken, side: Side) -> Callable[[ShotRequest], bytes]:
+        """Return what gives the JPEG of each exposure of a session."""
+        optics, (wide, high) = taken.optics(side), taken.size_px(side)
+        usual = optics.usual_settings
+        shots = RenderedShots(taken.world, optics, seed=taken.seed, fresh=True, workers=0)
+        shots.prepare(taken.stops_s, wide, high, settings=Exposure(1.0, usual.iso, usual.f_number))
+        return shots.jpeg
+
+    def log2_exposure(self) -> Doubles:
+        """Return the true curve (3, 256): exposure, 1 at saturation, of each code; codes 0 and 255 are not meant."""
+        codes = np.clip(np.arange(256), 0.25, 255) / 255
+        return np.stack([np.log2(tone.decode(codes)) for tone in self.optics.sensor.tone])
+
+    def truth(self, taken: Taken, side: Side, bands: Sequence[range]) -> Floats:
+        """Return the radiance (h, W, 3) in cd/m2 that the pixels of bands of rows truly average."""
+        return np.concatenate([scene_rows(taken.world, self.optics, taken.size_px(side), band) for band in bands])
+
+    def shown_share(self, taken: Taken, target_cd_m2: float, mean_cd_m2: float) -> float:
+        """Return what the lens shows of the meter's target over what it has; ``mean``: of all light."""
+        return 1 - self.optics.glare + self.optics.glare * mean_cd_m2 / target_cd_m2
+
+
+BODIES: Mapping[Side, Body] = {Side.INDOOR: Body(THETA_Z1), Side.OUTDOOR: Body(CANON_5D2)}
+
+
+@dataclass(frozen=True)
 class Taken:
     """What a session is to be: the world, how small the pictures, which cameras, with the ND filter or without."""
 
@@ -50,10 +86,11 @@ class Taken:
     raw: Mapping[Side, float] = field(default_factory=dict)
     """Cameras that leave a DNG beside each JPEG (no program decodes the simulated CR2), and at what share of the
     sensor's counts it says that wells are full: a scale of its own."""
+    bodies: Mapping[Side, Body] = field(default_factory=lambda: BODIES)
 
     def optics(self, side: Side) -> CameraOptics:
         """Return the camera."""
-        usual = THETA_Z1 if side is Side.INDOOR else CANON_5D2
+        usual = self.bodies[side].optics
         return usual if self.nd else replace(usual, filter=Filter())
 
     def size_px(self, side: Side) -> tuple[int, int]:
@@ -84,14 +121,27 @@ def write_session(path: Path, taken: Taken) -> Path:
     return path
 
 
+def _dng_of(taken: Taken, side: Side) -> Callable[[ShotRequest], bytes]:
+    """Return what gives the DNG of each exposure."""
+    optics, (wide, high) = taken.optics(side), taken.size_px(side)
+    usual, sensor = optics.usual_settings, optics.sensor
+    shots = RenderedShots(taken.world, optics, seed=taken.seed, fresh=True, workers=0)
+    shots.prepare(taken.stops_s, wide, high, settings=Exposure(1.0, usual.iso, usual.f_number), raw=True)
+
+    def made(request: ShotRequest) -> bytes:
+        dng = shots.raw(replace(request, manufacturer="Adobe"))
+        return _full_at(dng, sensor.raw_black, 2**sensor.raw_bits - 1, taken.raw[side])
+
+    return made
+
+
 def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
     folder = path / side.value
     folder.mkdir(parents=True)
     optics, (wide, high) = taken.optics(side), taken.size_px(side)
-    shots = RenderedShots(taken.world, optics, seed=taken.seed, fresh=True, workers=0)
+    picture = taken.bodies[side].pictures(taken, side)
     usual, (maker, model) = optics.usual_settings, _NAMES[side]
-    settings = Exposure(1.0, usual.iso, usual.f_number)
-    shots.prepare(taken.stops_s, wide, high, settings=settings, raw=side in taken.raw)
+    dng = _dng_of(taken, side) if side in taken.raw else None
     records = []
     for stop, shutter_s in enumerate(taken.stops_s):
         moment = taken.begun + timedelta(seconds=10 + 2 * (len(taken.stops_s) - stop))
@@ -109,10 +159,7 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
             "1001",
             "1.0",
         )
-        files = {"jpeg": shots.jpeg(request)}
-        if side in taken.raw:
-            dng = shots.raw(replace(request, manufacturer="Adobe"))
-            files["dng"] = _full_at(dng, optics.sensor.raw_black, 2**optics.sensor.raw_bits - 1, taken.raw[side])
+        files = {"jpeg": picture(request)} | ({"dng": dng(request)} if dng else {})
         for kind, data in files.items():
             name = f"{side.value}/{stop:02d}.{'jpg' if kind == 'jpeg' else kind}"
             (path / name).write_bytes(data)

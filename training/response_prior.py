@@ -29,7 +29,8 @@ CONTRASTS = (0.0, 0.15, 0.3, 0.45)
 
 def published_curves(folder: Path) -> tuple[list[int], Doubles, Doubles]:
     """Return the curves' numbers, irradiance (N,) and brightness (curves, N), both 0..1."""
-    rows = list(csv.reader((folder / "response_curves.csv").open(encoding="utf-8")))
+    with (folder / "response_curves.csv").open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))
     values = np.array([[float(v) for v in row[1:]] for row in rows])
     return [int(row[0]) for row in rows[1:]], values[0], values[1:]
 

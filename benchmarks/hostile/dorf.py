@@ -1,14 +1,15 @@
 """Our response fit on published curves that its prior has not seen: the other half of them.
 
 Three curves in a row are the channels of one bracket of nine lossless frames of 840 x 420, with the reference sensor's
-noise. The prior is fitted to every second bracket (and digital curves), the others are judged; then the reverse.
+noise. The prior is fitted to every second bracket (and digital curves), the others are judged; then the reverse. The
+same frames as JPEG 4:2:0 of quality 95 are judged beside them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, reference_radiance
+from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, jpeg_coded, reference_radiance
 from benchmarks.shared_data import DATA
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
@@ -19,6 +20,7 @@ FOLDER = DATA / "curves"
 SIZE = (840, 420)
 SATURATION_CD_M2_S = 120 * 5.6**2 / 100
 FIRST, LAST, MIDDLE = 5, 250, 128
+JPEG_QUALITY = 95
 MOST = 1000
 """Brackets at most: all of them (67), but for a trial."""
 
@@ -33,7 +35,26 @@ def dorf_figures(seed: int, *, quick: bool) -> dict[str, float]:
     _, irradiance, brightness = published_curves(FOLDER)
     whole = min(len(brightness) // 3, MOST)
     truth = [log2_exposure(irradiance, one) for one in brightness]
-    errors, right = [], []
+    errors, right, coded = [], [], []
+    for half in (1,) if quick else (1, 0):
+        seen = [truth[3 * k + c] for k in range(whole) if k % 2 != half for c in range(3)]
+        prior = principal_curves([*seen, *digital_curves()]).prior()
+        for k in range(half, whole, 2):
+            rows = slice(3 * k, 3 * k + 3)
+            frames = _exposed(irradiance, brightness[rows], 900_000 + 1000 * seed + k)
+            curve = recover_response([Bracket8(frames, PAPER_TIMES_S)], prior=prior).curve
+            off = curve.log2_exposure - np.stack(truth[rows])
+            errors.append(_rms(off))
+            sigmas = np.abs(off - off[:, MIDDLE : MIDDLE + 1]) / np.maximum(curve.sigma_log2, 1e-12)
+            right.append(float((sigmas[:, FIRST : LAST + 1] < 2).mean()))
+            jpegs = [jpeg_coded(frame, JPEG_QUALITY) for frame in frames]
+            curve = recover_response([Bracket8(jpegs, PAPER_TIMES_S)], prior=prior).curve
+            coded.append(_rms(curve.log2_exposure - np.stack(truth[rows])))
+    return {}
+    _, irradiance, brightness = published_curves(FOLDER)
+    whole = min(len(brightness) // 3, MOST)
+    truth = [log2_exposure(irradiance, one) for one in brightness]
+    errors, right, coded = [], [], []
     for half in (1,) if quick else (1, 0):
         seen = [truth[3 * k + c] for k in range(whole) if k % 2 != half for c in range(3)]
         prior = principal_curves([*seen, *digital_curves()]).prior()
@@ -50,8 +71,16 @@ def dorf_figures(seed: int, *, quick: bool) -> dict[str, float]:
     return {
         "dorf_median_stops": round(float(np.median(errors)), 5),
         "dorf_p90_stops": round(float(np.quantile(errors, 0.9)), 5),
+        "dorf_jpeg_median_stops": round(float(np.median(coded)), 5),
+        "dorf_jpeg_p90_stops": round(float(np.quantile(coded, 0.9)), 5),
         "dorf_cover2_pct": round(100 * float(np.mean(right)), 1),
     }
+
+
+def _rms(off: Doubles) -> float:
+    """Return the rms (3, 256) in stops over codes 5 to 250, each channel free of its mean."""
+    codes = off[:, FIRST : LAST + 1]
+    return float(np.sqrt(np.mean((codes - codes.mean(axis=1, keepdims=True)) ** 2)))
 
 
 def _exposed(irradiance: Doubles, brightness: Doubles, seed: int) -> list[Bytes]:

@@ -8,7 +8,8 @@ Illuminance: five planes through the camera. Rival: the better of OpenCV's Debev
 same spot, both with an exact reading.
 A bracket that is refused counts as refused, not as covered. Cameras with a mosaic and a matrix have raw files beside
 their JPEGs: the same wells, merged as `daylit process` merges them. Stray light: `glare`; raw files of a panorama
-camera, of two lenses side by side: `two_lenses`; rigs that see spectra: `spectra`.
+camera, of two lenses side by side: `two_lenses`; rigs that see spectra: `spectra`; whole rigs of hostile cameras,
+with their k1, k2, room and sky: `rigs`; hard films, by command: `film`.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.hostile.film import film_figures
 from benchmarks.hostile.glare import lamp_kernel, stray_light_figures
 from benchmarks.hostile.merging import merged_pictures, merged_raws
 from benchmarks.hostile.odd_even import odd_even_figures
+from benchmarks.hostile.rigs import rig_figures
 from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
@@ -47,6 +50,9 @@ SIZE, QUICK_SIZE = (768, 384), (384, 192)
 SCENES = ("panoramas/hdr/lebombo_1k.hdr", "panoramas/hdr/adams_place_bridge_1k.hdr", "sky/rooitou_park_1k.hdr")
 QUICK_WORLDS = (1, 7, 9, 16)
 RIGS, QUICK_RIGS = 60, 6
+CAMERA_RIGS, QUICK_CAMERA_RIGS = 6, 1
+RIG_DIVISOR = 8
+"""By which full pictures are divided: small, for a rig takes some 60 frames."""
 METER_SIGMA = 0.012
 SMOOTH, TEXTURED = 0.03, 0.10
 SPOT_PX = 5
@@ -55,13 +61,18 @@ WHITE_PERCENTILE, WHITE_S = 60.0, 0.05
 
 
 @dataclass
-class _Score:
+class Score:
+    """What became of one bracket; shares are 0..1, errors in stops."""
+
     name: str
     cover: float = 0.0
     smooth: float = 0.0
     textured: float = 0.0
     lux: list[bool] = field(default_factory=list)
+    cover68: float = 0.0
     median: float = np.inf
+    p95: float = np.inf
+    bias: float = np.inf
     rival: float = np.inf
     ghost: float | None = None
     refused: str = ""
@@ -70,20 +81,22 @@ class _Score:
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
     [number] = seeds("test", 1, seed)
-    worlds = hostile_worlds(_curves(), number)
+    worlds = hostile_worlds(published_cameras(), number)
     chosen = [worlds[k] for k in QUICK_WORLDS] if quick else worlds
-    scenes = [_scene(name, QUICK_SIZE if quick else SIZE) for name in (SCENES[:1] if quick else SCENES)]
+    scenes = [scene_of(name, QUICK_SIZE if quick else SIZE) for name in (SCENES[:1] if quick else SCENES)]
     cases = [
         (world, scene, number + 1000 * worlds.index(world) + k) for world in chosen for k, scene in enumerate(scenes)
     ]
-    scores = [_score(*case) for case in cases]
+    scores = [scored(*case) for case in cases]
     developed = [case[0].camera.mosaic and case[0].camera.matrix is not None for case in cases]
-    raws = [(scores[k], _score(*case, raw=True)) for k, case in enumerate(cases) if developed[k]]
-    halos = [_score(*case, lamps=True) for case in cases if case[0].halo]
+    raws = [(scores[k], scored(*case, raw=True)) for k, case in enumerate(cases) if developed[k]]
+    halos = [scored(*case, lamps=True) for case in cases if case[0].halo]
     by_world = [[s for s in scores if s.name == world.name] for world in chosen]
     done = [s for s in scores if not s.refused]
     covers = [float(np.mean([s.cover for s in group])) for group in by_world]
     gains = [float(np.median([0.0 if s.refused else s.rival / s.median for s in group])) for group in by_world]
+    wanted = QUICK_CAMERA_RIGS if quick else CAMERA_RIGS
+    of_rigs, rig_notes = rig_figures(published_cameras(), seeds("test", CAMERA_RIGS, seed), RIG_DIVISOR, wanted)
     metrics = {
         "worlds": len(chosen),
         "scenes": len(scenes),
@@ -92,17 +105,23 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "median_cover95_pct": 100 * float(np.median(covers)),
         "smooth_cover95_pct": 100 * float(np.mean([s.smooth for s in done])),
         "textured_cover95_pct": 100 * float(np.mean([s.textured for s in done])),
+        **by_contrast(by_world),
         "lux_cover95_pct": 100 * float(np.mean([ok for s in scores for ok in (s.lux or [False])])),
         "worlds_better_than_opencv": sum(gain > 1 for gain in gains),
         "median_gain_over_opencv": float(np.median(gains)),
         "false_ghost_pct": 100 * float(np.mean([s.ghost for s in done if s.ghost is not None])),
         "median_err_stops": float(np.median([s.median for s in done])),
+        "p95_err_stops": float(np.median([s.p95 for s in done])),
+        "cover68_pct": 100 * float(np.mean([s.cover68 for s in done])),
+        "decade_bias_stops": float(np.median([s.bias for s in done])),
         **_raw_metrics(raws),
         **({"halo_lamps_cover95_pct": 100 * _least(halos, "cover")} if halos else {}),
-        **stray_light_figures(_curves(), scenes, number),
-        **two_lens_figures(_curves(), scenes, number),
+        **stray_light_figures(published_cameras(), scenes, number),
+        **two_lens_figures(published_cameras(), scenes, number),
         **spectral_figures(QUICK_RIGS if quick else RIGS, number),
         **odd_even_figures(SMOOTH, TEXTURED),
+        **of_rigs,
+        **film_figures(published_cameras(), scenes[0], number),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "
@@ -110,10 +129,11 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         + "".join(f"; refused: {s.refused}" for s in group if s.refused)
         for world, cover, gain, group in zip(chosen, covers, gains, by_world, strict=True)
     ]
-    return {"metrics": {key: round(value, 4) for key, value in metrics.items()}, "notes": notes}
+    rounded = {key: round(value, 4) for key, value in metrics.items()}
+    return {"metrics": rounded, "notes": [*notes, *rig_notes]}
 
 
-def _curves() -> Curves:
+def published_cameras() -> Curves:
     """Return the published curves, three in a row a camera's."""
     _, irradiance, brightness = published_curves(DATA / "curves")
     rising = np.maximum.accumulate(brightness, axis=1)
@@ -121,9 +141,9 @@ def _curves() -> Curves:
     return irradiance, [shown[3 * k : 3 * k + 3] for k in range(len(shown) // 3)]
 
 
-def _raw_metrics(raws: list[tuple[_Score, _Score]]) -> dict[str, float]:
+def _raw_metrics(raws: list[tuple[Score, Score]]) -> dict[str, float]:
     """Return the figures of raw files, and the JPEGs' error over theirs where both were merged."""
-    done = [raw for _, raw in raws if not raw.refused] or [_Score("none", lux=[False])]
+    done = [raw for _, raw in raws if not raw.refused] or [Score("none", lux=[False])]
     gains = [jpeg.median / raw.median for jpeg, raw in raws if not jpeg.refused and not raw.refused]
     return {
         "raw_refused": sum(bool(raw.refused) for _, raw in raws),
@@ -136,21 +156,36 @@ def _raw_metrics(raws: list[tuple[_Score, _Score]]) -> dict[str, float]:
     }
 
 
-def _scene(name: str, size: tuple[int, int]) -> Floats:
+def by_contrast(by_world: list[list[Score]]) -> dict[str, float]:
+    """Return coverage of smooth and of textured places, per cent: of the worst world, and the worlds' median.
+
+    A world counts with the brackets of it that were merged and have such places.
+    """
+    found = {}
+    for kind in ("smooth", "textured"):
+        values = [[getattr(s, kind) for s in group if not s.refused] for group in by_world]
+        means = [np.nanmean(some) for some in values if np.isfinite(some).any()]
+        found[f"{kind}_worst_cover95_pct"] = 100 * float(min(means))
+        found[f"{kind}_median_cover95_pct"] = 100 * float(np.median(means))
+    return found
+
+
+def scene_of(name: str, size: tuple[int, int]) -> Floats:
     light = cv2.resize(read_equirect(DATA / name), size, interpolation=cv2.INTER_AREA)
     return np.asarray(light / np.percentile(luminance_cd_m2(light), WHITE_PERCENTILE) * 100, dtype=np.float32)
 
 
-def _least(scores: list[_Score], figure: str) -> float:
+def _least(scores: list[Score], figure: str) -> float:
     """Return the least mean of a figure over worlds."""
     names = {score.name for score in scores}
     return min(float(np.mean([getattr(s, figure) for s in scores if s.name == name])) for name in names)
 
 
-def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, lamps: bool = False) -> _Score:
+def scored(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, lamps: bool = False) -> Score:
+    """Return what becomes of a world's bracket of a scene (H, 2 H, 3); ``raw``: its DNGs; ``lamps``: with a kernel."""
     bracket = hostile_bracket(world, scene, 100 * WHITE_S, seed, raw=raw)
     truth = luminance_cd_m2(bracket.radiance).astype(np.float64)
-    score = _Score(world.name)
+    score = Score(world.name)
     spot = _spot(truth)
     reading = float(truth[spot].mean() * (1 + METER_SIGMA * np.random.default_rng((seed, 9)).standard_normal()))
     try:
@@ -175,7 +210,10 @@ def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, 
     score.cover, score.smooth, score.textured = (
         float(np.mean(sigmas[good & part] <= 1.96)) for part in (good, contrast < SMOOTH, contrast > TEXTURED)
     )
-    score.median = _median_stops(shown * exactly, truth, good)
+    score.cover68 = float(np.mean(sigmas[good] <= 1))
+    stops = np.log2(np.maximum(shown * exactly, 1e-9)[good] / truth[good])
+    score.median, score.p95 = (float(np.quantile(np.abs(stops), share)) for share in (0.5, 0.95))
+    score.bias = _decade_bias(stops, truth[good])
     if not raw and not lamps:
         score.rival = min(_median_stops(one * exactly, truth, good) for one in _rivals(bracket, spot, reading))
     ones = np.ones_like(image.uncertainty)
@@ -219,6 +257,16 @@ def _spot(truth: Doubles) -> Flags:
     found = np.zeros(truth.shape, bool)
     found[row - SPOT_PX // 2 : row + SPOT_PX // 2 + 1, column - SPOT_PX // 2 : column + SPOT_PX // 2 + 1] = True
     return found
+
+
+def _decade_bias(stops: Doubles, truth: Doubles) -> float:
+    """Return the largest median error of a decade of luminance, free of the whole picture's.
+
+    Decades that hold less than a hundredth of the pixels are left out.
+    """
+    decade, free = np.floor(np.log10(truth)), stops - np.median(stops)
+    parts = [free[decade == one] for one in np.unique(decade)]
+    return max(abs(float(np.median(part))) for part in parts if 100 * part.size >= stops.size)
 
 
 def _median_stops(shown: npt.NDArray[np.floating], truth: Doubles, good: Flags) -> float:

@@ -102,8 +102,8 @@ def _one(camera: HostileCamera, scene: Floats, seed: int) -> dict[str, float]:
     fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
     jpeg = merged_pictures(bracket.frames, raw.geometry, fit)
     place, rim = misplaced_deg(pair, optics)
-    error, cover = _error(raw, bracket)
-    other, other_cover = _error(jpeg, bracket)
+    error, cover = error_of(raw, bracket)
+    other, other_cover = error_of(jpeg, bracket)
     return {
         "raw_err_stops": error,
         "jpeg_err_stops": other,
@@ -117,7 +117,7 @@ def _one(camera: HostileCamera, scene: Floats, seed: int) -> dict[str, float]:
     }
 
 
-def _error(image: RelativeImage, bracket: HostileBracket) -> tuple[float, float]:
+def error_of(image: RelativeImage, bracket: HostileBracket) -> tuple[float, float]:
     """Return the median error in stops after a common scale, and the coverage of the 95 % interval, per cent."""
     shown, truth = luminance_cd_m2(image.rgb), luminance_cd_m2(bracket.radiance)
     good = (image.validity == 0) & (truth > 0)

@@ -54,17 +54,21 @@ class HostileCamera:
     tone_mapping_stops: float = 0.0
     """By how much a frame's shadows are lifted where most of it is dark, and lowered where most is bright."""
     jpeg: tuple[str, int, str] | None = None
-    """Encoder ("opencv", "pillow" or "progressive"), quality, chroma ("4:4:4", "4:2:2", "4:2:0"); None: lossless."""
+    """Encoder (see `jpeg_file`), quality, chroma ("4:4:4", "4:2:2", "4:2:0"); None: lossless."""
     seed: int = 0
 
     def frame(self, light: Floats, moment: int) -> Bytes:
         """Return the picture (H, W, 3) of ``light`` (H, W, 3), 1 at saturation; ``moment``: number of the frame."""
-        signal = np.maximum(self._wells(light, moment), 0)
+        return coded(self.developed(light, moment), self.jpeg)
+
+    def developed(self, light: Floats, moment: int, leak: float = 1.0) -> Bytes:
+        """Return the same before it is coded; ``leak``: of what hot wells leak, which dark current does by time."""
+        signal = np.maximum(self._wells(light, moment, leak), 0)
         if self.mosaic:
             signal = _demosaiced(signal)
         if self.matrix is not None:
             signal = np.clip(signal @ np.linalg.inv(np.array(self.matrix)).T.astype(np.float32), 0, 1)
-        return self._developed(signal)
+        return self._codes(signal)
 
     def raw(self, light: Floats, moment: int) -> bytes:
         """Return the DNG beside `frame` of ``light`` (H, W, 3): the same wells, 14 bits, RGGB."""
@@ -75,20 +79,20 @@ class HostileCamera:
         shot = ShotRequest(TIMES_S[moment], 100, 5.6, 5600, width, height, taken, moment + 1, "Maker", "A-1", "1", "1")
         return mosaic_file(wells, shot, cr2=False)
 
-    def _wells(self, light: Floats, moment: int) -> Floats:
+    def _wells(self, light: Floats, moment: int, leaking: float = 1.0) -> Floats:
         """Return what all wells show of all channels, at most 1, noise below 0 too."""
         fixed, rng = np.random.default_rng((self.seed, 1)), np.random.default_rng((self.seed, 2, moment))
         height, width = light.shape[:2]
         seen = light if self.matrix is None else np.maximum(light @ np.array(self.matrix, np.float32).T, 0)
         gain = 1 + self.prnu * fixed.standard_normal(seen.shape, dtype=np.float32)
         leak = np.where(fixed.random((height, width, 1)) < self.hot_share, fixed.random((height, width, 1)), 0)
-        signal = np.minimum(seen, 8) * gain + (0.3 * leak).astype(np.float32)
+        signal = np.minimum(seen, 8) * gain + (0.3 * leaking * leak).astype(np.float32)
         spread = np.sqrt(np.maximum(signal, 0) / self.full_well_e + (self.read_e / self.full_well_e) ** 2)
         signal = signal + spread * rng.standard_normal(signal.shape, dtype=np.float32)
         return np.minimum(signal, 1).astype(np.float32)
 
-    def _developed(self, signal: Floats) -> Bytes:
-        """Return 8-bit codes: filter, tone, sharpening, coding."""
+    def _codes(self, signal: Floats) -> Bytes:
+        """Return 8-bit codes: filter, tone, sharpening."""
         if self.denoise:
             signal = np.asarray(cv2.bilateralFilter(np.sqrt(signal), 5, 0.03, 1.2) ** 2, dtype=np.float32)
         if self.tone_mapping_stops:
@@ -97,7 +101,7 @@ class HostileCamera:
         shown = np.stack([np.interp(signal[..., c], self.irradiance, self.brightness[c]) for c in range(3)], axis=-1)
         if self.sharpen:
             shown = shown + self.sharpen * (shown - cv2.GaussianBlur(shown, (0, 0), 1.0))
-        return coded(np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8), self.jpeg)
+        return np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
 
 
 def _demosaiced(signal: Floats) -> Floats:
@@ -119,30 +123,63 @@ def coded(frame: Bytes, jpeg: tuple[str, int, str] | None) -> Bytes:
     """Return a frame (H, W, 3) of sRGB codes after JPEG coding and decoding."""
     if jpeg is None:
         return frame
+    data = np.frombuffer(jpeg_file(frame, jpeg), np.uint8)
+    shown = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+    return np.ascontiguousarray(shown[..., ::-1])
+
+
+def jpeg_file(frame: Bytes, jpeg: tuple[str, int, str]) -> bytes:
+    """Return a frame (H, W, 3) as JPEG by an encoder of a quality with a chroma.
+
+    All at hand are of the libjpeg family: what differs between makers is varied. "opencv", "pillow": baseline, with the
+    standard's tables; "progressive": optimised too; "fast": the coarser integer transform of small processors; "maker":
+    tables of another form (`_maker_tables`), which ``quality`` then scales.
+    """
     encoder, quality, chroma = jpeg
     if encoder == "opencv":
         sampling = {"4:4:4": 0x111111, "4:2:2": 0x211111, "4:2:0": 0x221111}[chroma]
         options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
         done, data = cv2.imencode(".jpg", frame[..., ::-1], options)
         assert done
-    else:
-        from PIL import Image
+        return bytes(data)
+    if encoder == "fast":
+        import simplejpeg
 
-        buffer = io.BytesIO()
-        plain = encoder == "pillow"
-        Image.fromarray(frame).save(
-            buffer, "JPEG", quality=quality, subsampling=chroma, progressive=not plain, optimize=not plain
-        )
-        data = np.frombuffer(buffer.getvalue(), np.uint8)
-    shown = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
-    return np.ascontiguousarray(shown[..., ::-1])
+        whole = np.ascontiguousarray(frame)
+        return bytes(simplejpeg.encode_jpeg(whole, quality, "RGB", chroma.replace(":", ""), fastdct=True))
+    from PIL import Image
+
+    more = {
+        "pillow": {"quality": quality},
+        "progressive": {"quality": quality, "progressive": True, "optimize": True},
+        "maker": {"qtables": _maker_tables(quality)},
+    }
+    buffer = io.BytesIO()
+    Image.fromarray(frame).save(buffer, "JPEG", subsampling=chroma, **more[encoder])
+    return buffer.getvalue()
+
+
+def _maker_tables(quality: int) -> list[list[int]]:
+    """Return quantisers of luminance and colour as a Canon's files have them: rising, then flat; 1 to 5 at 97."""
+    rise = np.add.outer(np.arange(8), np.arange(8)).ravel()
+    scale = (100 - quality) / 3
+    tables = (np.minimum(1 + rise / 3, 5), np.minimum(1 + rise / 1.5, 5))
+    return [[int(step) for step in np.maximum(np.rint(scale * table), 1)] for table in tables]
 
 
 Curves = tuple[npt.NDArray[np.float64], Sequence[npt.NDArray[np.float64]]]
 """Irradiance (N,) and brightness (3, N) of each camera there is to draw from."""
 TIMES_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
-_ENCODERS = (("opencv", 93, "4:2:2"), ("pillow", 92, "4:2:0"), ("progressive", 95, "4:4:4"), ("opencv", 96, "4:2:0"))
+ENCODERS = (
+    ("opencv", 93, "4:2:2"),
+    ("pillow", 92, "4:2:0"),
+    ("progressive", 95, "4:4:4"),
+    ("opencv", 96, "4:2:0"),
+    ("maker", 93, "4:2:2"),
+    ("fast", 94, "4:2:0"),
+)
 _COLUMNS = 24  # cells of a cloud across; chosen
+WORN: dict[str, object] = {"prnu": 0.006, "hot_share": 0.001}
 LENS_BLUR_PX = 0.7  # chosen: no lens draws a mosaic's pixels sharply
 _SEAM = 0.25
 """Of the width: a panorama's second lens sees from here to three quarters."""
@@ -185,7 +222,7 @@ def hostile_bracket(
     radiance = np.asarray(cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX), dtype=np.float32)
     height, width = radiance.shape[:2]
     cloud, lamps = _field(rng, (width, height)), np.linspace(-1, 1, width)[None, :, None] > 0
-    fixed = _lens(radiance, world)
+    fixed = through_lens(radiance, world)
     frames, lights, files = [], [], []
     for number, time_s in enumerate(TIMES_S):
         taken = 1 - world.cloud * np.clip(cloud * np.sin(0.9 * number + 6 * rng.random()), 0, 1)
@@ -201,8 +238,8 @@ def hostile_bracket(
     return HostileBracket(tuple(frames), TIMES_S, radiance * mean, moving, tuple(files))
 
 
-def _lens(radiance: Floats, world: HostileWorld) -> Floats:
-    """Return what the lens makes of the light: halo, ghost, and a second lens of another brightness."""
+def through_lens(radiance: Floats, world: HostileWorld) -> Floats:
+    """Return what the lens makes of the light (H, W, 3): halo, ghost, and a second lens of another brightness."""
     out = radiance
     width = radiance.shape[1]
     if world.halo:
@@ -233,14 +270,14 @@ def hostile_worlds(curves: Curves, seed: int) -> list[HostileWorld]:
 
     def camera(number: int, **parts: object) -> HostileCamera:
         shown = every[int(order[number % len(every)])]
-        plain = HostileCamera(irradiance, shown, seed=seed * 100 + number, jpeg=_ENCODERS[number % len(_ENCODERS)])
+        plain = HostileCamera(irradiance, shown, seed=seed * 100 + number, jpeg=ENCODERS[number % len(ENCODERS)])
         return replace(plain, full_well_e=float(rng.uniform(15e3, 60e3)), read_e=float(rng.uniform(2, 12)), **parts)  # type: ignore[arg-type]
 
     maker: dict[str, object] = {"matrix": MATRIX_5D2, "mosaic": True, "denoise": True, "sharpen": rng.uniform(0.1, 0.5)}
-    worn: dict[str, object] = {"prnu": 0.006, "hot_share": 0.001}
+    worn: dict[str, object] = WORN
     return [
         HostileWorld("lossless", camera(0, jpeg=None)),
-        HostileWorld("opencv jpeg", camera(4)),
+        HostileWorld("opencv jpeg", camera(4, jpeg=ENCODERS[0])),
         HostileWorld("pillow jpeg", camera(1)),
         HostileWorld("progressive jpeg", camera(2)),
         HostileWorld("matrix", camera(3, matrix=MATRIX_5D2)),

@@ -52,6 +52,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     k2 = rig.result.profile.k2
     assert k2 is not None
     inside, outside = [one for one, _ in found], [one for _, one in found]
+    floors = [one.sky_floor for one in outside if one.sky_floor is not None]
     metrics: dict[str, float] = {
         "k1_err_pct": _worst(one.k1 for one in inside),
         "k1_raw_err_pct": _worst(one.k1_without_glare for one in inside),
@@ -66,8 +67,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "sky_median_err_pct": _middle(one.sky.median for one in outside),
         "sky_p95_err_pct": _middle(one.sky.p95 for one in outside),
         "sky_spot_p95_err_pct": _middle(one.sky.spot_p95 for one in outside),
-        "sky_floor_p95_err_pct": _middle(one.sky_floor.p95 for one in outside),
-        "sky_floor_spot_p95_err_pct": _middle(one.sky_floor.spot_p95 for one in outside),
+        "sky_floor_p95_err_pct": _middle(one.p95 for one in floors),
+        "sky_floor_spot_p95_err_pct": _middle(one.spot_p95 for one in floors),
     }
     notes = [f"pictures at 1/{divisor} of full size, {len(rooms)} rooms; worst room for k1 and lux, else the median"]
     notes += [f"valid share of the panorama: {min(one.covered for one in inside):.1%} or more"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.photometry.sky_floor import SkyErrors, sky_all_known, sky_errors
-from benchmarks.sessions import STOPS_S, Taken, write_session
-from mocks.optics.camera import scene_rows
+from benchmarks.sessions import BODIES, STOPS_S, Body, Taken, write_session
 from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
@@ -59,36 +58,37 @@ class Calibrated:
 
     result: RigResult
     k2_truth: float
+    bodies: Mapping[Side, Body]
 
 
-def calibrated_rig(folder: Path, divisor: int, seed: int) -> Calibrated:
+def calibrated_rig(folder: Path, divisor: int, seed: int, bodies: Mapping[Side, Body] = BODIES) -> Calibrated:
     """Make rig sessions and calibrate from them; the k2 that is true follows from both curves' gauges."""
-    outdoor = (Side.OUTDOOR,)
-    chart = write_session(folder / "chart", Taken(ChartRoom(seed % 5), divisor, stops_s=CHART_STOPS_S, seed=seed))
-    room = write_session(
-        folder / "response", Taken(SimpleRoom(seed), divisor, (Side.INDOOR,), stops_s=DENSE_STOPS_S, seed=seed)
-    )
-    plain = write_session(
-        folder / "plain", Taken(ChartRoom(seed % 5), divisor, outdoor, nd=False, stops_s=DENSE_STOPS_S, seed=seed)
-    )
-    flat = write_session(folder / "flat", Taken(UniformWorld(20_000.0), divisor, outdoor, seed=seed))
+
+    def session(name: str, world: World, *sides: Side, stops_s: Sequence[float] = STOPS_S, nd: bool = True) -> Path:
+        taken = Taken(world, divisor, sides or tuple(Side), nd=nd, stops_s=stops_s, seed=seed, bodies=bodies)
+        return write_session(folder / name, taken)
+
+    chart = session("chart", ChartRoom(seed % 5), stops_s=CHART_STOPS_S)
+    room = session("response", SimpleRoom(seed), Side.INDOOR, stops_s=DENSE_STOPS_S)
+    plain = session("plain", ChartRoom(seed % 5), Side.OUTDOOR, nd=False, stops_s=DENSE_STOPS_S)
+    flat = session("flat", UniformWorld(20_000.0), Side.OUTDOOR)
     request = RigRequest(chart, (room,), (flat,), (chart, plain), ("theta_z1",))
     result = calibrate_rig(request, datetime.now(UTC))
-    return Calibrated(result, _gain(result, Side.INDOOR) / _gain(result, Side.OUTDOOR))
+    gains = [_gain(result, side, bodies[side]) for side in (Side.INDOOR, Side.OUTDOOR)]
+    return Calibrated(result, gains[0] / gains[1], bodies)
 
 
-def _gain(result: RigResult, side: Side) -> float:
+def _gain(result: RigResult, side: Side, body: Body) -> float:
     """Return the merged value of 1 cd/m2 of neutral light in the middle of the field, by the simulated camera.
 
     The green channel at the gauge code ties the recovered curve to the true one.
     """
-    optics = Taken(ChartRoom(), 1).optics(side)
+    optics = body.optics
     curve = result.cameras[side].response.curve
     exposure = optics.sensor.exposure_gain(optics.usual_settings) / optics.sensor.true_shutter.seconds(1.0)
     z = np.arange(64, 220)
     # The gauge is a choice of scale: it is where the true curve lies over the recovered one, over the middle codes.
-    true = np.stack([np.log2(tone.decode(z / 255)) for tone in optics.sensor.tone])
-    gauge = 2 ** float(np.median(true - curve.log2_exposure[:, z]))
+    gauge = 2 ** float(np.median(body.log2_exposure()[:, z] - curve.log2_exposure[:, z]))
     return exposure * 10**-optics.filter.density / gauge
 
 
@@ -111,8 +111,8 @@ class Outdoor:
 
     lux: float
     sky: SkyErrors
-    sky_floor: SkyErrors
-    """Of the same frames with true curve, noise, veil, fall-off, tint and scale."""
+    sky_floor: SkyErrors | None
+    """Of the same frames with true curve, noise, veil, fall-off, tint and scale; None where it is not known."""
     clipped_share: float
 
 
@@ -120,7 +120,7 @@ def measured(
     folder: Path, rig: Calibrated, world: World, divisor: int, seed: int, stops_s: Sequence[float] = STOPS_S
 ) -> tuple[Indoor, Outdoor]:
     """Take a session of a world, scale it by its meter and k2, and compare with the world's own radiance."""
-    taken = Taken(world, divisor, stops_s=stops_s, seed=seed)
+    taken = Taken(world, divisor, stops_s=stops_s, seed=seed, bodies=rig.bodies)
     path = write_session(folder, taken)
     inside, outside = read_side(path, Side.INDOOR), read_side(path, Side.OUTDOOR)
     assert inside is not None
@@ -143,12 +143,12 @@ def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[ScaleFact
     use = (image.validity[rows] == Validity.VALID) & (truth > 0)
     error = np.abs(shown / np.maximum(truth, 1e-9) - 1)
     smooth = use & ~_edges(truth)
-    k1_truth = 1 / _gain(rig.result, Side.INDOOR)
-    glare, board = taken.optics(Side.INDOOR).glare, k1.measured
-    # The lens spreads a share of all light evenly: the rest stays where it belongs.
-    displayed = (1 - glare) * board + glare * float((truth * solid).sum() / solid.sum())
+    body = rig.bodies[Side.INDOOR]
+    k1_truth = 1 / _gain(rig.result, Side.INDOOR, body)
+    # What the lens scatters is in the picture of the board, and not in the meter.
+    shown_share = body.shown_share(taken, k1.measured, float((truth * solid).sum() / solid.sum()))
     return k1, Indoor(
-        k1=k1.value / (k1_truth * board / displayed) - 1,
+        k1=k1.value / (k1_truth / shown_share) - 1,
         k1_without_glare=k1.value / k1_truth - 1,
         median=_quantile(error[use], solid[use], 0.5),
         p95=_quantile(error[use], solid[use], 0.95),
@@ -171,7 +171,6 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     rows, scene = _truth(taken, Side.OUTDOOR)
     truth = luminance_cd_m2(scene).astype(np.float64)
     shown = luminance_cd_m2(scaled(sky, scale).rgb[rows]).astype(np.float64)
-    known = sky_all_known(camera, taken, side, rows, scene)
     x = np.arange(truth.shape[1]) + 0.5
     y = (rows + 0.5)[:, None]
     lens = taken.optics(Side.OUTDOOR).lens
@@ -186,10 +185,11 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     flat = scaled(outdoor.project(outdoor.correct_colour(lit, optics), view), scale)
     lux = illuminance_lx(flat).value_lx
     true_lux = _true_lux(taken.world)
+    known = sky_all_known(camera, taken, side, rows, scene) if rig.bodies[Side.OUTDOOR].known else None
     return Outdoor(
         lux=lux / true_lux - 1,
         sky=sky_errors(shown, truth, use, rows, pixel_sr),
-        sky_floor=sky_errors(known, truth, use, rows, pixel_sr),
+        sky_floor=None if known is None else sky_errors(known, truth, use, rows, pixel_sr),
         clipped_share=float(np.mean(sky.validity[rows][seen] == Validity.CLIPPED)),
     )
 
@@ -221,8 +221,7 @@ def _truth(taken: Taken, side: Side) -> tuple[npt.NDArray[np.intp], Floats]:
     """
     size = taken.size_px(side)
     bands = [range(first, min(first + _BAND, size[1])) for first in range(0, size[1], 4 * _BAND)]
-    found = [scene_rows(taken.world, taken.optics(side), size, band) for band in bands]
-    return np.concatenate([np.array(band) for band in bands]), np.concatenate(found)
+    return np.concatenate([np.array(band) for band in bands]), taken.bodies[side].truth(taken, side, bands)
 
 
 def _edges(truth: Doubles) -> npt.NDArray[np.bool_]:

@@ -58,7 +58,7 @@ def sky_all_known(
     optics, size = taken.optics(Side.OUTDOOR), taken.size_px(Side.OUTDOOR)
     assert camera.lens is not None
     sensor, usual = optics.sensor, optics.usual_settings
-    curve = np.stack([np.log2(tone.decode(np.clip(np.arange(256), 0.25, 255) / 255)) for tone in sensor.tone])
+    curve = taken.bodies[Side.OUTDOOR].log2_exposure()
     own = camera.response.curve
     known = replace(own, log2_exposure=curve, sigma_log2=np.zeros_like(curve), method="truth")
     electrons = sensor.full_well_e * 100 / usual.iso * np.array(sensor.native_balance)

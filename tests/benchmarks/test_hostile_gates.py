@@ -1,0 +1,82 @@
+"""Accuracy that is held: both halves of real brackets, and hostile worlds, at a small size, each with its threshold.
+
+Figures at full size are in docs/measurements/merge.md; thresholds lie a bit below them, and below those of this size.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.hostile import film, hostile, odd_even
+from benchmarks.hostile.worlds import hostile_worlds
+from benchmarks.shared_data import DATA
+
+needs_curves = pytest.mark.skipif(
+    not all((DATA / part).exists() for part in ("curves", *hostile.SCENES)), reason="shared data are not here"
+)
+SIZE = (256, 128)
+SEED = 800_001
+MAKERS_WORN, MAKERS_JITTER = 7, 10
+
+
+@pytest.fixture(scope="module")
+def halves() -> dict[str, float]:
+    folders = [folder for folder, _ in odd_even.BRACKETS.values()]
+    if not all((DATA / "brackets" / folder).is_dir() for folder in folders):
+        pytest.skip("the shared real brackets are not here")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(odd_even, "LEAST_PX", 400)
+        return odd_even.odd_even_figures(hostile.SMOOTH, hostile.TEXTURED)
+
+
+@pytest.mark.parametrize(
+    ("key", "least_pct"),
+    [("canon", 98.5), ("canon_textured", 98), ("room", 97.5), ("room_smooth", 99), ("room_textured", 88)],
+)
+def test_odd_and_even_frames_of_real_brackets_agree_as_they_state(
+    halves: dict[str, float], key: str, least_pct: float
+) -> None:
+    assert halves[f"odd_even_{key}_cover95_pct"] >= least_pct
+
+
+@needs_curves
+@pytest.mark.parametrize("number", [MAKERS_WORN, MAKERS_JITTER])
+def test_hostile_worlds_lie_within_their_intervals(number: int) -> None:
+    world = hostile_worlds(hostile.published_cameras(), SEED)[number]
+    score = hostile.scored(world, hostile.scene_of(hostile.SCENES[0], SIZE), SEED + 1000 * number)
+    assert not score.refused
+    assert score.cover >= 0.88
+    assert score.smooth >= 0.88
+    assert score.textured >= 0.80
+    assert score.lux
+    assert all(score.lux)
+    assert score.ghost is not None
+    assert score.ghost <= 0.003
+    assert score.median < score.rival
+
+
+@needs_curves
+def test_hard_films_are_merged_by_command() -> None:
+    found = film.film_figures(hostile.published_cameras(), hostile.scene_of(hostile.SCENES[0], SIZE), SEED)
+    assert found["film_cover95_pct"] >= 95
+    assert found["film_err_stops"] < 0.1
+
+
+def test_each_figure_of_the_worlds_is_given_as_worst_and_median() -> None:
+    def one(name: str, **values: Any) -> hostile.Score:
+        return hostile.Score(name, **values)
+
+    groups = [
+        [one("a", smooth=0.9, textured=0.8), one("a", smooth=0.8, textured=0.6)],
+        [one("b", smooth=0.99, textured=0.95)],
+        [one("c", smooth=1.0, textured=float("nan"))],
+        [one("d", smooth=0.1, textured=0.1, refused="no curve")],
+    ]
+    found = hostile.by_contrast(groups)
+    assert found["smooth_worst_cover95_pct"] == pytest.approx(85)
+    assert found["smooth_median_cover95_pct"] == pytest.approx(99)
+    assert found["textured_worst_cover95_pct"] == pytest.approx(70)
+    assert np.isclose(found["textured_median_cover95_pct"], 82.5)
