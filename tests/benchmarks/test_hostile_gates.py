@@ -5,14 +5,18 @@ Figures at full size are in docs/measurements/merge.md; thresholds lie a bit bel
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.hostile import film, hostile, odd_even
+from benchmarks.hostile.rigs import hostile_bodies, rig_errors
 from benchmarks.hostile.worlds import hostile_worlds
+from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
+from tests.conftest import LONG
 
 needs_curves = pytest.mark.skipif(
     not all((DATA / part).exists() for part in ("curves", *hostile.SCENES)), reason="shared data are not here"
@@ -63,6 +67,20 @@ def test_hard_films_are_merged_by_command() -> None:
     found = film.film_figures(hostile.published_cameras(), hostile.scene_of(hostile.SCENES[0], SIZE), SEED)
     assert found["film_cover95_pct"] >= 95
     assert found["film_err_stops"] < 0.1
+
+
+@needs_curves
+@pytest.mark.sweep
+@pytest.mark.skipif(not LONG, reason="20 s of CPU time: with DAYLIT_TORTURE=1, or make torture")
+def test_a_rig_of_hostile_cameras_is_calibrated(tmp_path: Path) -> None:
+    """Measured at this seed: k1 1.9, k2 5.8, indoor luminance 2.2 % (95th percentile 6.3), sky's median 1.9 %."""
+    seed = seeds("validation", 3)[2]
+    found = rig_errors(tmp_path, hostile_bodies(hostile.published_cameras(), seed), hostile.RIG_DIVISOR, seed)
+    assert found["k1_err_pct"] < 3
+    assert found["k2_err_pct"] < 8
+    assert found["indoor_median_err_pct"] < 3
+    assert found["indoor_p95_err_pct"] < 9
+    assert found["sky_median_err_pct"] < 3
 
 
 def test_each_figure_of_the_worlds_is_given_as_worst_and_median() -> None:
