@@ -50,24 +50,6 @@ def dorf_figures(seed: int, *, quick: bool) -> dict[str, float]:
             jpegs = [jpeg_coded(frame, JPEG_QUALITY) for frame in frames]
             curve = recover_response([Bracket8(jpegs, PAPER_TIMES_S)], prior=prior).curve
             coded.append(_rms(curve.log2_exposure - np.stack(truth[rows])))
-    return {}
-    _, irradiance, brightness = published_curves(FOLDER)
-    whole = min(len(brightness) // 3, MOST)
-    truth = [log2_exposure(irradiance, one) for one in brightness]
-    errors, right, coded = [], [], []
-    for half in (1,) if quick else (1, 0):
-        seen = [truth[3 * k + c] for k in range(whole) if k % 2 != half for c in range(3)]
-        prior = principal_curves([*seen, *digital_curves()]).prior()
-        for k in range(half, whole, 2):
-            rows = slice(3 * k, 3 * k + 3)
-            frames = _exposed(irradiance, brightness[rows], 900_000 + 1000 * seed + k)
-            curve = recover_response([Bracket8(frames, PAPER_TIMES_S)], prior=prior).curve
-            off = curve.log2_exposure - np.stack(truth[rows])
-            codes = slice(FIRST, LAST + 1)
-            centred = off[:, codes] - off[:, codes].mean(axis=1, keepdims=True)
-            errors.append(float(np.sqrt(np.mean(centred**2))))
-            sigmas = np.abs(off - off[:, MIDDLE : MIDDLE + 1]) / np.maximum(curve.sigma_log2, 1e-12)
-            right.append(float((sigmas[:, codes] < 2).mean()))
     return {
         "dorf_median_stops": round(float(np.median(errors)), 5),
         "dorf_p90_stops": round(float(np.quantile(errors, 0.9)), 5),

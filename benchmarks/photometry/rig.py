@@ -22,6 +22,7 @@ from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, o
 from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
 from processing.rig.camera_fit import SessionSide, read_side
@@ -79,17 +80,14 @@ def calibrated_rig(folder: Path, divisor: int, seed: int, bodies: Mapping[Side, 
 
 
 def _gain(result: RigResult, side: Side, body: Body) -> float:
-    """Return the merged value of 1 cd/m2 of neutral light in the middle of the field, by the simulated camera.
-
-    The green channel at the gauge code ties the recovered curve to the true one.
-    """
+    """Return the merged luminance of 1 cd/m2 of neutral light in the middle of the field, by the body's true curve."""
     optics = body.optics
     curve = result.cameras[side].response.curve
     exposure = optics.sensor.exposure_gain(optics.usual_settings) / optics.sensor.true_shutter.seconds(1.0)
     z = np.arange(64, 220)
     # The gauge is a choice of scale: it is where the true curve lies over the recovered one, over the middle codes.
-    gauge = 2 ** float(np.median(body.log2_exposure()[:, z] - curve.log2_exposure[:, z]))
-    return exposure * 10**-optics.filter.density / gauge
+    gauges = 2 ** np.median((body.log2_exposure() - curve.log2_exposure)[:, z], axis=1)
+    return exposure * 10**-optics.filter.density * float(np.array(LUMINANCE_WEIGHTS) @ (1 / gauges))
 
 
 @dataclass(frozen=True)

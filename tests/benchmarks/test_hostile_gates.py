@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.hostile import film, hostile, odd_even
+from benchmarks.hostile import dorf, film, hostile, odd_even
 from benchmarks.hostile.rigs import hostile_bodies, rig_errors
 from benchmarks.hostile.worlds import hostile_worlds
 from benchmarks.seeds import seeds
@@ -67,6 +67,16 @@ def test_hard_films_are_merged_by_command() -> None:
     found = film.film_figures(hostile.published_cameras(), hostile.scene_of(hostile.SCENES[0], SIZE), SEED)
     assert found["film_cover95_pct"] >= 95
     assert found["film_err_stops"] < 0.1
+
+
+@needs_curves
+def test_published_curves_are_recovered_from_lossless_frames_and_from_jpeg(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dorf, "MOST", 4)
+    monkeypatch.setattr(dorf, "SIZE", (420, 210))
+    found = dorf.dorf_figures(0, quick=True)
+    assert found["dorf_median_stops"] < 0.02
+    assert found["dorf_jpeg_median_stops"] < 0.04
+    assert found["dorf_cover2_pct"] > 85
 
 
 @needs_curves
