@@ -83,7 +83,7 @@ def test_published_curves_are_recovered_from_lossless_frames_and_from_jpeg(monke
 @pytest.mark.sweep
 @pytest.mark.skipif(not LONG, reason="20 s of CPU time: with DAYLIT_TORTURE=1, or make torture")
 def test_a_rig_of_hostile_cameras_is_calibrated(tmp_path: Path) -> None:
-    """Measured at this seed: k1 1.9, k2 5.8, indoor luminance 2.2 % (95th percentile 6.3), sky's median 1.9 %."""
+    """Measured at this seed: k1 0.5, k2 4.7, indoor luminance 2.2 % (95th percentile 6.3), sky's median 1.9 %."""
     seed = seeds("validation", 3)[2]
     found = rig_errors(tmp_path, hostile_bodies(hostile.published_cameras(), seed), hostile.RIG_DIVISOR, seed)
     assert found["k1_err_pct"] < 3
