@@ -108,7 +108,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
         facts = {"wall_confidences": [0.9, 0.2, 0.8, 0.1]} if stage == "room" else {}
         why = {"skipped": "the room's shape is doubtful (confidence 0.07)"} if stage in skipped else {}
         own = dict(given.summary(stage))
-        mine = own["left_out"] | (left_out if stage == "remove" else {})
+        mine = {**own["left_out"], **(left_out if stage == "remove" else {})}
         return own | {"metrics": own["metrics"] | facts, "left_out": mine} | why
 
     page = replace(given, summary=summary)
