@@ -109,7 +109,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
         why = {"skipped": "the room's shape is doubtful (confidence 0.07)"} if stage in skipped else {}
         own = dict(given.summary(stage))
         mine = {**own["left_out"], **(left_out if stage == "remove" else {})}
-        return own | {"metrics": own["metrics"] | facts, "left_out": mine} | why
+        return own | {"metrics": {**own["metrics"], **facts}, "left_out": mine} | why
 
     page = replace(given, summary=summary)
     notices = client_data(page, report_data(page)).notices
