@@ -94,14 +94,8 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
         from processing.errors import ParameterError
 
         raise ParameterError("--workers is of this computer's own cluster: leave it out with --cluster")
-    request = BatchRequest(
-        folder,
-        _arguments(asked),
-        asked["workers"] or usual_workers(),
-        asked["cluster"],
-        asked["session_timeout"],
-        asked["zone"] and str(zone_named(asked["zone"])),
-    )
+    workers, zone = asked["workers"] or usual_workers(), asked["zone"] and str(zone_named(asked["zone"]))
+    request = BatchRequest(folder, _arguments(asked), workers, asked["cluster"], asked["session_timeout"], zone)
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, lambda *event: view.show(event))
     table, values = write_table(asked["into"] or Path("." if is_url(folder) else folder), report)

@@ -113,11 +113,9 @@ def _photograph(world: str | None, picture: Path | None, sky: Path | None, asked
         raise UsageError("--sky goes with --room", where="daylit demo", advice="give the HDR panorama of a room too")
     if picture is None or sky is not None:
         if sky is not None and picture is not None and picture.suffix.lower() not in (".hdr", ".exr"):
-            raise UsageError(
-                f"{picture.name} is a photograph: cameras cannot photograph it again",
-                where="--room",
-                advice="with --sky give an HDR panorama (.hdr or .exr); leave --sky out for a photograph",
-            )
+            text = f"{picture.name} is a photograph: cameras cannot photograph it again"
+            advice = "with --sky give an HDR panorama (.hdr or .exr); leave --sky out for a photograph"
+            raise UsageError(text, where="--room", advice=advice)
         return None
     if asked["size"] is not None or asked["capture_only"]:
         raise UsageError("a photograph is not captured", where="--room", advice="leave out --size and --capture-only")

@@ -49,15 +49,10 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     """
     found = _catalogue(catalogue, style)
     entries = [e for e in found.entries if category is None or e.category == category]
+    named = ("model_id", "category", "size_m", "smallest_m", "largest_m", "licence", "file")
     rows = [
-        {
-            **{key: getattr(e, key) for key in ("model_id", "category", "size_m", "smallest_m", "largest_m")},
-            "licence": e.licence,
-            "file": e.file,
-            "front": "+y",
-            "notes": e.notes,
-            "zones": [{"side": z.side, "rule": z.rule} for z in e.zones],
-        }
+        {key: getattr(e, key) for key in named}
+        | {"front": "+y", "notes": e.notes, "zones": [{"side": z.side, "rule": z.rule} for z in e.zones]}
         for e in entries
     ]
     refused = {name: error.to_dict() for name, error in found.refused.items()}

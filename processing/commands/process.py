@@ -95,14 +95,10 @@ def _stage_option(option: Option) -> click.Option:
 
     users = [stage.name for stage in STAGES if option.flag in stage.options]
     shared = f" Stages: {', '.join(users)}." if len(users) > 1 else ""
-    return click.Option(
-        [option.flag, _parameter_name(option.flag)],
-        type=option.type if option.kind == "parameter" else FILE,
-        is_flag=option.type is bool,
-        metavar=f"[{'|'.join(option.choices)}]" if option.choices else None,
-        default=None,
-        help=option.help + shared,
-    )
+    names, text = [option.flag, _parameter_name(option.flag)], option.help + shared
+    kind = option.type if option.kind == "parameter" else FILE
+    choices = f"[{'|'.join(option.choices)}]" if option.choices else None
+    return click.Option(names, type=kind, is_flag=option.type is bool, metavar=choices, default=None, help=text)
 
 
 def _parameter_name(flag: str) -> str:
@@ -113,13 +109,9 @@ def run_request(asked: Mapping[str, Any]) -> RunRequest:
     """Return what the options of a `ProcessCommand` say of this run alone."""
     from processing.running.requests import RunRequest
 
-    return RunRequest(
-        until=asked["until"],
-        force=asked["force"],
-        dry_run=asked.get("dry_run", False),
-        recheck=asked["recheck"],
-        first_picture=sys.stdout.isatty() and not asked.get("as_json"),
-    )
+    dry_run, recheck = asked.get("dry_run", False), asked["recheck"]
+    first = sys.stdout.isatty() and not asked.get("as_json")
+    return RunRequest(until=asked["until"], force=asked["force"], dry_run=dry_run, recheck=recheck, first_picture=first)
 
 
 def given_now(asked: Mapping[str, Any]) -> dict[str, Any]:

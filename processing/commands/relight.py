@@ -115,11 +115,9 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     if asked["sky"] is not None:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
         stem = re.sub(r"[^\w-]+", "-", asked["sky"].stem)
-        return {
-            "modelled": False,
-            "notes": ["the sky's +y is taken as the room's; ground, trees and houses are the captured ones"],
-            "lights": [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))],
-        }
+        note = "the sky's +y is taken as the room's; ground, trees and houses are the captured ones"
+        lights = [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))]
+        return {"modelled": False, "notes": [note], "lights": lights}
     outside = Outside.of(room, asked["weather"], asked)
     if asked["at"]:
         times = [parse_time(asked["at"], outside.zone)]
@@ -179,14 +177,9 @@ def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) 
 
 def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, Any]], path: Path) -> dict[str, Any]:
     """Return what was relit, and write it as JSON."""
-    found = {
-        "schema_version": 1,
-        "session": ready.room.manifest.name,
-        "staged": ready.room.staged,
-        "basis": "kept" if ready.basis_kept else "made",
-        "notes": moments["notes"],
-        "moments": facts,
-    }
+    basis = "kept" if ready.basis_kept else "made"
+    of_room = {"session": ready.room.manifest.name, "staged": ready.room.staged, "basis": basis}
+    found = {"schema_version": 1, **of_room, "notes": moments["notes"], "moments": facts}
     path.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
     return found
 
@@ -310,10 +303,6 @@ def _write(
     write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
     rgb8 = session_shown(session).display.shown(found.rgb, found.glass, around=isinstance(geometry, Equirectangular))
     _jpeg(folder / f"{stem}.jpg", rgb8, room, _made(session, room, "computed view", folder))
-    return {
-        "eye_m": eye,
-        "staged": room.staged,
-        "seen_share": round(float(found.seen[solid].mean()), 4) if solid.any() else 1.0,
-        "error": round(found.error, 4),
-        "unit": room.picture.unit,
-    }
+    share = round(float(found.seen[solid].mean()), 4) if solid.any() else 1.0
+    errors = {"seen_share": share, "error": round(found.error, 4)}
+    return {"eye_m": eye, "staged": room.staged, **errors, "unit": room.picture.unit}

@@ -77,18 +77,13 @@ def _request(options: dict[str, Any]) -> RigRequest:
     first, *rest = options["sessions"]
     chart = options["chart"] or first
     others = (first, *rest) if options["chart"] else tuple(rest)
+    sided = map(_sided, options["corners"])
+    corners = {side: numbers("--corners", text, 8, "X,Y of four corners") for side, text in sided}
+    rules = {side: _rule(text, tuple(ShutterRule)) for side, text in map(_sided, options["shutter"])}
+    half_rad, nd = math.radians(options["half_field"]), options["nd"] or None
+    given = {name: options[name] for name in ("flats", "lamps", "lens_data")}
     return RigRequest(
-        chart=chart,
-        sessions=others,
-        flats=options["flats"],
-        nd=options["nd"] or None,
-        lamps=options["lamps"],
-        lens_data=options["lens_data"],
-        corners={
-            side: numbers("--corners", text, 8, "X,Y of four corners") for side, text in map(_sided, options["corners"])
-        },
-        rules={side: _rule(text, tuple(ShutterRule)) for side, text in map(_sided, options["shutter"])},
-        half_field_rad=math.radians(options["half_field"]),
+        chart=chart, sessions=others, nd=nd, corners=corners, rules=rules, half_field_rad=half_rad, **given
     )
 
 

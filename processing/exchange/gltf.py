@@ -142,13 +142,9 @@ class Glb:
         binary = bytes(self._binary) + b"\0" * (-len(self._binary) % 4)
         text = json.dumps({**self._json, "buffers": [{"byteLength": len(binary)}]}, allow_nan=False).encode()
         text += b" " * (-len(text) % 4)
-        return (
-            struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
-            + struct.pack("<I4s", len(text), b"JSON")
-            + text
-            + struct.pack("<I4s", len(binary), b"BIN\0")
-            + binary
-        )
+        head = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
+        text_head, binary_head = struct.pack("<I4s", len(text), b"JSON"), struct.pack("<I4s", len(binary), b"BIN\0")
+        return head + text_head + text + binary_head + binary
 
     def _append(self, table: str, entry: Json) -> int:
         rows: list[Json] = self._json.setdefault(table, [])
@@ -167,12 +163,8 @@ class Glb:
 
     def _accessor(self, array: npt.NDArray[np.generic], kind: str, *, bounds: bool = False, index: bool = False) -> int:
         view = self._view(np.ascontiguousarray(array).tobytes(), _INDEX if index else _ARRAY)
-        entry: Json = {
-            "bufferView": view,
-            "componentType": {2: _USHORT, 4: _UINT}[array.itemsize] if index else _FLOAT,
-            "count": len(array),
-            "type": kind,
-        }
+        component = {2: _USHORT, 4: _UINT}[array.itemsize] if index else _FLOAT
+        entry: Json = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
         if bounds:
             entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
         return self._append("accessors", entry)
@@ -310,13 +302,9 @@ def _corners(part: Part) -> tuple[Doubles, Doubles]:
 
 def _add_pane(glb: Glb, pane: Pane) -> None:
     tint = [*map(float, pane.transmittance), GLASS_ALPHA]
+    look = {"baseColorFactor": tint, "roughnessFactor": 0.0, "metallicFactor": 0.0}
     material = glb.add_material(
-        {
-            "name": f"pane-{pane.opening}",
-            "pbrMetallicRoughness": {"baseColorFactor": tint, "roughnessFactor": 0.0, "metallicFactor": 0.0},
-            "alphaMode": "BLEND",
-            "doubleSided": True,
-        }
+        {"name": f"pane-{pane.opening}", "pbrMetallicRoughness": look, "alphaMode": "BLEND", "doubleSided": True}
     )
     corners = pane_triangles(pane).reshape(-1, 3)
     normal = np.cross(pane.across_m, pane.up_m)

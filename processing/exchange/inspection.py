@@ -122,16 +122,9 @@ def picture_facts(picture: OpenPicture) -> Facts:
     height, width = picture.rgb.shape[:2]
     level = _level(picture)
     chosen = np.ones(level.shape, bool) if picture.validity is None else picture.validity != Validity.OUTSIDE
-    facts: Facts = {
-        "kind": picture.kind,
-        "unit": picture.unit,
-        "width_px": width,
-        "height_px": height,
-        "geometry": _named(picture),
-        "scale_uncertainty": picture.scale_uncertainty,
-        "range": _range(level[chosen]),
-        "attributes": dict(picture.attributes),
-    }
+    facts: Facts = {"kind": picture.kind, "unit": picture.unit, "width_px": width, "height_px": height}
+    facts |= {"geometry": _named(picture), "scale_uncertainty": picture.scale_uncertainty}
+    facts |= {"range": _range(level[chosen]), "attributes": dict(picture.attributes)}
     if picture.validity is not None:
         count = np.bincount(picture.validity.ravel(), minlength=max(WORDS) + 1) / picture.validity.size
         facts["pixels"] = {name: float(count[code]) for code, name in WORDS.items()}
@@ -157,15 +150,9 @@ def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg
     height, width = picture.rgb.shape[:2]
     column, row = min(int(x), width - 1), min(int(y), height - 1)
     level = _level(picture)
-    facts: Facts = {
-        "longitude_deg": lon_deg,
-        "latitude_deg": lat_deg,
-        "column": column,
-        "row": row,
-        "rgb": [float(v) for v in picture.rgb[row, column]],
-        "value": float(level[row, column]),
-        "unit": picture.unit,
-    }
+    facts: Facts = {"longitude_deg": lon_deg, "latitude_deg": lat_deg, "column": column, "row": row}
+    rgb = [float(v) for v in picture.rgb[row, column]]
+    facts |= {"rgb": rgb, "value": float(level[row, column]), "unit": picture.unit}
     if picture.uncertainty is not None and picture.validity is not None:
         total = math.hypot(float(picture.uncertainty[row, column]), picture.scale_uncertainty or 0.0)
         facts["relative_uncertainty"] = total if math.isfinite(total) else None

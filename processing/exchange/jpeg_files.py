@@ -246,10 +246,8 @@ def packet(width_px: int, height_px: int, **said: Unpack[Said]) -> bytes:
 
 def _panorama(tags: PanoramaTags, width_px: int, height_px: int) -> dict[str, str]:
     if tags.left_px + width_px > tags.full_width_px or tags.top_px + height_px > tags.full_height_px:
-        raise ParameterError(
-            f"a picture of {width_px} x {height_px} reaches beyond its panorama of "
-            f"{tags.full_width_px} x {tags.full_height_px}"
-        )
+        whole = f"{tags.full_width_px} x {tags.full_height_px}"
+        raise ParameterError(f"a picture of {width_px} x {height_px} reaches beyond its panorama of {whole}")
     values: dict[str, int | float | str] = {
         "ProjectionType": "equirectangular",
         "UsePanoramaViewer": "True",

@@ -134,12 +134,9 @@ def signed_jpeg(jpeg: bytes, signer: Signer, title: str, proof: Mapping[str, Any
     if original is not None:
         made = {"action": "c2pa.edited", "digitalSourceType": SOURCES[kind], "description": str(proof["statement"])}
         steps = [{"action": "c2pa.opened", "parameters": {"ingredientIds": ["original"]}}, made]
-    manifest = {
-        "claim_generator_info": [{"name": "daylit"}],
-        "title": title,
-        "format": "image/jpeg",
-        "assertions": [{"label": "c2pa.actions.v2", "data": {"actions": steps}}, {"label": LABEL, "data": dict(proof)}],
-    }
+    actions = {"label": "c2pa.actions.v2", "data": {"actions": steps}}
+    said = {"title": title, "format": "image/jpeg", "assertions": [actions, {"label": LABEL, "data": dict(proof)}]}
+    manifest = {"claim_generator_info": [{"name": "daylit"}], **said}
     out = io.BytesIO()
     try:
         with c2pa.Builder(manifest) as builder:
@@ -216,18 +213,11 @@ def write_proof(session: Path, into: Path, signer: Signer | None = None) -> tupl
                 above = data = signed_jpeg(data, signer, name, said, above)
             write_bytes(into / name, data)
             pictures.append(facts | {"sha256": hashlib.sha256(data).hexdigest()})
-    body: dict[str, Any] = {
-        "schema_version": 1,
-        "made_with": f"daylit {version('daylit')}",
-        "session_id": manifest.session_id,
-        "name": manifest.name,
-        "statement": STATEMENT,
-        "frames": frames,
-        "chain": _chain([one["sha256"] for one in frames], [one["sha256"] for one in pictures]),
-        "pictures": pictures,
-        "changes": changes,
-        **({} if signer is None else {"signed_by": dict(signer.facts)}),
-    }
+    chain = _chain([one["sha256"] for one in frames], [one["sha256"] for one in pictures])
+    body: dict[str, Any] = {"schema_version": 1, "made_with": f"daylit {version('daylit')}"}
+    body |= {"session_id": manifest.session_id, "name": manifest.name, "statement": STATEMENT}
+    body |= {"frames": frames, "chain": chain, "pictures": pictures, "changes": changes}
+    body |= {} if signer is None else {"signed_by": dict(signer.facts)}
     body["sha256"] = hashlib.sha256(_canonical(body)).hexdigest()
     write_bytes(into / NAME, _canonical(body))
     return into / NAME, file_sha256(into / NAME)

@@ -73,15 +73,9 @@ def _budget(name: str, image: LuminanceImage, scale: Mapping[str, float]) -> dic
         | {"source": SOURCES.get(cause, ("B", "as stated with the picture"))[1]}
         for cause, off in sorted(rows.items(), key=lambda one: -one[1])
     ]
-    return {
-        "figure": name,
-        "unit": "lx" if image.absolute else image.unit,
-        "value": found.value_lx,
-        "rows": lines,
-        "combined_relative": combined,
-        "expanded": COVERAGE_FACTOR * combined * found.value_lx,
-        "lower_bound": found.lower_bound,
-    }
+    unit, expanded = "lx" if image.absolute else image.unit, COVERAGE_FACTOR * combined * found.value_lx
+    sums = {"combined_relative": combined, "expanded": expanded, "lower_bound": found.lower_bound}
+    return {"figure": name, "unit": unit, "value": found.value_lx, "rows": lines, **sums}
 
 
 def _indices(

@@ -94,14 +94,9 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
     # Errors of the planes are not independent, and those of their mean at most the mean of theirs (Minkowski).
     means = {key: sum(light[key] for light in upright) / DIRECTIONS for key in ("value", "uncertainty")}
     bound = "lower" if any(light["bound"] for light in upright) else None
-    return {
-        "height_m": height_m,
-        "level_up": up,
-        "level_down": down,
-        "cylindrical": means | {"bound": bound},
-        "directions": looks,
-        "brightest": int(np.argmax([light["value"] for light in upright])),
-    }
+    level = {"height_m": height_m, "level_up": up, "level_down": down}
+    brightest = int(np.argmax([light["value"] for light in upright]))
+    return {**level, "cylindrical": means | {"bound": bound}, "directions": looks, "brightest": brightest}
 
 
 def _glare(found: Mapping[str, Figure]) -> Facts:
@@ -140,13 +135,9 @@ def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m
     except ScaleError:
         return None
     mean = sum(readings_cd_m2) / len(readings_cd_m2)
-    return {
-        "readings_cd_m2": readings_cd_m2,
-        "picture_cd_m2": shown,
-        "difference_frac": shown / mean - 1 if mean > 0 else None,
-        "drift_frac": facts.get("meter_drift_frac"),
-        "sets_scale": facts.get("k1_parts", {}).get("given") is None,
-    }
+    off = {"difference_frac": shown / mean - 1 if mean > 0 else None, "drift_frac": facts.get("meter_drift_frac")}
+    sets_scale = facts.get("k1_parts", {}).get("given") is None
+    return {"readings_cd_m2": readings_cd_m2, "picture_cd_m2": shown, **off, "sets_scale": sets_scale}
 
 
 def level_ratio(camera: Facts, outdoor: Facts | None) -> Figure | None:

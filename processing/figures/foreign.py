@@ -120,15 +120,10 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     half = math.radians(field_deg) / 2
     height_px, width_px = codes[0].shape[:2]
     lens = Fisheye(width_px, height_px, LensMapping(mapping), circle.radius_px, half, circle.centre_px)
+    arrays = [array_frame(one, taken.path.name) for one, taken in zip(codes, frames, strict=True)]
+    options, off, given_s = MergeOptions(ghosts=False, own_curve=True), fit.time_sigma, bracket.given_s
     image = merge(
-        [array_frame(one, taken.path.name) for one, taken in zip(codes, frames, strict=True)],
-        fit.times_s,
-        curve,
-        noise,
-        geometry=lens,
-        options=MergeOptions(ghosts=False, own_curve=True),
-        time_sigma=fit.time_sigma,
-        given_s=bracket.given_s,
+        arrays, fit.times_s, curve, noise, geometry=lens, options=options, time_sigma=off, given_s=given_s
     ).image
     factor = constant * frames[0].f_number ** 2 / frames[0].iso
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]

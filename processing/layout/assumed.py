@@ -39,12 +39,10 @@ def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
     within = shapely.contains_xy(shapely.Polygon(plan.corners), places[:, 0], places[:, 1])
     outside = [item.id for item, fits in zip(arrangement.items, within, strict=True) if not fits]
     if outside:
-        raise LayoutError(
-            f"{', '.join(outside)} would stand outside of the room",
-            where=where,
-            likely="it was made for another room, or the room has another origin (below the camera)",
-            advice="make it for this one: daylit arrange SESSION --keep-camera",
-        )
+        text = f"{', '.join(outside)} would stand outside of the room"
+        likely = "it was made for another room, or the room has another origin (below the camera)"
+        advice = "make it for this one: daylit arrange SESSION --keep-camera"
+        raise LayoutError(text, where=where, likely=likely, advice=advice)
     pieces = [
         Piece(i.id, replace(KINDS[i.category], size_m=i.size_m, base_m=i.base_m), *i.t_m[:2], i.theta_rad, i.group)
         for i in arrangement.items
@@ -117,14 +115,9 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
     end_m = min(room.wall_length_m(wall), FROM_CORNER_M + DOOR_M)
     if any(o.wall == wall and o.start_m < end_m for o in room.openings):
         return room, ""
+    start_m, head_m = max(0.0, end_m - DOOR_M), min(2.0, room.ceiling_height_m)
     door = Opening(
-        kind=OpeningKind.PASSAGE,
-        wall=wall,
-        start_m=max(0.0, end_m - DOOR_M),
-        end_m=end_m,
-        sill_m=0.0,
-        head_m=min(2.0, room.ceiling_height_m),
-        confidence=0.0,
+        kind=OpeningKind.PASSAGE, wall=wall, start_m=start_m, end_m=end_m, sill_m=0.0, head_m=head_m, confidence=0.0
     )
     text = f"no door was found here: one is assumed at the start of wall {wall} (correct it: daylit room --edit)"
     return room.model_copy(update={"openings": (*room.openings, door)}), text

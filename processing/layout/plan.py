@@ -92,13 +92,9 @@ def _refuse_crossings(ring: Doubles, where: str) -> None:
             met, corner = edges[i].distance(edges[j]) < TOUCHING_M, None
         if met:
             at = corner if corner is not None else nearest_points(edges[i], edges[j])[0].coords[0]
-            raise PlanError(
-                f"edge {i} crosses or touches edge {j} at ({at[0]:.3f}, {at[1]:.3f})",
-                where=where,
-                likely="corners in the wrong order",
-                edges=[i, j],
-                at_m=[round(float(at[0]), 4), round(float(at[1]), 4)],
-            )
+            text = f"edge {i} crosses or touches edge {j} at ({at[0]:.3f}, {at[1]:.3f})"
+            at_m = [round(float(at[0]), 4), round(float(at[1]), 4)]
+            raise PlanError(text, where=where, likely="corners in the wrong order", edges=[i, j], at_m=at_m)
 
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
@@ -228,14 +224,10 @@ def make_plan(
     for x, y in keep_free:
         if not _inside(floor.ring, np.array([x, y])):
             raise PlanError(f"the point to keep free ({x:.2f}, {y:.2f}) is outside the floor", where=name)
-    return replace(
-        plan,
-        doors=kept_doors,
-        windows=tuple(w for w in kept_windows if not isinstance(w, Hung)),
-        hung=tuple(w for w in kept_windows if isinstance(w, Hung)),
-        keep_free=tuple((float(x), float(y)) for x, y in keep_free),
-        notes=tuple(repairs),
-    )
+    windows = tuple(w for w in kept_windows if not isinstance(w, Hung))
+    hung = tuple(w for w in kept_windows if isinstance(w, Hung))
+    free = tuple((float(x), float(y)) for x, y in keep_free)
+    return replace(plan, doors=kept_doors, windows=windows, hung=hung, keep_free=free, notes=tuple(repairs))
 
 
 def _as_array(points: Sequence[Sequence[float]] | Doubles, where: str) -> Doubles:
@@ -284,11 +276,7 @@ def from_room_model(
         else:
             swing: Swing = "sliding" if o.kind is OpeningKind.PASSAGE else "unknown"
             doors.append(Door(o.wall, o.start_m, o.end_m, swing=swing))
+    high_m, free = room.ceiling_height_m, [(0.0, 0.0)] if keep_camera_free else []
     return make_plan(
-        room.floor,
-        ceiling_height_m=room.ceiling_height_m,
-        doors=doors,
-        windows=[*windows, *hung],
-        keep_free=[(0.0, 0.0)] if keep_camera_free else [],
-        name=name,
+        room.floor, ceiling_height_m=high_m, doors=doors, windows=[*windows, *hung], keep_free=free, name=name
     )

@@ -182,12 +182,9 @@ def empty_room(
         return Emptied(image, *_blank(target.shape), (), ("nothing to remove",))
     rgb, blind = _finite(image)
     if (target | blind).all():
-        raise RemovalError(
-            "nothing of the room is left to fill it from",
-            where="target",
-            likely="the mask is all white, or inverted",
-            advice="leave some of floor, walls and ceiling out of the mask",
-        )
+        likely = "the mask is all white, or inverted"
+        advice = "leave some of floor, walls and ceiling out of the mask"
+        raise RemovalError("nothing of the room is left to fill it from", where="target", likely=likely, advice=advice)
     shown = plane_map(room, geometry)
     unfit = _unfit(target, sunlight)
     foreign = np.zeros_like(target) if foreign is None else foreign

@@ -98,16 +98,8 @@ def lifted(
         replaced[k] |= (change[k] > DEEP) | ((less < -BURNT) & (image.validity[k] == Validity.CLIPPED))
     del gain, factors
     target = replaced
-    done = empty_room(
-        replace(image, rgb=reflectance),
-        target,
-        room,
-        sunlight=sunlight,
-        others=Others(foreign, shade.boards),
-        quality=quality,
-        filler=filler,
-        own=True,
-    )
+    unlit, others = replace(image, rgb=reflectance), Others(foreign, shade.boards)
+    done = empty_room(unlit, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
     rgb, stays = done.image.rgb, ~target & (image.validity == Validity.VALID)
     _in_bands(partial(_lit_again, (image.rgb, rgb), change, target, stays), planes, plane, glass)
     # Each plane has its own light: their edges are mixed again.

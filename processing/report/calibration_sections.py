@@ -74,38 +74,23 @@ def camera_section(
     curve = response["curve"]
     folder, frames = taken
     log2_exposure, sigma = np.array(curve["log2_exposure"]), np.array(curve["sigma_log2"])
-    pictures = [
-        Picture(
-            "Response curve",
-            plots.response_plot(log2_exposure, sigma, curve["low"], curve["high"]),
-            f"response curves of the {side} camera by channel",
-            f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops; "
-            + fit_text(curve),
-        )
-    ]
+    curves = plots.response_plot(log2_exposure, sigma, curve["low"], curve["high"])
+    shows = f"response curves of the {side} camera by channel"
+    note = f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops; "
+    pictures = [Picture("Response curve", curves, shows, note + fit_text(curve))]
     if residuals := response["residuals"]:
         rms = np.array([[math.nan if v is None else v for v in channel] for channel in residuals["rms_stops"]])
-        pictures.append(
-            Picture(
-                "Residuals of the fit",
-                plots.residual_plot(np.array(residuals["codes"]), rms),
-                f"what frames of the {side} camera say of one light apart from each other, by code",
-            )
-        )
+        drawn = plots.residual_plot(np.array(residuals["codes"]), rms)
+        shows = f"what frames of the {side} camera say of one light apart from each other, by code"
+        pictures.append(Picture("Residuals of the fit", drawn, shows))
     ordered = sorted(frames, key=lambda frame: (-frame.camera_s, frame.stop))
     labels = [shutter_label(frame.camera_s) for frame in ordered]
     shares = [float(frame["used_share"]) for frame in metrics["frames"]]
-    pictures.append(
-        Picture(
-            "What each frame served", plots.frame_usage_plot(labels, shares, [share == 0 for share in shares]), "bars"
-        )
-    )
+    bars = plots.frame_usage_plot(labels, shares, [share == 0 for share in shares])
+    pictures.append(Picture("What each frame served", bars, "bars"))
     thumbnails = [thumbnail(folder / frame.file) for frame in ordered]
-    pictures.append(
-        Picture(
-            "Bracket", plots.contact_sheet(thumbnails, labels), f"frames of the {side} bracket, histograms", wide=True
-        )
-    )
+    sheet = plots.contact_sheet(thumbnails, labels)
+    pictures.append(Picture("Bracket", sheet, f"frames of the {side} bracket, histograms", wide=True))
     text = f"Exposure times: {response['times_source']}."
     if (error := metrics.get("error95")) is not None:
         text += f" 95 % of single pixels are known to {error:.1%} (k = 1.96) or better."
@@ -128,21 +113,13 @@ def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Pictur
     rows = plots.every_nth(image.rgb)
     small = display.shown(image.rgb[rows, rows])
     wide = isinstance(image.geometry, Equirectangular)
+    bright = plots.luminance_picture(luminance, image.unit if image.absolute else "relative")
+    doubt = plots.uncertainty_map(image.uncertainty)
+    note = f"of each pixel by itself; the common scale adds {100 * image.scale_uncertainty:.2f} %"
     found = [
         Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),
-        Picture(
-            f"{name}: luminance",
-            plots.luminance_picture(luminance, image.unit if image.absolute else "relative"),
-            "false colours of luminance",
-            wide=wide,
-        ),
-        Picture(
-            f"{name}: relative standard uncertainty",
-            plots.uncertainty_map(image.uncertainty),
-            "false colours of uncertainty",
-            f"of each pixel by itself; the common scale adds {100 * image.scale_uncertainty:.2f} %",
-            wide=wide,
-        ),
+        Picture(f"{name}: luminance", bright, "false colours of luminance", wide=wide),
+        Picture(f"{name}: relative standard uncertainty", doubt, "false colours of uncertainty", note, wide=wide),
     ]
     temperature = plots.cct_picture(image.rgb)
     found.append(Picture(f"{name}: correlated colour temperature", temperature, "false colours of CCT", wide=wide))

@@ -201,30 +201,16 @@ def viewer(state: State, look: Look, wide: int = VIEWER_WIDTHS_PX[0][1]) -> View
     ramp = np.geomspace(low, high, _COLOURS, endpoint=False)[None] * (high / low) ** (0.5 / _COLOURS)
     codes = picture_codes(look.light(_panorama(image.rgb, wide)), MIDDLE)
     share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
-    found = ViewerState(
-        state.name,
-        _jpeg(codes, state, look, image, panorama=True),
-        packed(luminance_codes(luminance)),
-        packed(uncertainty_codes(share)),
-        packed(_map(image.validity)),
-        (luminance.shape[1], luminance.shape[0]),
-        (image.rgb.shape[1], image.rgb.shape[0]),
-        state.file,
-        state.made.state == STAGED,
-    )
-    return Viewer(
-        (found,),
-        MIDDLE,
-        (low, high),
-        tuple(legend_ticks(low, high, 14)),
-        false_colour(ramp, low, high).tobytes(),
-        image.unit,
-        math.degrees(look.yaw_rad),
-        look.label,
-        None
-        if (r := look.room) is None
-        else {"floor": r.floor, "camera_m": r.camera_height_m, "ceiling_m": r.ceiling_height_m},
-    )
+    jpeg = _jpeg(codes, state, look, image, panorama=True)
+    maps = packed(luminance_codes(luminance)), packed(uncertainty_codes(share)), packed(_map(image.validity))
+    map_px, picture_px = (luminance.shape[1], luminance.shape[0]), (image.rgb.shape[1], image.rgb.shape[0])
+    found = ViewerState(state.name, jpeg, *maps, map_px, picture_px, state.file, state.made.state == STAGED)
+    colours, yaw_deg = false_colour(ramp, low, high).tobytes(), math.degrees(look.yaw_rad)
+    sizes = None
+    if (r := look.room) is not None:
+        sizes = {"floor": r.floor, "camera_m": r.camera_height_m, "ceiling_m": r.ceiling_height_m}
+    ticks = tuple(legend_ticks(low, high, 14))
+    return Viewer((found,), MIDDLE, (low, high), ticks, colours, image.unit, yaw_deg, look.label, sizes)
 
 
 def map_pixels(length: int, most: int) -> Indices:

@@ -349,20 +349,10 @@ def _stills(
         cut = _light(image, measured, frame)
         made = np.full(cut.uncertainty.shape, bool(said.plate))
         write_exr(context.folder / f"{name}-light.exr", estimated(cut, made))
-        found.append(
-            {
-                "file": f"{name}.jpg",
-                "original": f"{name}-original.jpg",
-                "light": f"{name}-light.exr",
-                "state": state,
-                "yaw_deg": round(math.degrees(frame.yaw_rad), 2),
-                "lens_mm": frame.lens_mm,
-                "drop": frame.drop,
-                "size_px": list(SIZE_PX),
-                "shows": list(frame.shows),
-                "statement": said.statement,
-            }
-        )
+        files = {"file": f"{name}.jpg", "original": f"{name}-original.jpg", "light": f"{name}-light.exr"}
+        taken = {"yaw_deg": round(math.degrees(frame.yaw_rad), 2), "lens_mm": frame.lens_mm, "drop": frame.drop}
+        rest = {"size_px": list(SIZE_PX), "shows": list(frame.shows), "statement": said.statement}
+        found.append({**files, "state": state, **taken, **rest})
     return found
 
 

@@ -35,11 +35,10 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
     if not isinstance(geometry, Equirectangular):
         raise NoRoomError("the picture is not equirectangular", advice="give a whole panorama")
     if abs(geometry.width_px / geometry.height_px - 2) > 0.02 or geometry.height_px < 16:
-        raise NoRoomError(
-            f"the picture is {geometry.width_px} x {geometry.height_px} px; a whole panorama is twice as wide as high",
-            likely="it is cropped",
-            advice="pad it to 2:1 with its middle on the horizon, or export it whole",
-        )
+        size = f"{geometry.width_px} x {geometry.height_px} px"
+        text = f"the picture is {size}; a whole panorama is twice as wide as high"
+        advice = "pad it to 2:1 with its middle on the horizon, or export it whole"
+        raise NoRoomError(text, likely="it is cropped", advice=advice)
     step = max(1, geometry.height_px // STEP_ROWS)
     small, data = luminance_cd_m2(image.rgb[::step, ::step]), image.validity[::step, ::step] != Validity.OUTSIDE
     bright = small[small > 0]
@@ -59,11 +58,9 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
     weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * math.pi)
     blank = float((dark.mean(axis=1) * weight).sum() / weight.sum())
     if blank > LARGEST_BLANK:
-        raise NoRoomError(
-            f"{100 * blank:.0f} % of the sphere show nothing",
-            likely="the panorama is cropped above or below, or most of it is black",
-            advice="give a whole panorama",
-        )
+        text = f"{100 * blank:.0f} % of the sphere show nothing"
+        likely = "the panorama is cropped above or below, or most of it is black"
+        raise NoRoomError(text, likely=likely, advice="give a whole panorama")
     return blank
 
 

@@ -108,11 +108,9 @@ def estimate_room(
         raise ParameterError(f"a camera height of {camera_height_m} m", advice="give 0.1 to 20")
     blank = check_picture(image)
     if isinstance(image.geometry, Equirectangular) and image.geometry.yaw_rad:
-        raise ParameterError(
-            f"the picture's middle looks {math.degrees(image.geometry.yaw_rad):.1f} degrees to the side",
-            where="room",
-            advice="resample it to Equirectangular(width, height) first: evidence is of longitude 0 in the middle",
-        )
+        text = f"the picture's middle looks {math.degrees(image.geometry.yaw_rad):.1f} degrees to the side"
+        advice = "resample it to Equirectangular(width, height) first: evidence is of longitude 0 in the middle"
+        raise ParameterError(text, where="room", advice=advice)
     if evidence.boundary is None:
         raise ParameterError("evidence without boundaries", advice="use evidence with boundaries, or --layout-model")
     overhead = overhead_share(evidence)
@@ -188,11 +186,9 @@ def _chosen(
     quality, held = how
     standing = [h for h in ranked if _model(h.fit.polygon, h.fit.outline, camera_height_m) is not None]
     if not standing:
-        raise NoRoomError(
-            "no room explains the boundaries found",
-            likely="the picture is not of a room, or the camera stands in a doorway",
-            advice="give the room by hand: daylit room SESSION --edit",
-        )
+        likely = "the picture is not of a room, or the camera stands in a doorway"
+        advice = "give the room by hand: daylit room SESSION --edit"
+        raise NoRoomError("no room explains the boundaries found", likely=likely, advice=advice)
     if quality == "draft":
         return standing[0], unrefined(standing[0].fit, "not at draft quality")
     few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
@@ -209,10 +205,7 @@ def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomMo
     floor = tidied(polygon * camera_height_m)
     if floor is None or not np.abs(floor).max() < 100:
         return None
-    room = RoomModel(
-        source="estimated",
-        floor=tuple((round(float(x), 4), round(float(y), 4)) for x, y in floor),
-        camera_height_m=camera_height_m,
-        ceiling_height_m=round(camera_height_m * (1 + outline.ratio), 4),
-    )
+    corners = tuple((round(float(x), 4), round(float(y), 4)) for x, y in floor)
+    high_m = round(camera_height_m * (1 + outline.ratio), 4)
+    room = RoomModel(source="estimated", floor=corners, camera_height_m=camera_height_m, ceiling_height_m=high_m)
     return None if geometry_problems(room) else room

@@ -138,10 +138,8 @@ def _read(network: LayoutNetwork, found: list[np.ndarray]) -> tuple[np.ndarray, 
     up = 1.0 if np.median(ceiling) > 0 else -1.0
     ceiling, floor = up * ceiling, up * floor
     if np.median(floor) >= 0 or np.abs(np.stack([ceiling, floor])).max() > math.pi / 2 + 1e-3:
-        raise LayoutNetworkError(
-            "gives boundaries that are not angles above and below the horizon",
-            where=network.name,
-            likely="the export ends before or after the network's own output",
-        )
+        text = "gives boundaries that are not angles above and below the horizon"
+        likely = "the export ends before or after the network's own output"
+        raise LayoutNetworkError(text, where=network.name, likely=likely)
     corner = 1 / (1 + np.exp(-np.clip(found[1].reshape(-1), -50, 50))) if len(found) == 2 else np.zeros(len(floor))
     return np.maximum(ceiling, LEAST_LATITUDE_RAD), np.minimum(floor, -LEAST_LATITUDE_RAD), corner

@@ -54,16 +54,8 @@ def opening_on_wall(
         sill = 0.0
     if high - low < SHORTEST_M or head - sill < SHORTEST_M:
         return []
-    return [
-        Opening(
-            kind=kind,
-            wall=wall,
-            start_m=round(float(low), 5),
-            end_m=round(float(high), 5),
-            sill_m=round(float(sill), 5),
-            head_m=round(float(head), 5),
-        )
-    ]
+    start_m, end_m, sill_m, head_m = (round(float(v), 5) for v in (low, high, sill, head))
+    return [Opening(kind=kind, wall=wall, start_m=start_m, end_m=end_m, sill_m=sill_m, head_m=head_m)]
 
 
 LayoutFormat = Literal["zind", "led2net", "horizonnet"]

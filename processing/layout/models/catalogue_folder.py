@@ -214,15 +214,8 @@ def load_model(source: FileSource) -> FurnitureModel:
     if max(size) > MAX_SIZE_M:
         raise ModelFileError(f"{max(size):.4g} m large; at most {MAX_SIZE_M:g}", where=where, advice="give its unit")
     notes = (*source.notes, *raw.notes, *_repairs([body for _, body in sound]), *guessed)
-    return FurnitureModel(
-        source.model_id,
-        source.category,
-        parts,
-        (size[0], size[1], size[2]),
-        source.licence,
-        all(body.closed for _, body in kept),
-        notes,
-    )
+    size_m, closed = (size[0], size[1], size[2]), all(body.closed for _, body in kept)
+    return FurnitureModel(source.model_id, source.category, parts, size_m, source.licence, closed, notes)
 
 
 def _repairs(bodies: list[Sound | None]) -> list[str]:

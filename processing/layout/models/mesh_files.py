@@ -344,15 +344,10 @@ def _material(visual: Any, notes: list[str], *, textured: bool) -> Material:
         colour = linear_of_srgb(np.rint(255 * colour).astype(np.uint8)) if texture is None else np.ones(3)
     roughness, metallic = (getattr(pbr, key, None) for key in ("roughnessFactor", "metallicFactor"))
     r, g, b = (float(c) for c in colour)
-    return Material(
-        name,
-        (r, g, b),
-        float(np.clip(0.6 if roughness is None else roughness, 0.05, 1)),
-        float(np.clip(0.0 if metallic is None else metallic, 0, 1)),
-        texture,
-        None,
-        opacity=float(coded[3]) if coded[3] > 0.02 else 1.0,
-    )
+    rough = float(np.clip(0.6 if roughness is None else roughness, 0.05, 1))
+    metal = float(np.clip(0.0 if metallic is None else metallic, 0, 1))
+    opacity = float(coded[3]) if coded[3] > 0.02 else 1.0
+    return Material(name, (r, g, b), rough, metal, texture, None, opacity=opacity)
 
 
 def _texture(image: Any, notes: list[str]) -> Bytes | None:

@@ -68,12 +68,9 @@ def refuse_too_small(field: Field, items: Sequence[Item]) -> None:
         return
     missing = _missing_m(bare, largest)
     size = f"{largest.spec.size_m[0]:.2f} x {largest.spec.size_m[1]:.2f} m"
-    raise RoomTooSmallError(
-        f"{largest.id} ({size}) fits nowhere on the bare floor of {field.floor.plan.area_m2:.1f} m2"
-        + (f"; {missing:.2f} m of width are missing" if missing is not None else ""),
-        where=field.floor.plan.name,
-        item=largest.id,
-    )
+    short = "" if missing is None else f"; {missing:.2f} m of width are missing"
+    text = f"{largest.id} ({size}) fits nowhere on the bare floor of {field.floor.plan.area_m2:.1f} m2{short}"
+    raise RoomTooSmallError(text, where=field.floor.plan.name, item=largest.id)
 
 
 def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
@@ -125,13 +122,10 @@ def _stopped_by_room(item: Item, room: _Look) -> NotPlaced:
 
 def _reason(item: Item, rule: str, obstacle: str, missing_m: float | None, why: str) -> NotPlaced:
     short = f"; {missing_m:.2f} m of width are missing" if missing_m is not None else ""
+    left_m = None if missing_m is None else round(missing_m, 3)
+    reason = f"{why}{short}"
     return NotPlaced(
-        id=item.id,
-        category=item.spec.category,
-        rule=rule,
-        obstacle=obstacle,
-        missing_m=None if missing_m is None else round(missing_m, 3),
-        reason=f"{why}{short}",
+        id=item.id, category=item.spec.category, rule=rule, obstacle=obstacle, missing_m=left_m, reason=reason
     )
 
 

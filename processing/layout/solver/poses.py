@@ -246,17 +246,10 @@ def stands(final: Final) -> list[Stand]:
         angle = math.atan2(uy, ux)
         for member in variant.members:
             x, y = choice.s_m + member.x_m, member.y_m
-            placed.append(
-                Stand(
-                    member.item,
-                    ox + x * ux - y * uy,
-                    oy + x * uy + y * ux,
-                    wrapped(angle + member.quarters * math.pi / 2),
-                    variant.members[0].item.id,
-                    int(edge) if edge >= 0 else None,
-                    member.zones,
-                )
-            )
+            at_x_m, at_y_m = ox + x * ux - y * uy, oy + x * uy + y * ux
+            theta_rad = wrapped(angle + member.quarters * math.pi / 2)
+            group, wall = variant.members[0].item.id, int(edge) if edge >= 0 else None
+            placed.append(Stand(member.item, at_x_m, at_y_m, theta_rad, group, wall, member.zones))
     return placed
 
 
