@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.shared_data import DATA
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ParameterError, PictureFileError
 from processing.figures.cal import read_cal
@@ -19,7 +19,7 @@ from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 BY_SF = "ro=sf*ri(1);go=sf*gi(1);bo=sf*bi(1);\n"
 LENS = Fisheye(401, 401, LensMapping.EQUISOLID, 200)
-SHARED = Path(os.environ.get("DAYLIT_SHARED", "/nowhere")) / "data/brackets/canon5d2_8mm_bracket/calibration_files"
+SHARED = DATA / "brackets/canon5d2_8mm_bracket/calibration_files"
 
 
 def radius(n: float, edge: float | None = None) -> str:
