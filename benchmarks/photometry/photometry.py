@@ -139,7 +139,8 @@ def _canon_by_command(folder: Path, published_lux: float) -> dict[str, float]:
         said = subprocess.run(
             (sys.executable, "-m", "daylit", *map(str, asked)), capture_output=True, check=True, text=True
         )
-        value, doubt = json.loads(said.stdout)["figures"]["illuminance_lx"].values()
+        found_lx = json.loads(said.stdout)["figures"]["illuminance_lx"]
+        value, doubt = found_lx["value"], found_lx["uncertainty"]
         found[f"{key}_err_pct"] = 100 * (value / published_lux - 1)
         found[f"{key}_sigmas"] = (value - published_lux) / doubt
     return found
