@@ -222,7 +222,7 @@ def canon_real(*, quick: bool) -> dict[str, float]:
     circle, reference = published_circle(bracket.size_px), reference_map()
     seen, really = find_image_circle(list(bracket.frames)), found_crop(by_published, reference)
     maps = {
-        "canon": luminance_map(image, circle),
+        "canon_stated_circle": luminance_map(image, circle),
         "canon_found_circle": luminance_map(image, seen),
         "canon_registered": luminance_map(image, really),
         "canon_published_curve": luminance_map(by_published, circle),
@@ -234,7 +234,8 @@ def canon_real(*, quick: bool) -> dict[str, float]:
         figures |= {f"{name}_lux": lux, f"{name}_lux_err_pct": 100 * (lux / PUBLISHED_LUX - 1)}
         figures |= {f"{name}_map_p50_pct": off["p50"], f"{name}_map_p95_pct": off["p95"]}
     return figures | {
-        "canon_evalglare_diff_pct": 100 * (evalglare_lx(maps["canon"]) / figures["canon_lux"] - 1),
+        "canon_evalglare_diff_pct": 100
+        * (evalglare_lx(maps["canon_stated_circle"]) / figures["canon_stated_circle_lux"] - 1),
         "canon_reference_by_our_sum_lux": _summed_lx(reference),
         "canon_response_rms_stops": response_difference(curve, published_curve()),
         "canon_reference_radius_ratio": really.radius_px / circle.radius_px,

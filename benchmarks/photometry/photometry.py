@@ -141,6 +141,7 @@ def _canon_by_command(folder: Path, published_lux: float) -> dict[str, float]:
         )
         found_lx = json.loads(said.stdout)["figures"]["illuminance_lx"]
         value, doubt = found_lx["value"], found_lx["uncertainty"]
+        found[key] = value
         found[f"{key}_err_pct"] = 100 * (value / published_lux - 1)
         found[f"{key}_sigmas"] = (value - published_lux) / doubt
     return found
@@ -148,9 +149,7 @@ def _canon_by_command(folder: Path, published_lux: float) -> dict[str, float]:
 
 def _numbers(found: Any) -> dict[str, float]:
     """Return the figures of the real bracket under their keys."""
-    if isinstance(found, dict):
-        return {key: value for key, value in found.items() if isinstance(value, int | float)}
-    return {"canon_lux": float(found)}
+    return {key: value for key, value in found.items() if isinstance(value, int | float)}
 
 
 def _worst(values: Any) -> float:
