@@ -123,7 +123,7 @@ class K2Record(Model):
     """Digests of the response curves it was measured with (`ResponseRecord.digest`)."""
 
     def spectral_mismatch(self, side: Side) -> float | None:
-        """Return a camera's by the chart (`chart.spectral_mismatch`); a residual of 0: clipped or dark somewhere."""
+        """Return a camera's `chart.spectral_mismatch`; patches without a residual are clipped or dark."""
         if tuple(patch.name for patch in self.patches) != PATCH_NAMES:
             return None
         seen = np.array([patch.indoor if side is Side.INDOOR else patch.outdoor for patch in self.patches])

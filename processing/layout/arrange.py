@@ -90,7 +90,7 @@ def arrange(
 
 
 def _doors_given_up(found: Arrangements, plan: FloorPlan, again: Callable[[FloorPlan], Arrangements]) -> Arrangements:
-    """Return arrangements in which doors that only hang on walls are not kept free, where more has a place so."""
+    """Return arrangements that do not keep doors free which only hang on walls, where more pieces fit that way."""
 
     def missing(them: Arrangements) -> int:
         return len(them.arrangements[0].not_placed) if them.arrangements else 0
@@ -101,7 +101,7 @@ def _doors_given_up(found: Arrangements, plan: FloorPlan, again: Callable[[Floor
     other = again(replace(plan, hung=hung))
     if missing(other) >= missing(found):
         return found
-    note = "with the doors seen that are no openings of the room kept free not all has a place: they are not"
+    note = "doors that only the pixels show are not kept free: with them kept free, not everything fits"
     return other.model_copy(update={"plan": found.plan, "notes": (note, *other.notes)})
 
 

@@ -144,7 +144,7 @@ class Window(_OnEdge):
 class Hung(Window):
     """What is seen on a wall, sill to head: a picture, radiator, curtain (`name`); pieces had better not hide it.
 
-    A door that is no opening of the room (`HUNG_DOOR`) is kept free as one, where all has a place so.
+    A door that is no opening of the room (`HUNG_DOOR`) is kept free like one, where everything fits that way.
     """
 
 
