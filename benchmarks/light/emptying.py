@@ -14,6 +14,10 @@ times its median: how far the windows' strength (`sources.brightened`) is off, s
 its interval holds the true one, over the ``clipped_windows`` cases whose windows clip at all. True is what the room's
 panes show the camera over what the clipped picture does; rooms, masks and distances are the true ones.
 
+``clipped_sun_*``: the same rooms with an outdoor picture whose sun is cut at `SUN_SHOWN` of its light: how far its
+strength by the patches that it lights in the room (`sources.sun_strength`) is off, stops, median and worst, and how
+often its interval holds the true one, over the ``clipped_sun`` rooms that show such a patch.
+
 ``infinigen_*``: rooms of another generator and another renderer (Infinigen Indoors, Cycles), furnished and emptied
 under the same daylight, as single panoramas in relative units without a picture of the sky; left out where they are not
 beside the checkout.
@@ -25,18 +29,22 @@ import math
 import re
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.light.albedo import outdoors_of_room, picture
 from benchmarks.sessions import write_session
 from benchmarks.shared_data import DATA
 from benchmarks.truth_rooms import LIGHT_QUALITY, room_model_of, truth_list, truth_of
 from benchmarks.whole.end_to_end import FULL_DIVISOR, FULL_ROOMS, QUICK_DIVISOR, QUICK_ROOMS, rig_profile, rows_of
 from benchmarks.whole.end_to_end_run import PANORAMA_PX, bias_pct, errors_of, taken_of
 from mocks.rooms.model import Use
-from mocks.rooms.room import make_room
+from mocks.rooms.room import Room, make_room
+from mocks.rooms.truth import TruthPictures
+from processing.ground.room_model import RoomModel
 from processing.light.scene.albedo import DARK
 from processing.light.scene.furnished import OldFurniture, furnished_light
 from processing.light.scene.scene import Outdoors, Scene, shell_of
@@ -77,7 +85,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     if not quick:
         lifted["full_size_cpu_s"] = round(spent_s(*rooms[0], profile, 1), 1)
     clipped = [one for number, use in rooms for one in clipped_windows(number, use, PANORAMA_PX // divisor // 2)]
-    lifted |= clipped_metrics(clipped)
+    lifted |= clipped_metrics("windows", clipped)
+    lifted |= clipped_metrics("sun", [sun for one in rooms if (sun := clipped_sun(*one, PANORAMA_PX // divisor // 2))])
     independent, notes = _independent()
     lifted |= independent.get("lift", {})
     others |= independent.get("keep", {})
@@ -99,7 +108,8 @@ CLIPPED_AT = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 LEAST_STRENGTH = 1.1  # of windows that clip; chosen
 LOOK = Effort(texel_m=0.15, rows=32, patch_samples=64, pixel_samples=4, sun_samples=4, clean=False)
 """The strength is found by the patches alone, as many samples each as the stage light takes at standard quality."""
-STRENGTH = re.compile(r"windows: ([\d.]+) times .*\(([\d.]+) to ([\d.]+)\)")
+STRENGTH = re.compile(r": ([\d.]+) times .*\(([\d.]+) to ([\d.]+)\)")
+SUN_SHOWN = 0.03  # a disc of 1.6e9 cd/m2, cut at 5e7: the shortest stop behind ND 3.0
 
 
 def clipped_windows(
@@ -109,13 +119,11 @@ def clipped_windows(
 
     ``rows``, ``quality``: of its kept truth; the pictures are looked at in ``size`` rows.
     """
-    room, truth = truth_of(number, use, rows=rows, quality=quality)
-    model, geometry = room_model_of(room), Equirectangular(2 * rows, rows)
-    old = truth.furniture | truth.tripod
-    parts = standins_of(model, truth.furniture, np.where(np.isfinite(truth.depth_m), truth.depth_m, 0))
+    room, truth, model, old = _known(number, use, rows, quality)
+    geometry = Equirectangular(2 * rows, rows)
     surfaces, panes = shell_of(model)
     glass = sight_of(Stage.of(Scene(surfaces, panes, Outdoors(DARK)), 0.5), geometry, room.eye).label == GLASS
-    seen = glass.reshape(old.shape) & ~old
+    seen = glass.reshape(old.target.shape) & ~old.target
     area, luminance = solid_angles(geometry)[seen], luminance_cd_m2(truth.luminance_rgb)
     found = []
     for times in CLIPPED_AT:
@@ -124,25 +132,58 @@ def clipped_windows(
         if true < LEAST_STRENGTH:
             continue
         validity = np.where((rgb < truth.luminance_rgb).any(axis=2), Validity.CLIPPED, Validity.VALID).astype(np.uint8)
-        picture = LuminanceImage(rgb, np.full(old.shape, 0.02, np.float32), validity, geometry, 0.02, absolute=False)
-        light = furnished_light(picture, model, None, OldFurniture(truth.furniture, old, parts), rows=size, effort=LOOK)
-        said = [match for note in light.notes if (match := STRENGTH.search(note))]
-        strength, low, high = (float(value) for value in said[0].groups())
-        found.append((f"{room.name} at {times:g}", true, strength, low, high))
+        photograph = LuminanceImage(
+            rgb, np.full(seen.shape, 0.02, np.float32), validity, geometry, 0.02, absolute=False
+        )
+        light = furnished_light(photograph, model, None, old, rows=size, effort=LOOK)
+        found.append((f"{room.name} at {times:g}", true, *_said("windows", light.notes)))
     return found
 
 
-def clipped_metrics(found: Sequence[tuple[str, float, float, float, float]]) -> dict[str, float]:
-    """Return metrics of what `clipped_windows` found; none of no case."""
+def _known(number: int, use: Use, rows: int, quality: str) -> tuple[Room, TruthPictures, RoomModel, OldFurniture]:
+    """Return a room, its truth and model, and its furniture with the true masks and distances."""
+    room, truth = truth_of(number, use, rows=rows, quality=quality)
+    model = room_model_of(room)
+    parts = standins_of(model, truth.furniture, np.where(np.isfinite(truth.depth_m), truth.depth_m, 0))
+    return room, truth, model, OldFurniture(truth.furniture, truth.furniture | truth.tripod, parts)
+
+
+def _said(what: str, notes: Sequence[str]) -> tuple[float, float, float]:
+    """Return the strength that a note states, and its interval."""
+    match = next(match for note in notes if note.startswith(what) and (match := STRENGTH.search(note)))
+    strength, low, high = (float(value) for value in match.groups())
+    return strength, low, high
+
+
+def clipped_sun(
+    number: int, use: Use, rows: int, quality: str = LIGHT_QUALITY, size: int = 128
+) -> tuple[str, float, float, float, float] | None:
+    """Return of a room under a cut sun: name, true strength, found, low, high; None where no patch of it is seen."""
+    if make_room(number, use).sky.disc() is None:
+        return None
+    room, truth, model, old = _known(number, use, rows, quality)
+    outdoors = outdoors_of_room(room)
+    if outdoors.sun is None:
+        return None
+    red, green, blue = (SUN_SHOWN * one for one in outdoors.sun.normal_illuminance_lx)
+    cut = replace(outdoors, sun=replace(outdoors.sun, normal_illuminance_lx=(red, green, blue), clipped=True))
+    light = furnished_light(picture(truth.luminance_rgb), model, cut, old, rows=size, effort=LOOK)
+    if any("lower bound" in note or "sun: 0.0 " in note for note in light.notes):
+        return None
+    return (room.name, 1 / SUN_SHOWN, *_said("sun", light.notes))
+
+
+def clipped_metrics(kind: str, found: Sequence[tuple[str, float, float, float, float]]) -> dict[str, float]:
+    """Return metrics of what `clipped_windows` and `clipped_sun` found; none of no case."""
     if not found:
         return {}
     off = [abs(math.log2(strength / true)) for _, true, strength, _, _ in found]
     inside = [low - 0.05 <= true <= high + 0.05 for _, true, _, low, high in found]  # the note has one decimal
     return {
-        "clipped_windows": len(found),
-        "clipped_windows_err_stops": round(float(np.median(off)), 3),
-        "clipped_windows_worst_stops": round(max(off), 2),
-        "clipped_windows_cover90_pct": round(100 * float(np.mean(inside)), 1),
+        f"clipped_{kind}": len(found),
+        f"clipped_{kind}_err_stops": round(float(np.median(off)), 3),
+        f"clipped_{kind}_worst_stops": round(max(off), 2),
+        f"clipped_{kind}_cover90_pct": round(100 * float(np.mean(inside)), 1),
     }
 
 

@@ -13,6 +13,7 @@ from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
 from processing.light.scene.room_light import EmptyRoom, with_sunlight
 from processing.light.scene.scene import REVEAL_M, Outdoors, Scene, Surface
 from processing.light.scene.scene_file import read_scene, write_scene
+from processing.light.scene.sources import MOST_SUN, most_sun, sun_note, under_share
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import sight_of
 from processing.light.solver.sun import sun_of
@@ -34,8 +35,8 @@ SAME = 0.5  # of a pixel, from which it is one of a mask's
 GAP_RAD = math.radians(2.0)
 """Half as wide as the widest gap between parts of a patch of sun that is closed; chosen: 7 cm of a floor at 2 m."""
 LEAST_SUN = 0.3  # of the computed sunlight, that a pixel shows which is not in half shadow; chosen
-LEAST_SUNNY, SUN_SHARES = 2e-5, (0.5, 1.5)
-"""Pixels over a panorama's squared height, from which patches show the sun's colour, and what it may differ; chosen."""
+LEAST_SUNNY, LEAST_SHARE = 2e-5, 0.5
+"""Pixels over a panorama's squared height, from which patches show the sun's colour, and its least share; chosen."""
 MOST_LAMPS = 100  # that are listed one by one; the light of all is in the scene
 
 
@@ -69,7 +70,7 @@ def run(context: StageContext) -> StageOutput:
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "the sun where furniture no longer stops it")
     sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
-    found = replace(found, scene=_under_share(found.scene, share))
+    found = _under_share(found, share)
     if sunlit is not None:
         write_patch(context.folder / "sun.npz", sunlit, replace(image, rgb=empty.without(empty.sunlit)[0]))
     write_scene(context.folder / "scene.npz", found.scene)
@@ -116,7 +117,7 @@ def in_its_sun(
     if empty.sunlit is not None and empty.shaded is not None:
         seen = image.rgb[empty.sunlit] - empty.shaded
         valid = image.validity[empty.sunlit] == Validity.VALID
-        whole = share_of_sun(seen[valid], rgb[empty.sunlit][valid], len(rgb))
+        whole = share_of_sun(seen[valid], rgb[empty.sunlit][valid], len(rgb), most_sun(scene.outdoors.sun))
         kept |= empty.sunlit
     rgb *= whole.astype(np.float32)
     rgb += below
@@ -125,9 +126,10 @@ def in_its_sun(
     return estimated(replace(image, rgb=rgb, uncertainty=doubt), ~kept), "", whole
 
 
-def share_of_sun(seen: Floats, computed: Floats, rows: int) -> Doubles:
-    """Return what patches show of the sun's light, over what was computed for them, (3,), within `SUN_SHARES`; 1 where
-    they are small. ``seen``, ``computed`` (N, 3): light that the sun adds to the pixels of a panorama of ``rows``.
+def share_of_sun(seen: Floats, computed: Floats, rows: int, most: float = MOST_SUN) -> Doubles:
+    """Return what patches show of the sun's light, over what was computed for them, (3,), `LEAST_SHARE` to ``most``.
+
+    1 where they are small. ``seen``, ``computed`` (N, 3): light that the sun adds to a panorama of ``rows``.
 
     The sun's disc is clipped outdoors, air, trees and glass colour its light, and the surface's albedo is an estimate.
     """
@@ -135,17 +137,18 @@ def share_of_sun(seen: Floats, computed: Floats, rows: int) -> Doubles:
     sure = (level > 0) & (seen.min(axis=-1) > LEAST_SUN * level)
     if np.count_nonzero(sure) < LEAST_SUNNY * rows * rows:
         return np.ones(3)
-    return np.asarray(np.clip(np.median(seen[sure].astype(np.float64) / computed[sure], axis=0), *SUN_SHARES))
+    return np.asarray(np.clip(np.median(seen[sure].astype(np.float64) / computed[sure], axis=0), LEAST_SHARE, most))
 
 
-def _under_share(scene: Scene, share: Doubles) -> Scene:
-    """Return a scene under a share (3,) of its sun, which keeps its colour: the floor's may be as wrong."""
-    if scene.outdoors.sun is None:
-        return scene
-    sun, weights = np.array(scene.outdoors.sun.normal_illuminance_lx), np.asarray(LUMINANCE_WEIGHTS)
-    red, green, blue = (float(v) for v in sun * ((share * sun) @ weights / max(float(sun @ weights), 1e-30)))
-    dimmed = replace(scene.outdoors.sun, normal_illuminance_lx=(red, green, blue))
-    return replace(scene, outdoors=replace(scene.outdoors, sun=dimmed))
+def _under_share(found: RoomAlbedo, share: Doubles) -> RoomAlbedo:
+    """Return a room under a share (3,) of its sun, which keeps its colour: the floor's may be as wrong."""
+    outdoors = found.scene.outdoors
+    if outdoors.sun is None or (share == 1).all():
+        return found
+    sun, weights = np.array(outdoors.sun.normal_illuminance_lx), np.asarray(LUMINANCE_WEIGHTS)
+    whole = float((share * sun) @ weights / max(float(sun @ weights), 1e-30))
+    scene = replace(found.scene, outdoors=under_share(outdoors, whole))
+    return replace(found, scene=scene, notes=found.notes + sun_note(outdoors.sun, whole))
 
 
 def emptied(context: StageContext) -> EmptyRoom:

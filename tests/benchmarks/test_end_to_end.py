@@ -67,13 +67,13 @@ def test_emptying_counts_rooms_and_clipped_windows() -> None:
     assert (found["staged_above_15"], found["pane_worst_pct"], found["pane_median_pct"]) == (1, 4.0, 3.0)
     assert found["cpu_s"] == 3.0
     clipped = [("a at 2", 4.0, 2.0, 1.0, 3.9), ("a at 3", 2.0, 2.0, 1.0, 4.0), ("b at 2", 2.0, 8.0, 2.1, 9.0)]
-    assert emptying.clipped_metrics(clipped) == {
+    assert emptying.clipped_metrics("windows", clipped) == {
         "clipped_windows": 3,
         "clipped_windows_err_stops": 1.0,
         "clipped_windows_worst_stops": 2.0,
         "clipped_windows_cover90_pct": 33.3,
     }
-    assert emptying.clipped_metrics([]) == {}
+    assert emptying.clipped_metrics("windows", []) == {}
 
 
 def test_of_a_bias_the_farthest_from_nothing_is_the_worst() -> None:

@@ -22,14 +22,24 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import resized
 from processing.light.scene import room_light
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, plain, shell_of
-from processing.light.scene.sources import Lamp, find_lamps, measured_windows, near_sun, open_sun, windows_from_inside
+from processing.light.scene.sources import (
+    Lamp,
+    find_lamps,
+    measured_windows,
+    near_sun,
+    open_sun,
+    sun_note,
+    sun_strength,
+    under_share,
+    windows_from_inside,
+)
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import Sight, albedo_of, sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
 from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, solid_angles
 from processing.sphere.resampling import resample
 from processing.surfaces.maps import FLOOR, planes_of
 from processing.surfaces.textures import Texture, unwrap
@@ -115,6 +125,10 @@ def albedo_of_room(
     if gloss and known is None:
         # What the floor mirrors towards the camera is not what it gives to the room.
         gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), sight, eye, effort, seed)
+    if stage.scene.outdoors.sun is not None and stage.scene.outdoors.sun.clipped:
+        due = sun_of(stage, sight, effort.sun_samples, seed)
+        stage, said = _sun_as_seen(stage, flat, gathered.sky, due, sight, valid.ravel() & ~highlight)
+        notes += said
     sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
     full = open_sun(stage, sight)
     value, whole, measured = _values(
@@ -227,6 +241,19 @@ def _without_gloss(
     rgb[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
     highlight[floor] = (gloss * mirror > room_light.MOST_SHARE * picture.reshape(-1, 3)[floor]).any(axis=1)
     return rgb, highlight, gloss
+
+
+def _sun_as_seen(
+    stage: Stage, rgb: Doubles, sky: Floats, sun: Floats, sight: Sight, valid: np.ndarray
+) -> tuple[Stage, tuple[str, ...]]:
+    """Return the stage under the strength of its overexposed sun that its patches show, and notes (see `_values`)."""
+    weights, near, seen = np.asarray(LUMINANCE_WEIGHTS), near_sun(stage, sight), sight.solid & valid
+    usual = _usual(math.pi * rgb / np.maximum(sky, 1e-9), sight, seen & ~near & (sky > 0).all(axis=1))
+    area = solid_angles(Equirectangular(sight.shape[1], sight.shape[0])).ravel()
+    parts = ((one @ weights * area)[seen & near] for one in (math.pi * rgb, usual * sky, usual * sun))
+    share = sun_strength(stage.scene.outdoors.sun, *parts)
+    outdoors = under_share(stage.scene.outdoors, share)
+    return stage.under(outdoors, stage.scene.panes), sun_note(stage.scene.outdoors.sun, share)
 
 
 def _values(

@@ -19,7 +19,16 @@ from processing.ground.room_model import OpeningKind, RoomModel
 from processing.light.scene.albedo import LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene
-from processing.light.scene.sources import LAMP_TIMES, brightened, near_sun, open_sun, places_near_sun
+from processing.light.scene.sources import (
+    LAMP_TIMES,
+    brightened,
+    near_sun,
+    open_sun,
+    places_near_sun,
+    sun_note,
+    sun_strength,
+    under_share,
+)
 from processing.light.solver.irradiance import Effort, cleaned, evened, gathered
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import FIRST_PART, GLASS, Sight, sight_of
@@ -34,8 +43,6 @@ from processing.surfaces.maps import SurfaceMaps, surface_maps
 
 ROUNDS = 6
 """Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
-SUN_TIMES = 2.0  # what its surface gives in the shade, from which a patch near the sun's may be lit by it; chosen
-MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on ten sunny rooms
 DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
 MOST_RATIO = 3.0
 """By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
@@ -103,7 +110,7 @@ def furnished_light(
     if outdoors is None and (everything.label == GLASS).any():
         full, strength = brightened(full, shown.given, shown.known, effort.patch_samples, seed)
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
-    full, bare, lamps = _measured(full, bare, shown, effort, seed)
+    full, bare, measured = _measured(full, bare, shown, effort, seed)
     both = _both_lights(full, bare, shown, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
     own = large.solid & both.known & ~gone.ravel()
@@ -122,7 +129,7 @@ def furnished_light(
     # A photograph without an outdoor picture has a tone of its own: its light changes, its colours stay.
     change = (np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]) + gain[..., None]
     log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
-    notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
+    notes = (*notes, f"{len(old.parts)} stand-ins", *measured)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
     return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes)
 
@@ -163,8 +170,10 @@ def _shown(full: Stage, rgb: Floats, everything: Sight, consistent: Sight, eye: 
     return _Shown(math.pi * every.radiance, seen, math.pi * sure.radiance, known)
 
 
-def _measured(full: Stage, bare: Stage, shown: _Shown, effort: Effort, seed: int) -> tuple[Stage, Stage, int]:
-    """Return both rooms with the albedo and the lamps that the furnished picture shows, and how many patches shine."""
+def _measured(
+    full: Stage, bare: Stage, shown: _Shown, effort: Effort, seed: int
+) -> tuple[Stage, Stage, tuple[str, ...]]:
+    """Return both rooms with the albedo, lamps and sun that the furnished picture shows, and notes on them."""
     samples, normals, area = effort.patch_samples, full.patches.normal, full.patches.area_m2
     few = max(1, samples // 4)
     points = patch_points(full, samples, (seed, 71))
@@ -188,24 +197,13 @@ def _measured(full: Stage, bare: Stage, shown: _Shown, effort: Effort, seed: int
         albedo = _everywhere(full, np.where(shines[:, None], usual, apparent), known)
         # As much sun as the picture shows, on whatever: what holds it back besides furniture (trees, slats, sashes) no
         # model knows; nor by how much its windows are too small.
-        over, matte = (one @ WEIGHTS * area for one in (shown.given, albedo * shade))
-        lit = shown.seen & zone & (over > SUN_TIMES * matte)
-        due = float(((albedo * sun) @ WEIGHTS * area)[shown.seen].sum())
-        share = float(np.clip((over - matte)[lit].sum() / due, 0, MOST_SUN)) if due > 0 else 1.0
+        over, matte, due = (one @ WEIGHTS * area for one in (shown.given, albedo * shade, albedo * sun))
+        share = sun_strength(full.scene.outdoors.sun, *(np.where(shown.seen & zone, v, 0) for v in (over, matte, due)))
     count = bare.patches.count
-    among = _dimmed_sun(replace(full, albedo=albedo, exitance=exitance), share)
-    without = _dimmed_sun(replace(bare, albedo=albedo[:count], exitance=exitance[:count]), share)
-    return among, without, int(shines.sum())
-
-
-def _dimmed_sun(stage: Stage, share: float) -> Stage:
-    """Return a stage under ``share`` of its sun."""
-    outdoors = stage.scene.outdoors
-    if outdoors.sun is None:
-        return stage
-    red, green, blue = (share * value for value in outdoors.sun.normal_illuminance_lx)
-    sun = replace(outdoors.sun, normal_illuminance_lx=(red, green, blue))
-    return stage.under(replace(outdoors, sun=sun), stage.scene.panes)
+    outdoors = under_share(full.scene.outdoors, share)
+    among = replace(full, albedo=albedo, exitance=exitance).under(outdoors, full.scene.panes)
+    without = replace(bare, albedo=albedo[:count], exitance=exitance[:count]).under(outdoors, bare.scene.panes)
+    return among, without, (f"{int(shines.sum())} patches of lamps", *sun_note(full.scene.outdoors.sun, share))
 
 
 def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:

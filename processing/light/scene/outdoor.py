@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from processing.errors import SceneError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.light.scene.scene import SUN_RADIUS_RAD, Outdoors, Sun
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, directions, point_directions, solid_angles
@@ -64,7 +64,8 @@ def _sun_apart(image: LuminanceImage, weights: Floats) -> tuple[Floats, Sun | No
     rows = slice(max(y[0] - _COARSE_PX, 0), y[-1] + 2 * _COARSE_PX)
     part = rows, slice(max(x[0] - _COARSE_PX, 0), x[-1] + 2 * _COARSE_PX)
     area = solid_angles(image.geometry)[part] * weights[part]
-    rest, found = without_sun(image.rgb[part].astype(np.float64), directions(image.geometry, rows)[0][:, part[1]], area)
+    rays, clipped = directions(image.geometry, rows)[0][:, part[1]], image.validity[part] == Validity.CLIPPED
+    rest, found = without_sun(image.rgb[part].astype(np.float64), rays, area, clipped)
     if found is None:
         return image.rgb, None
     rgb = image.rgb.copy()
@@ -87,10 +88,13 @@ def with_ground(panorama: Floats, known: np.ndarray, sun: Sun | None, albedo: fl
     return np.where(below[..., None], ground, panorama)
 
 
-def without_sun(rgb: Doubles, rays: Doubles, area_sr: Doubles) -> tuple[Doubles, Sun | None]:
+def without_sun(
+    rgb: Doubles, rays: Doubles, area_sr: Doubles, clipped: Flags | None = None
+) -> tuple[Doubles, Sun | None]:
     """Return a picture (H, W, 3) without its sun, and the sun; all its excess over the sky beside it is kept.
 
-    The excess's illuminance on a plane facing it becomes the sun's; its middle is weighted by light.
+    The excess's illuminance on a plane facing it becomes the sun's; its middle is weighted by light. ``clipped``
+    (H, W): pixels that are lower bounds; what little an overexposed disc shows is a sun's, too.
     """
     luminance = rgb @ np.asarray(LUMINANCE_WEIGHTS) * (area_sr > 0)
     peak = np.unravel_index(int(luminance.argmax()), luminance.shape)
@@ -102,13 +106,14 @@ def without_sun(rgb: Doubles, rays: Doubles, area_sr: Doubles) -> tuple[Doubles,
     over = near & (luminance > SUN_TIMES_SKY * max(float(beside @ np.asarray(LUMINANCE_WEIGHTS)), 1e-6))
     excess = np.where(over[..., None], np.maximum(rgb - beside, 0), 0.0) * area_sr[..., None]
     light = excess.sum(axis=(0, 1))
-    if light @ np.asarray(LUMINANCE_WEIGHTS) < LEAST_SUN_LX or not over.any():
+    cut = clipped is not None and bool((clipped & over).any())
+    if not over.any() or (light @ np.asarray(LUMINANCE_WEIGHTS) < LEAST_SUN_LX and not cut):
         return rgb, None
     middle = np.tensordot(excess @ np.asarray(LUMINANCE_WEIGHTS), rays, axes=2)
     x, y, z = (float(v) for v in middle / np.linalg.norm(middle))
     red, green, blue = (float(v) for v in _credible(light, z))
     rest = np.where(over[..., None], np.minimum(rgb, beside), rgb)
-    return rest, Sun((x, y, z), (red, green, blue), SUN_RADIUS_RAD)
+    return rest, Sun((x, y, z), (red, green, blue), SUN_RADIUS_RAD, cut)
 
 
 def _credible(light: Doubles, sine: float) -> Doubles:

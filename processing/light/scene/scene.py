@@ -212,6 +212,8 @@ class Sun:
     normal_illuminance_lx: Vector
     """RGB, on a plane that faces it, outdoors."""
     radius_rad: float = SUN_RADIUS_RAD
+    clipped: bool = False
+    """Its disc was overexposed: the illuminance is a lower bound."""
 
     def __post_init__(self) -> None:
         _check_emission("sun", np.asarray(self.normal_illuminance_lx))

@@ -21,7 +21,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Rgb, Vector
 from processing.ground.seam import resized, smoothed
-from processing.light.scene.scene import Outdoors, Pane
+from processing.light.scene.scene import Outdoors, Pane, Sun
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up, seen_outdoors
 from processing.light.solver.sky import skylight
@@ -270,6 +270,54 @@ def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray
 def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
     return corner - a - b, across + 2 * a, up + 2 * b
+
+
+SUN_TIMES = 2.0  # what its surface gives in the shade, from which a place near the sun's patch may be lit by it; chosen
+MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on ten sunny rooms
+ABOVE_AIR_LX = 133e3  # the sun's normal illuminance outside the atmosphere (IES): no overexposed disc hides more
+SUN_SURE = (0.75, 1.75)
+"""Of a share that was found, within which the true one lies in nine rooms of ten (docs/measurements/emptying.md)."""
+
+
+def most_sun(sun: Sun | None) -> float:
+    """Return how many times as strong as its picture a sun may be; overexposed, as strong as `ABOVE_AIR_LX`."""
+    if sun is None or not sun.clipped:
+        return MOST_SUN
+    return max(MOST_SUN, ABOVE_AIR_LX / float(np.asarray(sun.normal_illuminance_lx) @ np.asarray(LUMINANCE_WEIGHTS)))
+
+
+def sun_strength(sun: Sun | None, given: Doubles, matte: Doubles, due: Doubles) -> float:
+    """Return how many times as strong as its picture a sun is by the patches that it lights, 0 to `most_sun`.
+
+    ``given``, ``matte``, ``due`` (N,): what places near its patches give off, weighted by their size, what they would
+    without direct sun, and what the sun adds by the model; 1 where none is due. A least-squares strength: over all of
+    the sun's patch, what trees and slats hold back of it included; of an overexposed sun over what it does light.
+    """
+    lit = given > SUN_TIMES * matte
+    if sun is not None and sun.clipped:
+        lit, due = lit & (due > 0), np.where(lit, due, 0)
+    return float(np.clip((given - matte)[lit].sum() / due.sum(), 0, most_sun(sun))) if due.sum() > 0 else 1.0
+
+
+def under_share(outdoors: Outdoors, share: float) -> Outdoors:
+    """Return the light outside under a share of its sun, in the sun's own colour."""
+    if outdoors.sun is None:
+        return outdoors
+    red, green, blue = (share * value for value in outdoors.sun.normal_illuminance_lx)
+    clipped = outdoors.sun.clipped and share == 1
+    return replace(outdoors, sun=replace(outdoors.sun, normal_illuminance_lx=(red, green, blue), clipped=clipped))
+
+
+def sun_note(sun: Sun | None, share: float) -> tuple[str, ...]:
+    """Return what is to be said of an overexposed sun; nothing of others."""
+    if sun is None or not sun.clipped:
+        return ()
+    if share == 1:
+        return ("sun: overexposed outdoors, and no sunlit patch is seen indoors: a lower bound",)
+    low, high = (share * one for one in SUN_SURE)
+    return (
+        f"sun: {share:.1f} times as strong as the overexposed disc, by its patches indoors ({low:.1f} to {high:.1f})",
+    )
 
 
 STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import cv2
@@ -14,7 +15,7 @@ from processing.ground.seam import grown
 from processing.light.picture.render import render
 from processing.light.scene.albedo import KnownLight, albedo_of_room
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
-from processing.light.scene.scene import Outdoors, Part
+from processing.light.scene.scene import Outdoors, Part, Sun
 from processing.light.scene.sources import window_strength
 from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
 from processing.light.solver.irradiance import Effort
@@ -337,6 +338,44 @@ def test_windows_strength_follows_from_how_their_light_falls_off(true: float) ->
     assert best == pytest.approx(true, rel=0.2)
     assert low <= true * 1.01
     assert high >= true * 0.99
+
+
+@pytest.mark.parametrize("shown", [0.03, 0.4])
+@pytest.mark.parametrize("furnished", [True, False], ids=["furnished", "empty"])
+def test_an_overexposed_sun_is_as_strong_as_the_patches_that_it_lights_say(shown: float, furnished: bool) -> None:
+    """Outdoors its disc is cut at a share of what it is; the room's own picture has all of its light."""
+    towards = np.array([0.2, -0.75, 0.6]) / np.linalg.norm([0.2, -0.75, 0.6])
+    sun = Sun(tuple(towards), (75_000.0, 70_000.0, 60_000.0))
+    glass = {0: (0.75, 0.77, 0.75)}
+    room = scene_of(box_room(), uniform_sky(4000.0, sun), colours, reveal_m=0.2, transmittance=glass)
+    room = replace(room, parts=(cabinet(0.05),) if furnished else ())
+    picture = image(render(room, GEOMETRY, EYE, effort=replace(LOOK, sun_samples=32), seed=5).rgb)
+    cut = Sun(sun.direction, tuple(shown * one for one in sun.normal_illuminance_lx), clipped=True)
+    outdoors = replace(room.outdoors, sun=cut)
+    if furnished:
+        seen = (sight_of(Stage.of(room, 0.5), GEOMETRY, EYE).label >= FIRST_PART).reshape(ROWS, 2 * ROWS)
+        old = OldFurniture(seen, seen, (cabinet(0.35),))
+        found = furnished_light(picture, box_room(), outdoors, old, rows=ROWS, effort=WORK)
+        scene, notes = found.scene, found.notes
+    else:
+        albedo = albedo_of_room(picture, box_room(), outdoors, rows=ROWS, effort=WORK)
+        scene, notes = albedo.scene, albedo.notes
+    solved = scene.outdoors.sun
+    assert solved is not None
+    assert not solved.clipped
+    assert solved.normal_illuminance_lx == pytest.approx(sun.normal_illuminance_lx, rel=0.2)
+    note = next(one for one in notes if one.startswith("sun: "))
+    low, high = (float(one) for one in re.findall(r"\(([\d.]+) to ([\d.]+)\)", note)[0])
+    assert low <= 1 / shown <= high
+
+
+def test_an_overexposed_sun_that_lights_nothing_seen_stays_a_lower_bound() -> None:
+    behind = Sun((0.0, 0.8, 0.6), (2000.0, 2000.0, 2000.0), clipped=True)
+    outdoors = uniform_sky(4000.0, behind)
+    picture = image(render(scene_of(box_room(), outdoors, colours), GEOMETRY, EYE, effort=LOOK, seed=5).rgb)
+    found = albedo_of_room(picture, box_room(), outdoors, rows=ROWS, effort=WORK)
+    assert found.scene.outdoors.sun == behind
+    assert any("a lower bound" in one for one in found.notes)
 
 
 def test_a_ghost_is_kept_down() -> None:

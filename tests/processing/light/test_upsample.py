@@ -89,6 +89,23 @@ def test_the_sun_is_taken_out_of_the_sky_with_all_its_energy() -> None:
     assert without_sun(rest, rays, area)[1] is None
 
 
+def test_an_overexposed_disc_is_a_sun_however_little_it_shows() -> None:
+    geometry = Equirectangular(256, 128)
+    rays, area = directions(geometry)[0], solid_angles(geometry)
+    rgb, clipped = np.full((128, 256, 3), 500.0), np.zeros((128, 256), bool)
+    rgb[30, 40], clipped[30, 40] = 2e5, True
+    assert without_sun(rgb, rays, area)[1] is None, "of what is measured, 100 lx are no sun"
+    sun = without_sun(rgb, rays, area, clipped)[1]
+    assert sun is not None
+    assert sun.clipped
+    # Its colour is cut as well: it gets the sun's.
+    assert np.dot(sun.normal_illuminance_lx, (0.2127, 0.7151, 0.0722)) == pytest.approx(2e5 * area[30, 40], rel=0.01)
+    rgb[30, 40] = 2e8
+    known = without_sun(rgb, rays, area, np.zeros_like(clipped))[1]
+    assert known is not None
+    assert not known.clipped
+
+
 def test_a_sun_of_one_filter_s_colour_keeps_its_light_and_gets_the_sun_s_colour() -> None:
     """As through a mosaic of colour filters: nothing of it is blue; low suns are redder."""
     geometry = Equirectangular(256, 128)

@@ -186,6 +186,7 @@ def test_small_patches_of_sun_and_wrong_ones_show_no_colour_of_it() -> None:
     assert materials.share_of_sun(light[:3] * 0.7, light[:3], 512) == pytest.approx((1, 1, 1))
     assert materials.share_of_sun(light * 0.1, light, 512) == pytest.approx((1, 1, 1))
     assert materials.share_of_sun(light * 9, light, 512) == pytest.approx((1.5, 1.5, 1.5))
+    assert materials.share_of_sun(light * 9, light, 512, most=30) == pytest.approx((9, 9, 9)), "of an overexposed sun"
 
 
 def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
