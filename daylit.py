@@ -107,7 +107,7 @@ class LazyGroup(click.Group):
         """Return the command that is named; of one that there is not, say which it may be."""
         names = self.list_commands(ctx)
         if args[0] not in names and not args[0].startswith("-"):
-            ctx.fail(f"there is no command {args[0]!r}{did_you_mean(args[0], names)}")
+            ctx.fail(f"no such command: {args[0]!r}{did_you_mean(args[0], names)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -128,7 +128,7 @@ def cli() -> None:
     \b
     Exit codes: 0 done · 1 a check failed · 2 usage · 3 instrument · 4 session · 5 a stage failed
                 6 computer · 70 internal · 130 interrupted.
-    Each command takes --json for one machine-readable object and shows an example in its own --help.
+    Every command takes --json (one machine-readable object) and has examples in its own --help.
     """
 
 
@@ -163,7 +163,7 @@ def _report(error: Exception, arguments: list[str]) -> int:
     from station.errors import write_crash_report
 
     path = write_crash_report(error, arguments)
-    text = f"internal error: {error!r}\n  a report without personal paths is in {path}: please send it in"
+    text = f"internal error: {error!r}\n  crash report (personal paths removed): {path}. Please send it to us"
     return _fail({"kind": "InternalError", "message": repr(error), "report": str(path)}, text, 70, arguments)
 
 

@@ -12,15 +12,15 @@ from station.commands.views import FOLDER
 
 @click.command()
 @click.argument("folder", type=FOLDER, default="sessions")
-@click.option("--port", type=click.IntRange(0, 65535), default=8321, help="0: any free one.")
-@click.option("--phone", is_flag=True, help="Listen on the local network, too, and print a second link, for a phone.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8321, help="Port to listen on; 0: any free port.")
+@click.option("--phone", is_flag=True, help="Also listen on the local network and print a second link, for a phone.")
 @click.option("--open/--no-open", "show", default=True, help="Open the browser.")
 @click.option("--json", "as_json", is_flag=True, help="Print the links as one JSON object.")
 def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -> int:
-    """Look at the sessions in FOLDER and correct them by hand: room, mask, furniture.
+    """View the sessions in FOLDER and correct rooms, masks and furniture by hand.
 
-    Only this computer can connect, and only by the link that is printed: it counts once. Corrections are choices of the
-    session, kept as soon as they are made; a server that is killed loses nothing.
+    Only this computer can connect, and only through the printed link, which works once. Corrections are saved with the
+    session as soon as they are made; killing the server loses nothing.
 
     \b
     Examples:

@@ -57,25 +57,25 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 
 @click.command(cls=ProcessCommand)
 @click.argument("folder")
-@click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Sessions at once on this computer.")
-@click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler elsewhere, such as tcp://10.0.0.5:8786.")
+@click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Sessions to run at once on this computer.")
+@click.option("--cluster", metavar="ADDRESS", help="Use a Dask scheduler, e.g. tcp://10.0.0.5:8786.")
 @click.option(
     "--session-timeout",
     type=click.FloatRange(1, 1e6),
     default=7200.0,
     metavar="SECONDS",
-    help="A session that takes longer is ended and listed.",
+    help="Stop a session that takes longer.",
 )
-@click.option("--zone", metavar="NAME", help="Of dates and times in the table (default: each session's).")
-@click.option("--into", type=FOLDER, help="For the table (default: FOLDER; of a URL: here).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+@click.option("--zone", metavar="NAME", help="Time zone of the table (default: each session's).")
+@click.option("--into", type=FOLDER, help="Folder for the table (default: FOLDER; for a URL: the current folder).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
 def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     """Process every session in FOLDER (or URL), several at a time; takes the options of `daylit process`.
 
-    Each session goes on with what was chosen for it; what is given here is chosen for all of them.
+    Each session keeps its saved options; options given here are saved for all of them.
 
-    A session that fails, hangs or kills its process is listed and stops no other. Run the same command again to go on
-    where it was interrupted. At its end FOLDER holds batch.csv (a row a session) and batch.json.
+    A session that fails, hangs or kills its process is listed and does not stop the others. Run the same command again
+    to continue where it was interrupted. At the end FOLDER holds batch.csv (one row per session) and batch.json.
 
     \b
     Examples:
@@ -142,7 +142,7 @@ def outcome_line(outcome: Outcome) -> str:
 
 @click.group()
 def dataset() -> None:
-    """Build, check and sum up a data set of processed sessions.
+    """Build, check and summarise a data set of processed sessions.
 
     \b
     Examples:
@@ -153,20 +153,20 @@ def dataset() -> None:
 
 @dataset.command()
 @click.argument("folder", type=FILE)
-@click.option("--name", required=True, help="What the data set is called.")
-@click.option("--licence", required=True, help="SPDX identifier (CC-BY-4.0) or address.")
-@click.option("--creator", default="", show_default=False, help="Who made it.")
-@click.option("--cite", default="", show_default=False, help="How to cite it.")
-@click.option("--url", default="", show_default=False, help="Where it can be found.")
+@click.option("--name", required=True, help="Name of the data set.")
+@click.option("--licence", required=True, help="Licence: SPDX identifier (CC-BY-4.0) or URL.")
+@click.option("--creator", default="", show_default=False, help="Author of the data set.")
+@click.option("--cite", default="", show_default=False, help="Citation text.")
+@click.option("--url", default="", show_default=False, help="Web address of the data set.")
 @click.option("--release", default="1.0.0", help="Version of the data set.")
-@click.option("--date", default="", show_default=False, metavar="YYYY-MM-DD", help="Of publication.")
-@click.option("--split", default="70,15,15", metavar="A,B,C", help="Per cent of rooms to train, validate, test.")
-@click.option("--zone", metavar="NAME", help="Of dates and times in the index (default: each session's).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--date", default="", show_default=False, metavar="YYYY-MM-DD", help="Date of publication.")
+@click.option("--split", default="70,15,15", metavar="A,B,C", help="Percentage of rooms in train, validation and test.")
+@click.option("--zone", metavar="NAME", help="Time zone of the index (default: each session's).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about: str) -> int:
     """Write index.csv, croissant.json, LICENCE.txt and SHA256SUMS into FOLDER, beside its sessions.
 
-    Splits are by room: all sessions of a room are in one, and stay in it when sessions are added.
+    Splits are by room: all sessions of a room fall in one split, and stay there when sessions are added.
 
     \b
     Example: daylit dataset build rooms --name "Rooms of 2023" --licence CC-BY-4.0 --zone America/New_York
@@ -185,13 +185,13 @@ def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about:
 
 @dataset.command()
 @click.argument("folder", type=FILE)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def check(folder: Path, *, as_json: bool) -> int:
     """Compare FOLDER with its checksums, index and metadata.
 
     \b
     Example: daylit dataset check rooms
-    Exit code: 0 all as it was built · 1 something is missing, changed, new or contradicts itself.
+    Exit code: 0 unchanged since it was built · 1 something is missing, changed, extra or inconsistent.
     """
     from processing.batch.dataset import check as compare
 
@@ -204,9 +204,9 @@ def check(folder: Path, *, as_json: bool) -> int:
 
 @dataset.command()
 @click.argument("folder", type=FILE)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def summary(folder: Path, *, as_json: bool) -> int:
-    """Say what the data set in FOLDER holds, in numbers.
+    """Summarise the data set in FOLDER in numbers.
 
     \b
     Example: daylit dataset summary rooms --json

@@ -38,34 +38,31 @@ GENERATED = "bedroom-7-clear"
 
 
 @click.command()
-@click.option(
-    "--world",
-    help=f"What the simulated instruments look at: {GENERATED} (the default), living-63, room:7, chart, uniform:100.",
-)
+@click.option("--world", help=f"Simulated scene: {GENERATED} (the default), living-63, room:7, chart, uniform:100.")
 @click.option(
     "--room",
     "picture",
     type=FILE,
     metavar="FILE",
-    help="A real room: a photograph (processed as it is, in relative units), or with --sky an HDR panorama.",
+    help="Use a real room: a photograph (processed in relative units) or, with --sky, an HDR panorama.",
 )
 @click.option(
     "--sky",
     type=FILE,
     metavar="FILE",
-    help="HDR panorama of a real sky: simulated cameras then photograph --room and --sky, in cd/m2.",
+    help="HDR panorama of a real sky: the simulated cameras photograph --room and --sky in cd/m2.",
 )
-@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), help="Of pictures (default: full).")
-@click.option("--quick", is_flag=True, help="In a hurry: quarter size, faster than life, draft quality.")
-@click.option("--set", "furniture", metavar="NAME", help="Furniture to stage: bedroom, living, ..., none; else auto.")
-@click.option("--into", type=FOLDER, default=Path("demo"), help="Folder of sessions.")
-@click.option("--capture-only", is_flag=True, help="End with the verified session.")
-@click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
+@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), help="Frame size (default: full).")
+@click.option("--quick", is_flag=True, help="Run faster: quarter size, high simulation speed, draft quality.")
+@click.option("--set", "furniture", metavar="NAME", help="Furniture set: bedroom, living, ..., none (default: auto).")
+@click.option("--into", type=FOLDER, default=Path("demo"), help="Sessions folder.")
+@click.option("--capture-only", is_flag=True, help="Stop after the session is verified.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON events, then one summary object.")
 def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:
-    """The main job, from nothing to a report: capture a room and its sky, process, stage the room three ways.
+    """Run the whole chain on simulated instruments: capture a room and its sky, process, stage it three ways.
 
-    The rig (meter, Theta Z1, 5D Mark II) is simulated at four times real speed, and calibrated as a real one is: from a
-    chart and an evenly lit sphere, captured with smaller pictures into INTO/rig. What is there is used again.
+    The rig (meter, Theta Z1, 5D Mark II) is simulated at four times real speed and calibrated as a real one is: from a
+    chart and an evenly lit sphere, captured with smaller pictures into INTO/rig. An existing calibration is reused.
 
     \b
     Examples:

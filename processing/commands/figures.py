@@ -18,22 +18,23 @@ if TYPE_CHECKING:
     from processing.pictures.images import LuminanceImage
 
 READING_SIGMA = 0.02  # relative standard uncertainty of a luminance meter's reading (LS-160: 2 %)
+_EXISTING = click.Path(path_type=Path, exists=True)
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path, exists=True))
-@click.option("--view", help="panorama, or fisheye,MAPPING,DEGREES; without it as the file says.")
-@click.option("--scale", type=click.FloatRange(min=0, min_open=True), help="cd/m2 of one unit of the file.")
-@click.option("--reading", metavar="L@X,Y", help="A meter's cd/m2 at a column and row.")
-@click.option("--cal", type=click.Path(path_type=Path, exists=True), multiple=True, help="A .cal file (repeatable).")
-@click.option("--response", type=click.Path(path_type=Path, exists=True), help="hdrgen's .rsp, for a folder of frames.")
-@click.option("--task", metavar="RIGHT,UP,ACROSS", help="Task zone in degrees: glare is 5 times its luminance.")
-@click.option("--region", metavar="X0,Y0,X1,Y1", multiple=True, help="Statistics of a part, in pixels (repeatable).")
-@click.option("--csv", "table", type=NO_FOLDER, help="Write the figures as a table.")
-@click.option("--falsecolour", type=NO_FOLDER, help="Write luminance as colours (PNG).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.argument("file", type=_EXISTING)
+@click.option("--view", help="panorama, or fisheye,MAPPING,DEGREES (default: from the file).")
+@click.option("--scale", type=click.FloatRange(min=0, min_open=True), help="Luminance of one unit of the file, cd/m2.")
+@click.option("--reading", metavar="L@X,Y", help="Meter reading, cd/m2, at a column and row.")
+@click.option("--cal", type=_EXISTING, multiple=True, help="Apply a Radiance .cal file (repeatable).")
+@click.option("--response", type=_EXISTING, help="Response curve from hdrgen (.rsp), for a folder of frames.")
+@click.option("--task", metavar="RIGHT,UP,ACROSS", help="Task zone, degrees: above 5 times its luminance is glare.")
+@click.option("--region", metavar="X0,Y0,X1,Y1", multiple=True, help="Statistics of a region, pixels (repeatable).")
+@click.option("--csv", "table", type=NO_FOLDER, help="Write the figures as CSV.")
+@click.option("--falsecolour", type=NO_FOLDER, help="Write a falsecolour picture of luminance (PNG).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json: bool, **asked: Any) -> int:
-    """Say how much light FILE shows: an EXR or Radiance HDR picture, or a folder with a fisheye's bracket.
+    """Compute lighting figures of FILE: an EXR or Radiance HDR picture, or a folder with a fisheye bracket.
 
     \b
     Examples:
@@ -121,7 +122,7 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, Figure]:
 @click.command()
 @click.argument("session", type=FILE)
 @click.option("--into", type=FOLDER, help="Default: SESSION/certificate.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     """Write the certificate of a calibrated SESSION: uncertainty budgets (GUM, k = 2) and ISO/CIE 19476's indices.
 

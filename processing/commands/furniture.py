@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 _FOLDER = click.option(
-    "--furniture", "catalogue", type=FILE, metavar="FOLDER", help="Of glTF, GLB or OBJ files, or 3D-FUTURE's."
+    "--furniture", "catalogue", type=FILE, metavar="FOLDER", help="glTF, GLB, OBJ or 3D-FUTURE models."
 )
 _STYLE = click.option("--style", metavar="NAME", help="Built-in: scandinavian, mid-century, classic or industrial.")
 
 
 @click.group()
 def furniture() -> None:
-    """List, show and export furniture: built in, or of a folder of models.
+    """List, show and export furniture: built-in, or from a folder of models.
 
     \b
     Examples:
@@ -36,16 +36,16 @@ def furniture() -> None:
 @furniture.command("list")
 @_FOLDER
 @_STYLE
-@click.option("--category", metavar="NAME", help="Only these, such as sofa.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--category", metavar="NAME", help="List one category only, e.g. sofa.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def list_(catalogue: Path | None, style: str | None, category: str | None, *, as_json: bool) -> int:
-    """List the models with category, size (width x depth x height), licence, and what was guessed or corrected.
+    """List models with category, size (width x depth x height), licence, and what was guessed or corrected.
 
     \b
     Examples:
       daylit furniture list --style scandinavian
       daylit furniture list --furniture models/ --category sofa
-    Exit code: 0 all read · 1 some files are refused (each with its reason).
+    Exit code: 0 all read · 1 some files rejected (each with its reason).
     """
     found = _catalogue(catalogue, style)
     entries = [e for e in found.entries if category is None or e.category == category]
@@ -69,9 +69,9 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
 @click.argument("model", required=False)
 @_FOLDER
 @_STYLE
-@click.option("--size", metavar="W,D,H", help="Metres; the model's own size where it is not given.")
-@click.option("--into", "output", type=NO_FOLDER, help="PNG; default: the model's name.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--size", metavar="W,D,H", help="Size in metres (default: the model's own).")
+@click.option("--into", "output", type=NO_FOLDER, help="PNG file (default: the model's name).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def show(model: str | None, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Draw MODEL from the front and from behind, or a contact sheet of the whole catalogue.
 
@@ -98,12 +98,12 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
 @click.argument("what")
 @_FOLDER
 @_STYLE
-@click.option("--rank", type=click.IntRange(min=1), default=1, help="Which arrangement of the file.")
-@click.option("--size", metavar="W,D,H", help="Of one model, in metres.")
-@click.option("--into", "output", type=NO_FOLDER, help="GLB; default: the model's name.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--rank", type=click.IntRange(min=1), default=1, help="Rank of the arrangement in the file.")
+@click.option("--size", metavar="W,D,H", help="Size of a single model, metres.")
+@click.option("--into", "output", type=NO_FOLDER, help="GLB file (default: the model's name).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def export(what: str, rank: int, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
-    """Write a model, or all furniture of an arrangement.json where it stands, as GLB (metres, y up).
+    """Export a model, or all furniture of an arrangement.json in place, as GLB (metres, y up).
 
     \b
     Examples:
@@ -155,27 +155,27 @@ def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) 
 
 @click.command()
 @click.argument("room", type=FILE)
-@click.option("--items", metavar="LIST", help='Such as "bed, 2 nightstand, desk".')
-@click.option("--set", "set_name", metavar="NAME", help="bedroom, living, dining or office instead of a list.")
-@click.option("--rules", default="standard", help="comfort, standard, tight, accessible, or your own.")
-@click.option("--rules-file", type=FILE, help="Your edited copy of the rules.")
-@click.option("--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, help="How many alternatives.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Another draw.")
-@click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="A piece that stands already.")
+@click.option("--items", metavar="LIST", help='Furniture to place, e.g. "bed, 2 nightstand, desk".')
+@click.option("--set", "set_name", metavar="NAME", help="Furniture set instead: bedroom, living, dining or office.")
+@click.option("--rules", default="standard", help="Rule set: comfort, standard, tight, accessible, or your own.")
+@click.option("--rules-file", type=FILE, help="Use your own edited copy of the rules.")
+@click.option("--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, help="Number of alternatives.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Random seed.")
+@click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="Place a piece by hand and keep it there.")
 @click.option(
-    "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="The paper's form; see below."
+    "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="As in the paper; see above."
 )
-@click.option("--furniture", "catalogue", type=FILE, metavar="FOLDER", help="Take models and sizes from it.")
-@click.option("--keep-camera", is_flag=True, help="Keep the floor at the camera free (rooms and sessions).")
+@click.option("--furniture", "catalogue", type=FILE, metavar="FOLDER", help="Models to take shapes and sizes from.")
+@click.option("--keep-camera", is_flag=True, help="Keep the floor at the camera clear (rooms and sessions).")
 @click.option("--into", "output", type=FOLDER, help="Folder for the results.")
 @click.option("--no-pictures", is_flag=True, help="Write arrangement.json only.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object: the arrangements.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the arrangements.")
 def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None, **options: Any) -> int:
-    """Arrange furniture in ROOM (a plan.json, a room.json or a session) so that no hard rule is broken.
+    """Arrange furniture in ROOM (a plan.json, a room.json or a session) without breaking a hard rule.
 
     Writes arrangement.json, a floor plan of each arrangement (SVG and PNG) and contact-sheet.png into --into
-    (default: ROOM's folder with -layout added). --place puts an item as the paper does: beside floor edge EDGE (its
-    number, wall or window), ALONG and AWAY in 0 to 1 over all places that are legal there, FACING in or wall.
+    (default: ROOM's folder with -layout added). --place positions an item as the paper does: at floor edge EDGE (its
+    number, wall or window), ALONG and AWAY from 0 to 1 over the permitted positions there, FACING in or wall.
 
     \b
     Examples:
@@ -183,7 +183,7 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
       daylit arrange plan.json --items "bed, 2 nightstand, desk, desk chair" --rules tight --alternatives 3
       daylit arrange plan.json --set living --furniture models/
       daylit arrange room.json --set living --pin tv-stand=0.2,2.4,-90 --place sofa=window,0.5,0,in
-    Exit code: 0 all items placed · 1 some have no place (each with its reason) · 2, 5 refused.
+    Exit code: 0 all items placed · 1 some could not be placed (each with its reason) · 2, 5 invalid input.
     """
     result = _solve(room, **options)
     folder = output or room.with_name(f"{room.stem if room.is_file() else room.name}-layout")

@@ -9,9 +9,9 @@ from station.commands.views import FILE, answer
 
 @click.group()
 def models() -> None:
-    """List, get and add networks that others made; daylit uses them once they are installed.
+    """List, download or add third-party networks; daylit uses them once they are installed.
 
-    Nothing is fetched without `get`. They lie in the user's data folder, or where DAYLIT_MODELS says.
+    Only `get` downloads anything. Models are kept in the user's data folder, or in DAYLIT_MODELS.
 
     \b
     Examples:
@@ -22,7 +22,7 @@ def models() -> None:
 
 
 @models.command("list")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def list_(*, as_json: bool) -> int:
     """List the models with size, licence, SHA-256, source, and whether they are installed.
 
@@ -49,10 +49,10 @@ def list_(*, as_json: bool) -> int:
 
 @models.command()
 @click.argument("name")
-@click.option("--url", help="Another place that has the file: a mirror, a server of your own.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--url", help="Download from another address: a mirror or your own server.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def get(name: str, url: str | None, *, as_json: bool) -> int:
-    """Download model NAME, check its SHA-256 and install it; nothing is fetched that is there already.
+    """Download model NAME, check its SHA-256 and install it; an installed model is not downloaded again.
 
     \b
     Example:
@@ -66,9 +66,9 @@ def get(name: str, url: str | None, *, as_json: bool) -> int:
 
 @models.command()
 @click.argument("file", type=FILE)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def add(file: Path, *, as_json: bool) -> int:
-    """Install FILE, fetched by other means; which model it is, its SHA-256 says.
+    """Install a model FILE you downloaded yourself; its SHA-256 identifies the model.
 
     \b
     Example:

@@ -30,19 +30,19 @@ class Moment(NamedTuple):
 
 
 @click.command()
-@click.option("--site", metavar="LAT,LON", required=True, help="Where the room is, degrees north and east.")
+@click.option("--site", metavar="LAT,LON", required=True, help="Location of the room, degrees north and east.")
 @click.option("--heading", type=float, required=True, metavar="DEG", help="Compass azimuth of the panorama's middle.")
-@click.option("--date", metavar="DATE", help="Such as 2023-06-21; default: today.")
+@click.option("--date", metavar="DATE", help="Date, e.g. 2023-06-21 (default: today).")
 @click.option(
-    "--window", "windows", type=float, multiple=True, metavar="DEG", help="Compass azimuth of a window, besides walls."
+    "--window", "windows", type=float, multiple=True, metavar="DEG", help="Azimuth a window faces; repeatable."
 )
-@click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--zone", metavar="NAME", help="Time zone: America/New_York, or -04:00 (default: from the site).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def plan(*, as_json: bool, **asked: Any) -> int:
     """Plan a day: hours of sun on each wall of a room, and how fast a clear sky's light changes.
 
-    Walls are named as the indoor camera sees them; the sun stands before one while it is above the horizon and within
-    90 degrees of what the wall faces. Clouds and buildings are not known.
+    Walls are named as the indoor camera sees them. The sun is on a wall while it is above the horizon and within 90
+    degrees of the direction the wall faces outdoors. Clouds and surrounding buildings are ignored.
 
     \b
     Example:

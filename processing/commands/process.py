@@ -28,9 +28,9 @@ _PREFIX = "of_stage_"
 LINE_S = 15.0
 """Off a terminal, between lines on a stage that goes on (chosen: few in a log, soon enough for a person)."""
 _TRADES = {
-    "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "How much work is worthwhile."},
-    "max_error": {"type": float, "help": "Relative error that is good enough (0.02 is 2 %)."},
-    "time_budget": {"type": float, "help": "Seconds that may be spent."},
+    "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "Effort to spend."},
+    "max_error": {"type": float, "help": "Acceptable relative error (0.02 is 2 %)."},
+    "time_budget": {"type": float, "help": "Time limit, seconds."},
 }
 
 
@@ -64,20 +64,16 @@ class ProcessCommand(click.Command):
 
 def _run_options() -> tuple[click.Option, ...]:
     return (
-        click.Option(["--until"], metavar="STAGE", help="Run this stage and what it needs, no more."),
-        click.Option(
-            ["--force"], metavar="STAGE", multiple=True, help="Run this stage although nothing changed (repeatable)."
-        ),
-        click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting size and times."),
+        click.Option(["--until"], metavar="STAGE", help="Run this stage and those it needs, then stop."),
+        click.Option(["--force"], metavar="STAGE", multiple=True, help="Rerun this stage regardless (repeatable)."),
+        click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting sizes and times."),
         click.Option(
             ["--keep"],
             type=click.Choice(["all", "results"]),
             default="all",
-            help="results: when all is done, drop what only the stages need (as `daylit clean`).",
+            help="results: delete intermediate files at the end, as `daylit clean` does.",
         ),
-        click.Option(
-            ["--forget"], metavar="NAME", multiple=True, help="Go on without what was chosen as --NAME before; or all."
-        ),
+        click.Option(["--forget"], metavar="NAME", multiple=True, help="Drop saved option NAME (repeatable), or all."),
     )
 
 
@@ -129,18 +125,18 @@ def given_now(asked: Mapping[str, Any]) -> dict[str, Any]:
     "--panorama",
     type=FILE,
     metavar="FILE",
-    help="Instead of SESSION: one panorama (JPEG, PNG, EXR, HDR; equirectangular). Without a meter, in relative units.",
+    help="Process one equirectangular panorama (JPEG, PNG, EXR, HDR) instead of SESSION, in relative units.",
 )
-@click.option("--into", type=FOLDER, metavar="FOLDER", help="With --panorama: where it is made (default: sessions).")
-@click.option("--dry-run", is_flag=True, help="Say what would run and why; change nothing.")
-@click.option("--explain", is_flag=True, help="Say of every stage which input or parameter changed, old and new.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+@click.option("--into", type=FOLDER, metavar="FOLDER", help="With --panorama: sessions folder (default: sessions).")
+@click.option("--dry-run", is_flag=True, help="Show what would run and why; change nothing.")
+@click.option("--explain", is_flag=True, help="Show for every stage which input or parameter changed, old and new.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
 def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any) -> int:
-    """Process SESSION: check, merge, calibrate ...: each stage only if something it depends on has changed.
+    """Process SESSION: check, merge, calibrate ... A stage runs only if something it depends on has changed.
 
-    Results are in SESSION/stages, one folder a stage. A run that is killed leaves the old result or the new one; the
-    next run goes on from there. The session remembers its options (`daylit choices`): leave them out, and what was
-    chosen before still counts; a value given now goes over it.
+    Results go to SESSION/stages, one folder per stage. A killed run leaves either the old result or the new one, and
+    the next run continues from there. Options are saved with the session (`daylit choices`): an option you leave out
+    keeps its saved value; one you give replaces it.
 
     \b
     Examples:
@@ -342,14 +338,14 @@ def _left(seconds: float | None) -> str:
 @click.command()
 @click.argument("session", type=FILE)
 @click.argument("given", nargs=-1, metavar="[NAME=VALUE]...")
-@click.option("--forget", metavar="NAME", multiple=True, help="Choose it no longer (repeatable); all: nothing is.")
-@click.option("--past", is_flag=True, help="What was chosen before that, too.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--forget", metavar="NAME", multiple=True, help="Drop a saved option (repeatable); all: drop every one.")
+@click.option("--past", is_flag=True, help="Also show earlier values.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def choices(session: Path, given: tuple[str, ...], *, forget: tuple[str, ...], past: bool, as_json: bool) -> int:
-    """Show what was chosen for SESSION: options that process, batch, relight and view-from go on with.
+    """Show or change the saved options of SESSION, which process, batch, relight and view-from use.
 
-    NAME=VALUE chooses without running anything; names are those of the options of `daylit process`, without dashes.
-    Files outside of the session are copied into its folder choices, so that it can be moved.
+    NAME=VALUE saves an option without running anything; names are those of `daylit process` options without the dashes.
+    Files outside the session are copied into its folder choices, so that the session can be moved.
 
     \b
     Examples:

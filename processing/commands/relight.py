@@ -28,29 +28,29 @@ KEPT = ("furniture", "site", "heading", "zone")
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--at", "at", metavar="TIME", help='Such as "2023-06-21 16:00" (local), or 2023-06-21T14:00Z.')
-@click.option("--sky", type=FILE, metavar="FILE", help="Light of another sky: an OpenEXR picture.")
-@click.option("--sweep", type=click.Choice(["day"]), help="The hours of a day.")
-@click.option("--date", metavar="DATE", help="Of --sweep: 2023-06-21; default: the day of the capture.")
-@click.option("--step", metavar="TIME", help="Of --sweep: 30m or 1h.  [default: 1h]")
-@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
-@click.option("--furniture", type=FILE, metavar="FOLDER", help="Your models that it was staged with.")
-@click.option("--empty", is_flag=True, help="The emptied room.  [default]")
+@click.option("--at", "at", metavar="TIME", help='Time, e.g. "2023-06-21 16:00" (local) or 2023-06-21T14:00Z.')
+@click.option("--sky", type=FILE, metavar="FILE", help="Light the room with another sky: an OpenEXR picture.")
+@click.option("--sweep", type=click.Choice(["day"]), help="Relight through the hours of a day.")
+@click.option("--date", metavar="DATE", help="With --sweep: date, e.g. 2023-06-21 (default: the day of capture).")
+@click.option("--step", metavar="TIME", help="With --sweep: time step, e.g. 30m or 1h.  [default: 1h]")
+@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="Show staged alternative N.")
+@click.option("--furniture", type=FILE, metavar="FOLDER", help="Folder of your own models it was staged with.")
+@click.option("--empty", is_flag=True, help="Show the emptied room.  [default]")
 @click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured")
-@click.option("--site", metavar="LAT,LON", help="Where the room is, if the session does not say.")
-@click.option("--heading", type=float, metavar="DEGREES", help="Compass azimuth of the panorama's middle.")
-@click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
-@click.option("--rows", type=click.IntRange(64, 2048), default=1024, help="Height of the pictures.")
+@click.option("--site", metavar="LAT,LON", help="Latitude and longitude of the room, if the session has none.")
+@click.option("--heading", type=float, metavar="DEGREES", help="Compass azimuth of the panorama's centre.")
+@click.option("--zone", metavar="NAME", help="Time zone: America/New_York, or -04:00 (default: from the site).")
+@click.option("--rows", type=click.IntRange(64, 2048), default=1024, help="Height of the pictures, pixels.")
 @click.option("--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard")
-@click.option("--into", "output", type=FOLDER, help="Default: SESSION/relight.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+@click.option("--into", "output", type=FOLDER, help="Output folder (default: SESSION/relight).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
 def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
-    """Show SESSION's room, empty or staged, in another light: another time, another sky, a whole day.
+    """Relight SESSION's room, emptied or staged: for another time, another sky or a whole day.
 
-    Needs a session that was processed with furniture asked for (--set). The captured weather goes with the sun:
-    how clear the sky was and its colour are kept. Writes pictures in cd/m2 (EXR) and JPEG; a sweep writes JPEG, a
-    contact sheet and an animation (WebP). A basis of the light is kept in SESSION/relight for the next time. The
-    session remembers --furniture, --site, --heading and --zone.
+    Needs a session processed with furniture (--set). The captured weather follows the sun: sky clearness and colour
+    are kept. Writes pictures in cd/m2 (EXR) and as JPEG; a sweep writes JPEGs, a contact sheet and an animation
+    (WebP). The light basis is cached in SESSION/relight. --furniture, --site, --heading and --zone are saved with the
+    session.
 
     \b
     Examples:
@@ -221,23 +221,23 @@ MOST_PX = 4096  # chosen: about the width of a 4K screen
 
 @click.command("view-from")
 @click.argument("session", type=FILE)
-@click.option("--eye", required=True, metavar="X,Y,Z", help="Metres from the floor below the camera: right, ahead, up.")
-@click.option("--look", metavar="AZ,EL", help="Degrees to the right of ahead, and up.  [default: 0,0]")
+@click.option("--eye", required=True, metavar="X,Y,Z", help="Metres right, ahead, up of the floor below the camera.")
+@click.option("--look", metavar="AZ,EL", help="View direction, degrees right of ahead, and up.  [default: 0,0]")
 @click.option("--fov", type=click.FloatRange(10, 150), help="Horizontal field of view, degrees.  [default: 70]")
-@click.option("--panorama", is_flag=True, help="All around instead of a view.")
-@click.option("--width", type=click.IntRange(64, MOST_PX), default=1280, help="Of the picture, pixels.")
-@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
-@click.option("--furniture", type=FILE, metavar="FOLDER", help="Your models that it was staged with.")
-@click.option("--empty", is_flag=True, help="The emptied room.  [default]")
+@click.option("--panorama", is_flag=True, help="Render a panorama instead of a perspective view.")
+@click.option("--width", type=click.IntRange(64, MOST_PX), default=1280, help="Width of the picture, pixels.")
+@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="Show staged alternative N.")
+@click.option("--furniture", type=FILE, metavar="FOLDER", help="Folder of your own models it was staged with.")
+@click.option("--empty", is_flag=True, help="Show the emptied room.  [default]")
 @click.option("--quality", type=click.Choice(["draft", "standard"]), default="draft")
-@click.option("--name", help="Of the files; default: from the place.")
-@click.option("--into", "output", type=FOLDER, help="Default: SESSION/views.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+@click.option("--name", help="Name of the files (default: from the viewpoint).")
+@click.option("--into", "output", type=FOLDER, help="Output folder (default: SESSION/views).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
 def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
-    """Show SESSION's room, empty or staged, from another place than the camera's.
+    """Render SESSION's room, emptied or staged, from another viewpoint.
 
-    What the camera saw is shown as it saw it; what it did not see is rendered from the room's materials, and is white
-    in NAME-rendered.png. Writes the picture in cd/m2 (EXR) and a JPEG. Needs a session processed with --set.
+    What the camera saw comes from the photograph; what it did not see is rendered from the room's materials and is
+    white in NAME-rendered.png. Writes the picture in cd/m2 (EXR) and a JPEG. Needs a session processed with --set.
 
     \b
     Examples:

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--at", metavar="LON,LAT", multiple=True, help="Degrees: right of the centre, up (repeatable).")
-@click.option("--radius", type=float, default=1.0, metavar="DEGREES", help="Of what lies around a place.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--at", metavar="LON,LAT", multiple=True, help="Point, degrees right of the centre and up (repeatable).")
+@click.option("--radius", type=float, default=1.0, metavar="DEGREES", help="Radius of the sampled spot, degrees.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) -> int:
-    """Say what FILE (EXR, Radiance HDR, JPEG, PNG) holds: unit, range, metadata; with --at, the value at a place.
+    """Show unit, range and metadata of FILE (EXR, Radiance HDR, JPEG, PNG); with --at, the value at a point.
 
     \b
     Examples:
@@ -73,19 +73,17 @@ def _place_lines(place: dict[str, Any]) -> list[str]:
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option(
-    "--what", default="jpeg,hdr,gltf", metavar="KINDS", help="Some of jpeg, hdr, exr, gltf, glare, with commas between."
-)
-@click.option("--into", type=FOLDER, help="Default: SESSION's name + -export.")
-@click.option("--no-label", is_flag=True, help="Edited JPEGs without the visible label (their metadata still say so).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--what", default="jpeg,hdr,gltf", metavar="KINDS", help="Any of jpeg,hdr,exr,gltf,glare.")
+@click.option("--into", type=FOLDER, help="Output folder (default: SESSION's name + -export).")
+@click.option("--no-label", is_flag=True, help="Leave the label off altered JPEGs (their metadata still declare it).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_json: bool) -> int:
-    """Write the pictures and models of a processed SESSION as JPEG, Radiance HDR, EXR, glTF.
+    """Export the pictures and models of a processed SESSION as JPEG, Radiance HDR, EXR and glTF.
 
-    jpeg has Google's panorama tags and opens in any 360-degree viewer; emptied and staged ones say what was changed,
-    and where the original is (beside, or at `process --original-url`); hdr is for Radiance's falsecolor and pvalue;
-    gltf (GLB, metres, y up) holds the room and each staged room; glare makes eight views for evalglare, and asks it
-    where it is installed.
+    jpeg: with Google's panorama tags, for any 360-degree viewer; emptied and staged ones state what was altered and
+    where the original is (beside it, or at `process --original-url`). hdr: for Radiance's falsecolor and pvalue.
+    gltf: the room and each staged room (GLB, metres, y up). glare: eight views for evalglare, and its results if it is
+    installed.
 
     \b
     Examples:
@@ -143,12 +141,12 @@ REPORT = Path("stages", "report", "index.html")
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--no-open", is_flag=True, help="Only say where it is.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object; opens nothing.")
+@click.option("--no-open", is_flag=True, help="Print the path only.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object; open nothing.")
 def view(session: Path, *, no_open: bool, as_json: bool) -> int:
-    """Open the report of SESSION in the browser, and print where it is.
+    """Open the report of SESSION in the browser and print its path.
 
-    The report is one file that needs no network: it can be copied and sent.
+    The report is one self-contained file that you can copy and send.
 
     \b
     Examples:
@@ -187,13 +185,13 @@ def _page(session: Path) -> Path:
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--keep", metavar="STAGE", multiple=True, help="Keep the results of this stage too (repeatable).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--keep", metavar="STAGE", multiple=True, help="Also keep the results of this stage (repeatable).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
-    """Remove from SESSION what only its stages need; frames, calibrated and staged pictures and the report stay.
+    """Delete SESSION's intermediate files; keep frames, calibrated and staged pictures, and the report.
 
-    Kept are the stages calibrate, figures, arrange, render, stills and report. The next `daylit process` makes the
-    others again, and nothing more, as what they give is the same.
+    Kept are the stages calibrate, figures, arrange, render, stills and report. The next `daylit process` rebuilds only
+    the others, with the same results.
 
     \b
     Examples:
@@ -221,16 +219,16 @@ def still_paths(session: Path) -> list[Path]:
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--aim", multiple=True, metavar="YAW,LENS[,DROP]", help="Frame by hand first: degrees, mm (repeatable).")
-@click.option("--into", type=FOLDER, help="Copy them into a folder.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--aim", multiple=True, metavar="YAW,LENS[,DROP]", help="Add your own framing: degrees, mm (repeatable).")
+@click.option("--into", type=FOLDER, help="Copy the stills to a folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: bool) -> int:
-    """Name the framed pictures of SESSION: JPEG of 1920 x 1280, each with the unaltered original and its light (EXR).
+    """List the framed stills of SESSION: 1920 x 1280 JPEGs, each with its unaltered original and luminance (EXR).
 
-    `daylit process` makes them: corner to corner, upright, with a lens of 16 to 24 mm, main pieces whole, windows in.
-    --aim puts frames of your own before these, and the session remembers them: how far to the right of the panorama's
-    middle, the lens on full frame, by how much of its height the picture looks down. --into copies JPEGs and originals
-    into a folder, to be sent.
+    `daylit process` frames them: corner to corner, upright, at 16 to 24 mm, with main pieces uncut and windows in view.
+    --aim adds framings of your own before these and saves them with the session: degrees right of the panorama's
+    centre, full-frame focal length, and downward shift as a fraction of the height. --into copies JPEGs and originals
+    to a folder for sending.
 
     \b
     Examples:
@@ -265,21 +263,21 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--into", type=FOLDER, help="Default: SESSION's name + -proof.")
-@click.option("--check", "checked", is_flag=True, help="Check the pack, and SESSION's frames, instead of writing it.")
-@click.option("--digest", metavar="HEX", help="With --check: the digest that was printed when the pack was written.")
+@click.option("--into", type=FOLDER, help="Output folder (default: SESSION's name + -proof).")
+@click.option("--check", "checked", is_flag=True, help="Check the pack and SESSION's frames, instead of writing it.")
+@click.option("--digest", metavar="HEX", help="With --check: the digest printed when the pack was written.")
 @click.option(
     "--sign",
     metavar="PEM",
-    help="C2PA content credentials by the certificates and key of a file; 'self': by one made now, which says so.",
+    help="Add C2PA content credentials, signed with a PEM file; 'self': with a new, self-signed certificate.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def proof(
     session: Path, into: Path | None, *, checked: bool, digest: str | None, sign: str | None, as_json: bool
 ) -> int:
-    """Write the proof of SESSION's stills: originals and results, what was changed, digests chained to the frames.
+    """Write the proof pack of SESSION's stills: originals, results, what was altered, digests chained to frames.
 
-    Keep the digest that is printed: with it, --check finds any changed byte of pictures, frames and proof.
+    Keep the printed digest: with it, --check finds any changed byte of pictures, frames and proof pack.
 
     \b
     Examples:

@@ -25,28 +25,28 @@ def rig() -> None:
 @rig.command()
 @click.argument("sessions", type=FOLDER, nargs=-1, required=True)
 @click.option("--into", "out", type=NO_FOLDER, default=Path("calibration.json"))
-@click.option("--chart", type=FOLDER, help="The session with the colour chart (default: the first of SESSIONS).")
-@click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera before an evenly lit field.")
-@click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
+@click.option("--chart", type=FOLDER, help="Session with the colour chart (default: the first of SESSIONS).")
+@click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera facing an evenly lit field.")
+@click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera facing the chart, with and without ND filter.")
 @click.option(
     "--lamp",
     "lamps",
     type=FOLDER,
     nargs=2,
     multiple=True,
-    help="Two sessions in the dark: a lamp seen, and hidden by a card; several lamps, several times.",
+    help="Two sessions in the dark: a lamp visible, then hidden by a card; repeat for more lamps.",
 )
-@click.option("--lens-data", multiple=True, metavar="NAME", help="A published fall-off: theta_z1, canon_8mm_f11 ...")
-@click.option("--corners", multiple=True, metavar="SIDE:X,Y,...", help="The chart's corners in the frames, pixels.")
-@click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, thirds or halves (of stops).")
-@click.option("--half-field", type=click.FloatRange(45, 110), default=90.0, help="Degrees, fisheye.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--lens-data", multiple=True, metavar="NAME", help="Published vignetting: theta_z1, canon_8mm_f11 ...")
+@click.option("--corners", multiple=True, metavar="SIDE:X,Y,...", help="Corners of the chart in the frames, pixels.")
+@click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, exact thirds or halves.")
+@click.option("--half-field", type=click.FloatRange(45, 110), default=90.0, help="Half the field of view, degrees.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     """Find the rig's response curves, noise, lens data and k2 from SESSIONS; write a profile for `daylit process`.
 
     The first of SESSIONS (or --chart) shows a 24-patch colour chart to both cameras in a closed room under constant
-    light. Further SESSIONS only help to find the response curves: take some with much light and shade. Beside the
-    profile, pictures show where the chart was found: look at them.
+    light. Further SESSIONS only refine the response curves: choose high-contrast scenes. Pictures beside the profile
+    show where the chart was found: check them.
 
     \b
     Examples:

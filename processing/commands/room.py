@@ -18,18 +18,18 @@ ROOM_FILE = "room.json"
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; without one, the estimated room.")
-@click.option("--from", "start", type=FILE, help="With --edit: begin with this room.")
+@click.option("--edit", is_flag=True, help="Open SESSION/room.json, or else the estimated room, in $EDITOR.")
+@click.option("--from", "start", type=FILE, help="With --edit: start from this room.")
 @click.option(
     "--import",
     "imported",
     type=click.Choice(["zind", "led2net", "horizonnet"]),
-    help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too).",
+    help="With --from: format of that file (led2net: also PanoAnnotator's).",
 )
-@click.option("--panorama", help="With --import zind: which picture's room.")
-@click.option("--around", is_flag=True, help="Estimate SESSION/room.json again, around what was placed by hand.")
-@click.option("--check", type=FILE, help="Say all that is wrong with a room's file.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--panorama", help="With --import zind: panorama whose room to take.")
+@click.option("--around", is_flag=True, help="Re-estimate SESSION/room.json, keeping what was placed by hand.")
+@click.option("--check", type=FILE, help="Check a room file and list every fault.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def room(
     session: Path,
     *,
@@ -41,9 +41,9 @@ def room(
     check: Path | None,
     as_json: bool,
 ) -> int:
-    """Correct the room of SESSION by hand: floor corners, heights, windows and doors, in metres, as JSON.
+    """Correct SESSION's room by hand: floor corners, heights, windows and doors, in metres, as JSON.
 
-    With --edit, SESSION/room.json is then the room that `daylit process` takes (--forget room: the estimated one).
+    After --edit, `daylit process` uses SESSION/room.json (--forget room returns to the estimated one).
 
     Wall i runs from corner i to corner i + 1; corners run counter-clockwise seen from above; the camera stands at
     (0, 0), x is right and y ahead of the panorama's centre.
@@ -54,7 +54,7 @@ def room(
       daylit room sessions/2023-05-19T1554Z_coda-320 --edit --import zind --from zind_data.json --panorama pano_15
       daylit room sessions/2023-05-19T1554Z_coda-320 --around
       daylit room sessions/2023-05-19T1554Z_coda-320 --check room.json --json
-    Exit code: 0 the room can be used · 1 something is wrong with it.
+    Exit code: 0 the room is valid · 1 it has faults.
     """
     from processing.errors import ParameterError
     from processing.running.choices import remember

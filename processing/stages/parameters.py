@@ -128,17 +128,19 @@ def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
 
 
 Positive = Annotated[float, Field(gt=0, le=1e12)]
-Profile = Annotated[Path | None, path_field("file", "Rig profile of `daylit rig calibrate`.")]
-Seed = Annotated[int, Field(ge=0, description="Another number gives other arrangements, and another draw of rays")]
-FurnitureFolder = Annotated[Path | None, path_field("folder", "Folder of models (glTF, OBJ, 3D-FUTURE) to place.")]
+Profile = Annotated[Path | None, path_field("file", "Rig profile written by `daylit rig calibrate`.")]
+Seed = Annotated[int, Field(ge=0, description="Random seed of arrangements and rendering")]
+FurnitureFolder = Annotated[
+    Path | None, path_field("folder", "Folder of your own furniture models (glTF, OBJ, 3D-FUTURE).")
+]
 
 
 class MergeParameters(StageParameters):
     """Of the stage merge."""
 
     calibration: Profile = None
-    side: Literal["both", "indoor", "outdoor"] = Field("both", description="Which brackets are merged")
-    frames: Literal["auto", "raw", "jpeg"] = Field("auto", description="auto: raw where a profile holds for it")
+    side: Literal["both", "indoor", "outdoor"] = Field("both", description="Brackets to merge")
+    frames: Literal["auto", "raw", "jpeg"] = Field("auto", description="auto: raw frames where the profile covers them")
 
 
 class CalibrateParameters(StageParameters):
@@ -146,32 +148,35 @@ class CalibrateParameters(StageParameters):
 
     calibration: Profile = None
     k1: Positive | None = Field(None, description="Scale of the indoor picture (eq. 1), instead of meter and target.")
-    k2: Positive | None = Field(None, description="Scale between the cameras (eq. 2), instead of the rig profile's.")
+    k2: Positive | None = Field(None, description="Ratio between the cameras (eq. 2), instead of the rig profile's.")
     target: str | None = Field(
         None,
-        description="LON,LAT (degrees) in the panorama where the meter looked; without it as recorded, else the "
-        "board is searched for.",
+        description="Where the meter pointed in the panorama: LON,LAT in degrees. Default: as recorded, else the "
+        "detected target board.",
     )
     outdoor_lux: Positive | None = Field(
-        None, description="Horizontal illuminance measured outside (lx): a check; the scale where there is no k2."
+        None, description="Horizontal illuminance measured outdoors, lx: checks k2, or sets the scale without one."
     )
     repair_sun: Literal["no", "illuminance", "clear-sky"] = Field(
-        "no", description="What a clipped sun is repaired by: the measured illuminance, or a clear-sky model"
+        "no", description="Restore a clipped sun from measured illuminance or a clear-sky model"
     )
     outdoor_view: Literal["hemispherical", "equidistant", "equirectangular"] = Field(
         "equidistant", description="Projection of the calibrated sky"
     )
     outdoor_field_deg: float = Field(
-        180.0, gt=60, le=250, description="Degrees within the outdoor image circle, if no lens calibration has them"
+        180.0,
+        gt=60,
+        le=250,
+        description="Field of view of the outdoor image circle, degrees, without a lens calibration",
     )
     outdoor_top_deg: float | None = Field(
-        None, description="Compass azimuth of the outdoor picture's top; else from the sun or the panorama's heading."
+        None, description="Compass azimuth of the outdoor picture's top, degrees. Default: from the sun or the heading."
     )
     falloff: Literal["auto", "off"] = Field(
-        "auto", description="Vignetting correction; auto: the profile's, else the published one of the camera"
+        "auto", description="Correct vignetting; auto: from the profile, else from published lens data"
     )
     glare: Literal["auto", "keep"] = Field(
-        "auto", description="Veiling glare seen around the outdoor image circle, or measured by lamps; auto: subtracted"
+        "auto", description="Veiling glare of the lens (from around the image circle, or lamp tests); auto: subtract it"
     )
 
     @field_validator("target")
@@ -197,24 +202,22 @@ class RoomParameters(StageParameters):
     """What a user may say about the room."""
 
     room: Path | None = path_field(
-        "file",
-        "Room of `daylit room`, instead of one estimated from the panorama.",
-        excludes=["--camera-height", "--layout-model"],
+        "file", "Room from `daylit room`, instead of an estimated one.", excludes=["--camera-height", "--layout-model"]
     )
     segmenter: Path | None = path_field(
         "file",
-        "What says which pixels are furniture and windows: own (the shipped network), fuse (with the model of "
-        "`daylit models`; the default where it is installed), or a network of yours (ONNX, tflite).",
+        "Network that labels furniture and windows: own (the built-in one), fuse (built-in plus one from "
+        "`daylit models`; the default if installed), or a file of your own (ONNX, TFLite).",
         installed=True,
     )
     segmenter_contract: Path | None = path_field(
-        "file", "JSON that describes your network's inputs and outputs.", beside=["--segmenter"]
+        "file", "JSON description of your network's inputs and outputs.", beside=["--segmenter"]
     )
-    layout_model: Path | None = path_field("file", "ONNX of HorizonNet, LED2-Net or LGT-Net.")
+    layout_model: Path | None = path_field("file", "Layout network to use: HorizonNet, LED2-Net or LGT-Net as ONNX.")
     camera_height_m: Annotated[float, Field(ge=0.1, lt=20)] | None = Field(
-        None, description="Height of the panorama camera's lens, metres: sets the scale; without it the session's."
+        None, description="Height of the panorama camera's lens, metres; sets the room's scale. Default: the session's."
     )
-    level: Literal["auto", "off"] = Field("auto", description="A tilted panorama: auto makes it upright, off leaves it")
+    level: Literal["auto", "off"] = Field("auto", description="Level a tilted panorama")
 
     @model_validator(mode="after")
     def _contract_of_a_file(self) -> Self:
@@ -228,39 +231,37 @@ class DetectParameters(StageParameters):
 
     mask: Path | None = path_field(
         "answer",
-        "Picture: white is to be removed; instead of detection.",
+        "Mask of what to remove (white), instead of detecting it.",
         artifact="target",
         excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep", "--mask-sunlight"],
     )
-    mask_add: Path | None = path_field("file", "Picture: white is to be removed, beside what is detected.")
-    mask_keep: Path | None = path_field("file", "Picture: white stays, whatever is detected.")
-    mask_sunlight: Path | None = path_field("file", "Picture: white is direct sunlight, whatever else is detected.")
-    margin_deg: float = Field(0.6, ge=0, le=10, description="Degrees by which the target exceeds what was detected")
-    sunlight: Literal["auto", "off"] = Field("auto", description="off: direct sunlight is neither detected nor removed")
+    mask_add: Path | None = path_field("file", "Mask of what else to remove (white), besides what is detected.")
+    mask_keep: Path | None = path_field("file", "Mask of what to keep (white), whatever is detected.")
+    mask_sunlight: Path | None = path_field("file", "Mask of direct sunlight (white), whatever is detected.")
+    margin_deg: float = Field(0.6, ge=0, le=10, description="Grow the removal mask beyond what was detected, degrees")
+    sunlight: Literal["auto", "off"] = Field("auto", description="Detect and remove direct sunlight")
 
 
 class _InTheRoom(StageParameters):
     """Whether a stage that hangs on the room's shape goes on where that is doubtful."""
 
     doubtful_room: bool = Field(
-        False, description="Empty and stage although the room's estimated shape is doubtful (confidence below 0.3)."
+        False, description="Empty and stage even if the room's shape is doubtful (confidence below 0.3)."
     )
 
 
 class LightParameters(_InTheRoom):
     """What a user may say about the light that old furniture takes."""
 
-    shade: Literal["lift", "keep"] = Field(
-        "lift", description="The old furniture's shade on what stays: lifted off it, or kept as captured"
-    )
+    shade: Literal["lift", "keep"] = Field("lift", description="Lift or keep the shading that removed furniture cast")
 
 
 class RemoveParameters(_InTheRoom):
     """What a user may say about removal."""
 
-    trusted_walls: bool = Field(False, description="Of a doubtful room, empty what touches only walls that stand.")
-    keep_sunlight: bool = Field(False, description="Leave direct sunlight where it is (not for relighting).")
-    filler: Path | None = path_field("file", "Inpainting network of your own: a LaMa export, ONNX.")
+    trusted_walls: bool = Field(False, description="In a doubtful room, remove only what touches trusted walls.")
+    keep_sunlight: bool = Field(False, description="Leave patches of direct sunlight in place (rules out relighting).")
+    filler: Path | None = path_field("file", "Inpainting network to use: a LaMa export (ONNX).")
     filler_channels: Literal["rgb", "bgr"] = Field(
         "rgb", description="Channel order of --filler", json_schema_extra={"beside": ["--filler"]}
     )
@@ -271,9 +272,11 @@ class _Furnished(_InTheRoom):
 
     derived = ("wanted",)
 
-    set: str = Field("auto", description="Furniture: bedroom, living, dining, office, auto, none")
+    set: str = Field("auto", description="Furniture set: bedroom, living, dining, office, auto, none")
     items: str | None = Field(
-        None, description='A list of furniture instead: "bed, 2 nightstand".', json_schema_extra={"excludes": ["--set"]}
+        None,
+        description='List of furniture, instead of a set: "bed, 2 nightstand".',
+        json_schema_extra={"excludes": ["--set"]},
     )
 
     @property
@@ -286,18 +289,18 @@ class MaterialsParameters(_Furnished):
     """What a user may say about what the room is made of, and whether it is to be staged at all."""
 
     reveal_m: Annotated[float, Field(ge=0, le=2)] | None = Field(
-        None, description="Depth of the windows' niches, metres; without it a common one."
+        None, description="Depth of the window reveals, metres. Default: a typical one."
     )
 
 
 class ArrangeParameters(_Furnished):
     """What is to stand in the room."""
 
-    arrangement: Path | None = path_field("answer", "arrangement.json of `daylit arrange`.", artifact="arrangement")
-    pin: str | None = Field(None, description='Pieces placed by you, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".')
+    arrangement: Path | None = path_field("answer", "arrangement.json from `daylit arrange`.", artifact="arrangement")
+    pin: str | None = Field(None, description='Place pieces by hand, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".')
     furniture: FurnitureFolder = None
     rules: str = Field("standard", description="Rule set: comfort, standard, tight, accessible")
-    alternatives: int = Field(3, ge=1, le=MOST_STAGED, description=f"How many arrangements, 1 to {MOST_STAGED}")
+    alternatives: int = Field(3, ge=1, le=MOST_STAGED, description=f"Number of arrangements, 1 to {MOST_STAGED}")
     seed: Seed = 0
 
 
@@ -306,24 +309,23 @@ class RenderParameters(StageParameters):
 
     method: Literal["differential", "global", "ibl"] = Field(
         "differential",
-        description="differential: the photograph, changed where furniture changes its light; "
-        "global: all rendered; ibl: furniture without shadows",
+        description="differential: change the photograph only where furniture changes the light; "
+        "global: render everything; ibl: furniture without shadows",
     )
     furniture: FurnitureFolder = None
     style: str | None = Field(
-        None, description="Built-in: scandinavian, mid-century, classic, industrial; else each in turn."
+        None, description="Furniture style: scandinavian, mid-century, classic, industrial. Default: each in turn."
     )
     styling: Literal["none", "light", "full"] = Field(
-        "full",
-        description="What dresses it: light adds curtains, rugs, art and lamps, full small things and plants too",
+        "full", description="Add decor: light adds curtains, rugs, art and lamps; full also small objects and plants"
     )
-    lamps: Literal["off", "on"] = Field("off", description="Whether the lamps put in shine (their lumens: staged.json)")
+    lamps: Literal["off", "on"] = Field("off", description="Switch on the added lamps (lumens in staged.json)")
     seed: Seed = 0
 
 
-_AIM = "Stills of your own first: YAW,LENS[,DROP];… (degrees, mm, share of the height)."
-_LABEL = "Staged and emptied pictures without the visible label (their metadata still say what they are)."
-_ORIGINALS = "Where the unaltered originals will be on the web: a QR code in staged and emptied pictures leads there."
+_AIM = "Add stills of your own first: YAW,LENS[,DROP];… (degrees, mm, fraction of the height)."
+_LABEL = "Leave the visible label off staged and emptied pictures (their metadata still declare it)."
+_ORIGINALS = "Web address of the unaltered originals: altered pictures get a QR code that leads there."
 
 
 class ReportParameters(StageParameters):

@@ -21,42 +21,42 @@ if TYPE_CHECKING:
 
 _SIZE = click.Choice(["full", "half", "quarter", "small"])
 _RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
-_READING = "Luminance typed from the display; twice: before, after."
-_RESUME = "Complete a partial session with its own rig, cameras and meter (--rig: with another)."
+_READING = "Luminance read off the meter's display; give twice: before, after."
+_RESUME = "Complete a partial session with the rig it was started with (or another: --rig)."
 
 
 @click.command()
 @click.argument("rooms", nargs=-1)
 @click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
+@click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
 @click.option(
     "--simulate",
     metavar="WORLD",
-    help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed; "
-    "-clear, -overcast), chart, uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE, replayed from --record.",
+    help="Use simulated instruments in WORLD: room, bedroom-7 (living, dining, office, empty; any seed; "
+    "-clear, -overcast), chart, uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE to replay a --record file.",
 )
-@click.option("--size", type=_SIZE, default="full", help="Picture size of simulated cameras.")
-@click.option("--rate", type=_RATE, default=1.0, help="How much faster than life simulated time runs.")
-@click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Nine stops, or only those the scene needs.")
+@click.option("--size", type=_SIZE, default="full", help="Frame size of the simulated cameras.")
+@click.option("--rate", type=_RATE, default=1.0, help="Speed of simulated time; 1 is real time.")
+@click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Take nine stops, or only those needed.")
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
-@click.option("--noise", type=_NOISE, metavar="PERCENT", help="Further frames until 95 % of sky and room are so sure.")
-@click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="One camera only.")
+@click.option("--noise", type=_NOISE, metavar="PERCENT", help="Repeat exposures until 95 % of pixels have less noise.")
+@click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="Use one camera only.")
 @click.option("--reading", "readings", type=float, multiple=True, metavar="CD_M2", help=_READING)
-@click.option("--no-meter", is_flag=True, help="Without a meter; the session is marked so.")
-@click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
-@click.option("--address", default="", metavar="TEXT", help="How people name the place, as a client's page shows it.")
-@click.option("--every", metavar="60m", help="A bracket of ROOM again and again, so far apart; until --until.")
-@click.option("--until", metavar="HH:MM", help="With --every: the last bracket begins by then, local time.")
-@click.option("--rooms", "rooms_path", type=FILE, help="File of rooms, one a line, in order.")
-@click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
+@click.option("--no-meter", is_flag=True, help="Capture without a meter; the session records this.")
+@click.option("--target", metavar="LON,LAT", help="Where the meter points in the panorama, degrees.")
+@click.option("--address", default="", metavar="TEXT", help="Address to show on the client's page.")
+@click.option("--every", metavar="60m", help="Repeat the bracket of ROOM at this interval, until --until.")
+@click.option("--until", metavar="HH:MM", help="With --every: latest start of the last bracket, local time.")
+@click.option("--rooms", "rooms_path", type=FILE, help="Read the rooms from a file, one per line.")
+@click.option("--notify", metavar="CMD|URL", help="Send events as JSON to a command's standard input, or by HTTP POST.")
 @click.option("--resume", "resume_path", type=FILE, metavar="SESSION", help=_RESUME)
-@click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
-@click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
-@click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")
+@click.option("--record", type=FILE, metavar="FILE", help="Record all traffic with the instruments, for bug reports.")
+@click.option("--dry-run", is_flag=True, help="Print the bracket table and exit.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON events, one per line (the default off a terminal).")
 def capture(**options: Any) -> int:
-    """Capture ROOM: meter reading, synchronised brackets of both cameras, meter reading.
+    """Capture ROOM: a meter reading, synchronised brackets from both cameras, a second reading.
 
-    Several ROOMS are a queue: move the rig, then continue. Pause: p and Enter, or SIGUSR1; continue: Enter, or SIGUSR2.
+    Several ROOMS make a queue: move the rig and continue. Pause: p and Enter, or SIGUSR1; continue: Enter, or SIGUSR2.
 
     \b
     Examples:

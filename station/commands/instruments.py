@@ -25,20 +25,20 @@ _MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", 
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=FILE, help="Connect to, set and check every instrument of this rig file.")
+@click.option("--rig", "rig_path", type=FILE, help="Connect to, set up and check every instrument in this rig file.")
 @click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead, e.g. room.")
-@click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
-@click.option("--write-rig", type=FILE, metavar="FILE", help="Write an example rig file and end.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
+@click.option("--write-rig", type=FILE, metavar="FILE", help="Write an example rig file and exit.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: Path | None, *, as_json: bool) -> int:
-    """Check the computer, the links and, with --rig, the instruments themselves.
+    """Check the computer and its connections and, with --rig, the instruments themselves.
 
     \b
     Examples:
       daylit doctor
       daylit doctor --write-rig rig.toml
       daylit doctor --rig rig.toml
-    Exit code: 0 nothing forbids a capture · 1 something does.
+    Exit code: 0 ready to capture · 1 something prevents a capture.
     """
     if write_rig is not None:
         return _write_example(write_rig)
@@ -98,15 +98,15 @@ def _print(check: Check) -> None:
 
 @click.command()
 @click.option("--rig", "given", type=FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--simulate", metavar="WORLD", help="Simulated instruments instead, or recorded:FILE.")
-@click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
-@click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
-@click.option("--record", type=FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object (to send in).")
+@click.option("--simulate", metavar="WORLD", help="Test simulated instruments instead, or recorded:FILE.")
+@click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="Test one instrument only.")
+@click.option("--delete", "may_delete", is_flag=True, help="Let the test delete its pictures from the camera.")
+@click.option("--record", type=FILE, metavar="FILE", help="Record all traffic with the instruments, for bug reports.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object, for bug reports.")
 def conform(
     given: Path | None, simulate: str | None, only: str | None, record: Path | None, *, may_delete: bool, as_json: bool
 ) -> int:
-    """Run the conformance suite on the rig's instruments; it takes about eight pictures a camera.
+    """Run the conformance tests on the rig's instruments; takes about eight pictures per camera.
 
     \b
     Examples:
@@ -163,21 +163,21 @@ def _run(rig: Rig, only: str | None, *, may_delete: bool) -> Iterator[Outcome]:
 
 @click.group()
 def meter() -> None:
-    """Read a luminance meter, or find out what it speaks."""
+    """Read a luminance meter, or identify its protocol."""
 
 
 @meter.command()
 @click.option("--port", default="auto", help="Serial port, e.g. /dev/ttyUSB0 or COM3.")
 @click.option("--dialect", default="ls160", help="ls160 (assumed), ls100, cs100a, or a file.")
 @click.option("--samples", type=click.IntRange(1, 50), default=3)
-@click.option("--timeout", "timeout_s", type=click.FloatRange(0.1, 120), default=20.0, help="Seconds.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(0.1, 120), default=20.0, help="Time limit, seconds.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bool) -> int:
-    """Take one reading (mean of some samples, with their spread).
+    """Take one reading: the mean of several samples, with their spread.
 
     \b
     Example: daylit meter read --port /dev/ttyUSB0 --dialect ls100
-    Exit code: 0 a number · 3 a status without a number, or no meter.
+    Exit code: 0 a reading · 3 a status without a number, or no meter.
     """
     from drivers.clock import SystemClock
     from station.capture.intake import record_reading
@@ -201,15 +201,15 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
 @meter.command()
 @click.argument("transcript", type=FILE)
 @click.option("--port", default="auto", help="Serial port, e.g. /dev/ttyACM0 or COM3.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object instead of lines on the screen.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of progress lines.")
 def probe(transcript: Path, port: str, *, as_json: bool) -> int:
-    """Ask a meter the questions of all its siblings, write TRANSCRIPT, to be sent in, and say which dialect fits.
+    """Try every known protocol on a meter, record the exchange in TRANSCRIPT and report which dialect fits.
 
-    One to four minutes. It measures what the meter looks at, and changes nothing for good.
+    Takes one to four minutes. It triggers measurements but changes no lasting setting of the meter.
 
     \b
     Example: daylit meter probe transcript.jsonl --port /dev/ttyACM0
-    Exit code: 0 something answered · 3 nothing did.
+    Exit code: 0 the meter answered · 3 no answer.
     """
     from drivers.clock import SystemClock
     from drivers.meter.dialect import SHIPPED, load_dialect

@@ -26,27 +26,29 @@ _READING = "Luminance of the meter's target; twice: before, after."
 
 @click.command()
 @click.argument("room", required=False)
-@click.option("--dataset", type=_FOLDER, help="A tree of bracket folders, in place of ROOM: many sessions at once.")
-@click.option("--table", type=NO_FOLDER, help="CSV with its readings (--dataset).")
-@click.option("--only", metavar="TEXT", default="", show_default=False, help="Only with this in the name (--dataset).")
-@click.option("--dry-run", is_flag=True, help="Say what would become of a --dataset, and end.")
-@click.option("--raw/--no-raw", default=True, help="Copy the raw file beside each JPEG, too.")
+@click.option("--dataset", type=_FOLDER, help="Import a tree of bracket folders as many sessions, in place of ROOM.")
+@click.option("--table", type=NO_FOLDER, help="With --dataset: CSV of its readings.")
+@click.option("--only", metavar="TEXT", default="", show_default=False, help="Import only names with TEXT (--dataset).")
+@click.option("--dry-run", is_flag=True, help="With --dataset: show what would be imported and exit.")
+@click.option("--raw/--no-raw", default=True, help="Also copy the raw file beside each JPEG.")
 @click.option("--indoor", type=_FOLDER, help="Folder with the JPEGs of the room.")
 @click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
-@click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
+@click.option("--shutter", metavar="S,S,...", help="Exposure times, in file-name order (default: from EXIF).")
 @click.option("--reading", "readings", type=_CD_M2, multiple=True, metavar="CD_M2", help=_READING)
-@click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
+@click.option("--target", metavar="LON,LAT", help="Where the meter pointed in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
-@click.option("--address", metavar="TEXT", help="How people name the place, as a client's page shows it.")
-@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's); --dataset: or its name.")
-@click.option("--into", type=FOLDER, default=Path("sessions"), help="Folder of sessions.")
-@click.option("--strict", is_flag=True, help="Make no session if any file is refused.")
+@click.option("--address", metavar="TEXT", help="Address to show on the client's page.")
+@click.option(
+    "--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF); with --dataset also a name."
+)
+@click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
+@click.option("--strict", is_flag=True, help="Fail if any file is rejected.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def import_session(**options: Any) -> int:
-    """Make a session of ROOM from folders of JPEGs, one a camera; the folders are left as they are.
+    """Build a session of ROOM from folders of JPEGs, one per camera; the folders are not changed.
 
-    ROOM may be a zip file: of a session, which is then in --into, or of folders called indoor and outdoor.
+    ROOM may be a zip file: of a session, which is unpacked into --into, or of folders named indoor and outdoor.
 
     \b
     Examples:
@@ -156,12 +158,12 @@ def _show(report: ImportReport) -> None:
 
 @click.command()
 @click.argument("session", type=FILE)
-@click.option("--fast", is_flag=True, help="Names and sizes only; reads no frame.")
-@click.option("--look", is_flag=True, help="Decode each frame too, in a confined process.")
-@click.option("--repair", is_flag=True, help="Write session.json anew from the journal; never deletes anything.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--fast", is_flag=True, help="Check names and sizes only; read no frame.")
+@click.option("--look", is_flag=True, help="Also decode every frame, in a sandboxed process.")
+@click.option("--repair", is_flag=True, help="Rebuild session.json from the journal; never deletes anything.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool) -> int:
-    """Check SESSION: every file, its size and SHA-256, nothing more, and journal and manifest agree.
+    """Check every file of SESSION (size and SHA-256), that none is extra, and that journal and manifest agree.
 
     \b
     Examples:

@@ -23,19 +23,19 @@ _SESSIONS, _ROWS = click.IntRange(min=1), click.IntRange(min=16, max=4096)
 @click.command()
 @click.argument("folder", type=FOLDER)
 @click.option("--conditions", type=FILE, metavar="CSV", help=_CONDITIONS)
-@click.option("--sessions", type=_SESSIONS, metavar="N", help="How many (default: one per condition, else 137).")
-@click.option("--use", type=_USE, help="What all rooms are for (default: by the scene's name, else drawn).")
+@click.option("--sessions", type=_SESSIONS, metavar="N", help="Sessions to make (default: one per condition or 137).")
+@click.option("--use", type=_USE, help="Room type of every session (default: from the scene's name, else random).")
 @click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full")
-@click.option("--quality", type=_QUALITY, default="standard", help="Work that goes into the rooms' light.")
-@click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Other rooms.")
-@click.option("--truth/--no-truth", default=True, help="Save what is true of each room.")
-@click.option("--truth-rows", type=_ROWS, default=512, help="Height of its pictures, twice as wide.")
-@click.option("--clouds", is_flag=True, help="Clouds pass while the brackets are taken.")
-@click.option("--json", "as_json", is_flag=True, help="One summary object.")
+@click.option("--quality", type=_QUALITY, default="standard", help="Effort spent on the rooms' light.")
+@click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Random seed of the rooms.")
+@click.option("--truth/--no-truth", default=True, help="Save the ground truth of each room.")
+@click.option("--truth-rows", type=_ROWS, default=512, help="Height of the truth panoramas (2:1), pixels.")
+@click.option("--clouds", is_flag=True, help="Let clouds pass during the brackets.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON summary object.")
 def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:
-    """Capture a data set of simulated rooms into FOLDER: a session each, its truth in FOLDER/truth, and dataset.csv.
+    """Generate a data set of simulated rooms in FOLDER: sessions, their ground truth in FOLDER/truth, dataset.csv.
 
-    Sessions that are complete are kept: the same command goes on where it was interrupted.
+    Complete sessions are kept: run the same command again to continue where it was interrupted.
 
     \b
     Examples:
