@@ -40,9 +40,9 @@ class DaylitError(Exception):
     def __str__(self) -> str:
         parts = [f"{self.where}: {self.message}" if self.where else self.message]
         if self.likely:
-            parts.append(f"likely: {self.likely}")
+            parts.append(f"likely cause: {self.likely}")
         if self.advice:
-            parts.append(f"do: {self.advice}")
+            parts.append(f"what to do: {self.advice}")
         return " | ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:

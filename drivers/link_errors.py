@@ -18,7 +18,7 @@ def typed_error(number: int | None, message: str, where: str) -> errors.DeviceEr
         likely = "the camera sent more than a packet"
         return errors.ProtocolViolationError(message, where=where, likely=likely, errno=number)
     if number in (errno.EACCES, errno.EPERM):
-        likely = "no udev rule gives you the camera"
+        likely = "no udev rule grants you access"
         advice = "install drivers/udev/70-daylit.rules, then replug the camera"
         return errors.DevicePermissionError(message, where=where, likely=likely, advice=advice, errno=number)
     # EIO is what Linux gives while a cable is being pulled; only opening the link anew helps against any of the rest.
@@ -37,11 +37,11 @@ def open_error(error: Exception, name: str) -> errors.DeviceError:
         advice = f"stop {holder or 'it'} (ModemManager? see the udev rule)"
         return errors.DeviceClaimedError(text, where=name, advice=advice, holder=holder)
     if number in (errno.EACCES, errno.EPERM):
-        advice = "install the udev rule, or join the group dialout and log in anew"
+        advice = "install the udev rule, or join the group dialout and log in again"
         return errors.DevicePermissionError("the system refuses the port", where=name, advice=advice)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
-        return errors.DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
-    return errors.DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
+        return errors.DeviceNotFoundError("no such port", where=name, advice="daylit doctor lists the ports")
+    return errors.DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in again")
 
 
 PROC = Path("/proc")

@@ -239,7 +239,7 @@ class ReplayedLine:
             if not self._coming or self._coming[0][0] > end_s:
                 self._clock.sleep(max(0.0, end_s - self._clock.monotonic_s()))
                 partial, self._buffer = self._buffer.hex(), b""
-                text = f"no whole line within {timeout_s:g} s"
+                text = f"no complete line within {timeout_s:g} s"
                 raise DeviceTimeoutError(text, where=self.name, partial=partial, limit_s=timeout_s)
             due_s, data = self._coming.popleft()
             self._clock.sleep(max(0.0, due_s - self._clock.monotonic_s()))

@@ -124,7 +124,7 @@ class SerialLink:
         except serial.SerialTimeoutException as error:
             self._drop_unsent()
             raise DeviceTimeoutError(
-                "the line takes no bytes",
+                "the port does not accept data",
                 where=self.name,
                 likely="a handshake line is missing in the cable, or the meter is off",
                 advice="switch it on; with a three-wire cable: rts_handshake = false in a dialect of your own",
@@ -149,7 +149,7 @@ class SerialLink:
             if deadline.expired:
                 partial = bytes(self._buffer)
                 self._buffer.clear()
-                text = f"no whole line within {timeout_s:g} s"
+                text = f"no complete line within {timeout_s:g} s"
                 likely = "the meter is off, not in remote mode, or speaks another dialect"
                 advice = "switch it on as its manual says for remote work; try: daylit meter probe"
                 raise DeviceTimeoutError(
@@ -201,7 +201,7 @@ class SerialLink:
 
     def _lost(self, error: Exception) -> NoReturn:
         raise DeviceLostError(
-            f"the line is gone: {error}", where=self.name, likely="the cable was pulled", advice="plug it in and go on"
+            f"the line is gone: {error}", where=self.name, likely="the cable was pulled", advice="plug it in, resume"
         ) from error
 
 
@@ -286,7 +286,7 @@ class PortOpener:
             if (port.vendor_id, port.product_id, port.serial) == same:
                 return port.device
         text = f"the instrument with serial number {known.serial} is not among the ports"
-        advice = "plug it in, into whatever socket"
+        advice = "plug it into any socket"
         raise DeviceNotFoundError(text, where=self._port, likely="it is unplugged or off", advice=advice)
 
 

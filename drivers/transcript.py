@@ -79,8 +79,8 @@ def read_transcript(path: Path) -> Iterator[Entry]:
                 number += 1
                 yield _entry(line)
     except (OSError, EOFError, ValueError, KeyError, TypeError, RecursionError) as error:
-        text = f"line {number} is no line of a transcript: {error}"
-        advice = "record it anew with --record, or repair the line"
+        text = f"line {number} is not a transcript line: {error}"
+        advice = "record it again with --record, or repair the line"
         raise ProtocolViolationError(text, where=str(path), advice=advice) from error
 
 

@@ -160,7 +160,7 @@ class UsbLink:
             serials = [_text(device, device.iSerialNumber) for device in found]
             if found and not any(serials):
                 text = "its serial number cannot be read"
-                likely = "no udev rule gives you the camera, or it has no serial number on USB"
+                likely = "no udev rule grants you access, or it has no serial number on USB"
                 advice = "install drivers/udev/70-daylit.rules, or leave the serial number out of the rig file"
                 raise errors.DevicePermissionError(text, where=self.name, likely=likely, advice=advice)
             found = [device for device, serial in zip(found, serials, strict=True) if serial == self._serial]
@@ -230,7 +230,7 @@ class UsbLink:
 
     def _require_open(self) -> tuple[Any, _Endpoints]:
         if self._device is None or self._endpoints is None:
-            raise errors.DeviceLostError("the link is closed", where=self.name, advice="open it anew")
+            raise errors.DeviceLostError("the link is closed", where=self.name, advice="open it again")
         return self._device, self._endpoints
 
     def write(self, data: bytes, timeout_s: float) -> None:

@@ -121,7 +121,7 @@ def decode_events(stream: bytes) -> tuple[Record, ...]:
 def _violation(message: str, stream: bytes, at: int) -> ProtocolViolationError:
     where = "Canon event stream"
     likely = "a transfer was cut or its bytes were damaged"
-    advice = "resynchronise; if it stays, note the camera's firmware and report it"
+    advice = "resynchronise; if it persists, report it with the camera's firmware version"
     return ProtocolViolationError(
         message, where=where, likely=likely, advice=advice, offset=at, bytes_hex=stream[at : at + 32].hex()
     )

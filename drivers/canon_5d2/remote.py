@@ -94,7 +94,7 @@ class CanonRemote:
             return self._link.session.transact(operation, params, timeout_s=timeout_s).params
         except OperationRefusedError as error:
             if error.response_code == CanonResponse.LOW_BATTERY:
-                advice = "charge or change the battery"
+                advice = "charge or replace the battery"
                 raise BatteryLowError(error.message, where=error.where, advice=advice) from error
             raise
 
@@ -176,7 +176,7 @@ class CanonRemote:
         except DeviceBusyError as error:
             error.message = f"busy for more than {limit_s:g} s"
             error.likely = "it still exposes or writes to its card, or holds a picture that nobody fetched"
-            error.advice = "wait until its lamp is off; if it stays on, switch the camera off and on"
+            error.advice = "wait until its lamp goes out; if it stays on, switch the camera off and on"
             raise
         self.drain()
         self.busy = False

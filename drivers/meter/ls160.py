@@ -119,7 +119,7 @@ class KonicaMinoltaMeter:
         if answer.status is ReadingStatus.BATTERY_LOW:
             return BatteryLowError("the battery is low", where=where, advice="change it, or type: --reading")
         if answer.status is ReadingStatus.NO_ANSWER:
-            likely = "it is off, not in remote mode, or speaks another dialect"
+            likely = "the meter is off, not in remote mode, or uses another dialect"
             advice = "LS-100: hold F while switching on. Find out: daylit meter probe. Or type: --reading"
             return DeviceTimeoutError(f"no {title} answers: {answer.detail}", where=where, likely=likely, advice=advice)
         text = f"this is not what the {title} answers: {answer.detail}"
@@ -152,7 +152,7 @@ class KonicaMinoltaMeter:
         dialogue = self._dialogue
         if dialogue is None or self._closings != self._closings_before:
             self._drop()
-            raise DeviceLostError("the meter was closed meanwhile", where=self._dialect.title)
+            raise DeviceLostError("the meter was closed during the reading", where=self._dialect.title)
         return dialogue
 
     def _is_suspect(self, last: Answer) -> bool:

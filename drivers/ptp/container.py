@@ -27,7 +27,7 @@ def violation(message: str, data: bytes | bytearray = b"", **details: Any) -> Pr
     if data:
         details["bytes_hex"] = bytes(data[:_SHOWN_BYTES]).hex(" ")
     likely = "an exchange was cut short, or the cable corrupts data"
-    advice = "resynchronise; if it comes back, try another cable or port"
+    advice = "resynchronise; if it recurs, try another cable or port"
     return ProtocolViolationError(message, likely=likely, advice=advice, **details)
 
 

@@ -17,11 +17,11 @@ from drivers.ptp.pipes import BulkPipe, EventPipe, PtpTransport
 STORE_CODES = frozenset({Response.STORE_FULL, Response.STORE_READ_ONLY, Response.STORE_NOT_AVAILABLE})
 
 _LIKELY: dict[int, tuple[str, str]] = {
-    Response.STORE_FULL: ("the card is full", "empty the card or put in another, then resume"),
+    Response.STORE_FULL: ("the card is full", "empty or replace the card, then resume"),
     Response.STORE_READ_ONLY: ("the card is write-protected", "unlock the card, then resume"),
-    Response.STORE_NOT_AVAILABLE: ("there is no card, or its door is open", "put in a card and close the door"),
+    Response.STORE_NOT_AVAILABLE: ("there is no card, or its door is open", "insert a card and close the door"),
     Response.DEVICE_BUSY: ("it is saving a picture, asleep, or in a menu", "wait, or wake it"),
-    Response.ACCESS_DENIED: ("another program or the camera's own menu has it", "close other photo programs"),
+    Response.ACCESS_DENIED: ("another program or the camera's own menu is using it", "close other photo programs"),
     Response.SESSION_NOT_OPEN: ("the camera was switched off and on", "resynchronise"),
     Response.INVALID_TRANSACTION_ID: ("an earlier command never reached the camera", "resynchronise"),
 }

@@ -123,7 +123,7 @@ class ThetaZ1:
                 return
             except DeviceBusyError as error:
                 if deadline.expired:
-                    error.likely = "it does not wake up, or is in a menu or recording"
+                    error.likely = "it did not wake up, or is in a menu or recording"
                     error.advice = "wake it by its power button, then resume"
                     raise
             self._clock.sleep(WAKE_PAUSE_S)
@@ -133,7 +133,7 @@ class ThetaZ1:
         while not is_ready(self._properties):
             if deadline.expired:
                 text = f"still working after {limit_s:g} s"
-                likely = "it records, counts down, or converts a film"
+                likely = "it is recording, counting down, or converting a video"
                 advice = "stop it by its own button, then resume"
                 raise DeviceBusyError(text, where=self._link.name, likely=likely, advice=advice, limit_s=limit_s)
             self._clock.sleep(READY_PAUSE_S)
@@ -168,7 +168,7 @@ class ThetaZ1:
         if read(Prop.FUNCTIONAL_MODE) not in (None, USB_SHOOTING_POSSIBLE):
             problems = (*problems, "shooting over USB is not possible now: leave the camera's menu or plug-in")
         if read(RicohProp.SLEEP_MODE):
-            problems = (*problems, "the camera sleeps: wake it")
+            problems = (*problems, "the camera is asleep: wake it")
         battery = read(Prop.BATTERY_LEVEL)
         free_bytes, free_frames = self._free_space()
         return camera.CameraStatus(

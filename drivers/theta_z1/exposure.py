@@ -125,7 +125,7 @@ class ThetaExposure:
             return StoreFullError(text, where=self._link.name, likely=reported, advice=advice, **facts)
         text = f"no picture {FAIL_AFTER_S:g} s after the shutter closed"
         likely = reported or "the camera fell asleep or its shooting stopped"
-        advice = "resume; if it comes back, switch the camera off and on"
+        advice = "resume; if it recurs, switch the camera off and on"
         return ExposureFailedError(text, where=self._link.name, likely=likely, advice=advice, **facts)
 
 

@@ -245,7 +245,7 @@ def read_body(properties: ThetaProperties, firmware: str) -> tuple[BodySetting, 
     stops = any(version[: len(bad)] == bad for bad in STOPS_SHOOTING)
     static = properties.has(RicohProp.IMAGE_STITCHING)
     why = "it stops taking pictures within minutes (2.30.1 and 3.0): install 2.11.1 or a later one than 3.0"
-    anew = "it stitches each frame anew, so that frames do not lie on each other: install 2.10.1 or later"
+    anew = "it stitches each frame separately, so frames do not align: install 2.10.1 or later"
     return tuple(
         BodySetting(name, text, raw, Verdict.OK if fit else Verdict.REFUSED, "" if fit else unfit)
         for name, text, raw, fit, unfit in (

@@ -109,7 +109,7 @@ class PictureCache:
     def _unwritable(self, error: OSError) -> PictureCacheError:
         text = f"pictures cannot be kept ({error.strerror or error})"
         likely = "the disk is full or the folder may not be written"
-        advice = "make room (a full-size bracket takes about 600 MB), or point DAYLIT_CACHE elsewhere"
+        advice = "free some space (a full-size bracket takes about 600 MB), or point DAYLIT_CACHE elsewhere"
         return PictureCacheError(text, where=str(self.folder), likely=likely, advice=advice)
 
     def evict(self) -> None:

@@ -253,7 +253,7 @@ def save_truth(folder: Path, room: Room, pictures: TruthPictures, lights: list[P
         _write(folder, room, pictures, lights)
     except (OSError, RuntimeError) as error:
         text = f"cannot be written ({getattr(error, 'strerror', None) or error})"
-        raise TruthFileError(text, where=str(folder), advice="make room, or choose another folder") from error
+        raise TruthFileError(text, where=str(folder), advice="free some space, or choose another folder") from error
 
 
 def _write(folder: Path, room: Room, pictures: TruthPictures, lights: list[PointLight]) -> None:

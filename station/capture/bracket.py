@@ -89,9 +89,9 @@ def useless_because(stop: int, frames: Mapping[int, FrameStatistics]) -> str | N
     """
     longer = [i for i in frames if i < stop and frames[i].clipped_frac <= CLIPPED_LIMIT_FRAC]
     if longer:
-        return f"nothing is clipped any more at stop {max(longer)}"
+        return f"already nothing clipped at stop {max(longer)}"
     shorter = [i for i in frames if i > stop and frames[i].dark_frac <= DARK_LIMIT_FRAC]
-    return f"nothing is dark any more at stop {min(shorter)}" if shorter else None
+    return f"already nothing dark at stop {min(shorter)}" if shorter else None
 
 
 def unavailable_stops(stops_s: Sequence[float], offered_s: Sequence[float]) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ def unavailable_stops(stops_s: Sequence[float], offered_s: Sequence[float]) -> t
         if not same_stop(stop_s, nearest_s):
             found.append(f"{seconds_text(stop_s)} (its nearest is {seconds_text(nearest_s)})")
         elif nearest_s in taken:
-            found.append(f"{seconds_text(stop_s)} beside {seconds_text(taken[nearest_s])}: one and the same to it")
+            found.append(f"{seconds_text(stop_s)} beside {seconds_text(taken[nearest_s])}: the same setting")
         taken[nearest_s] = stop_s
     return tuple(found)
 
@@ -118,7 +118,7 @@ def parse_shutter(text: str) -> float:
     except (ValueError, ZeroDivisionError):
         value = float("nan")
     if not 1e-6 < value < 3600:
-        raise UsageError(f"{text!r} is not an exposure time", advice="write 4, 0.25 or 1/60 (seconds)")
+        raise UsageError(f"{text!r} is not a valid exposure time", advice="write 4, 0.25 or 1/60 (seconds)")
     return value
 
 

@@ -217,7 +217,7 @@ class CameraWorker:
             if progress.done and progress.frames:
                 return progress.frames
             if progress.done:
-                likely = "no focus, or the card refused it"
+                likely = "no focus, or the card rejected the picture"
                 raise ExposureFailedError("the exposure ended without a picture", where=str(self.side), likely=likely)
             if self._backlog and self._camera.can_transfer_while_exposing:
                 self._transfer_chunk(EXPOSING_CHUNK_BYTES)
@@ -250,7 +250,7 @@ class CameraWorker:
             raise ProtocolViolationError(text, where=str(self.side))
         data = self._camera.read_chunk(frame, transfer.offset, min(max_bytes, frame.size_bytes - transfer.offset))
         if not data:
-            raise ExposureFailedError("the camera sent nothing of the frame", where=str(self.side), handle=frame.handle)
+            raise ExposureFailedError("the camera sent no frame data", where=str(self.side), handle=frame.handle)
         self._intake.write(transfer.shot, data)
         transfer.offset += len(data)
         transfer.busy_since_s = None

@@ -90,7 +90,7 @@ class Capture:
         readings.
         """
         if len(request.room) > MAX_ROOM_CHARACTERS:
-            raise UsageError("the room's name is too long", where="capture", advice="its folder takes 60 characters")
+            raise UsageError("the room's name is too long", where="capture", advice="use at most 60 characters")
         if not rig.cameras:
             raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
         plan = plan_of(rig.file, request.stops_s, request.mode, request.noise_frac)
@@ -104,7 +104,7 @@ class Capture:
         """
         bracket, where = store.manifest.bracket, str(store.path)
         if bracket.mode not in ("full", "adaptive"):
-            raise SessionError("an imported session cannot be resumed", where=where, advice="import it anew")
+            raise SessionError("an imported session cannot be resumed", where=where, advice="import it again")
         needed = {side for side in bracket.sides if store.manifest.missing_stops(side)}
         if lacking := needed - set(rig.cameras):
             names = " or ".join(sorted(lacking))
@@ -179,7 +179,7 @@ class Capture:
         """Note that the computer's clock was set (by NTP after a sleep, say): no time of the session follows it."""
         if self._store is not None and (step_s := self._rig.clock.new_step_s()) is not None:
             self._store.event("clock_step", step_s=step_s)
-            text = f"the computer's clock was set by {step_s:+.1f} s meanwhile; times go on as they were at the start"
+            text = f"the computer's clock was set by {step_s:+.1f} s meanwhile; times keep the clock of the start"
             yield self._warn("clock_step", text)
 
     def _preflight(self) -> Iterator[CaptureEvent]:
@@ -208,7 +208,7 @@ class Capture:
         else:
             yield from self._withdraw_damaged(self._store)
             self._store.update(devices=_merged(self._store.manifest.devices, findings.devices))
-            yield self._warn("resumed", "the session was completed later: its light may have changed in between")
+            yield self._warn("resumed", "the session was completed later: the light may have changed in between")
         for check in findings.checks:
             if check.level is Level.WARN:
                 self._store.add(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
@@ -231,9 +231,9 @@ class Capture:
             except OSError:
                 changed = True
             if changed:
-                reason = "changed or missing since it was saved"
+                reason = "changed or deleted since it was saved"
                 store.withdraw_frame(frame.side, frame.stop, frame.format, reason)
-                yield self._warn("damaged", f"{frame.file}: {reason}; taken anew")
+                yield self._warn("damaged", f"{frame.file}: {reason}; taken again")
 
     def _manifest(self, findings: Findings) -> SessionManifest:
         rig = self._rig.file
@@ -263,9 +263,9 @@ class Capture:
         if len(self._plan.sides) == 1:
             yield self._warn("one_side", f"{self._plan.sides[0]} only")
         if self.store.manifest.readings_planned == 0:
-            yield self._warn("no_meter", "no meter reading: luminance stays relative until one is given")
+            yield self._warn("no_meter", "no meter reading: luminance is relative until one is given")
         elif self.store.manifest.target is None:
-            yield self._warn("no_target", "where the meter looks is not given: set target_deg in the rig, or --target")
+            yield self._warn("no_target", "the meter's target is unknown: set target_deg in the rig, or --target")
 
     def _lacks(self, when: When) -> bool:
         return when in self.store.manifest.missing_readings()
@@ -288,7 +288,7 @@ class Capture:
         text = f"meter {record.when}: {_in_words(record)}"
         yield self._say(EventKind.READING, text, **record.model_dump(mode="json"))
         if record.luminance_cd_m2 is None:
-            yield self._warn("reading", f"the reading {record.when} has no number: {_in_words(record)}")
+            yield self._warn("reading", f"the reading {record.when} has no value: {_in_words(record)}")
 
     def _bracket(self) -> Iterator[CaptureEvent]:
         notices: queue.SimpleQueue[Notice] = queue.SimpleQueue()

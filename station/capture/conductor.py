@@ -137,11 +137,11 @@ class Conductor:
             return False
         errors, time_s = self._noise(asked)
         found = ", ".join(f"{side} within {error:.1%}" for side, error in errors.items())
-        text = f"noise: 95 % {found}; asked {asked:.1%}" + (f": {seconds_text(time_s)} more" if time_s else "")
+        text = f"noise: 95 % {found}; asked {asked:.1%}" + (f": adding {seconds_text(time_s)}" if time_s else "")
         yield self._event(_KINDS.NOISE, text, error_frac=errors, asked_frac=asked, next_s=time_s)
         if time_s is None:
             if not all(error <= asked for error in errors.values()):
-                yield self._warn("noise", f"{text}, not reached")
+                yield self._warn("noise", f"{text}, not achieved")
             return False
         self._todo.append((len(bracket.stops_s), tuple(self._workers)))
         self._plan = self._pairing.plan = replace(self._plan, stops_s=(*bracket.stops_s, time_s))
@@ -167,7 +167,7 @@ class Conductor:
             yield from self._pump()
         yield self._event(_KINDS.CONTINUED, "continued")
         if self._todo:
-            text = f"paused for {self._clock.monotonic_s() - begun_s:.0f} s: the light may have changed meanwhile"
+            text = f"paused for {self._clock.monotonic_s() - begun_s:.0f} s: the light may have changed"
             yield self._warn("paused", text)
 
     def _retake_doubtful(self) -> Generator[events.CaptureEvent, None, bool]:
@@ -222,7 +222,7 @@ class Conductor:
     def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[events.CaptureEvent]:
         yield self._event(_KINDS.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
         self._pairing.set_up(stop, sides)
-        yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
+        yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera ready")
         if not self._pairing.ready(stop, sides) or self.dead:
             self._pairing.stand_down(sides)
             yield from self._again(stop, sides)
@@ -258,7 +258,7 @@ class Conductor:
             self._failures[side, stop] += 1
         spent = tuple(s for s in sides if self._failures[s, stop] > MAX_DEVICE_FAILURES)
         for side in spent:
-            text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; missing"
+            text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; frame missing"
             yield self._warn("frame_missing", text, side=side, stop=stop)
         kept = tuple(s for s in sides if s not in spent)
         if kept:
@@ -352,7 +352,7 @@ class Conductor:
 
     def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[events.CaptureEvent]:
         again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked or self._pairing.repeats)
-        kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
+        kept = "the frame saved before is kept" if self._store.manifest.frame(side, stop) else "missing"
         text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
         yield self._event(_KINDS.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
         if again:

@@ -40,7 +40,7 @@ def check_typed(luminance_cd_m2: float) -> None:
     """Accept a number that a meter of the family can show; raises `UsageError` outside 0.001 .. 1e7 cd/m2."""
     low, high = TYPED_RANGE_CD_M2
     if not low <= luminance_cd_m2 <= high:
-        text = f"{luminance_cd_m2} cd/m2 is not a reading such a meter can show"
+        text = f"{luminance_cd_m2} cd/m2 is outside the meter's range"
         advice = f"type the number on the display, in cd/m2, between {low:g} and {high:g}"
         raise UsageError(text, where="--reading", advice=advice)
 
@@ -57,7 +57,7 @@ class ReadingTaker:
 
     def __init__(self, rig: Rig, typed_cd_m2: tuple[float, ...]) -> None:
         if len(typed_cd_m2) > 2:
-            raise UsageError("at most two readings can be typed", where="--reading", advice="before, and after")
+            raise UsageError("give at most two readings", where="--reading", advice="before, and after")
         self._rig = rig
         self._typed = tuple(typed_cd_m2)
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="meter")
@@ -241,7 +241,7 @@ class Intake:
             # Refuse a raw file whose JPEG does not count: that comes first, and alone has the exposure
             jpeg = self._store.manifest.frame(shot.side, shot.stop)
             if jpeg is None or jpeg.taken_utc != shot.released_utc:
-                raise FrameRejectedError("the JPEG of its exposure does not count", where=name)
+                raise FrameRejectedError("the JPEG of its exposure was rejected", where=name)
             raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
             return self._checker.check_raw(part.path, raw, name=name)
         earlier = [facts for stop, facts in self.facts.items() if stop != shot.stop]

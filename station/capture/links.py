@@ -95,7 +95,7 @@ def open_links(record: Path | None, rig: RigFile, clock: Clock, *, simulated: bo
         opened = gzip.open if record.suffix == ".gz" else open
         file = cast("IO[str]", opened(record, "xt", encoding="utf-8"))  # closed with the links
     except OSError as error:
-        advice = "choose a new name, in a folder of yours"
+        advice = "choose a new name in a folder you can write to"
         raise ResourceError(f"cannot be written: {error.strerror}", where=str(record), advice=advice) from error
     transcript = Transcript(file, clock)
     table = rig.model_dump(mode="json", exclude={"site", "heading_deg"})
@@ -118,7 +118,7 @@ def replayed_links(path: Path) -> tuple[Links, RigFile]:
         rig = RigFile.model_validate(made_with["rig"])
         simulated = bool(made_with["simulated"])
     except (IndexError, KeyError, ValidationError) as error:
-        text = "does not begin with the rig it was made with"
+        text = "does not start with the rig it was recorded with"
         advice = "record it with: daylit conform --record FILE"
         raise ProtocolViolationError(text, where=str(path), advice=advice) from error
     missing = {who: None for who in (*map(str, Side), METER) if who not in entries}

@@ -148,7 +148,7 @@ def _body_checks(side: Side, body: Sequence[BodySetting], accepted: Sequence[str
             yield Check(Level.WARN, name, text)
     if unseen := [s.name for s in body if s.got == NOT_REPORTED]:
         text = f"the camera does not report: {', '.join(unseen)}"
-        yield Check(Level.WARN, f"{side} settings", text, "look at them on the camera (docs/guides/hardware.md)")
+        yield Check(Level.WARN, f"{side} settings", text, "check them on the camera (docs/guides/hardware.md)")
 
 
 def _kept(setting: BodySetting) -> SettingReadback:
@@ -168,12 +168,12 @@ def status_checks(
     checks += [Check(Level.WARN, str(side), warning) for warning in status.warnings]
     if status.battery_frac is not None and status.battery_frac < limits.min_battery_frac:
         text = f"battery at {status.battery_frac:.0%}, the limit is {limits.min_battery_frac:.0%}"
-        checks.append(Check(Level.FAIL, f"{side} battery", text, advice="charge it or change the battery"))
+        checks.append(Check(Level.FAIL, f"{side} battery", text, advice="charge or replace the battery"))
     if status.free_frames is not None and status.free_frames < frames:
         text = f"room for {status.free_frames} frames on the card, {frames} needed"
-        checks.append(Check(Level.FAIL, f"{side} card", text, advice="change or empty it, or delete_after in the rig"))
+        checks.append(Check(Level.FAIL, f"{side} card", text, advice="replace or empty it, or set delete_after"))
     if offset_s is not None and abs(offset_s) > limits.max_clock_skew_s:
-        text = f"its clock is {offset_s:+.0f} s from the computer's"
+        text = f"its clock is off by {offset_s:+.0f} s from the computer's clock"
         checks.append(Check(Level.WARN, f"{side} clock", text, advice="set the camera's clock"))
     return checks
 
@@ -187,8 +187,8 @@ def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
     on_ready()
     checks = [Check(Level.OK, "meter", f"{identity.model} on {identity.port}, dialect {identity.dialect}")]
     if not identity.dialect_verified:
-        text = f"dialect {identity.dialect} is ASSUMED: nobody has confirmed it on the instrument yet"
-        checks.append(Check(Level.WARN, "meter", text, advice="send in a transcript: daylit meter probe"))
+        text = f"dialect {identity.dialect} is ASSUMED: not yet confirmed on the instrument"
+        checks.append(Check(Level.WARN, "meter", text, advice="send us a transcript: daylit meter probe"))
     device = DeviceRecord(
         role="meter",
         kind=rig.meter.kind,
@@ -212,7 +212,7 @@ def check_computer(folder: Path) -> Iterator[Check]:
     yield Check(Level.OK, "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
     for module in ("pydantic", "serial", "usb", "libusb_package", "cv2", "numpy", "PIL", "rich"):
         if importlib.util.find_spec(module) is None:
-            yield Check(Level.FAIL, "library", f"{module} is not installed", "install daylit anew (make demo)")
+            yield Check(Level.FAIL, "library", f"{module} is not installed", "reinstall daylit (make demo)")
     yield _check_usb_library()
     if sys.platform.startswith("linux"):
         yield _check_udev()
@@ -225,7 +225,7 @@ def check_computer(folder: Path) -> Iterator[Check]:
             # The kernel keeps 15 characters of a name.
             if any(g.startswith(name) for g in GRABBERS if len(name) >= 10):
                 advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
-                yield Check(Level.WARN, "desktop", f"{name} runs and takes cameras for itself", advice)
+                yield Check(Level.WARN, "desktop", f"{name} is running and claims cameras", advice)
     yield check_disk(folder, LimitsTable(), SESSION_BYTES)
     yield _check_isolation()
     yield _check_renderer()
@@ -275,8 +275,8 @@ def _check_udev() -> Check:
 
 def _check_serial_group() -> Check:
     if os.geteuid() == 0 or _in_group("dialout") or _in_group("uucp"):
-        return Check(Level.OK, "serial access", "you may open serial ports")
-    advice = "sudo usermod -aG dialout $USER, then log in anew (or install the udev rule)"
+        return Check(Level.OK, "serial access", "you have access to serial ports")
+    advice = "sudo usermod -aG dialout $USER, then log in again (or install the udev rule)"
     return Check(Level.WARN, "serial access", "you are not in the group dialout", advice)
 
 
@@ -297,7 +297,7 @@ def _check_isolation() -> Check:
             checker.start()
         except DaylitError as error:
             return Check(Level.FAIL, "frame checker", error.message, error.advice, error)
-    limits = f", confined ({'; '.join(checker.limits)})" if checker.limits else "; runs without limits on this system"
+    limits = f", confined ({'; '.join(checker.limits)})" if checker.limits else "; not sandboxed on this system"
     return Check(Level.OK, "frame checker", f"works{limits}")
 
 

@@ -53,7 +53,7 @@ def in_words(record: ReferenceRecord, limit_frac: float) -> str:
     if abs(record.ratio - 1) > limit_frac:
         found.append(f"the light changed by {record.ratio - 1:+.1%}")
     if record.moved_patches >= LEAST_MOVED:
-        found.append(f"light moved in {record.moved_patches} of {record.patches} parts of the picture (lamp or sun)")
+        found.append(f"light changed in {record.moved_patches} of {record.patches} parts of the picture (lamp or sun)")
     return f"{record.side}: {' and '.join(found)} within {record.after_s:.0f} s" if found else ""
 
 

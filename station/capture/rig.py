@@ -67,7 +67,7 @@ def require_same_camera(rig: Rig, manifest: SessionManifest, side: Side, where: 
     now = rig.file.cameras()[side].model_dump(mode="json")
     changed = [f"{key} was {was[key]}, is {now[key]}" for key in SAME_ON_RESUME if was.get(key, now[key]) != now[key]]
     if changed:
-        advice = "use the rig (and --size) it was made with"
+        advice = "use the rig (and --size) it was recorded with"
         raise SessionError(f"the rig has another {side} camera: {'; '.join(changed)}", where=where, advice=advice)
 
 
@@ -251,8 +251,8 @@ def simulated_renderer() -> str:
     if missing := missing_libraries():
         raise EngineError(
             f"{', '.join(missing)} not installed: rooms cannot be generated",
-            likely="a system without such packages (Linux on ARM), or an installation that is not whole",
-            advice="capture works without; for generated rooms install daylit anew (make demo) or on x86-64",
+            likely="a system without these packages (Linux on ARM), or an incomplete installation",
+            advice="capture works without them; for generated rooms reinstall daylit (make demo) or use x86-64",
         )
     return str(engine())
 

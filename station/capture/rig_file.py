@@ -58,7 +58,7 @@ class CameraTable(_Table):
     @model_validator(mode="after")
     def _no_key_without_effect(self) -> Self:
         if self.destination is not None and self.kind != "canon_5d2":
-            raise ValueError("destination: only a canon_5d2 has one")
+            raise ValueError("destination: only canon_5d2 has this key")
         return self
 
     accept: tuple[Accepted, ...] = ()
@@ -175,11 +175,11 @@ def load_rig(path: Path) -> RigFile:
     """
     try:
         if path.stat().st_size > MAX_RIG_BYTES:
-            raise RigError("too large to be a rig file", where=str(path))
+            raise RigError("too large for a rig file", where=str(path))
         return RigFile.model_validate(tomllib.loads(path.read_text("utf-8")))
     except FileNotFoundError as error:
         advice = "write one with: daylit doctor --write-rig rig.toml"
-        raise RigError("there is no such rig file", where=str(path), advice=advice) from error
+        raise RigError("no such rig file", where=str(path), advice=advice) from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise RigError(f"cannot be read: {error}", where=str(path), advice="correct the file") from error
     except ValidationError as error:

@@ -91,12 +91,12 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
 
     if _is_replay(options) and (given := [name for name in ("rig_path", "record") if options[name]]):
         names = ", ".join("--rig" if name == "rig_path" else f"--{name}" for name in given)
-        raise UsageError(f"a transcript has its own rig and is one: {names}", where="--simulate", advice="leave it out")
+        raise UsageError(f"a transcript holds its own rig: {names}", where="--simulate", advice="leave it out")
     for name, usual in (("size", "full"), ("rate", 1.0)):
         simulated = options["simulate"] and not _is_replay(options)
         if options[name] != usual and not (simulated or (name == "rate" and options["resume_path"])):
             advice = "set size_px in the rig" if name == "size" else "leave it out"
-            raise UsageError("only simulated cameras have another", where=f"--{name}", advice=advice)
+            raise UsageError("only simulated cameras can change it", where=f"--{name}", advice=advice)
     if bool(options["every"]) != bool(options["until"]):
         raise UsageError("--every and --until belong together", where="capture", advice="--every 60m --until 18:00")
     if options["resume_path"] is None:
@@ -118,10 +118,10 @@ def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
     if not rooms:
         raise UsageError("which room?", where="capture", advice="daylit capture ROOM")
     if options["every"] and len(rooms) > 1:
-        raise UsageError("--every takes one room", where="capture", advice="one tripod: a queue, or one by the hour")
+        raise UsageError("--every works with one room", where="capture", advice="give one room, or no --every")
     if options["readings"] and (options["every"] or len(rooms) > 1):
         advice = "--no-meter, or the rig's meter"
-        raise UsageError("a reading typed in is of one bracket", where="--reading", advice=advice)
+        raise UsageError("a typed reading belongs to one bracket", where="--reading", advice=advice)
     return rooms
 
 
@@ -205,8 +205,8 @@ def _rig_file(options: dict[str, Any]) -> RigFile:
     file = _typed(file.model_copy(update=_changes(options)), options)
     if not file.cameras():
         table = f"[{options['only']}]" if options["only"] else "[indoor] or [outdoor]"
-        text, where = f"has no table {table}: no camera to capture with", str(options["rig_path"] or "rig.toml")
-        raise RigError(text, where=where, advice="an example: daylit doctor --write-rig FILE")
+        text, where = f"has no {table} table: no camera to capture with", str(options["rig_path"] or "rig.toml")
+        raise RigError(text, where=where, advice="write an example: daylit doctor --write-rig FILE")
     return file
 
 
@@ -272,7 +272,7 @@ def _needed(manifest: SessionManifest, options: dict[str, Any]) -> tuple[RigFile
     path = options["resume_path"]
     world = options["simulate"] or manifest.rig.get("simulate")
     if manifest.simulated and not world:
-        raise SessionError("its instruments were simulated", where=str(path), advice="give --simulate WORLD, as before")
+        raise SessionError("its instruments were simulated", where=str(path), advice="give --simulate WORLD as before")
     recorded = _recorded_rig(manifest, str(path))
     file = load_rig(options["rig_path"]) if options["rig_path"] else recorded
     changes = _changes(options)
@@ -294,7 +294,7 @@ def _recorded_rig(manifest: SessionManifest, where: str) -> RigFile:
     try:
         return RigFile.model_validate({k: v for k, v in manifest.rig.items() if k != "simulate"})
     except ValidationError as error:
-        raise SessionError("holds no rig to go on with", where=where, advice="give the rig file with --rig") from error
+        raise SessionError("holds no rig to resume with", where=where, advice="give the rig file with --rig") from error
 
 
 def dry_run(file: RigFile, options: dict[str, Any]) -> int:
@@ -313,15 +313,15 @@ def dry_run(file: RigFile, options: dict[str, Any]) -> int:
     totals = {k: v for k, v in vars(estimate).items() if k != "rows"}
     lines = [
         *_table(estimate),
-        f"meanwhile the sun moves by up to {drift.sun_deg:.2f} degrees; a clear sky with the sun at "
+        f"during the bracket the sun moves by up to {drift.sun_deg:.2f} degrees; a clear sky with the sun at "
         f"{drift.sun_altitude_deg:.0f} degrees changes by up to {100 * drift.sky_frac_per_min:.1f} % a minute, "
         f"{100 * drift.sky_frac:.1f} % in all (daylit plan: for your place and day)",
-        "camera overheads and rates are typical figures, not measured on your instruments",
+        "camera overheads and transfer rates are typical, not measured on your instruments",
     ]
     if plan.noise_frac is not None:
         lines.append(f"and up to {MOST_FURTHER} further exposures, {MOST_FURTHER_S:g} s in all, for the noise asked")
     if plan.mode == "adaptive":
-        lines.append("adaptive: the most it can take; stops that the frames prove useless are left out")
+        lines.append("adaptive: this is the maximum; stops that the frames show to be unnecessary are skipped")
     return answer({"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}, lines, as_json=options["as_json"])
 
 

@@ -165,7 +165,7 @@ def verdict(manifest: SessionManifest) -> list[str]:
             if frame.release_monotonic_s is not None:
                 released[frame.stop].append(frame.release_monotonic_s)
         if frames and (first := frames[0].statistics) and (last := frames[-1].statistics):
-            clipped = f"{first.clipped_frac:.2%} is clipped in the shortest frame"
+            clipped = f"{first.clipped_frac:.2%} clipped in the shortest frame"
             found.append(f"{side}: {clipped}, {last.dark_frac:.2%} dark in the longest")
     apart = [max(times) - min(times) for times in released.values() if len(times) > 1]
     found += [f"shutters opened at most {1000 * max(apart):.0f} ms apart"] if apart else []

@@ -80,9 +80,9 @@ def _write_example(path: Path) -> int:
     except FileExistsError as error:
         raise UsageError("is already there", where=str(path), advice="choose another name") from error
     except OSError as error:
-        advice = "choose a folder you may write to"
+        advice = "choose a folder you can write to"
         raise ResourceError(f"cannot be written: {error.strerror}", where=str(path), advice=advice) from error
-    click.echo(f"wrote {path}: look through it, then daylit doctor --rig {path}")
+    click.echo(f"wrote {path}: edit it, then run daylit doctor --rig {path}")
     return 0
 
 
@@ -90,7 +90,7 @@ def _print(check: Check) -> None:
     mark, colour = _MARKS[str(check.level)]
     click.echo(f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}")
     if check.advice and check.level != "ok":
-        click.echo(f"      do: {printable(check.advice)}")
+        click.echo(f"      what to do: {printable(check.advice)}")
 
 
 # ``daylit conform``: does an instrument, real or simulated, do what daylit relies on?
@@ -129,7 +129,7 @@ def conform(
     finally:
         rig.close()
     if not outcomes:
-        raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="name another instrument")
+        raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="choose another instrument")
     passed = all(o.passed for o in outcomes)
     if as_json:
         click.echo(json.dumps({"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}))
@@ -237,8 +237,8 @@ def probe(transcript: Path, port: str, *, as_json: bool) -> int:
     lines = []
     for trial in trials:
         number = f"{trial.luminance_cd_m2:g} cd/m2" if trial.luminance_cd_m2 is not None else trial.detail
-        lines.append(f'fits: [meter] dialect = "{trial.dialect.name}" gives {number}; does the display show that?')
-    lines.append(f"{answers} answers, {len(trials)} dialects fit; please send {transcript} in")
+        lines.append(f'match: [meter] dialect = "{trial.dialect.name}" gives {number}; does the display agree?')
+    lines.append(f"{answers} answers, {len(trials)} dialects match; please send us {transcript}")
     facts = {"ok": answers > 0, "answers": answers, "fits": fits, "transcript": str(transcript)}
     return answer(facts, lines, as_json=as_json, exit_code=0 if answers else 3)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from station.session.verify import VerifyReport
 
 _FOLDER, _CD_M2 = click.Path(exists=True, file_okay=False, path_type=Path), click.FloatRange(min=0, max=1e10)
-_READING = "Luminance of the meter's target; twice: before, after."
+_READING = "Luminance of the meter's target; give twice: before, after."
 
 
 @click.command()
@@ -74,7 +74,7 @@ def import_session(**options: Any) -> int:
         session = str(take_packed(Path(options["room"]), options["into"]))
         return answer({"ok": True, "session": session}, [session], as_json=options["as_json"])
     if given := [name for name in ("table", "only", "dry_run") if options[name]]:
-        raise UsageError(f"--{given[0].replace('_', '-')} goes with --dataset", where="import", advice="leave it out")
+        raise UsageError(f"--{given[0].replace('_', '-')} needs --dataset", where="import", advice="leave it out")
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
     heading_deg = options["heading"]
     request = ImportRequest(
@@ -108,7 +108,7 @@ def parse_site(text: str | None, address: str | None = None) -> Site:
         return Site(name=address or "", latitude_deg=latitude_deg, longitude_deg=longitude_deg)
     except ValueError as error:
         advice = "write LAT,LON in degrees, e.g. 40.44,-79.99"
-        raise UsageError(f"{text or address!r} is not a place", where="--site", advice=advice) from error
+        raise UsageError(f"{text or address!r} is not a location", where="--site", advice=advice) from error
 
 
 def parse_zone(text: str | None) -> int | None:
@@ -148,7 +148,7 @@ def _show(report: ImportReport) -> None:
     for frame in manifest.frames:
         click.echo(f"  {frame.side:<8} {seconds_text(frame.camera_s):>9}  {frame.camera_name}")
     for refused in report.refused:
-        click.echo(f"  {refused.side:<8} {click.style('  refused', fg='yellow')}  {refused.name}: {refused.message}")
+        click.echo(f"  {refused.side:<8} {click.style('  rejected', fg='yellow')}  {refused.name}: {refused.message}")
     for warning in manifest.warnings:
         click.echo(f"  note: {warning.message}")
     click.echo(f"{len(manifest.frames)} frames in {report.session}: {manifest.status}")
@@ -186,12 +186,12 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
         lines = [*problems, *lines, *(f"missing: {missing}" for missing in report.missing)]
     count = len(report.problems)
     if report.cut_short:
-        verdict = f"cut short, nothing saved is lost: {report.frames_safe} of {report.frames_planned} frames safe"
+        verdict = f"interrupted; nothing saved was lost: {report.frames_safe} of {report.frames_planned} frames safe"
     elif report.intact:
         verdict = f"intact, {report.status}; {report.frames_checked} frames checked"
     else:
         verdict = f"NOT intact: {count} problem{'s' if count > 1 else ''}; {report.frames_checked} frames checked"
-    lines += [f"{verdict} in {session}", *(f"  do: {line}" for line in advice)]
+    lines += [f"{verdict} in {session}", *(f"  what to do: {line}" for line in advice)]
     facts = {"ok": whole, **report.to_dict(), "advice": advice}
     return answer(facts, lines, as_json=as_json, exit_code=0 if whole else 4)
 
@@ -207,20 +207,20 @@ def _advice(report: VerifyReport) -> list[str]:
     path = shlex.quote(report.path)
     resume = f"daylit capture --resume {path}"
     lines = []
-    if any("this daylit knows up to" in problem.message for problem in report.problems):
-        lines.append("update daylit; change nothing in the session with this version")
+    if any("this version of daylit supports up to" in problem.message for problem in report.problems):
+        lines.append("update daylit; do not change the session with this version")
     elif "manifest" in codes:
-        lines.append(f"daylit verify --repair {path} writes session.json anew from the journal")
+        lines.append(f"daylit verify --repair {path} rebuilds session.json from the journal")
     if codes & CUT_SHORT:
-        lines.append("a capture is running, or was cut short; nothing saved is lost. If none runs, resume: " + resume)
+        lines.append("a capture is running, or was interrupted; nothing saved is lost. If none runs, resume: " + resume)
     if "journal" in codes:
-        lines.append("restore journal.jsonl from a copy; the frames and session.json may still be whole")
+        lines.append("restore journal.jsonl from a backup; the frames and session.json may still be intact")
     if codes & _LOST:
-        lines.append("restore the files from a copy, or take them anew: " + resume)
+        lines.append("restore the files from a backup, or take them again: " + resume)
     if codes & {"digest", "content", "unreadable"}:
-        lines.append("restore the files from a copy; without one, move them out and take them anew: " + resume)
+        lines.append("restore the files from a backup; without one, move them out and take them again: " + resume)
     if codes & {"extra", "irregular"}:
-        lines.append("move what is not the session's out of its folder")
+        lines.append("move files that do not belong to the session out of its folder")
     if report.missing and not codes:
         lines.append("complete it: " + resume)
     return lines
@@ -266,7 +266,7 @@ def _request(options: dict[str, Any]) -> DatasetRequest:
     from station.frames.dataset_import import DatasetRequest
 
     if given := [name for name in NOT_OF_A_TREE if options[name] not in (None, ())]:
-        text = f"{given[0].replace('_', '-')} says something of one room only"
+        text = f"{given[0].replace('_', '-')} applies to a single room only"
         raise UsageError(text, where="--dataset", advice="leave it out, or import one room")
     return DatasetRequest(
         root=options["dataset"],

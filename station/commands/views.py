@@ -26,7 +26,7 @@ def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = "one finite number" if count == 1 else f"{count} numbers with commas between"
+        wanted = "one finite number" if count == 1 else f"{count} comma-separated numbers"
         raise click.UsageError(f"{flag} {text[:40]!r}: {wanted}, {what}")
     return values
 
@@ -107,7 +107,7 @@ class Rendering(SilentView):
         words = _RENDERED.get(what, what)
         if self.bars is None:
             if what not in self._mentioned:
-                click.echo(f"rendering {words} (kept for next time) ...", err=True)
+                click.echo(f"rendering {words} (cached for next time) ...", err=True)
             self._mentioned.add(what)
             return
         if what not in self._tasks:

@@ -47,7 +47,7 @@ class Watch:
                 if side in self._away:
                     camera.connect()
                     del self._away[side]
-                    yield f"{side}: the camera is there"
+                    yield f"{side}: camera found"
                 else:
                     camera.keep_alive()
             except DeviceError as error:
@@ -74,7 +74,7 @@ class Watch:
         for side, status in self._statuses():
             if status.free_frames is not None and status.free_frames < brackets * frames:
                 lasts = status.free_frames // max(frames, 1)
-                found.append(f"{side}: the card has room for {lasts} of {brackets} brackets to come")
+                found.append(f"{side}: the card has space for {lasts} of {brackets} brackets to come")
             if status.battery_frac is None:
                 continue
             charge = self._charge[side]
@@ -83,7 +83,7 @@ class Watch:
             left = status.battery_frac - self._rig.file.limits.min_battery_frac
             if used and left < brackets * used:
                 lasts = max(int(left / used), 0)
-                found.append(f"{side}: the battery lasts for about {lasts} of {brackets} brackets to come")
+                found.append(f"{side}: the battery will last for about {lasts} of {brackets} brackets to come")
             if len(charge) > 1 and charge[-1] > charge[-2]:
                 charge[:] = charge[-1:]  # another battery
         return found
@@ -127,7 +127,7 @@ def parse_every(text: str) -> float:
     hours, minutes, seconds = (int(part or 0) for part in match.groups()) if match else (0, 0, 0)
     total_s = 3600.0 * hours + 60 * minutes + seconds
     if total_s < 60:
-        raise UsageError(f"{text!r} is no interval", where="--every", advice="write 60m, 1h30m, at least 1m")
+        raise UsageError(f"{text!r} is not an interval", where="--every", advice="write 60m, 1h30m, at least 1m")
     return total_s
 
 
@@ -135,10 +135,10 @@ def parse_until(text: str, now_utc: datetime) -> datetime:
     """Return the next moment at which local clocks show ``HH:MM`` today; `UsageError` if that is past, or no time."""
     match = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", text.strip())
     if match is None:
-        raise UsageError(f"{text!r} is no time of day", where="--until", advice="write HH:MM, e.g. 18:00")
+        raise UsageError(f"{text!r} is not a time of day", where="--until", advice="write HH:MM, e.g. 18:00")
     until = now_utc.astimezone().replace(hour=int(match[1]), minute=int(match[2]), second=0, microsecond=0)
     if until <= now_utc:
-        raise UsageError(f"{text} is over", where="--until", advice="give a later time of today")
+        raise UsageError(f"{text} is already past", where="--until", advice="give a later time of today")
     return until
 
 
@@ -146,13 +146,13 @@ def read_rooms(path: Path) -> tuple[str, ...]:
     """Return the rooms of a file, one a line; what follows # is a comment. `UsageError` where there are none."""
     try:
         if path.stat().st_size > MAX_ROOMS_BYTES:
-            raise UsageError("too large for a list of rooms", where=str(path), advice="one room a line")
+            raise UsageError("too large for a list of rooms", where=str(path), advice="one room per line")
         lines = path.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"cannot be read: {error}", where=str(path), advice="one room a line, in UTF-8") from error
+        raise UsageError(f"cannot be read: {error}", where=str(path), advice="one room per line, in UTF-8") from error
     rooms = tuple(name for line in lines if (name := line.partition("#")[0].strip()))
     if not 0 < len(rooms) <= MAX_ROOMS:
-        raise UsageError(f"{len(rooms)} rooms", where=str(path), advice=f"one room a line, 1 to {MAX_ROOMS}")
+        raise UsageError(f"{len(rooms)} rooms", where=str(path), advice=f"one room per line, 1 to {MAX_ROOMS}")
     return rooms
 
 
@@ -261,7 +261,7 @@ class Day:
         """Take one bracket, resumed when an instrument is back, within `PATIENCE_S`."""
         until_s = self._rig.clock.monotonic_s() + PATIENCE_S
         path: Path | None = None
-        why = "nothing was taken"
+        why = "nothing was captured"
         for _ in range(1 + MAX_RESUMES):
             yield from self._ready(until_s)
             if self._stop_asked:
@@ -286,7 +286,7 @@ class Day:
             return
         at = f"{self._rig.clock.utc_now().astimezone():%H:%M}"
         self.missed.append(f"{room} {at}")
-        yield self._say(EventKind.MISSED, f"{room} at {at} is missed: {why}", room=room)
+        yield self._say(EventKind.MISSED, f"{room} at {at} was missed: {why}", room=room)
 
     def _open(self, room: str, path: Path | None) -> Capture:
         if path is None:

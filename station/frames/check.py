@@ -227,7 +227,7 @@ class FrameChecker(AbstractContextManager["FrameChecker"]):
             if answer.get("reason") == Reason.TOO_MUCH_MEMORY:
                 self._drop_worker(died=True)
             return answer
-        raise rejection(name, Reason.DECODER_DIED, f"reading it kills the decoder ({how})", "do not open it elsewhere")
+        raise rejection(name, Reason.DECODER_DIED, f"reading it crashes the decoder ({how})", "do not open it")
 
     def _ready_worker(self) -> _Worker:
         if self._worker is not None:
@@ -238,7 +238,7 @@ class FrameChecker(AbstractContextManager["FrameChecker"]):
         except (_WorkerSlowError, _WorkerGoneError) as error:
             how = worker.end()
             text = f"the process that checks frames does not start: {error}"
-            likely = f"memory is short, or the installation is broken (process {how})"
+            likely = f"out of memory, or a broken installation (process {how})"
             raise ResourceError(text, where="frame checker", likely=likely, advice="run `daylit doctor`") from None
         self.limits = tuple(str(limit)[:200] for limit in hello.get("limits", ()))
         self._worker = worker
@@ -259,7 +259,7 @@ def _facts(name: str, answer: dict[str, Any]) -> FrameFacts:
     try:
         return FrameFacts.model_validate({**answer.get("facts", {}), "name": name})
     except (ValidationError, TypeError) as error:
-        raise rejection(name, Reason.DECODER_DIED, "reading it confused the decoder") from error
+        raise rejection(name, Reason.DECODER_DIED, "the decoder gave an inconsistent answer") from error
 
 
 __all__ = ["ExpectedFrame", "FrameChecker", "FrameFacts", "FrameRejectedError", "Reason", "check_order", "judge"]

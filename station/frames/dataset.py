@@ -101,7 +101,7 @@ def find_brackets(root: Path) -> tuple[list[Bracket], list[Doubt]]:
         sides = [(i, side) for i, word in enumerate(words) for side in _sides_of(word, whole=i == 0)]
         if len({side for _, side in sides}) != 1:
             what = "both indoors and outdoors" if sides else "neither indoors nor outdoors"
-            doubts.append(Doubt(f"the name says {what}: give this folder as --indoor or --outdoor", (str(folder),)))
+            doubts.append(Doubt(f"the name fits {what}: give this folder as --indoor or --outdoor", (str(folder),)))
             continue
         brackets.append(_bracket(folder, files, words, {i for i, _ in sides}, sides[0][1]))
     return brackets, doubts
@@ -115,7 +115,7 @@ def _frame_folders(root: Path) -> Iterator[tuple[Path, tuple[Path, ...]]]:
 
     for n_folders, (where, names, entries) in enumerate(os.walk(root, onerror=refuse), 1):
         if n_folders > MAX_FOLDERS:
-            raise UsageError(f"more than {MAX_FOLDERS} folders", where=str(root), advice="name a part of it")
+            raise UsageError(f"more than {MAX_FOLDERS} folders", where=str(root), advice="name a subfolder")
         names[:] = sorted(name for name in names if not name.startswith((".", "__MACOSX")))
         files = tuple(Path(where) / name for name in sorted(entries))
         frames = tuple(path for path in files if has_suffix(path, (*JPEG_SUFFIXES, *RAW_SUFFIXES)))

@@ -188,7 +188,7 @@ def _parts(bracket: Bracket, request: DatasetRequest, checker: FrameChecker) -> 
         if len(found) == len(files):
             found = [replace(c, time_s=s) for c, s in zip(found, typed, strict=False)]
     if unknown := [c.path.name for c in found if c.time_s is None]:
-        text = f"{bracket.name}: {len(jpegs)} frames may be several brackets, and {len(unknown)} say no exposure time"
+        text = f"{bracket.name}: {len(jpegs)} frames may be several brackets, and {len(unknown)} have no exposure time"
         return Doubt(text, (str(bracket.folder), *unknown))
     groups: list[list[Candidate]] = [[]]
     for candidate in found:

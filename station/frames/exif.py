@@ -199,7 +199,7 @@ def _taken(reader: TiffReader, exif: Mapping[int, Entry]) -> datetime | None:
     try:
         taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007 (the camera's clock has no zone)
     except ValueError as error:
-        raise reader.problem(f"a date that is none: {text[:40]!r}") from error
+        raise reader.problem(f"not a date: {text[:40]!r}") from error
     digits = _text(reader, exif, _TAKEN_SUBSECOND)
     if digits.isdigit():
         taken = taken.replace(microsecond=int(digits[:6].ljust(6, "0")))

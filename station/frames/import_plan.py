@@ -122,7 +122,7 @@ def _judge_each(sieve: _Sieve) -> None:
             judge(candidate.facts, expected, [other.facts for other in accepted])
             if twin is not None:
                 message = f"the same exposure time ({seconds_text(time_s)}) as {twin.facts.name}"
-                raise rejection(candidate.facts.name, Reason.REPEATED, message, "keep the better one")
+                raise rejection(candidate.facts.name, Reason.REPEATED, message, "keep the better of the two")
         except FrameRejectedError as error:
             sieve.refuse(candidate, error)
         else:
@@ -233,6 +233,6 @@ def raw_only(side: Side, files: Sequence[Path], raws: Mapping[str, Path], checke
         found, time_s = _companion(path, checker), None
         if isinstance(found, RawCompanion):
             time_s, advice = found.facts.exif.exposure_s, "export JPEGs of the same names beside the raw files"
-            found = rejection(path.name, Reason.UNSUPPORTED, "a raw file without its JPEG, which others have", advice)
+            found = rejection(path.name, Reason.UNSUPPORTED, "a raw file without JPEG, unlike others", advice)
         refused.append(refusal(side, printable(path.name), found, time_s))
     return refused

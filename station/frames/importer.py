@@ -128,7 +128,7 @@ def _nothing_error(found: _Sorted) -> IncompleteBracketError:
         first = found.refused[0]
         others = f" (and {len(found.refused) - 1} more)" if len(found.refused) > 1 else ""
         message += f": {first.side}/{first.name}: {first.message}{others}"
-        advice = "correct what is named (--shutter has one time a file, in the order of the file names)"
+        advice = "correct the files named (--shutter: one time per file, in file-name order)"
     refused = [f"{r.side}/{r.name}: {r.message}" for r in found.refused]
     return IncompleteBracketError(message, where="import", advice=advice, refused=refused, ignored=list(found.ignored))
 
@@ -137,7 +137,7 @@ def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
     if not request.folders:
         raise UsageError("nothing to import", where="import", advice="give --indoor FOLDER")
     if len(request.room) > MAX_ROOM_CHARACTERS:
-        raise UsageError("the room's name is too long", where="import", advice="its folder takes 60 characters")
+        raise UsageError("the room's name is too long", where="import", advice="use at most 60 characters")
     frames: dict[Side, Sequence[import_plan.Candidate]] = {}
     refused: list[import_plan.Refusal] = []
     ignored: list[str] = []
@@ -162,7 +162,7 @@ def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequenc
         return [None] * len(files)
     if len(request.shutter_s) != len(files):
         text = f"{len(request.shutter_s)} exposure times for {len(files)} JPEGs ({side})"
-        raise UsageError(text, where="--shutter", advice="give one time a file, in the order of the file names")
+        raise UsageError(text, where="--shutter", advice="give one time per file, in file-name order")
     return request.shutter_s
 
 
@@ -266,7 +266,7 @@ def _chunks(path: Path, name: str) -> Iterator[bytes]:
             while chunk := file.read(_COPY_BYTES):
                 yield chunk
     except OSError as error:
-        raise rejection(name, Reason.NOT_A_FILE, f"cannot be read any more: {error.strerror}") from error
+        raise rejection(name, Reason.NOT_A_FILE, f"can no longer be read: {error.strerror}") from error
 
 
 def _taken_utc(candidate: import_plan.Candidate, zone_min: int | None) -> datetime | None:
@@ -283,7 +283,7 @@ def _other_side_only(found: _Sorted) -> Iterator[SkippedStop]:
         have = {import_plan.stop_of(found.stops_s, time_s) for time_s in times_s}
         for stop in range(len(found.stops_s)):
             if stop not in have and -1 not in have:
-                yield SkippedStop(side=side, stop=stop, reason="the folder has no such exposure time")
+                yield SkippedStop(side=side, stop=stop, reason="the folder has no frame of this exposure time")
 
 
 def _readings(request: ImportRequest, now: datetime) -> Iterator[ReadingRecord]:
@@ -299,15 +299,15 @@ def _readings(request: ImportRequest, now: datetime) -> Iterator[ReadingRecord]:
 
 def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]:
     if not request.readings_cd_m2:
-        yield WarningRecord(code="no_meter", message="no meter reading: luminance stays relative until one is given")
+        yield WarningRecord(code="no_meter", message="no meter reading: luminance is relative until one is given")
     if len(found.frames) == 1:
         yield WarningRecord(code="one_side", message=f"{next(iter(found.frames))} only")
     for side, frames in found.frames.items():
         for candidate in frames:
             lost = candidate.facts.exif_problem
-            notes = [*candidate.facts.notes, f"{lost}: the raw file's is taken" if lost and candidate.raw else lost]
+            notes = [*candidate.facts.notes, f"{lost}: the raw file's is used" if lost and candidate.raw else lost]
             for note in filter(None, notes):
                 yield WarningRecord(code="frame_note", message=f"{side}/{candidate.facts.name}: {note}"[:500])
     yield from request.notes
     if found.ignored:
-        yield WarningRecord(code="ignored_files", message=f"not frames, left out: {', '.join(found.ignored)}"[:500])
+        yield WarningRecord(code="ignored_files", message=f"not frames, ignored: {', '.join(found.ignored)}"[:500])

@@ -88,9 +88,9 @@ def read_header(data: bytes) -> JpegHeader:
 
 def _what_it_is(data: bytes) -> str:
     if not data:
-        return "an empty file, not a JPEG"
+        return "the file is empty"
     if not data.strip(b"\0"):
-        return "a file of zeros, not a JPEG"
+        return "the file contains only zeros"
     return f"not a JPEG: it starts with {data[:4].hex(' ')}, not ff d8 ff"
 
 
@@ -104,7 +104,7 @@ def _next_marker(data: bytes, position: int) -> tuple[int, int]:
         raise FrameProblemError(Reason.TRUNCATED, "the file ends before the end-of-image mark")
     marker = data[position]
     if marker < 0xC0 or 0xD0 <= marker <= _SOI:
-        raise FrameProblemError(Reason.DAMAGED, f"marker ff{marker:02x} at byte {position - 1} has no place there")
+        raise FrameProblemError(Reason.DAMAGED, f"marker ff{marker:02x} at byte {position - 1} is not allowed there")
     if marker in _NO_CAMERA_OF_OURS:
         raise FrameProblemError(Reason.UNSUPPORTED, f"{_NO_CAMERA_OF_OURS[marker]}, which no supported camera writes")
     return marker, position + 1
@@ -141,7 +141,7 @@ def _frame_size(payload: bytes, *, progressive: bool) -> _FrameSize:
         raise FrameProblemError(Reason.DAMAGED, "a frame header of the wrong length")
     height_px, width_px = int.from_bytes(payload[1:3], "big"), int.from_bytes(payload[3:5], "big")
     if payload[0] != 8:
-        raise FrameProblemError(Reason.UNSUPPORTED, f"{payload[0]} bits a sample; cameras write 8")
+        raise FrameProblemError(Reason.UNSUPPORTED, f"{payload[0]} bits per sample; cameras write 8")
     if count != 3:
         raise FrameProblemError(Reason.UNSUPPORTED, f"{count} colour components; cameras write 3")
     if len(set(payload[6::3])) != count:
@@ -201,9 +201,9 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
     # Allow zero padding, and previews that a multi-picture (MPF) segment announces; nothing else
     tail = data[end:].strip(b"\0")
     if tail and not (walk.has_previews and tail.startswith(b"\xff\xd8\xff")):
-        raise FrameProblemError(Reason.TRAILING_DATA, f"{len(data) - end} bytes behind the end-of-image mark at {end}")
+        raise FrameProblemError(Reason.TRAILING_DATA, f"{len(data) - end} bytes after the end-of-image mark at {end}")
     if len(data) > end:
-        walk.notes.append(f"{len(data) - end} bytes of {'previews' if tail else 'padding'} behind the picture")
+        walk.notes.append(f"{len(data) - end} bytes of {'previews' if tail else 'padding'} after the picture")
     frame = walk.frame
     return JpegHeader(frame.width_px, frame.height_px, frame.progressive, walk.exif, tuple(walk.notes))
 
@@ -231,7 +231,7 @@ def read_png(data: bytes) -> bytes | None:
         if zlib.crc32(data[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
             raise FrameProblemError(Reason.DAMAGED, f"the checksum of chunk {number} is wrong")
         if number == 0 and (kind != b"IHDR" or length != 13):
-            raise FrameProblemError(Reason.DAMAGED, "its first chunk is no header")
+            raise FrameProblemError(Reason.DAMAGED, "its first chunk is not a header")
         if number == 0 and int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big") > MAX_PIXELS:
             raise FrameProblemError(Reason.TOO_LARGE, f"its header says more than {MAX_PIXELS:,} pixels")
         if kind == b"eXIf":

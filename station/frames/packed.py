@@ -40,7 +40,7 @@ def take_packed(archive: Path, into: Path) -> Path:
             return import_session(ImportRequest(room=archive.stem[:80], folders=sides, into=into)).session
         load_manifest(root)
         if (session := into / root.name).exists():
-            raise SessionExistsError("a session of this name is there already", where=session.name)
+            raise SessionExistsError("a session of this name already exists", where=session.name)
         return root.rename(session)
 
 

@@ -108,7 +108,7 @@ def _judge_value(
         if reason is Reason.WRONG_EXPOSURE:
             stops = stops_between(got, asked)
             by = f", {abs(stops):.2f} stops {'longer' if stops > 0 else 'shorter'}"
-        advice = "look whether the camera is in manual mode, then take the frame again"
+        advice = "check that the camera is in manual mode, then take the frame again"
         raise rejection(facts.name, reason, f"its EXIF says {text(got)}, asked {text(asked)}{by}", advice)
 
 
@@ -132,7 +132,7 @@ def _judge_date(facts: FrameFacts, expected: ExpectedFrame) -> None:
         Reason.WRONG_DATE,
         f"dated {taken:%Y-%m-%d %H:%M:%S} by the camera's clock, "
         f"taken between {_clock(after)} and {_clock(before)} UTC",
-        "an older frame was sent, or the camera's clock was changed: take the frame again",
+        "the camera sent an older frame, or its clock was changed: take the frame again",
     )
 
 
@@ -148,7 +148,7 @@ def _judge_black(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[F
     is_black = facts.mean_frac <= BLACK_MEAN and facts.dark_frac >= 0.9999
     if is_black and expected.light_expected and _shows_dim_room(time_s, expected, facts):
         text = f"black, at {seconds_text(time_s)}, where even a dim room shows"
-        raise rejection(facts.name, Reason.BLACK, text, "is the lens cap on? then take the frame again")
+        raise rejection(facts.name, Reason.BLACK, text, "check for a lens cap, then take the frame again")
     for other in earlier:
         least = _least_mean(other, time_s)
         if facts.mean_frac < least:
@@ -217,7 +217,7 @@ def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float
     odd = [i for i in range(len(means)) if i not in longest]
     if odd:
         names = ", ".join(f"{facts_by_stop[stops[i]].name} ({seconds_text(stops_s[stops[i]])})" for i in odd)
-        text = "brightness falls though the exposure is longer"
+        text = "brightness falls although the exposure is longer"
         raise rejection(names, Reason.OUT_OF_ORDER, text, "take it again", stops=[stops[i] for i in odd])
     for shorter, longer in itertools.pairwise(stops):
         _check_rise(facts_by_stop[shorter], facts_by_stop[longer], stops_s[shorter], stops_s[longer], longer)
@@ -230,5 +230,5 @@ def _check_rise(shorter: FrameFacts, longer: FrameFacts, shorter_s: float, longe
         return
     if longer.mean_frac < shorter.mean_frac * LEAST_RISE:
         text = f"as bright as {shorter.name}, though {stops_between(longer_s, shorter_s):.1f} stops longer"
-        advice = "look whether the camera is in manual mode, then take the frame again"
+        advice = "check that the camera is in manual mode, then take the frame again"
         raise rejection(longer.name, Reason.OUT_OF_ORDER, text, advice, stops=[stop])

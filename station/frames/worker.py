@@ -83,7 +83,7 @@ def _serve(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, 
     except FrameProblemError as problem:
         return {"ok": False, "reason": problem.reason, "message": problem.message}
     except MemoryError:
-        return {"ok": False, "reason": Reason.TOO_MUCH_MEMORY, "message": "decoding it takes too much memory"}
+        return {"ok": False, "reason": Reason.TOO_MUCH_MEMORY, "message": "decoding it needs too much memory"}
     except OSError as error:
         return {"ok": False, "reason": Reason.NOT_A_FILE, "message": f"cannot be read: {error.strerror}"}
 
@@ -100,7 +100,7 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
         status = os.fstat(descriptor)
         limit_bytes = MAX_JPEG_BYTES if format_ in ("jpeg", "png", "tiff") else MAX_RAW_BYTES
         if not stat.S_ISREG(status.st_mode):
-            raise FrameProblemError(Reason.NOT_A_FILE, "not an ordinary file")
+            raise FrameProblemError(Reason.NOT_A_FILE, "not a regular file")
         if status.st_size > limit_bytes:
             raise FrameProblemError(Reason.TOO_LARGE, f"{status.st_size} bytes; the limit is {limit_bytes}")
         if format_ == "jpeg":
@@ -151,7 +151,7 @@ def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: 
     if deep:
         pixels = np.asarray(cv2.convertScaleAbs(pixels, alpha=1 / 257))
     elif pixels.dtype != np.uint8:
-        raise FrameProblemError(Reason.UNSUPPORTED, f"it holds {pixels.dtype}: save it with 8 or 16 bits a channel")
+        raise FrameProblemError(Reason.UNSUPPORTED, f"it holds {pixels.dtype}: save it with 8 or 16 bits per channel")
     measures = measure(pixels, circle)
     return {
         "size_bytes": len(data),
@@ -162,7 +162,7 @@ def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: 
         "exif_problem": exif_problem,
         "exact": True,
         "picture_sha256": _picture_digest(pixels, measures),
-        "notes": ["16 bits a channel: merged by their curve at 8 bits"] if deep else [],
+        "notes": ["16 bits per channel: merged with their 8-bit curve"] if deep else [],
         **measures,
     }
 

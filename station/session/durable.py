@@ -95,9 +95,9 @@ def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
         kind = ResourceError
         likely, advice = "the computer is out of file handles or memory", "close other programs, then resume"
     elif exc.errno in (errno.EACCES, errno.EPERM):
-        likely, advice = "no permission to write here", "choose a folder you may write to"
+        likely, advice = "no permission to write here", "choose a folder you can write to"
     elif exc.errno in (errno.ENOENT, errno.ENOTDIR):
-        likely, advice = "its folder is not there", "make the folder, or check that its disk is mounted"
+        likely, advice = "its folder does not exist", "create the folder, or check that its disk is mounted"
     elif exc.errno == errno.EFBIG:
         likely, advice = ("a limit on the size of files", "lift the limit (ulimit -f) or use another file system")
     reason = exc.strerror or str(exc)
@@ -171,8 +171,8 @@ class SessionLock(AbstractContextManager["SessionLock"]):
         try:
             self._lock.acquire(timeout=wait_s, poll_interval=0.01)
         except Timeout as exc:
-            text = f"{_holder(folder, name)} works on this session"
-            raise SessionLockedError(text, where=str(folder.path), advice="wait until it is done, or end it") from exc
+            text = f"{_holder(folder, name)} is working on this session"
+            raise SessionLockedError(text, where=str(folder.path), advice="wait until it finishes, or stop it") from exc
         except OSError as exc:
             raise disk_error(exc, folder.path / name, "locking") from exc
         self._sign(folder, name)

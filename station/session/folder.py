@@ -319,7 +319,7 @@ class FramePart:
 
     def _need(self, state: str) -> None:
         if self._state != state:
-            raise SessionError(f"this frame is {self._state}", where=str(self.path), advice="begin the frame anew")
+            raise SessionError(f"this frame is {self._state}", where=str(self.path), advice="start the frame again")
 
     def _close(self) -> None:
         if self._fd >= 0:

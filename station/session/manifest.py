@@ -13,7 +13,7 @@ from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManife
 
 # Chosen: far above what 99 stops of two cameras need.
 MAX_MANIFEST_BYTES = 16 << 20
-_REMAKE = "if the journal is intact, `daylit verify --repair` restores it"
+_REMAKE = "if the journal is intact, `daylit verify --repair` rebuilds it"
 
 Migration = Callable[[dict[str, Any]], dict[str, Any]]
 MIGRATIONS: dict[int, Migration] = {}
@@ -25,7 +25,7 @@ def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise ManifestError(f"schema_version is {version!r:.40}", where=where)
     if version > SCHEMA_VERSION:
-        text = f"of schema {version}; this daylit knows up to {SCHEMA_VERSION}"
+        text = f"of schema {version}; this version of daylit supports up to {SCHEMA_VERSION}"
         raise SchemaTooNewError(text, where=where, advice="update daylit")
     while version < SCHEMA_VERSION:
         data = MIGRATIONS[version](data)
@@ -43,7 +43,7 @@ def manifest_of(data: Any, where: str) -> SessionManifest:
     except ValidationError as exc:
         faults = strict_json.faults_of(exc)
         reasons = "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
-        raise ManifestError(f"not of the schema: {reasons}", where=where, advice=_REMAKE) from exc
+        raise ManifestError(f"does not match the schema: {reasons}", where=where, advice=_REMAKE) from exc
     # Refuse what the types allow but no station writes: shared files, a frame in the other side's folder
     files = [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
     keys = [(f.side, f.stop, f.format) for f in manifest.frames]
@@ -53,7 +53,7 @@ def manifest_of(data: Any, where: str) -> SessionManifest:
         raise ManifestError("two frames of one side, stop and format", where=where)
     for frame in manifest.frames:
         if not frame.file.startswith(f"{frame.side}/"):
-            raise ManifestError(f"{frame.file} cannot be a frame of {frame.side}", where=where)
+            raise ManifestError(f"{frame.file} is not a valid frame of {frame.side}", where=where)
         if frame.stop >= len(manifest.bracket.stops_s):
             raise ManifestError(f"{frame.file}: the bracket has no stop {frame.stop}", where=where)
     return manifest
@@ -88,7 +88,7 @@ def load_manifest(path: Path) -> SessionManifest:
     """
     path = Path(path)
     if not path.exists():
-        raise SessionNotFoundError("there is no such folder", where=str(path), advice="name a session folder")
+        raise SessionNotFoundError("no such folder", where=str(path), advice="name a session folder")
     folder_path, name = (path, MANIFEST_NAME) if path.is_dir() else (path.parent, path.name)
     with open_session(folder_path) as folder:
         manifest = read_manifest(folder, name)

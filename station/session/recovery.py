@@ -69,7 +69,7 @@ class SessionState:
         if _key(record) in self._keys:
             raise ValueError(f"there is a {record.format} frame of {record.side}, stop {record.stop} already")
         if not record.file.startswith(f"{record.side}/"):
-            raise ValueError(f"{record.file} cannot be a frame of {record.side}")
+            raise ValueError(f"{record.file} is not a valid frame of {record.side}")
         if record.file in self.files:
             raise ValueError(f"{record.file} belongs to another record")
         if record.stop >= len(self._base.bracket.stops_s):
@@ -138,7 +138,7 @@ def replay(entries: Iterable[JournalEntry], where: str) -> SessionState:
         try:
             state.apply(entry)
         except (ValidationError, ValueError, KeyError) as exc:
-            text = f"line {entry.seq} ({entry.kind}) does not fit what was before: {str(exc)[:300]}"
+            text = f"line {entry.seq} ({entry.kind}) does not follow from the lines before it: {str(exc)[:300]}"
             raise JournalError(text, where=where) from exc
     if state is None:
         raise JournalError("the journal is empty", where=where)
@@ -149,7 +149,7 @@ REJECTED = "rejected"
 SUBFOLDERS = (Side.INDOOR.value, Side.OUTDOOR.value, REJECTED)
 _OUR_FRAME = re.compile(r"^(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
 _OUR_REJECT = re.compile(r"^(indoor|outdoor)_(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
-INTERRUPTED = "whole on disk but not acknowledged when the work was interrupted"
+INTERRUPTED = "complete on disk but not acknowledged when the run was interrupted"
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def remember(root: Folder) -> Memory:
         return Memory(state, journal, None, problem or "missing", ())
     if manifest.session_id != state.manifest.session_id:
         text = f"{MANIFEST_NAME} and {JOURNAL_NAME} belong to two sessions"
-        raise SessionError(text, where=str(root.path), advice="put the right files together again")
+        raise SessionError(text, where=str(root.path), advice="restore the matching pair of files")
     return Memory(state, journal, manifest, "", _merge(state, manifest))
 
 

@@ -319,7 +319,7 @@ def _new_root(parent: Folder, name: str) -> Folder:
             except BaseException:
                 _remove_unborn(parent, candidate)
                 raise
-    text = f"{_MAX_NAMESAKES} sessions of this name are there already"
+    text = f"{_MAX_NAMESAKES} sessions of this name already exist"
     raise SessionExistsError(text, where=str(parent.path / name), advice="give the room another name")
 
 

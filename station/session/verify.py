@@ -79,7 +79,7 @@ class VerifyReport:
             listed = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
             more = f"; and {len(self.problems) - 5} more" if len(self.problems) > 5 else ""
             text = f"{len(self.problems)} problem{'s'[: len(self.problems) - 1]}: {listed}{more}"
-            advice = "restore the files from a copy, or take them anew with `daylit capture --resume`"
+            advice = "restore the files from a backup, or take them again with `daylit capture --resume`"
             raise IntegrityError(text, where=self.path, advice=advice, files=[p.file for p in self.problems])
 
 
@@ -134,7 +134,7 @@ def repair_session(path: Path) -> VerifyReport:
     """
     with open_session(Path(path)) as root:
         if root.lstat(JOURNAL_NAME) is None:
-            advice = "restore it from a copy; daylit verify says whether the session is whole without it"
+            advice = "restore it from a backup; daylit verify shows whether the session is intact without it"
             where = str(Path(path) / JOURNAL_NAME)
             raise JournalError("there is no journal to restore from", where=where, advice=advice)
         with SessionLock(root):
@@ -159,7 +159,7 @@ def _check_manifest(root: Folder, report: VerifyReport) -> SessionManifest | Non
         report.add("manifest", MANIFEST_NAME, "is missing")
         return None
     if manifest.status is SessionStatus.COMPLETE and manifest.assess().missing:
-        report.add("manifest-status", MANIFEST_NAME, "says complete and is not")
+        report.add("manifest-status", MANIFEST_NAME, "is marked complete, but frames are missing")
     return manifest
 
 
@@ -194,7 +194,7 @@ def _compare(journalled: SessionManifest, manifest: SessionManifest, report: Ver
             report.add("not-journalled", file, f"a {kind} of the manifest is not in the journal")
     for name in set(SessionManifest.model_fields) - ({name for name, _ in RECORDS.values()} | {"status", "missing"}):
         if getattr(manifest, name) != getattr(journalled, name):
-            report.add("manifest-differs", MANIFEST_NAME, f"{name} is not what the journal says")
+            report.add("manifest-differs", MANIFEST_NAME, f"{name} differs from the journal")
 
 
 def _lacking(records: tuple[Model, ...], others: tuple[Model, ...]) -> list[Model]:
@@ -210,7 +210,7 @@ def _check_root(root: Folder, report: VerifyReport) -> None:
         info = root.lstat(name)
         reason = durable.irregular(info) if info else None
         if name.startswith(PART_PREFIX):
-            report.notes.append(f"{name!r} was left by an interrupted run; it does no harm")
+            report.notes.append(f"{name!r} was left by an interrupted run; it is harmless")
         elif reason and reason != durable.IS_FOLDER:
             report.add("irregular", name, reason)
 
@@ -233,9 +233,9 @@ def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyRepor
         if reason:
             report.add("irregular", file, reason)
         elif inside.startswith(PART_PREFIX):
-            report.notes.append(f"{file!r} was left by an interrupted run; it does no harm")
+            report.notes.append(f"{file!r} was left by an interrupted run; it is harmless")
         elif name in _CAPTURED:
-            report.add("extra", file, "is in no record")
+            report.add("extra", file, "is not recorded in the manifest")
     folder.close()
 
 
@@ -272,4 +272,4 @@ def _digest_problem(folder: Folder, frame: FrameRecord | PanoramaRecord, report:
     with os.fdopen(folder.open_file(name), "rb") as file, durable.disk_errors(folder.path / name, "reading"):
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         report.bytes_read += os.fstat(file.fileno()).st_size
-    return None if digest == frame.sha256 else FileProblem("digest", "its SHA-256 is not the recorded one")
+    return None if digest == frame.sha256 else FileProblem("digest", "its SHA-256 does not match the record")

@@ -63,7 +63,7 @@ def load_conditions(path: Path) -> list[Condition]:
             found.append(condition)
     faults += _twice(found)
     if not found and not faults:
-        faults.append("no session in it")
+        faults.append("it lists no sessions")
     if faults:
         more = f"; and {len(faults) - _MAX_FAULTS_SHOWN} more" if len(faults) > _MAX_FAULTS_SHOWN else ""
         text = "; ".join(faults[:_MAX_FAULTS_SHOWN]) + more
@@ -84,7 +84,7 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
             raise ConditionsError("too large to be a list of sessions", where=str(path))
         text = path.read_text("utf-8-sig")
     except FileNotFoundError as error:
-        raise ConditionsError("there is no such file", where=str(path), advice="say --conditions FILE.csv") from error
+        raise ConditionsError("no such file", where=str(path), advice="give --conditions FILE.csv") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConditionsError(f"cannot be read: {error}", where=str(path), advice="save it as UTF-8 CSV") from error
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -147,29 +147,29 @@ def _twice(found: list[Condition]) -> list[str]:
 
 def _index(cell: str) -> int:
     if not re.fullmatch(r"[0-9]{1,9}", cell):
-        raise ValueError(f"{cell!r} is no number")
+        raise ValueError(f"{cell!r} is not a number")
     return int(cell)
 
 
 def _date(cell: str) -> date:
     if not re.fullmatch(r"[0-9]{8}", cell):
-        raise ValueError(f"{cell!r} is no date such as 20230519")
+        raise ValueError(f"{cell!r} is not a date such as 20230519")
     try:
         return date(int(cell[:4]), int(cell[4:6]), int(cell[6:]))
     except ValueError as error:
-        raise ValueError(f"{cell!r} is no date: {error}") from error
+        raise ValueError(f"{cell!r} is not a date: {error}") from error
 
 
 def _time(cell: str) -> time:
     match = re.fullmatch(r"([0-9]{1,2}):([0-9]{2})", cell)
     if match is None or int(match[1]) > 23 or int(match[2]) > 59:
-        raise ValueError(f"{cell!r} is no time such as 9:23")
+        raise ValueError(f"{cell!r} is not a time such as 9:23")
     return time(int(match[1]), int(match[2]))
 
 
 def _scene(cell: str) -> str:
     if not cell or len(cell) > 60 or not cell.isprintable():
-        raise ValueError(f"{cell!r} is no name of 1 to 60 letters")
+        raise ValueError(f"{cell!r} is not a name of 1 to 60 letters")
     if not any(c.isascii() and c.isalnum() for c in cell):
         raise ValueError(f"{cell!r} holds no letter or digit for a folder's name")
     return cell
@@ -179,17 +179,17 @@ def _number(cell: str) -> float | None:
     if not cell:
         return None
     if not re.fullmatch(r"[0-9]+(\.[0-9]+)?", cell) or not 0 < float(cell) < 1e9:
-        raise ValueError(f"{cell!r} is no number above 0")
+        raise ValueError(f"{cell!r} is not a number above 0")
     return float(cell)
 
 
 def _heading(cell: str) -> float:
     match = re.fullmatch(r"([0-9]{1,3}(?:\.[0-9]+)?)\s*°\s*([NESW]{1,2})", cell)
     if match is None or float(match[1]) > 360:
-        raise ValueError(f"{cell!r} is no direction such as 328°NW")
+        raise ValueError(f"{cell!r} is not a direction such as 328°NW")
     heading_deg = float(match[1]) % 360
     if match[2] not in POINTS:
-        raise ValueError(f"{match[2]!r} is no point of the compass")
+        raise ValueError(f"{match[2]!r} is not a point of the compass")
     off_deg = (heading_deg - 45 * POINTS.index(match[2]) + 180) % 360 - 180
     if abs(off_deg) > 45 / 2:
         raise ValueError(f"{match[1]}° is not {match[2]} but {orientation(heading_deg)}")

@@ -50,7 +50,7 @@ class Ledger:
             raise SessionError(f"cannot be read: {error}", where=str(self.path)) from error
         reader = csv.DictReader(io.StringIO(text, newline=""), restkey="")
         if tuple(reader.fieldnames or ()) != LEDGER_COLUMNS:
-            raise SessionError("has other columns than ours", where=str(self.path), advice="choose another folder")
+            raise SessionError("has other columns than daylit's", where=str(self.path), advice="choose another folder")
         for row in reader:
             if None in row.values() or "" in row:
                 raise SessionError(f"line {reader.line_num} is damaged", where=str(self.path), advice="delete it")
@@ -200,7 +200,7 @@ def _require_daylight(conditions: list[Condition], path: Path) -> None:
     night = [c for c in conditions if sun_of(_moment(c))[1] <= 0]
     if night:
         faults = [f"line {c.line}, column theta_time: the sun is down at {c.local:%Y-%m-%d %H:%M}" for c in night]
-        raise ConditionsError("; ".join(faults[:8]), where=str(path), advice="leave these rows out", faults=faults)
+        raise ConditionsError("; ".join(faults[:8]), where=str(path), advice="remove these rows", faults=faults)
 
 
 def rig_file(plan: Planned) -> RigFile:

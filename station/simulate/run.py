@@ -108,7 +108,7 @@ def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, report: Listen
     if manifest is None:
         manifest = _capture(plan, request, report)
     ledger.put(row_of(plan, manifest, request))
-    report(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete since an earlier run"))
+    report(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete from an earlier run"))
     truth = request.into / TRUTH_FOLDER / plan.folder
     if request.truth and not truth.is_dir():
         from mocks.rooms.truth import make_truth
@@ -140,7 +140,7 @@ def _kept(plan: Planned, path: Path, request: DatasetRequest, ledger: Ledger) ->
     )
     if other:
         advice = "move it away, or use another folder"
-        raise SessionExistsError("a session of that name is there and is another", where=str(path), advice=advice)
+        raise SessionExistsError("a different session of that name exists", where=str(path), advice=advice)
     return manifest
 
 

@@ -52,5 +52,5 @@ def test_exit_codes_are_the_documented_ones() -> None:
 
 def test_errors_say_what_where_why_and_what_to_do() -> None:
     error = DaylitError("it broke", where="here", likely="a stone", advice="remove it", depth_m=2)
-    assert str(error) == "here: it broke | likely: a stone | do: remove it"
+    assert str(error) == "here: it broke | likely cause: a stone | what to do: remove it"
     assert error.to_dict()["details"] == {"depth_m": 2}

@@ -80,7 +80,7 @@ def test_internal_error_leaves_a_report_without_personal_paths(
     monkeypatch.setattr(daylit.cli, "main", broken)
     assert daylit.main(["demo"]) == 70
     result = capsys.readouterr().err
-    path = result.split("paths is in ")[1].split(": please")[0]
+    path = result.split("paths removed): ")[1].split(". Please")[0]
     with open(path, encoding="utf-8") as file:
         report = file.read()
     assert "a fault of our own" in report

@@ -49,7 +49,10 @@ class MemoryLine:
                 partial = bytes(self._buffer)
                 self._buffer.clear()
                 raise DeviceTimeoutError(
-                    f"no whole line within {timeout_s:g} s", where=self.name, partial=partial.hex(), limit_s=timeout_s
+                    f"no complete line within {timeout_s:g} s",
+                    where=self.name,
+                    partial=partial.hex(),
+                    limit_s=timeout_s,
                 )
             self._clock.sleep(next_s - self._clock.monotonic_s())
 

@@ -60,5 +60,5 @@ def test_what_is_no_transcript_is_named(tmp_path: Path, text: str) -> None:
     path.write_text('{"t": 0, "who": "meter", "way": "open"}\n' + text)
     entries = read_transcript(path)
     assert next(entries) == Entry(0.0, "meter", "open")
-    with pytest.raises(ProtocolViolationError, match="line 2 is no line of a transcript"):
+    with pytest.raises(ProtocolViolationError, match="line 2 is not a transcript line"):
         next(entries)

@@ -64,12 +64,12 @@ def engine() -> Engine:
     """Return the renderer for this process, chosen once."""
     asked = os.environ.get(ASKED)
     if asked not in (None, "", SCALAR, LLVM):
-        advice = f"say {SCALAR} or {LLVM}, or leave it unset"
+        advice = f"use {SCALAR} or {LLVM}, or leave it unset"
         raise EngineError(f"no renderer is called {asked!r}", where=ASKED, likely="a misspelt name", advice=advice)
     library = None if asked == SCALAR else usable_library()
     if asked == LLVM and library is None:
         likely = "LLVM 16 or newer is not installed, or not where it is looked for"
-        advice = f"install libllvm19, or name the library in DRJIT_LIBLLVM_PATH, or say {SCALAR}"
+        advice = f"install libllvm19, or name the library in DRJIT_LIBLLVM_PATH, or use {SCALAR}"
         raise EngineError("no LLVM library works here", where=ASKED, likely=likely, advice=advice)
     return Engine(LLVM, library) if library else Engine(SCALAR, None)
 

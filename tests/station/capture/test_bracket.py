@@ -56,12 +56,12 @@ def test_remaining_keeps_order_and_sides() -> None:
 
 
 def test_shorter_is_useless_once_nothing_is_clipped() -> None:
-    assert useless_because(5, {4: stats(0.0, 0.3)}) == "nothing is clipped any more at stop 4"
+    assert useless_because(5, {4: stats(0.0, 0.3)}) == "already nothing clipped at stop 4"
     assert useless_because(5, {4: stats(0.01, 0.3)}) is None
 
 
 def test_longer_is_useless_once_nothing_is_dark() -> None:
-    assert useless_because(3, {4: stats(0.1, 0.0)}) == "nothing is dark any more at stop 4"
+    assert useless_because(3, {4: stats(0.1, 0.0)}) == "already nothing dark at stop 4"
     assert useless_because(3, {4: stats(0.1, 0.2)}) is None
 
 

@@ -310,7 +310,7 @@ def test_adaptive_bracket_leaves_out_what_adds_nothing(tmp_path: Path) -> None:
     manifest, _, events = run(make_rig(camera), tmp_path, mode="adaptive")
     assert manifest.status is SessionStatus.COMPLETE
     assert manifest.skipped
-    assert all("any more" in s.reason for s in manifest.skipped)
+    assert all("already nothing" in s.reason for s in manifest.skipped)
     assert len(manifest.frames) + len(manifest.skipped) == len(STOPS_S)
     assert EventKind.SKIPPED in kinds(events)
 

@@ -100,7 +100,7 @@ def test_a_raw_file_that_stays_bad_is_named_and_costs_no_jpeg_and_is_resumed(tmp
     manifest, path = capture(RawCamera(SystemClock(), bad_raws=(2, len(STOPS_S) + 1)), tmp_path)
     assert len([f for f in manifest.frames if f.format == "jpeg"]) == len(STOPS_S)
     assert manifest.missing == ("indoor: raw file of stop 2 (1/60 s)",)
-    assert any(w.message.endswith("stays") for w in manifest.warnings)
+    assert any(w.message.endswith("is kept") for w in manifest.warnings)
     assert_pairs(resume(path))
 
 

@@ -117,5 +117,5 @@ def test_a_transcript_knows_its_rig_but_not_its_place(tmp_path: Path) -> None:
     with pytest.raises(ResourceError, match="cannot be written"):
         open_links(path, PAPER_RIG, clock, simulated=False)
     (tmp_path / "other.jsonl").write_text('{"t": 0, "who": "meter", "way": "open"}\n')
-    with pytest.raises(ProtocolViolationError, match="does not begin with the rig"):
+    with pytest.raises(ProtocolViolationError, match="does not start with the rig"):
         replayed_links(tmp_path / "other.jsonl")

@@ -37,7 +37,7 @@ def test_example_is_the_papers_rig(tmp_path: Path) -> None:
         ("[indoor]\nkind = 'theta_z1'\niso = 100\nf_number = 5.6\nsize_px = [6720, 3360]\nflash = true", "flash"),
         (
             "[indoor]\nkind = 'theta_z1'\niso = 100\nf_number = 5.6\nsize_px = [6720, 3360]\ndestination = 'pc'",
-            "only a canon_5d2 has one",
+            "only canon_5d2 has this key",
         ),
         ("[bracket]\nstops = ['4', 'long']", "bracket"),
         ("[meter]\ntarget_deg = [500, 0]", "target_deg"),

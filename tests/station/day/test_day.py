@@ -140,7 +140,7 @@ def test_a_camera_that_goes_in_mid_bracket_is_waited_for_and_its_session_complet
     assert "resumed" in {w.code for w in taken.manifest.warnings}
     waits = [e.text for e in events if e.kind is EventKind.WAITING]
     assert any("not found" in text for text in waits)
-    assert "indoor: the camera is there" in waits
+    assert "indoor: camera found" in waits
 
 
 def test_an_empty_battery_is_waited_for_before_a_bracket_begins(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_battery_that_will_not_last_is_reported_in_time() -> None:
     camera.battery = 0.9
     assert watch.outlook(9, 5) == []
     camera.battery = 0.6
-    assert watch.outlook(9, 5) == ["indoor: the battery lasts for about 1 of 5 brackets to come"]
+    assert watch.outlook(9, 5) == ["indoor: the battery will last for about 1 of 5 brackets to come"]
     camera.battery = 1.0  # another one
     assert watch.outlook(9, 5) == []
 

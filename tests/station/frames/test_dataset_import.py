@@ -158,7 +158,7 @@ def test_a_bracket_that_lost_its_exif(tmp_path: Path, capsys: pytest.CaptureFixt
     manifest = manifests(answer)["2022-10-06 1f_bed 13:33"]
     assert [f.camera_s for f in manifest.frames if f.format == "jpeg"] == pytest.approx(STOPS_S)
     assert (manifest.devices[0].model, manifest.frames[0].iso) == ("RICOH THETA Z1", 100)
-    assert any("the raw file's is taken" in w.message for w in manifest.warnings)
+    assert any("the raw file's is used" in w.message for w in manifest.warnings)
 
     code, answer = run(
         capsys, tmp_path, "--shutter", "4,1,1/4,1/15,1/60,1/250,1/1000,1/4000,1/8000", "--only", "kitchen"

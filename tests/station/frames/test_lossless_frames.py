@@ -124,7 +124,7 @@ def test_sixteen_bits_are_merged_at_eight_and_said_so(
             capsys, "import", "film", "--indoor", str(room), "--into", str(tmp_path / f"s{deep}"), *options
         )
         assert (code, answer["frames"]) == (0, 6)
-        assert any("16 bits a channel" in one for one in answer["warnings"]) is deep
+        assert any("16 bits per channel" in one for one in answer["warnings"]) is deep
         assert daylit.main(["verify", answer["session"], "--look"]) == 0
         assert daylit.main(["process", answer["session"], "--until", "merge"]) in (0, None)
         image = read_exr(Path(answer["session"]) / "stages" / "merge" / "indoor.exr")
