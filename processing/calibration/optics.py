@@ -21,6 +21,8 @@ PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
 """Published fall-off by kind of camera."""
 LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
 """Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are equidistant until calibrated."""
+EYE_LENS = "equisolid,180"
+"""Mapping and degrees of a fisheye at the eye, until it is said: of most circular ones."""
 PUBLISHED_FALLOFF = {"canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0))}
 OTHER_APERTURE_UNCERTAINTY = 0.03
 """Relative, of a fall-off published for another aperture: f/8 and f/11 differ by that much."""
@@ -54,6 +56,11 @@ class OpticsChoice(Protocol):
         """Whole field of the outdoor lens, where no lens calibration says it."""
         ...
 
+    @property
+    def eye_lens(self) -> str | None:
+        """Mapping and whole field in degrees of a fisheye at the eye, likewise."""
+        ...
+
 
 def indoor_falloff(
     session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None
@@ -73,19 +80,27 @@ def indoor_falloff(
 
 
 def find_optics(
-    image: RelativeImage, session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, k2: K2Record | None
+    image: RelativeImage,
+    session: SessionManifest,
+    asked: OpticsChoice,
+    profile: RigProfile | None,
+    k2: K2Record | None,
+    side: Side = Side.OUTDOOR,
 ) -> tuple[OutdoorOptics, dict[str, Any], list[str]]:
-    """Return the optics, where each part is from, and warnings."""
-    camera = profile.cameras.get(Side.OUTDOOR) if profile else None
+    """Return the optics, where each part is from, and warnings; ``side`` indoor: of a fisheye at the eye."""
+    camera = profile.cameras.get(side) if profile else None
     warnings: list[str] = []
     if camera and camera.lens:
         lens, lens_source = camera.lens.lens(), "the rig profile's"
     else:
-        lens, lens_source = _lens(image, session, asked)
-    falloff, falloff_source = _falloff(session, asked, profile, warnings)
-    measured = camera is not None and camera.nd is not None
-    of_sky = None if measured or k2 is not None else _tint_of_sky(image, lens)
-    tint, tint_source = _filter(session, profile, k2, of_sky, warnings)
+        lens, lens_source = _lens(image, session, asked, side, warnings)
+    falloff, falloff_source = _falloff(session, asked, profile, warnings, side)
+    if side is Side.OUTDOOR:
+        measured = camera is not None and camera.nd is not None
+        of_sky = None if measured or k2 is not None else _tint_of_sky(image, lens)
+        tint, tint_source = _filter(session, profile, k2, of_sky, warnings)
+    else:
+        tint, tint_source = None, "no filter"
     if k2 is not None:
         panorama = indoor_falloff(session, asked, profile)[0]
         warnings += corrections_unlike(k2, {"panorama": panorama, "vignetting": falloff, "nd": tint})
@@ -152,17 +167,27 @@ def glare_taken_off(
     return without_glare(replace(merged, geometry=lens), kernel), kernel, found | {"taken_off": True}
 
 
-def _lens(merged: RelativeImage, session: SessionManifest, asked: OpticsChoice) -> tuple[LensModel, str]:
-    circle, source = _circle(merged, session)
-    mapping = LENS_MAPPINGS.get(_kind(session), LensMapping.EQUIDISTANT)
-    lens = LensModel(mapping, circle, math.radians(asked.outdoor_field_deg) / 2, source=source)
-    return lens, f"{mapping} by the kind of camera, field as asked or usual; image circle {source}"
+def _lens(
+    merged: RelativeImage, session: SessionManifest, asked: OpticsChoice, side: Side, warnings: list[str]
+) -> tuple[LensModel, str]:
+    circle, source = _circle(merged, session, side)
+    mapping, field_deg = LENS_MAPPINGS.get(_kind(session, side), LensMapping.EQUIDISTANT), asked.outdoor_field_deg
+    how = "by the kind of camera, field as asked or usual"
+    if side is Side.INDOOR:
+        name, _, degrees = (asked.eye_lens or EYE_LENS).partition(",")
+        mapping, field_deg, how = LensMapping(name), float(degrees), "as asked" if asked.eye_lens else "assumed"
+        if not asked.eye_lens:
+            warnings.append(
+                f"the lens at the eye is taken as {EYE_LENS} degrees: if it is another, say so (--eye-lens)"
+            )
+    lens = LensModel(mapping, circle, math.radians(field_deg) / 2, source=source)
+    return lens, f"{mapping} {how}; image circle {source}"
 
 
-def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircle, str]:
+def _circle(merged: RelativeImage, session: SessionManifest, side: Side) -> tuple[ImageCircle, str]:
     """Return the image circle as the picture shows it, or as the rig file has it where the picture is not sure."""
     height, width = merged.rgb.shape[:2]
-    recorded = stated_circle(session.rig)
+    recorded = stated_circle(session.rig, side)
     try:
         found = find_image_circle(merged.rgb)
         if found.support >= SURE_SUPPORT or not recorded:
@@ -174,10 +199,10 @@ def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircl
     return ImageCircle((column * width, row * height), radius * width, (width, height)), "of the rig file"
 
 
-def stated_circle(rig: dict[str, object]) -> Circle | None:
+def stated_circle(rig: dict[str, object], side: Side = Side.OUTDOOR) -> Circle | None:
     """Return the image circle that the rig file gave, as fractions (x of width, y of height, radius of width)."""
-    outdoor = rig.get("outdoor")
-    circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None
+    table = rig.get(side.value)
+    circle = table.get("image_circle") if isinstance(table, dict) else None
     if isinstance(circle, list | tuple) and len(circle) == 3 and all(isinstance(v, int | float) for v in circle):
         x, y, radius = (float(v) for v in circle)
         if -1 < x < 2 and -1 < y < 2 and 0 < radius <= 2:
@@ -186,19 +211,19 @@ def stated_circle(rig: dict[str, object]) -> Circle | None:
 
 
 def _falloff(
-    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, warnings: list[str]
+    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, warnings: list[str], side: Side
 ) -> tuple[Vignetting | None, str]:
     if asked.falloff == "off":
         return None, "not corrected, as asked"
-    camera = profile.cameras.get(Side.OUTDOOR) if profile else None
-    f_numbers = [f.f_number for f in session.frames if f.side is Side.OUTDOOR and f.f_number]
+    camera = profile.cameras.get(side) if profile else None
+    f_numbers = [f.f_number for f in session.frames if f.side is side and f.f_number]
     if camera and camera.vignetting:
         found = camera.vignetting.vignetting()
         at = found.f_number or (f_numbers[0] if f_numbers else 1.0)
         return _for_aperture(found, at, f_numbers, warnings), "the rig profile's"
-    known = PUBLISHED_FALLOFF.get(_kind(session), ())
+    known = PUBLISHED_FALLOFF.get(_kind(session, side), ())
     if not known or not f_numbers:
-        warnings.append("the outdoor lens's fall-off is not known and not corrected: measure it (daylit rig calibrate)")
+        warnings.append(f"the {side} lens's fall-off is not known and not corrected: measure it (daylit rig calibrate)")
         return None, "not corrected: none is known for this lens"
     name, nearest = min(known, key=lambda one: abs(math.log(one[1] / f_numbers[0])))
     found = _for_aperture(published_vignetting(name), nearest, f_numbers, warnings)
@@ -244,5 +269,5 @@ def _tint_of_sky(image: RelativeImage, lens: LensModel) -> NdFilter | None:
         return None
 
 
-def _kind(session: SessionManifest) -> str:
-    return next((device.kind for device in session.devices if device.role == "outdoor"), "")
+def _kind(session: SessionManifest, side: Side) -> str:
+    return next((device.kind for device in session.devices if device.role == side.value), "")

@@ -82,8 +82,8 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
 
     jpeg: with Google's panorama tags, for any 360-degree viewer; emptied and staged ones state what was altered and
     where the original is (beside it, or at `process --original-url`). hdr: for Radiance's falsecolor and pvalue.
-    gltf: the room and each staged room (GLB, metres, y up). glare: eight views for evalglare, and its results if it is
-    installed.
+    gltf: the room and each staged room (GLB, metres, y up). glare: eight views for evalglare (for a fisheye at the eye,
+    one), and its results if it is installed.
 
     \b
     Examples:

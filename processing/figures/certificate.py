@@ -17,7 +17,7 @@ from processing.calibration.scale.photometry import UP, illuminance_lx, luminanc
 from processing.ground.tables import table_of
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.modes import shared_errors
-from processing.sphere import projected_solid_angles
+from processing.sphere import Fisheye, projected_solid_angles
 
 COVERAGE_FACTOR = 2.0  # k of the GUM for about 95 %
 RECTIFICATION = 3e-4
@@ -48,7 +48,8 @@ def certificate(
                 parts["drift"] = math.hypot(parts.get("drift", 0.0), moved / math.sqrt(12))
             if sky["k2_source"] == FROM_LUX:  # k1 is in k2 to cancel
                 parts = {"lux meter": LUX_METER_UNCERTAINTY}
-        budgets.append(_budget(f"{side}, illuminance on a level plane", image, parts))
+        eye = side == "indoor" and isinstance(image.geometry, Fisheye)
+        budgets.append(_budget(f"{side}, illuminance {'at the eye' if eye else 'on a level plane'}", image, parts))
         indices += _indices(side, image, merged.get(side, {}), facts)
     indices += [{"index": name, "value": None, "why": why} for name, why in NOT_DETERMINED.items()]
     return {"version": 1, "coverage_factor": COVERAGE_FACTOR, "budgets": budgets, "indices": indices}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from processing.calibration.scale.luminance import Spot, spot_pixels
+from processing.calibration.scale.luminance import Spot, sighted, spot_pixels
 from processing.calibration.scale.photometry import UP, illuminance_lx, illuminances_lx, luminance_map
 from processing.errors import ParameterError, ProcessingError, ScaleError
 from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
@@ -17,7 +17,7 @@ from processing.figures.uncertainty import Figure, Part, light_figure, statistic
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels, solid_angles
+from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, directions, pixels, solid_angles
 from processing.sphere.resampling import resample, resample_uncertainty
 from processing.surfaces.maps import planes_of, surface_maps
 
@@ -26,7 +26,13 @@ _TIMEOUT_S = 900.0  # chosen
 
 
 def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px: int = SIZE_PX) -> list[Path]:
-    """Write a fisheye of 180 degrees for each direction of the light figures; return their paths in that order."""
+    """Write a fisheye of 180 degrees for each direction of the light figures; return their paths in that order.
+
+    Of a fisheye at the eye, that one.
+    """
+    if isinstance(image.geometry, Fisheye):
+        write_radiance_hdr(folder / f"{name}_eye-000.hdr", image)
+        return [folder / f"{name}_eye-000.hdr"]
     found = []
     for k in range(DIRECTIONS):
         degrees = 360 * k // DIRECTIONS
@@ -52,13 +58,13 @@ def evalglare(tool: Path, view: Path) -> dict[str, float]:
     return found
 
 
-def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[Part]:
+def parts_of(room: RoomModel | None, geometry: Geometry) -> list[Part]:
     """Return name, kind and pixels (H, W) of the whole and, of a room, of its surfaces and openings as they are seen.
 
     Surfaces that the camera does not see are left out. A wall is counted without its openings.
     """
     found: list[Part] = [("whole", "whole", np.ones((geometry.height_px, geometry.width_px), bool))]
-    if room is None:
+    if room is None or not isinstance(geometry, Equirectangular):
         return found
     maps = surface_maps(room, geometry)
     for plane in planes_of(room):
@@ -79,24 +85,33 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
     """Return the light at the camera: illuminance on level and upright planes, glare in each direction.
 
     Illuminances are in lx; of a picture without absolute scale in relative units, and then there is no glare, which
-    depends on the scale. ``heading_rad``: compass azimuth of the panorama's centre, None where it is not known.
+    depends on the scale. ``heading_rad``: compass azimuth of the panorama's centre, None where it is not known. A
+    fisheye at the eye has one direction, with all glare indices, and nothing of what it does not see: None.
     """
     picture = reduced(image, WIDTH_PX)
+    if isinstance(picture.geometry, Fisheye):
+        (glare,) = glare_indices(picture) if picture.absolute else (None,)
+        look = _look(0.0, heading_rad, light_figure(illuminance_lx(picture)), glare)
+        looks = [look if glare is None else look | {"indices": glare}]
+        unseen = dict.fromkeys(("level_up", "level_down", "cylindrical"))
+        return {"height_m": height_m, **unseen, "directions": looks, "brightest": 0}
     azimuths = [2 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
     planes = [UP, (0.0, 0.0, -1.0), *((math.sin(a), math.cos(a), 0.0) for a in azimuths)]
     up, down, *upright = map(light_figure, illuminances_lx(picture, planes))
     glares = glare_indices(picture, azimuths) if image.absolute else [None] * DIRECTIONS
-    looks: list[Facts] = []
-    for azimuth, light, glare in zip(azimuths, upright, glares, strict=True):
-        compass = None if heading_rad is None else round(math.degrees(azimuth + heading_rad) % 360, 3)
-        look: Facts = {"azimuth_deg": round(math.degrees(azimuth), 6), "compass_deg": compass, "vertical": light}
-        looks.append(look if glare is None else look | {"glare": _glare(glare)})
+    looks = [_look(*one) for one in zip(azimuths, [heading_rad] * DIRECTIONS, upright, glares, strict=True)]
     # Errors of the planes are not independent, and those of their mean at most the mean of theirs (Minkowski).
     means = {key: sum(light[key] for light in upright) / DIRECTIONS for key in ("value", "uncertainty")}
     bound = "lower" if any(light["bound"] for light in upright) else None
     level = {"height_m": height_m, "level_up": up, "level_down": down}
     brightest = int(np.argmax([light["value"] for light in upright]))
     return {**level, "cylindrical": means | {"bound": bound}, "directions": looks, "brightest": brightest}
+
+
+def _look(azimuth_rad: float, heading_rad: float | None, light: Figure, glare: Mapping[str, Figure] | None) -> Facts:
+    compass = None if heading_rad is None else round(math.degrees(azimuth_rad + heading_rad) % 360, 3)
+    look: Facts = {"azimuth_deg": round(math.degrees(azimuth_rad), 6), "compass_deg": compass, "vertical": light}
+    return look if glare is None else look | {"glare": _glare(glare)}
 
 
 def _glare(found: Mapping[str, Figure]) -> Facts:
@@ -108,8 +123,7 @@ def _glare(found: Mapping[str, Figure]) -> Facts:
 def surface_figures(image: LuminanceImage, room: RoomModel | None) -> list[Facts]:
     """Return luminance statistics of the whole and, where the room is known, of its surfaces and openings."""
     picture = reduced(image, WIDTH_PX)
-    geometry = panorama_of(picture)
-    return statistics(picture, solid_angles(geometry), parts_of(room, geometry))
+    return statistics(picture, solid_angles(picture.geometry), parts_of(room, picture.geometry))
 
 
 def outdoor_figures(image: LuminanceImage | None, facts: Mapping[str, Any]) -> Facts | None:
@@ -129,7 +143,8 @@ def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m
     target = facts.get("target", {})
     if not readings_cd_m2 or "longitude_deg" not in target:
         return None
-    spot = Spot(math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
+    towards = math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"])
+    spot = Spot(*sighted(image.geometry, *towards))
     try:
         shown = spot_pixels(image.geometry, spot).mean(luminance_map(image))
     except ScaleError:
@@ -145,7 +160,7 @@ def level_ratio(camera: Facts, outdoor: Facts | None) -> Figure | None:
 
     Both are taken as independent; what their scales have in common makes the ratio's uncertainty smaller than stated.
     """
-    if outdoor is None or not outdoor["level_up"]["value"] > 0:
+    if outdoor is None or camera["level_up"] is None or not outdoor["level_up"]["value"] > 0:
         return None
     inside, outside = camera["level_up"], outdoor["level_up"]
     ratio = inside["value"] / outside["value"]
@@ -163,12 +178,17 @@ _FINE = 3  # samples along each side of a pixel of a view
 def reduced(image: LuminanceImage, width_px: int) -> LuminanceImage:
     """Return a panorama of at most this width; light is kept, and a pixel of which any part is clipped is clipped.
 
-    Raises `ParameterError` for another kind of picture.
+    Of a square fisheye at most half the width, as it shows half of what is around. Raises `ParameterError` for another
+    kind of picture.
     """
-    source = panorama_of(image)
-    if source.width_px <= width_px:
+    source, half = image.geometry, width_px // 2
+    target: Geometry
+    if isinstance(source, Fisheye):
+        target = replace(source, width_px=half, height_px=half, radius_px=half / 2)
+    else:
+        target = Equirectangular(width_px, half, panorama_of(image).yaw_rad)
+    if source.width_px <= target.width_px:
         return image
-    target = Equirectangular(width_px, width_px // 2, source.yaw_rad)
     rgb, _ = resample(image.rgb, source, target)
     uncertainty = resample_uncertainty(image.uncertainty, source, target)
     validity = np.zeros(rgb.shape[:2], np.uint8)

@@ -30,7 +30,8 @@ def indoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Dis
     """Return the room: how it looks, its luminance, how sure that is, and where the scale is from."""
     parts = ", ".join(f"{name} {100 * value:.2f} %" for name, value in facts["k1_parts"].items())
     target = facts["target"]
-    pictures = _pictures(image, "Room", display)
+    name = "Room" if isinstance(image.geometry, Equirectangular) else "At the eye"
+    pictures = _pictures(image, name, display)
     if "longitude_deg" in target and isinstance(image.geometry, Equirectangular):
         pictures.append(_spot(image, image.geometry, target))
     quantities = []
@@ -42,15 +43,16 @@ def indoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Dis
     if facts["meter_drift_frac"] is not None:
         quantities.append(Quantity("Change of light between the readings", 100 * facts["meter_drift_frac"], "%"))
     text = f"Target: {target['source']}. Vignetting: {facts['falloff']}."
+    text += f" Lens: {_lens(facts['lens'])}." if "lens" in facts else ""
     text += f" Veiling glare: {_veil(facts['veil'])}." if "veil" in facts else ""
-    return Section("Room", text, tuple(quantities), tuple(pictures))
+    return Section(name, text, tuple(quantities), tuple(pictures))
 
 
 def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Display = AS_GIVEN) -> Section:
     """Return the sky: the same, and lens, filter, north and sun."""
     lens, north, veil = facts["lens"], facts["north"], facts["veil"]
     rows = (
-        ("Lens", f"{lens['mapping']}, field {lens['field_deg']:.1f}°; {lens['source']}"),
+        ("Lens", _lens(lens)),
         ("Vignetting", facts["falloff"]),
         ("ND filter's colour", facts["nd_colour"]),
         ("Veiling glare", _veil(veil)),
@@ -59,6 +61,10 @@ def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Di
     )
     tables = (Table("From the camera's picture to the sky", ("step", "what was done"), rows),)
     return Section("Sky", "", (), tuple(_pictures(image, "Sky", display.exposed(image.rgb))), tables)
+
+
+def _lens(lens: Mapping[str, Any]) -> str:
+    return f"{lens['mapping']}, field {lens['field_deg']:.1f}°; {lens['source']}"
 
 
 def _north(north: Mapping[str, Any]) -> str:
@@ -169,6 +175,7 @@ def illuminance_rose(values: Sequence[float], unit: str) -> bytes:
 
 
 _AROUND = ("ahead", "ahead right", "right", "back right", "back", "back left", "left", "ahead left")
+_INDICES = {"DGI": "dgi", "UGR": "ugr", "CGI": "cgi", "VCP (%)": "vcp_pct", "UGP": "ugp", "veil (cd/m²)": "lveil_cd_m2"}
 _COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
@@ -176,10 +183,12 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     """Return the figures of the stage of that name: illuminances with uncertainties, glare, statistics."""
     camera, units = figures["camera"], figures["units"]
     unit = units["illuminance"]
-    quantities = [
-        _quantity("On a level plane at the camera", camera["level_up"], unit),
-        _quantity("Cylindrical", camera["cylindrical"], unit, "mean of all upright planes"),
-    ]
+    quantities, pictures = [], tuple[Picture, ...]()
+    if camera["level_up"] is not None:
+        quantities.append(_quantity("On a level plane at the camera", camera["level_up"], unit))
+        quantities.append(_quantity("Cylindrical", camera["cylindrical"], unit, "mean of all upright planes"))
+        rose = illuminance_rose([look["vertical"]["value"] for look in camera["directions"]], unit)
+        pictures = (Picture("Illuminance on upright planes", rose, "rose of illuminance by direction of view"),)
     if outdoor := figures.get("outdoor"):
         quantities.append(_quantity("On level ground outdoors", outdoor["level_up"], unit))
     if (ratio := figures.get("level_ratio")) is not None:
@@ -190,8 +199,6 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
         look, name = max(looks, key=lambda one: one[0]["glare"]["dgp"]["value"])
         text = f"{look['glare']['rating']}, looking {name}"
         quantities.append(_quantity("Highest glare probability (DGP)", look["glare"]["dgp"], "", text))
-    rose = illuminance_rose([look["vertical"]["value"] for look in camera["directions"]], unit)
-    pictures = (Picture("Illuminance on upright planes", rose, "rose of illuminance by direction of view"),)
     text = f"At the camera, {camera['height_m']:.2f} m above the floor. Uncertainties include the common scale."
     if not figures["absolute"]:
         text += " The scale of the light is not known: values are relative, and glare cannot be computed."
@@ -219,6 +226,7 @@ def _name(look: Mapping[str, Any], number: int) -> str:
 def _directions_table(directions: Sequence[Mapping[str, Any]], unit: str) -> Table:
     glare = any("glare" in look for look in directions)
     head = ("looking", f"illuminance at the eye ({unit})", *(("DGP", "glare", "sources") if glare else ()))
+    head += tuple(_INDICES) if "indices" in directions[0] else ()
     rows = []
     for k, look in enumerate(directions):
         row = [_name(look, k), _bounded(look["vertical"])]
@@ -228,6 +236,7 @@ def _directions_table(directions: Sequence[Mapping[str, Any]], unit: str) -> Tab
                 _bounded(found["dgp"]),
                 found["rating"] + (", little light" * found["faint"]),
                 str(found["sources"]),
+                *(_bounded(look["indices"][index]) for index in _INDICES.values() if "indices" in look),
             ]
         rows.append(tuple(row))
     return Table("By direction of view", head, tuple(rows))

@@ -104,10 +104,14 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     room = facts["indoor"]
     if not room.get("absolute", True):
         return (Quantity("Clipped", round(100 * room["clipped_share"], 2), "% of all directions", note=room["source"]),)
-    light = room["illuminance_lx"]["up"]
+    lux = room["illuminance_lx"]
+    where, light = (
+        "At the eye" if "eye" in lux else "Indoors, on a level plane at the camera",
+        lux.get("eye") or lux["up"],
+    )
     found = [
         Quantity("k1", room["k1"], "", room["k1"] * room["k1_relative_uncertainty"], "indoor scale, eq. 1"),
-        Quantity("Indoors, on a level plane at the camera", light["value"], "lx", light["uncertainty"]),
+        Quantity(where, light["value"], "lx", light["uncertainty"]),
     ]
     if sky := facts.get("outdoor"):
         relative = sky.get("k2_relative_uncertainty")

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -138,19 +137,20 @@ def coarse(frames: Sequence[FrameSource]) -> Reduce:
 def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     """Return what the camera's picture shows before calibration: a panorama, or a circle of which only the size counts.
 
-    The outdoor mapping and field are those of the common fisheye lens until the stage calibrate puts the lens in. An
-    outdoor picture of a panorama camera, twice as wide as high, is a panorama, taken from behind the glass. Raises
-    `BracketError` for indoor frames of a fisheye.
+    A fisheye's mapping and field are those of the common lens until the stage calibrate puts the lens in. Indoor frames
+    with an image circle are a fisheye's at the eye. An outdoor picture of a panorama camera, twice as wide as high, is
+    a panorama, taken from behind the glass.
     """
     width_px, height_px = bracket.size_px
-    if bracket.side is Side.INDOOR and abs(width_px / height_px - 2) > 0.1:  # chosen: far more than lost rows
-        with suppress(LensError):  # no circle is seen
+    circle = stated_circle(rig, bracket.side) or USUAL_CIRCLE
+    if bracket.side is Side.OUTDOOR:
+        whole = width_px == 2 * height_px and is_panorama_camera(bracket.device)
+    elif not (whole := abs(width_px / height_px - 2) <= 0.1):  # chosen: far more than lost rows
+        try:
             find_image_circle([frame.decode(coarse(bracket.frames)) for frame in bracket.frames])
-            what = "the indoor frames show a fisheye's circle, and rooms are taken from whole panoramas"
-            advice = "of a camera at the eye: daylit figures SESSION/indoor --view fisheye,equisolid,180"
-            raise BracketError(what, where=bracket.records[0].file, advice=f"{advice}; of a sky: import --outdoor")
-    if bracket.side is Side.INDOOR or (width_px == 2 * height_px and is_panorama_camera(bracket.device)):
+        except LensError:
+            whole = True
+    if whole:
         return Equirectangular(width_px, height_px)
-    circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)
     return Fisheye(width_px, height_px, LensMapping.EQUIDISTANT, circle[2] * width_px, centre_px=centre_px)

@@ -9,12 +9,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from processing.calibration.optics import LAMPS, glare_facts, indoor_falloff, lamp_kernel
-from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
+from processing.calibration.optics import LAMPS, find_optics, glare_facts, indoor_falloff, lamp_kernel
+from processing.calibration.outdoor.outdoor import OutdoorView, outdoor_view, project
+from processing.calibration.outdoor.session_sky import bare_light, calibrate_outdoor, why_no_scale, with_shared_modes
 from processing.calibration.profile import RigProfile, chart_mismatches, load_profile, unlike_profile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
-from processing.calibration.scale.photometry import PLANES, illuminances
+from processing.calibration.scale.photometry import PLANES, UP, illuminances
 from processing.calibration.scale.veiling_glare import bound_from_darkest, kernel_modes, unmeasured_modes, without_glare
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
@@ -22,7 +23,7 @@ from processing.ground.board import find_board
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, carrying, falloff_mode, seam_mode, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Fisheye
 from processing.stages.brackets import is_panorama_camera
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import CalibrateParameters
@@ -173,6 +174,8 @@ def calibrate_indoor(
     merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
 ) -> Calibrated:
     """Return the panorama in cd/m2. Raises `ScaleError` where neither readings nor --k1 give a scale."""
+    if isinstance(merged.geometry, Fisheye):
+        return calibrate_eye(merged, session, asked, profile)
     falloff, source = indoor_falloff(session, asked, profile)
     kernel = None if asked.glare == "keep" else lamp_kernel(profile, Side.INDOOR)
     clean = merged if kernel is None else without_glare(merged, kernel)
@@ -193,18 +196,7 @@ def calibrate_indoor(
         cosine = math.cos(spot[1]) * math.cos(spot[2]) if spot else 1.0
         picture = carrying(picture, [falloff_mode(falloff.relative_uncertainty, cosine)])
     lux, low = illuminances(picture, PLANES)
-    facts: dict[str, Any] = {
-        "k1": scale.value,
-        "k1_relative_uncertainty": scale.relative_uncertainty,
-        "k1_parts": dict(scale.parts),
-        "falloff": source,
-        "target": target,
-        "meter_cd_m2": scale.measured,
-        "displayed": scale.displayed,
-        "meter_drift_frac": scale.drift_frac,
-        "repeat_drift_frac": session.repeat_drift(Side.INDOOR) or None,
-        "illuminance_lx": lux,
-    }
+    facts = _scale_facts(scale, target, session) | {"falloff": source, "illuminance_lx": lux}
     if kernel is not None:
         facts["veil"] = glare_facts(kernel, LAMPS) | {"taken_off": True}
     try:
@@ -212,6 +204,34 @@ def calibrate_indoor(
     except LensError as error:
         facts["veil_upper_bound"] = {"none": str(error)}
     return Calibrated(picture, scale, facts, (*scale.warnings, *low, *not_a_panorama(picture)))
+
+
+def _scale_facts(scale: ScaleFactor, target: dict[str, Any], session: SessionManifest) -> dict[str, Any]:
+    return {
+        "k1": scale.value,
+        "k1_relative_uncertainty": scale.relative_uncertainty,
+        "k1_parts": dict(scale.parts),
+        "target": target,
+        "meter_cd_m2": scale.measured,
+        "displayed": scale.displayed,
+        "meter_drift_frac": scale.drift_frac,
+        "repeat_drift_frac": session.repeat_drift(Side.INDOOR) or None,
+    }
+
+
+def calibrate_eye(
+    merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
+) -> Calibrated:
+    """Return what a fisheye at the eye sees, in cd/m2: equidistant, 180 degrees, the line of sight in its middle."""
+    optics, facts, warnings = find_optics(merged, session, asked, profile, None, Side.INDOOR)
+    bare, kernel, veil = bare_light(merged, optics, asked, lamp_kernel(profile, Side.INDOOR))
+    image = project(bare, outdoor_view(OutdoorView.EQUIDISTANT, round(2 * facts["image_circle"]["radius_px"])))
+    scale, target = _scale(image, session, asked)
+    picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
+    picture = with_shared_modes(picture, optics, kernel)
+    lux, low = illuminances(picture, {"eye": UP})
+    facts |= _scale_facts(scale, target, session) | {"veil": veil, "illuminance_lx": lux}
+    return Calibrated(picture, scale, facts, (*scale.warnings, *warnings, *low))
 
 
 def not_a_panorama(image: LuminanceImage) -> list[str]:

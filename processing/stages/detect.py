@@ -29,7 +29,7 @@ def nothing_to_go_by(context: StageContext) -> str | None:
     """Return why no masks can be found: no room."""
     if context.optional_artifact("room", "room") is not None:
         return None
-    return "the stage room found no room; give one (--room), or the mask itself (--mask)"
+    return upright.why_no_room(context, f"{upright.NO_ROOM}, or the mask itself (--mask)")
 
 
 def run(context: StageContext) -> StageOutput:

@@ -58,7 +58,7 @@ def _metrics(figures: dict[str, Any]) -> dict[str, Any]:
         [look["glare"]["dgp"]["value"] for look in camera["directions"] if "glare" in look],
     )
     return {
-        "level_up": camera["level_up"]["value"],
+        "level_up": camera["level_up"] and camera["level_up"]["value"],
         "brightest_vertical": brightest["vertical"]["value"],
         "highest_dgp": max(glare) if glare else None,
         "level_ratio": ratio and ratio["value"],

@@ -24,7 +24,7 @@ from processing.removal.lift import Shade
 from processing.segmentation.evidence import read_evidence
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.parameters import LightParameters
-from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_unfit
+from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_no_room, why_unfit
 
 LEAST_SHARE = 0.005  # of the sphere: furniture below it takes less than the light's own error from the room; chosen
 
@@ -59,7 +59,7 @@ def nothing_to_lift(context: StageContext) -> str | None:
         return "nothing to remove"
     room = context.optional_artifact("room", "room")
     if room is None:
-        return "the stage room found no room; give one (--room)"
+        return why_no_room(context)
     if share_of_sphere(_furniture(context)) < LEAST_SHARE:
         return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shade is small"
     if not any(opening.kind is OpeningKind.WINDOW for opening in room.openings):

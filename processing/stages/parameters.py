@@ -172,6 +172,11 @@ class CalibrateParameters(StageParameters):
     outdoor_top_deg: float | None = Field(
         None, description="Compass azimuth of the outdoor picture's top, degrees. Default: from the sun or the heading."
     )
+    eye_lens: str | None = Field(
+        None,
+        pattern=r"^(equidistant|equisolid|stereographic|orthographic),[1-9]\d{0,2}(\.\d+)?$",
+        description="MAPPING,DEGREES of a fisheye at the eye, if no lens calibration has it (else equisolid,180).",
+    )
     falloff: Literal["auto", "off"] = Field(
         "auto", description="Correct vignetting; auto: from the profile, else from published lens data"
     )

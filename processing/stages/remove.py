@@ -40,7 +40,7 @@ def nothing_to_remove(context: StageContext) -> str | None:
     """Return why there is nothing to do: no target, an empty one, or no room to fill it by."""
     target = context.optional_artifact("detect", "target")
     if target is None:
-        return "the stage detect found no target; give one (--mask)"
+        return upright.why_no_room(context, "the stage detect found no target; give one (--mask)")
     mask = np.asarray(target, bool)
     if not mask.any():
         return "nothing to remove"

@@ -18,6 +18,7 @@ from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, write_evidence
 from processing.segmentation.installed import open_installed, segmenter_file
 from processing.segmentation.segmenters import open_segmenter
+from processing.sphere import Fisheye
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RoomParameters
 from processing.stages.upright import sky_shows_sun, sun_direction
@@ -32,6 +33,13 @@ class _Gathered:
     metrics: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
+
+
+def fisheye_at_the_eye(context: StageContext) -> str | None:
+    """Return why no room is looked for: a fisheye at the eye sees a half of it."""
+    image = context.optional_artifact("calibrate", "indoor")
+    looks = image is not None and isinstance(image.geometry, Fisheye)
+    return "a fisheye at the eye shows no whole room: its light is measured, and no more" if looks else None
 
 
 def run(context: StageContext) -> StageOutput:

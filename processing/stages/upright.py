@@ -81,11 +81,19 @@ LEAST_OF_PART = 0.5  # of a wall or the ceiling, from which it is said to stand 
 UNTRUSTED = "what touches other walls"  # of a doubtful room emptied in part: not done, and why
 
 
+NO_ROOM = "the stage room found no room; give one (--room)"
+
+
+def why_no_room(context: StageContext, otherwise: str = NO_ROOM) -> str:
+    """Return why no room was looked for; else what was not found, ``otherwise``."""
+    return context.summary("room").get("skipped") or otherwise
+
+
 def why_unfit(context: StageContext, *, asked: bool) -> str | None:
     """Return why nothing is built on the room, and which parts of it stand; None where it may be, or is asked."""
     room: RoomModel | None = context.optional_artifact("room", "room")
     if room is None:
-        return "the stage room found no room; give one (--room)"
+        return why_no_room(context)
     if asked or room.source == "given" or room.confidence >= LEAST_CONFIDENCE:
         return None
     return (

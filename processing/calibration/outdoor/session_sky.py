@@ -198,11 +198,18 @@ def _corrected(
     merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice, lamps: GlareKernel | None
 ) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the glare taken off before."""
+    bare, kernel, veil = bare_light(merged, optics, asked, lamps)
+    return replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel), veil
+
+
+def bare_light(
+    merged: RelativeImage, optics: OutdoorOptics, asked: OpticsChoice, lamps: GlareKernel | None
+) -> tuple[RelativeImage, GlareKernel | None, dict[str, Any]]:
+    """Return a fisheye picture cut to its circle, without glare and fall-off; the glare's kernel, and what was done."""
     height, width = merged.validity.shape
     keep = asked.glare == "keep"
     image, kernel, veil = glare_taken_off(merged, optics.lens.fisheye((width, height)), keep=keep, lamps=lamps)
-    bare = outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics)
-    return replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel), veil
+    return outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics), kernel, veil
 
 
 def _with_sun(image: RelativeImage) -> _Sky:

@@ -20,7 +20,7 @@ from processing.errors import ScaleError
 from processing.ground.arrays import Doubles, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import modes_of, with_modes
-from processing.sphere import Equirectangular, Geometry, pixels
+from processing.sphere import Equirectangular, Fisheye, Geometry, pixels
 from station.session.session import FrameRecord, ReadingRecord
 
 DRIFT_WARNING_FRAC = 0.05  # chosen
@@ -99,7 +99,7 @@ def scale_from_reading(
     moved.
     """
     measured = _measured(readings, frames, meter)
-    spot = Spot(longitude_rad, latitude_rad, meter.spot_rad)
+    spot = Spot(*sighted(image.geometry, longitude_rad, latitude_rad), meter.spot_rad)
     found = spot_pixels(image.geometry, spot)
     warnings = _check_spot(image, found)
     displayed = float(luminance_cd_m2(image.rgb[found.row, found.column]) @ found.share)
@@ -133,6 +133,17 @@ def scale_from_reading(
         drift_frac=measured.drift_frac,
         warnings=tuple(warnings),
     )
+
+
+def sighted(geometry: Geometry, longitude_rad: float, latitude_rad: float) -> tuple[float, float]:
+    """Return a direction right of and above straight ahead as longitude and latitude (rad) in an indoor picture's axes.
+
+    A fisheye at the eye has the line of sight as its zenith, and the room's up as its +y.
+    """
+    if not isinstance(geometry, Fisheye):
+        return longitude_rad, latitude_rad
+    right, ahead = (math.cos(latitude_rad) * part(longitude_rad) for part in (math.sin, math.cos))
+    return math.atan2(-right, math.sin(latitude_rad)), math.asin(ahead)
 
 
 def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> LuminanceImage:
