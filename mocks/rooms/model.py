@@ -175,6 +175,11 @@ class Plan:
         along = ((x1 - x0) / length, (y1 - y0) / length)
         return along, (-along[1], along[0])
 
+    def floor_along(self, wall: int, along_m: tuple[float, float], away_m: tuple[float, float]) -> list[Point]:
+        """Return the corners of the floor between two places along a wall and two distances from it, all metres."""
+        (start, end), (near, far) = along_m, away_m
+        return [self.on_wall(wall, a, b) for a, b in ((start, near), (end, near), (end, far), (start, far))]
+
     def on_wall(self, wall: int, start_m: float, away_m: float = 0.0) -> Point:
         """Return the floor point at a distance along a wall and away from it, into the room."""
         (x0, y0), _ = self.wall_ends(wall)

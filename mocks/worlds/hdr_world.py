@@ -55,10 +55,6 @@ class HdrWorld(OneLight):
         level = math.floor(math.log2(max(pixel_rad * height / math.pi, 1.0)))
         return texture.sample(column, row, min(level, len(texture.levels) - 1))
 
-    def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return 1 for directions of any shape (..., 3): there is no disc to hide."""
-        return np.ones(directions.shape[:-1], dtype=np.float32)
-
 
 @lru_cache(maxsize=2)
 def _texture_of(path: Path, _changed_ns: int, scale: float) -> MipTexture:

@@ -139,6 +139,10 @@ class OneLight:
         """Return none: the world is closed, or its light holds the sun."""
         return ()
 
+    def open_sky(self, site: Site, directions: Floats) -> Floats:
+        """Return 1 for directions of any shape (..., 3): there is no disc to hide."""
+        return np.ones(directions.shape[:-1], dtype=np.float32)
+
 
 def luminance_cd_m2(radiance: Floats) -> Floats:
     """Return the luminance (cd/m2) of RGB radiance, shape (..., 3)."""
@@ -188,7 +192,3 @@ class UniformWorld(OneLight):
         tint = np.array(self.tint_rgb, dtype=np.float32)
         colour = tint * (self.luminance_cd_m2 / luminance_cd_m2(tint))
         return np.broadcast_to(colour, directions.shape).astype(np.float32)
-
-    def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return 1 for directions of any shape (..., 3)."""
-        return np.ones(directions.shape[:-1], dtype=np.float32)

@@ -17,7 +17,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats, Indices, Vector
 from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
 from processing.light.scene.patches import pane_triangles, surface_triangles
@@ -187,33 +186,23 @@ def y_up(vectors: npt.NDArray[np.floating]) -> Floats:
 
 
 GLASS_ALPHA = 0.15  # of a pane: what it adds of its own tint; the rest is what lies behind
-_UNLIT, _STRONG = "KHR_materials_unlit", "KHR_materials_emissive_strength"
+MOST_PX = 2048  # of a texture's longer side; chosen
+_STRONG = "KHR_materials_emissive_strength"
 _LIGHTS = "KHR_lights_punctual"
 STILL_FIELD_RAD = 2 * math.atan(12 / 18)
 """Height of a frame of 24 mm before a lens of 18 mm (chosen: within the 16 to 24 mm of interior photographs)."""
 
 
-def scene_glb(
-    scene: Scene, *, max_texture_px: int = 2048, lit: Mapping[str, Bytes] | None = None, eye_m: Vector | None = None
-) -> bytes:
+def scene_glb(scene: Scene, *, eye_m: Vector | None = None) -> bytes:
     """Return a scene as GLB: the room and each piece of furniture a node with its parts, the sun, and a camera.
 
-    ``max_texture_px``: longest side of a texture; larger ones are averaged down.
-    ``lit``: by surface name, an sRGB picture (H, W, 3) laid out as its albedo: shown instead of it, unlit.
     ``eye_m``: where the panorama's camera stood, our frame; None: no camera is written.
-    Raises `ParameterError`: a texture size below 1, or a picture of a surface that is not there.
     """
-    if max_texture_px < 1:
-        raise ParameterError(f"textures of {max_texture_px} px", advice="give at least 1")
-    shown = dict(lit or {})
-    unknown = set(shown) - {surface.name for surface in scene.surfaces}
-    if unknown:
-        raise ParameterError(f"pictures of {sorted(unknown)}: the scene has no such surfaces")
     glb = Glb("daylit", _light(scene))
     for surface in scene.surfaces:
-        _add_surface(glb, surface, shown.get(surface.name), max_texture_px)
+        _add_surface(glb, surface)
     for part in scene.parts:
-        _add_part(glb, part, max_texture_px)
+        _add_part(glb, part)
     # Last, so that viewers which blend in the file's order have all that lies behind.
     for pane in scene.panes:
         _add_pane(glb, pane)
@@ -240,18 +229,12 @@ def _light(scene: Scene) -> Json:
     return {"units": "metres; emission in cd/m2", "sun": {"towards": towards, "normal_illuminance_lx_rgb": lux}}
 
 
-def _add_surface(glb: Glb, surface: Surface, picture: Bytes | None, most_px: int) -> None:
+def _add_surface(glb: Glb, surface: Surface) -> None:
     triangles = surface_triangles(surface)
     if not len(triangles):  # a wall that is all window
         return
-    if picture is None:
-        look = _albedo(glb, surface.albedo, most_px, repeat=False) | {"roughnessFactor": 1.0, "metallicFactor": 0.0}
-        material: Json = {"name": surface.name, "pbrMetallicRoughness": look}
-        material |= _emission(glb, surface.emission_cd_m2, most_px)
-    else:
-        texture = glb.add_picture(_smaller(picture, most_px).astype(np.uint8), repeat=False)
-        look = {"baseColorTexture": {"index": texture}, "roughnessFactor": 1.0, "metallicFactor": 0.0}
-        material = {"name": surface.name, "pbrMetallicRoughness": look, "extensions": {_UNLIT: {}}}
+    look = _albedo(glb, surface.albedo, repeat=False) | {"roughnessFactor": 1.0, "metallicFactor": 0.0}
+    material = {"name": surface.name, "pbrMetallicRoughness": look} | _emission(glb, surface.emission_cd_m2)
     corners = triangles.reshape(-1, 3)
     offset = corners - surface.origin_m
     uv = np.column_stack([offset @ surface.u_axis / surface.width_m, offset @ surface.v_axis / surface.height_m])
@@ -259,19 +242,19 @@ def _add_surface(glb: Glb, surface: Surface, picture: Bytes | None, most_px: int
     glb.add_mesh(surface.name, corners, normals, uv, np.arange(len(corners)).reshape(-1, 3), glb.add_material(material))
 
 
-def _add_part(glb: Glb, part: Part, most_px: int) -> None:
+def _add_part(glb: Glb, part: Part) -> None:
     m = part.material
     look: Json = {"roughnessFactor": m.roughness, "metallicFactor": m.metallic}
     colour = [float(c) for c in m.colour]
     if m.texture is not None and part.uv is not None:
-        look |= _albedo(glb, m.texture, most_px, repeat=True)
+        look |= _albedo(glb, m.texture, repeat=True)
         # The factor multiplies the texture, which `_albedo` may have to leave as it is.
         factor = look.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
         look["baseColorFactor"] = [*(a * b for a, b in zip(factor[:3], colour, strict=True)), 1.0]
     else:
         look["baseColorFactor"] = [*colour, 1.0]
     material: Json = {"name": m.name, "pbrMetallicRoughness": look, "doubleSided": True}
-    material |= _emission(glb, np.asarray(m.emission_cd_m2, np.float32).reshape(1, 1, 3), most_px)
+    material |= _emission(glb, np.asarray(m.emission_cd_m2, np.float32).reshape(1, 1, 3))
     corners, normals = _corners(part)
     uv = None
     if part.uv is not None:
@@ -312,14 +295,14 @@ def _add_pane(glb: Glb, pane: Pane) -> None:
     glb.add_mesh(f"pane-{pane.opening}", corners, normal, None, np.arange(6).reshape(2, 3), material)
 
 
-def _albedo(glb: Glb, texture: Floats, most_px: int, *, repeat: bool) -> Json:
+def _albedo(glb: Glb, texture: Floats, *, repeat: bool) -> Json:
     """Return the base colour: a factor for one colour, a texture for more."""
     if texture.shape[:2] == (1, 1):
         return {"baseColorFactor": [*(float(v) for v in texture[0, 0]), 1.0]}
-    return {"baseColorTexture": {"index": glb.add_picture(srgb_of_linear(_smaller(texture, most_px)), repeat=repeat)}}
+    return {"baseColorTexture": {"index": glb.add_picture(srgb_of_linear(_smaller(texture)), repeat=repeat)}}
 
 
-def _emission(glb: Glb, light: Floats, most_px: int) -> Json:
+def _emission(glb: Glb, light: Floats) -> Json:
     """Return what shines: factors up to 1 and, in cd/m2, how strong."""
     strength = float(light.max())
     if strength <= 0:
@@ -328,17 +311,17 @@ def _emission(glb: Glb, light: Floats, most_px: int) -> Json:
     strong = {"extensions": {_STRONG: {"emissiveStrength": strength}}}
     if light.shape[:2] == (1, 1):
         return {"emissiveFactor": [float(v) for v in share[0, 0]], **strong}
-    texture = glb.add_picture(srgb_of_linear(_smaller(share, most_px)), repeat=False)
+    texture = glb.add_picture(srgb_of_linear(_smaller(share)), repeat=False)
     return {"emissiveFactor": [1.0, 1.0, 1.0], "emissiveTexture": {"index": texture}, **strong}
 
 
-def _smaller(texture: npt.NDArray[np.generic], most_px: int) -> npt.NDArray[np.generic]:
-    """Return a texture averaged down to at most this many pixels a side."""
+def _smaller(texture: Floats) -> Floats:
+    """Return a texture averaged down to at most `MOST_PX` a side."""
     import cv2
 
     high, wide = texture.shape[:2]
     longest = max(high, wide)
-    if longest <= most_px:
+    if longest <= MOST_PX:
         return texture
-    size = (max(1, round(wide * most_px / longest)), max(1, round(high * most_px / longest)))
+    size = (max(1, round(wide * MOST_PX / longest)), max(1, round(high * MOST_PX / longest)))
     return np.asarray(cv2.resize(np.ascontiguousarray(texture), size, interpolation=cv2.INTER_AREA))

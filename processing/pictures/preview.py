@@ -12,7 +12,6 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.colour import luminance_cd_m2, srgb_of_linear
 from processing.pictures.writing import check_size, refused, write_bytes
-from processing.sphere import Equirectangular, Geometry
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -22,15 +21,16 @@ _WHITE_SHARE = 0.995  # of the pixels below white; chosen
 _ROWS = 256  # at a time, for memory
 
 
-def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
+def preview_rgb8(rgb: Floats) -> Bytes:
     """Return linear light (H, W, 3) as 8-bit sRGB: scaled, highlights rolled off, encoded (IEC 61966-2-1).
 
-    ``exposure`` is the factor to display-linear values; None: the mean of the logarithm goes to `KEY`, and
-    the brightest half per cent is white (Reinhard et al. 2002, eq. 4, on luminance). All black stays black.
+    The mean of the logarithm goes to `KEY`, and the brightest half per cent is white (Reinhard et al. 2002, eq. 4, on
+    luminance). All black stays black.
     """
-    scale = exposure if exposure is not None else auto_exposure(rgb)
-    sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)]) * scale
-    white = max(1.0, float(np.quantile(sample, _WHITE_SHARE)))
+    sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)])
+    lit = sample[sample > 0].astype(np.float64)
+    scale = KEY / float(np.exp(np.log(lit).mean())) if lit.size else 1.0
+    white = max(1.0, float(np.quantile(sample * scale, _WHITE_SHARE)))
     out = np.empty(rgb.shape, dtype=np.uint8)
     for top in range(0, rgb.shape[0], _ROWS):
         rows = rgb[top : top + _ROWS] * np.float32(scale)
@@ -39,24 +39,13 @@ def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
     return out
 
 
-def auto_exposure(rgb: Floats) -> float:
-    """Return the factor that brings the mean logarithm of luminance to `KEY`; 1 where all is black.
-
-    ``rgb``: (H, W, 3) linear light, >= 0.
-    """
-    sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)]).astype(np.float64)
-    sample = sample[sample > 0]
-    return KEY / float(np.exp(np.log(sample).mean())) if sample.size else 1.0
-
-
-def jpeg_bytes(rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = None) -> bytes:
-    """Return a JPEG (4:4:4) of an 8-bit picture (H, W, 3); of the whole sphere with Google's GPano tags for viewers."""
+def jpeg_bytes(rgb8: Bytes) -> bytes:
+    """Return a JPEG (4:4:4) of an 8-bit picture (H, W, 3)."""
     from PIL import Image
 
     check_rgb8(rgb8)
     out = io.BytesIO()
-    xmp = _gpano(geometry) if isinstance(geometry, Equirectangular) else b""
-    Image.fromarray(np.ascontiguousarray(rgb8)).save(out, "JPEG", quality=quality, subsampling=0, xmp=xmp)
+    Image.fromarray(np.ascontiguousarray(rgb8)).save(out, "JPEG", quality=90, subsampling=0)
     return out.getvalue()
 
 
@@ -71,35 +60,10 @@ def png_bytes(array: Bytes) -> bytes:
     return out.getvalue()
 
 
-def write_png(path: Path, array: Bytes) -> None:
-    """Write `png_bytes` durably. ``array``: (H, W) or (H, W, 3)."""
-    write_bytes(path, png_bytes(array))
-
-
 def check_rgb8(rgb8: Bytes) -> None:
     """Raise `ParameterError` for what is no 8-bit picture (H, W, 3)."""
     if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
         raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
-
-
-def _gpano(geometry: Equirectangular) -> bytes:
-    """Return the XMP packet that says to viewers how the picture covers the sphere."""
-    width, height = geometry.width_px, geometry.height_px
-    tags = {
-        "ProjectionType": "equirectangular",
-        "CroppedAreaImageWidthPixels": width,
-        "CroppedAreaImageHeightPixels": height,
-        "FullPanoWidthPixels": width,
-        "FullPanoHeightPixels": height,
-        "CroppedAreaLeftPixels": 0,
-        "CroppedAreaTopPixels": 0,
-    }
-    fields = " ".join(f'GPano:{name}="{value}"' for name, value in tags.items())
-    return (
-        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-        f'<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" {fields}/>'
-        "</rdf:RDF></x:xmpmeta>"
-    ).encode()
 
 
 # Masks as files: PNG of 8 bits, 0 or 255, that any drawing program opens and corrects.
@@ -115,7 +79,7 @@ def write_mask(path: Path, mask: Flags) -> None:
     """Write booleans (H, W) durably: 255 where true."""
     if mask.ndim != 2 or mask.dtype != np.bool_ or not mask.size:
         raise refused(path, f"a mask is bool (H, W), not {mask.dtype} {mask.shape}")
-    write_png(path, mask.astype(np.uint8) * np.uint8(255))
+    write_bytes(path, png_bytes(mask.astype(np.uint8) * np.uint8(255)))
 
 
 def read_mask(path: Path) -> Flags:

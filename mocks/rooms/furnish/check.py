@@ -218,9 +218,8 @@ def window_strips(plan: Plan) -> tuple[tuple[Polygon, float, float], ...]:
     """Return for each window the floor before it, its sill and its head."""
     found = []
     for w in plan.windows:
-        near, far = w.start_m, w.start_m + w.width_m
-        ends = ((near, 0.0), (far, 0.0), (far, WINDOW_FREE_M), (near, WINDOW_FREE_M))
-        found.append((Polygon([plan.on_wall(w.wall, a, b) for a, b in ends]), w.sill_m, w.sill_m + w.height_m))
+        before = Polygon(plan.floor_along(w.wall, (w.start_m, w.start_m + w.width_m), (0.0, WINDOW_FREE_M)))
+        found.append((before, w.sill_m, w.sill_m + w.height_m))
     return tuple(found)
 
 

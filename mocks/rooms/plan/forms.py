@@ -232,9 +232,8 @@ def free_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]
 def door_swing(door: Door, plan: Plan) -> Polygon:
     """Return the floor that a door needs: its leaf's quarter disc, or the way to it when it opens outwards."""
     if door.opens == "out":
-        near, far = door.start_m, door.start_m + door.width_m
-        ends = ((near, 0.0), (far, 0.0), (far, APPROACH_M), (near, APPROACH_M))
-        return Polygon([plan.on_wall(door.wall, along, away) for along, away in ends])
+        along = door.start_m, door.start_m + door.width_m
+        return Polygon(plan.floor_along(door.wall, along, (0.0, APPROACH_M)))
     way = 1.0 if door.hinge == "start" else -1.0
     hinge_m = door.start_m if door.hinge == "start" else door.start_m + door.width_m
     sweep_rad = max(math.pi / 2, door.open_rad)
@@ -248,22 +247,20 @@ def door_swing(door: Door, plan: Plan) -> Polygon:
 
 def hall_floor(door: Door, plan: Plan) -> Polygon:
     """Return the floor of the hallway behind a door, with the opening through the wall."""
-    start, end = door.start_m - HALL_SIDE_M, door.start_m + door.width_m + HALL_SIDE_M
-    near, far = -door.depth_m, -door.depth_m - HALL_DEPTH_M
-    return Polygon([plan.on_wall(door.wall, a, b) for a, b in ((start, far), (end, far), (end, near), (start, near))])
+    along = door.start_m - HALL_SIDE_M, door.start_m + door.width_m + HALL_SIDE_M
+    return Polygon(plan.floor_along(door.wall, along, (-door.depth_m - HALL_DEPTH_M, -door.depth_m)))
 
 
 def reveal_floor(hole: Window | Door, plan: Plan, depth_m: float | None = None) -> Polygon:
     """Return what an opening takes of its wall, seen from above: its width by the wall's thickness (or a depth)."""
-    start, end = hole.start_m, hole.start_m + hole.width_m
     far = -(hole.depth_m if depth_m is None else depth_m)
-    return Polygon([plan.on_wall(hole.wall, a, b) for a, b in ((start, far), (end, far), (end, -1e-3), (start, -1e-3))])
+    return Polygon(plan.floor_along(hole.wall, (hole.start_m, hole.start_m + hole.width_m), (far, -1e-3)))
 
 
 def fixture_floor(fixture: Fixture, plan: Plan) -> Polygon:
     """Return what a fixture on a wall takes of the room, seen from above."""
-    start, end, depth = fixture.start_m, fixture.start_m + fixture.width_m, fixture.depth_m
-    return Polygon([plan.on_wall(fixture.wall, a, b) for a, b in ((start, 0), (end, 0), (end, depth), (start, depth))])
+    along = fixture.start_m, fixture.start_m + fixture.width_m
+    return Polygon(plan.floor_along(fixture.wall, along, (0.0, fixture.depth_m)))
 
 
 def _ticks(values: list[float], end: float) -> list[float]:

@@ -14,7 +14,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from processing.errors import ParameterError
 from processing.exchange.gltf import scene_glb, write_scene_glb
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.scene import Part, Scene, Sun
@@ -184,18 +183,10 @@ def test_the_models_walls_are_as_fine_as_the_panorama() -> None:
     assert middle[len(middle) // 4 : -len(middle) // 4].std() > 0.05, "the stripes are there"
 
 
-def test_photographs_instead_of_albedo_and_smaller_textures() -> None:
-    scene = furnished()
-    picture = np.full((300, 500, 3), (200, 100, 50), np.uint8)
-    found = loaded(scene_glb(scene, max_texture_px=40, lit={"floor": picture}))
-    texture = found.geometry["floor"].visual.material.baseColorTexture
-    assert texture.size == (40, 24)
-    assert np.abs(np.asarray(texture.convert("RGB"), int) - (200, 100, 50)).max() < 4
+def test_large_textures_are_averaged_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("processing.exchange.gltf.MOST_PX", 40)
+    found = loaded(scene_glb(furnished()))
     assert found.geometry["wall-1"].visual.material.baseColorTexture.size == (40, 30)
-    with pytest.raises(ParameterError, match="no such"):
-        scene_glb(scene, lit={"attic": picture})
-    with pytest.raises(ParameterError):
-        scene_glb(scene, max_texture_px=0)
 
 
 def test_a_part_texture_repeats_from_the_lower_left_corner() -> None:
