@@ -287,16 +287,17 @@ def decode_device_info(data: bytes) -> DeviceInfo:
 
 def decode_storage_info(data: bytes) -> StorageInfo:
     """Return the StorageInfo that ``data`` is."""
-    reader = DatasetReader(data, "StorageInfo")
-    fixed: tuple[Any, ...] = _STORAGE_INFO.unpack(reader.take(_STORAGE_INFO.size))
-    return StorageInfo(*fixed, *(reader.string() for _ in range(2)))
+    return StorageInfo(*_numbers_and_texts(data, "StorageInfo", _STORAGE_INFO, 2))
 
 
 def decode_object_info(data: bytes) -> ObjectInfo:
     """Return the ObjectInfo that ``data`` is."""
-    reader = DatasetReader(data, "ObjectInfo")
-    fixed: tuple[Any, ...] = _OBJECT_INFO.unpack(reader.take(_OBJECT_INFO.size))
-    return ObjectInfo(*fixed, *(reader.string() for _ in range(4)))
+    return ObjectInfo(*_numbers_and_texts(data, "ObjectInfo", _OBJECT_INFO, 4))
+
+
+def _numbers_and_texts(data: bytes, name: str, layout: struct.Struct, texts: int) -> tuple[Any, ...]:
+    reader = DatasetReader(data, name)
+    return (*layout.unpack(reader.take(layout.size)), *(reader.string() for _ in range(texts)))
 
 
 def decode_device_prop_desc(data: bytes) -> DevicePropDesc:

@@ -122,6 +122,11 @@ def parse_shutter(text: str) -> float:
     return value
 
 
+def parse_shutters(text: str | None) -> tuple[float, ...]:
+    """Return the seconds of exposure times with commas between; () for None and an empty text."""
+    return tuple(map(parse_shutter, text.split(","))) if text else ()
+
+
 # What a bracket will cost: seconds, megabytes, and how much of the transfers hides behind exposures.
 
 

@@ -126,24 +126,19 @@ def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _request(room: str, options: dict[str, Any]) -> CaptureRequest:
+    from station.capture.bracket import parse_shutters
     from station.capture.capture import CaptureRequest
 
     return CaptureRequest(
         room=room,
         into=options["into"],
         mode=options["bracket"],
-        stops_s=_stops_s(options),
+        stops_s=parse_shutters(options["stops"]),
         typed_readings=options["readings"],
         target=parse_target(options["target"]),
         noise_frac=options["noise"] and options["noise"] / 100,
         address=options["address"],
     )
-
-
-def _stops_s(options: dict[str, Any]) -> tuple[float, ...]:
-    from station.capture.bracket import parse_shutter
-
-    return tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else ()
 
 
 def parse_target(text: str | None) -> MeterTarget | None:
@@ -299,11 +294,12 @@ def _recorded_rig(manifest: SessionManifest, where: str) -> RigFile:
 
 def dry_run(file: RigFile, options: dict[str, Any]) -> int:
     """Print the table; `UsageError` for a stop that a camera of the rig does not have."""
-    from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, light_drift, plan_of, typical_cost
+    from station.capture import bracket
+    from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, light_drift, typical_cost
     from station.capture.reference import MOST_FURTHER, MOST_FURTHER_S
 
     tables = file.cameras()
-    plan = plan_of(file, _stops_s(options), options["bracket"], options["noise"])
+    plan = bracket.plan_of(file, bracket.parse_shutters(options["stops"]), options["bracket"], options["noise"])
     _require_stops(file, plan)
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
     reading_s = (TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()

@@ -49,12 +49,8 @@ def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: P
         checks += list_instruments()
     checks += _check_rig(rig_path, simulate, into)
     failed = any(c.level == "fail" for c in checks)
-    if as_json:
-        click.echo(json.dumps({"ok": not failed, "checks": [c.to_dict() for c in checks]}))
-    else:
-        for check in checks:
-            _print(check)
-    return 1 if failed else 0
+    facts = {"ok": not failed, "checks": [c.to_dict() for c in checks]}
+    return answer(facts, (line for check in checks for line in _lines(check)), as_json=as_json, exit_code=int(failed))
 
 
 def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[Check]:
@@ -86,11 +82,11 @@ def _write_example(path: Path) -> int:
     return 0
 
 
-def _print(check: Check) -> None:
+def _lines(check: Check) -> Iterator[str]:
     mark, colour = _MARKS[str(check.level)]
-    click.echo(f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}")
+    yield f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}"
     if check.advice and check.level != "ok":
-        click.echo(f"      what to do: {printable(check.advice)}")
+        yield f"      what to do: {printable(check.advice)}"
 
 
 # ``daylit conform``: does an instrument, real or simulated, do what daylit relies on?

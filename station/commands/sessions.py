@@ -57,7 +57,7 @@ def import_session(**options: Any) -> int:
       daylit import kitchen.zip
       daylit import --dataset Cali-HDR --table summary.csv --zone America/New_York --site 40.44,-79.99
     """
-    from station.capture.bracket import parse_shutter
+    from station.capture.bracket import parse_shutters
     from station.commands.capture import parse_target
     from station.errors import UsageError
     from station.frames.importer import ImportRequest
@@ -81,7 +81,7 @@ def import_session(**options: Any) -> int:
         room=options["room"],
         folders={side: folder for side, folder in folders.items() if folder is not None},
         into=options["into"],
-        shutter_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
+        shutter_s=parse_shutters(options["shutter"]),
         readings_cd_m2=options["readings"],
         site=parse_site(options["site"], options["address"]),
         heading_rad=None if heading_deg is None else math.radians(heading_deg % 360),
@@ -261,7 +261,7 @@ def import_tree(options: dict[str, Any]) -> int:
 
 
 def _request(options: dict[str, Any]) -> DatasetRequest:
-    from station.capture.bracket import parse_shutter
+    from station.capture.bracket import parse_shutters
     from station.errors import UsageError
     from station.frames.dataset_import import DatasetRequest
 
@@ -272,7 +272,7 @@ def _request(options: dict[str, Any]) -> DatasetRequest:
         root=options["dataset"],
         into=options["into"],
         table=options["table"],
-        lost_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
+        lost_s=parse_shutters(options["shutter"]),
         site=parse_site(options["site"]),
         zone=_zone(options["zone"]),
         only=options["only"],

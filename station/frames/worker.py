@@ -111,15 +111,14 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
             raise FrameProblemError(Reason.NOT_RAW, "an empty file")
         with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as raw:
             check_raw(raw, format_)
-            exif, exif_problem = _exif(raw)
-            digest = hashlib.sha256(raw).hexdigest()
-            found = {"size_bytes": len(raw), "sha256": digest, "exif": exif, "exif_problem": exif_problem}
-            return found | (_inspect_wells(bytes(raw), request.get("circle")) if request.get("pixels") else {})
+            return _of_file(raw, raw) | (
+                _inspect_wells(bytes(raw), request.get("circle")) if request.get("pixels") else {}
+            )
 
 
 def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: Callable[[], str]) -> dict[str, Any]:
     header = read_header(data)
-    exif, exif_problem = _exif(header.exif)
+    found = _of_file(data, header.exif)
     scale = next((s for s in (8, 4, 2) if header.width_px * header.height_px >= SMALL_PIXELS * s * s), 1)
     small = _decode(data, scale, complaints)
     pixels = _decode(data, 1, complaints) if exact and scale > 1 else small
@@ -127,13 +126,9 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
     if small.shape != (height_px, width_px, 3):
         raise FrameProblemError(Reason.DAMAGED, f"decodes to {small.shape}, not {width_px}x{height_px}")
     measures = measure(pixels, circle)
-    return {
-        "size_bytes": len(data),
-        "sha256": hashlib.sha256(data).hexdigest(),
+    return found | {
         "width_px": header.width_px,
         "height_px": header.height_px,
-        "exif": exif,
-        "exif_problem": exif_problem,
         "exact": exact or scale == 1,
         "picture_sha256": _picture_digest(small, measures),
         "patches": _parts(_LINEAR[small.max(axis=2)], circle).ravel().tolist(),
@@ -145,7 +140,7 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
 
 def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: Callable[[], str]) -> dict[str, Any]:
     """Check the file's own structure (chunks with checksums, strips inside the file), then decode and count it all."""
-    exif, exif_problem = _exif(read_png(data) if format_ == "png" else check_tiff(data))
+    found = _of_file(data, read_png(data) if format_ == "png" else check_tiff(data))
     pixels = _decode(data, 1, faults, lossless=True)
     deep = pixels.dtype == np.uint16
     if deep:
@@ -153,13 +148,9 @@ def _inspect_lossless(data: bytes, format_: str, circle: Circle | None, faults: 
     elif pixels.dtype != np.uint8:
         raise FrameProblemError(Reason.UNSUPPORTED, f"it holds {pixels.dtype}: save it with 8 or 16 bits per channel")
     measures = measure(pixels, circle)
-    return {
-        "size_bytes": len(data),
-        "sha256": hashlib.sha256(data).hexdigest(),
+    return found | {
         "width_px": pixels.shape[1],
         "height_px": pixels.shape[0],
-        "exif": exif,
-        "exif_problem": exif_problem,
         "exact": True,
         "picture_sha256": _picture_digest(pixels, measures),
         "notes": ["16 bits per channel: merged with their 8-bit curve"] if deep else [],
@@ -185,14 +176,14 @@ def _inspect_wells(data: bytes, circle: Circle | None) -> dict[str, Any]:
     return {**facts, "picture_sha256": _picture_digest(pixels, facts)}
 
 
-def _exif(block: bytes | mmap.mmap | None) -> tuple[dict[str, Any], str]:
-    """Return the EXIF facts and what is wrong with them; whether that matters is the asker's choice."""
-    if block is None:
-        return {}, "no EXIF"
+def _of_file(data: bytes | mmap.mmap, block: bytes | mmap.mmap | None) -> dict[str, Any]:
+    """Return size and digest, EXIF facts, and what is wrong with them; whether that matters is the asker's choice."""
     try:
-        return read_exif(block), ""
-    except FrameProblemError as problem:
-        return {}, problem.message
+        exif, problem = ({}, "no EXIF") if block is None else (read_exif(block), "")
+    except FrameProblemError as error:
+        exif, problem = {}, error.message
+    digest = hashlib.sha256(data).hexdigest()
+    return {"size_bytes": len(data), "sha256": digest, "exif": exif, "exif_problem": problem}
 
 
 def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, lossless: bool = False) -> npt.NDArray[Any]:

@@ -30,31 +30,23 @@ _EXHAUSTED = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
 
 
 class OsCalls:
-    """The system calls themselves; tests put an object in its place that fails, dies or keeps a log."""
+    """The system calls themselves; tests put an object in its place that fails, dies or keeps a log.
+
+    As ``os`` has them: `write` may write less than asked, `rename` replaces its target.
+    """
+
+    write = staticmethod(os.write)
+    fsync = staticmethod(os.fsync)
+    fdatasync = staticmethod(getattr(os, "fdatasync", os.fsync))  # where the system lacks it, the other
+    fchmod = staticmethod(os.fchmod)
+    rename = staticmethod(os.rename)
+    unlink = staticmethod(os.unlink)
+    mkdir = staticmethod(os.mkdir)
+    rmdir = staticmethod(os.rmdir)
 
     def open(self, name: str, flags: int, mode: int = 0o644, *, dir_fd: int | None = None) -> int:
         """``os.open``, never inherited by child processes."""
         return os.open(name, flags | os.O_CLOEXEC, mode, dir_fd=dir_fd)
-
-    def write(self, fd: int, data: bytes | memoryview) -> int:
-        """``os.write``: may write less than asked."""
-        return os.write(fd, data)
-
-    def fsync(self, fd: int) -> None:
-        """``os.fsync``."""
-        os.fsync(fd)
-
-    def fdatasync(self, fd: int) -> None:
-        """``os.fdatasync``, or ``os.fsync`` where the system lacks it."""
-        getattr(os, "fdatasync", os.fsync)(fd)
-
-    def fchmod(self, fd: int, mode: int) -> None:
-        """``os.fchmod``."""
-        os.fchmod(fd, mode)
-
-    def rename(self, source: str, target: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
-        """``os.rename``; replaces ``target``."""
-        os.rename(source, target, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
 
     def exchange(self, source: str, target: str, *, dir_fd: int) -> bool:
         """Swap two names of one folder in one step (also full folders); False where the system cannot."""
@@ -67,18 +59,6 @@ class OsCalls:
         if number in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
             return False
         raise OSError(number, os.strerror(number), target)
-
-    def unlink(self, name: str, *, dir_fd: int) -> None:
-        """``os.unlink``."""
-        os.unlink(name, dir_fd=dir_fd)
-
-    def mkdir(self, name: str, *, dir_fd: int | None = None) -> None:
-        """``os.mkdir``."""
-        os.mkdir(name, dir_fd=dir_fd)
-
-    def rmdir(self, name: str, *, dir_fd: int) -> None:
-        """``os.rmdir``."""
-        os.rmdir(name, dir_fd=dir_fd)
 
 
 os_calls = OsCalls()
