@@ -149,13 +149,14 @@ class Conductor:
         return True
 
     def _repeat(self) -> bool:
-        """Put one stop back, once, to be compared with itself; False where that is not wanted, or was done."""
+        """Put one stop of each side back, once, to be compared with itself; False: not wanted, or it was done."""
         if self._pairing.repeats or not self._plan.reference:
             return False
         self._pairing.repeats = True
-        stop = best_stop({side: self._statistics[side] for side in self._workers})
-        if stop is not None:
-            self._todo.append((stop, tuple(self._workers)))
+        stops = {side: best_stop(self._statistics[side]) for side in self._workers}
+        for stop in dict.fromkeys(stops.values()):
+            if stop is not None:
+                self._todo.append((stop, tuple(side for side, own in stops.items() if own == stop)))
         return True
 
     def _pause(self) -> Iterator[events.CaptureEvent]:

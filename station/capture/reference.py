@@ -18,10 +18,9 @@ panorama's width in which the noise of one frame is below 1 %."""
 LEAST_MOVED = 2  # chosen: one may be a person
 
 
-def best_stop(taken: Mapping[Side, Mapping[int, FrameStatistics]]) -> int | None:
-    """Return the stop that all sides have and that shows most; None where they have none in common."""
-    common = set.intersection(*(set(stops) for stops in taken.values())) if taken else set()
-    return min(common, key=lambda i: sum(abs(s[i].mean_frac - BEST_MEAN_FRAC) for s in taken.values()), default=None)
+def best_stop(taken: Mapping[int, FrameStatistics]) -> int | None:
+    """Return the stop of a side that shows most; None where there is none."""
+    return min(taken, key=lambda stop: abs(taken[stop].mean_frac - BEST_MEAN_FRAC), default=None)
 
 
 def compare(shot: Shot, before: FrameFacts, after: FrameFacts, file: str | None, after_s: float) -> ReferenceRecord:

@@ -263,8 +263,16 @@ class SessionManifest(Model):
         return tuple(f for f in found if not f.is_raw) or found
 
     def repeat_drift(self, side: Side) -> float:
-        """Return by how much a side's light changed, relative, until a stop was repeated after its bracket; else 0."""
-        return max((abs(one.ratio - 1) for one in self.references if one.side is side and one.ratio), default=0.0)
+        """Return by how much a side's light changed, relative, during its bracket, by stops repeated after it; else 0.
+
+        What changed since the repeated frame was first taken is taken to have gone on so from the bracket's beginning.
+        """
+        begun, found = min((f.taken_utc for f in self.frames if f.side is side and f.taken_utc), default=None), [0.0]
+        for one in self.references:
+            if one.side is side and one.ratio:
+                whole_s = one.after_s if begun is None else (one.taken_utc - begun).total_seconds()
+                found.append(abs(one.ratio - 1) * max(whole_s / max(one.after_s, 1.0), 1.0))
+        return max(found)
 
     def missing_stops(self, side: Side) -> tuple[int, ...]:
         """Return the indices of planned stops that are neither taken (raw file and all) nor left out on purpose."""

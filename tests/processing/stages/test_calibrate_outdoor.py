@@ -187,6 +187,12 @@ def drifting(side: Side, ratio: float | None, **fields):
     return manifest(references=(repeat,), **fields)
 
 
+def frame_record(side: Side, taken_utc) -> FrameRecord:
+    """The first frame of a bracket."""
+    shot = {"asked_s": 1.0, "camera_s": 1.0, "taken_utc": taken_utc, "size_bytes": 1, "sha256": "0" * 64}
+    return FrameRecord(side=side, stop=0, file=f"{side}/0.jpg", **shot)
+
+
 def budget_of(image, facts, side):
     rows = certificate({side: image}, facts, {})["budgets"][0]["rows"]
     return {row["cause"]: row["relative_uncertainty"] for row in rows}
@@ -211,6 +217,8 @@ def test_light_that_drifted_until_a_stop_was_repeated_is_in_scale_and_certificat
         assert budget_of(inside.image, {"indoor": inside.facts}, "indoor")["drift"] == pytest.approx(drift)
     [stage] = [stage for stage in STAGES if stage.name == "calibrate"]
     assert visible_part(drifting(Side.INDOOR, 0.9), stage.reads).repeat_drift(Side.INDOOR) == pytest.approx(0.1)
+    first = frame_record(Side.INDOOR, NOW - timedelta(seconds=120))
+    assert drifting(Side.INDOOR, 0.9, frames=(first,)).repeat_drift(Side.INDOOR) == pytest.approx(0.2)
     later = reading | {"when": "after", "luminance_cd_m2": 12.0, "taken_utc": NOW + timedelta(minutes=2)}
     session = drifting(Side.INDOOR, 0.99, **(room | {"readings": (reading, later)}))
     inside = calibrate_indoor(even_panorama(), session, CalibrateParameters(), None)

@@ -261,6 +261,18 @@ def test_a_repeated_frame_shows_light_that_changed(tmp_path: Path, gain: float, 
     assert any("the light changed" in note for note in report.notes) == changed
 
 
+def test_each_camera_repeats_the_stop_that_shows_most_of_its_own_picture(tmp_path: Path) -> None:
+    cameras = [FakeCamera(SystemClock(), gain=30.0), FakeCamera(SystemClock(), gain=2.0)]
+    manifest, _, _ = run(make_rig(*cameras, bracket=BracketTable(reference=True)), tmp_path)
+    assert manifest.status == "complete"
+    repeated = {record.side: record.stop for record in manifest.references}
+    for side in Side:
+        means = {f.stop: f.statistics.mean_frac for f in manifest.frames if f.side is side and f.statistics}
+        assert repeated[side] == min(means, key=lambda stop: abs(means[stop] - 0.4))
+    assert repeated[Side.INDOOR] > repeated[Side.OUTDOOR]
+    assert [len(camera.opened_s) for camera in cameras] == [len(STOPS_S) + 1] * 2
+
+
 def test_nine_raw_stops_take_as_long_as_they_truly_do() -> None:
     """50 to 54 s from the first file to the last in 14 brackets of the paper's authors."""
     plan = plan_bracket(PAPER_STOPS_S, "full", (Side.INDOOR,))
