@@ -238,11 +238,6 @@ class TruthFileError(DaylitError, code="SIM-004", exit_code=6):
     """The truth of a simulated room cannot be written, or what is there is not whole."""
 
 
-def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:
-    """Work out the truth of a room, pictures (H, 2 H), and save it; takes some seconds to minutes."""
-    save_truth(folder, world.room, truth_pictures(world, rows), point_lights(world.room))
-
-
 def save_truth(folder: Path, room: Room, pictures: TruthPictures, lights: list[PointLight]) -> None:
     """Write the truth into a new folder.
 

@@ -44,22 +44,18 @@ class OpticsChoice(Protocol):
     @property
     def falloff(self) -> Literal["auto", "off"]:
         """Off: fall-off is not corrected."""
-        ...
 
     @property
     def glare(self) -> Literal["auto", "keep"]:
         """Keep: the veil seen around the image circle stays."""
-        ...
 
     @property
     def outdoor_field_deg(self) -> float:
         """Whole field of the outdoor lens, where no lens calibration says it."""
-        ...
 
     @property
     def eye_lens(self) -> str | None:
         """Mapping and whole field in degrees of a fisheye at the eye, likewise."""
-        ...
 
 
 def indoor_falloff(

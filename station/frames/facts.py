@@ -4,20 +4,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import Field, NaiveDatetime
 
 from station.session.session import Fraction, FrameStatistics, Model, PositiveSeconds, SafeText, Sha256
 
 Pixels = Annotated[int, Field(gt=0, le=65_535)]
-
-
-def _without_zone(moment: datetime) -> datetime:
-    if moment.tzinfo is not None:
-        raise ValueError("the camera's clock has no zone")
-    return moment
-
-
-CameraMoment = Annotated[datetime, AfterValidator(_without_zone)]
 
 
 class ExifRecord(Model):
@@ -30,7 +21,7 @@ class ExifRecord(Model):
     exposure_s: PositiveSeconds | None = None
     f_number: Annotated[float, Field(gt=0, lt=1e10)] | None = None
     iso: Annotated[int, Field(gt=0, lt=2**32)] | None = None
-    taken_local: CameraMoment | None = None
+    taken_local: NaiveDatetime | None = None
     offset_min: Annotated[int, Field(ge=-840, le=840)] | None = None
     make: SafeText = ""
     model: SafeText = ""

@@ -111,11 +111,12 @@ def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, report: Listen
     report(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete from an earlier run"))
     truth = request.into / TRUTH_FOLDER / plan.folder
     if request.truth and not truth.is_dir():
-        from mocks.rooms.truth import make_truth
+        from mocks.rooms.truth import point_lights, save_truth, truth_pictures
 
         report(DatasetEvent("rendering", plan.folder, "truth"))
         unfinished = request.into / _UNFINISHED / TRUTH_FOLDER
-        make_truth(room_world(plan, request), unfinished, request.truth_rows)
+        world = room_world(plan, request)
+        save_truth(unfinished, world.room, truth_pictures(world, request.truth_rows), point_lights(world.room))
         truth.parent.mkdir(exist_ok=True)
         unfinished.rename(truth)
         report(DatasetEvent("truth", plan.folder))

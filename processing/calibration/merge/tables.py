@@ -75,19 +75,16 @@ class Samples(Protocol):
     @property
     def saturation(self) -> Floats:
         """(F, 3): radiance at which each frame clips."""
-        ...
 
     @property
     def every(self) -> Int64s:
         """Codes over the whole range, (n, 3), rising. Of shape (n, 3), int64."""
-        ...
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
         """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
 
         Values are float32 of the shape of ``codes``, radiance in exposures a second.
         """
-        ...
 
 
 def linear_curve() -> ResponseCurve:

@@ -37,27 +37,22 @@ class SkyChoice(OpticsChoice, Protocol):
     @property
     def k2(self) -> float | None:
         """Takes the place of the profile's."""
-        ...
 
     @property
     def outdoor_lux(self) -> float | None:
         """Horizontal illuminance measured outside."""
-        ...
 
     @property
     def repair_sun(self) -> Literal["no", "illuminance", "clear-sky"]:
         """Whether, and from what, a clipped sun is replaced."""
-        ...
 
     @property
     def outdoor_view(self) -> str:
         """An `OutdoorView`."""
-        ...
 
     @property
     def outdoor_top_deg(self) -> float | None:
         """Compass azimuth of the picture's top; None: it is found."""
-        ...
 
 
 @dataclass(frozen=True)
