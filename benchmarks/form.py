@@ -84,7 +84,7 @@ def run_one(name: str, *, quick: bool, seed: int) -> Result:
     metrics, rivals = measured["metrics"], measured.get("rivals", {})
     for key, value in [*metrics.items(), *((k, v) for figures in rivals.values() for k, v in figures.items())]:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{key} is no finite number: {value!r}")
+            raise ValueError(f"{key} is not a finite number: {value!r}")
     return {
         "name": name,
         "metrics": metrics,

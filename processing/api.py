@@ -334,7 +334,7 @@ def floor_plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
             if (path / inner).is_file():
                 return from_room_model(read_room(path / inner), keep_camera_free=keep_camera_free, name=path.name)
         advice = f"daylit room {path} --edit, or daylit process {path} --until room"
-        raise PlanError("the session has no room yet", where=str(path), advice=advice)
+        raise PlanError("no room yet in this session", where=str(path), advice=advice)
     data = read_json(path)
     if isinstance(data, dict) and "floor" in data:
         return from_room_model(read_room(path), keep_camera_free=keep_camera_free, name=path.stem)

@@ -132,7 +132,7 @@ def stage_named(name: str, stages: tuple[Stage, ...] = STAGES) -> Stage:
     for stage in stages:
         if stage.name == name:
             return stage
-    raise ParameterError(f"there is no stage {name!r}", advice=f"stages: {', '.join(one.name for one in stages)}")
+    raise ParameterError(f"no such stage: {name!r}", advice=f"one of {', '.join(one.name for one in stages)}")
 
 
 def selected(until: str | None, stages: tuple[Stage, ...] = STAGES) -> tuple[Stage, ...]:

@@ -61,7 +61,7 @@ def compile_kernels(package: Path) -> None:
     """Compile the pipeline's kernels into a package's folder, where what they need is installed."""
     code = "from processing.ground.kernels import load_kernels; load_kernels()"
     if importlib.util.find_spec("numba") is None:
-        print("kernels are left to be compiled on first use: numba is not here (pip wheel --no-build-isolation)")  # noqa: T201
+        print("kernels will be compiled on first use: numba is not installed (pip wheel --no-build-isolation)")  # noqa: T201
         return
     shutil.rmtree(package / "kernels", ignore_errors=True)  # an earlier build's, of other sources
     environment = {**os.environ, "DAYLIT_KERNELS": str(package.resolve())}
@@ -85,8 +85,8 @@ def main() -> int:
     try:
         build(types="--types" in sys.argv[1:])
     except (OSError, subprocess.SubprocessError) as error:
-        print(f"the studio and the report's viewer were not built: {error}", file=sys.stderr)  # noqa: T201
-        print("all else works; try again with: make web (or python -m studio.build)", file=sys.stderr)  # noqa: T201
+        print(f"the studio and the report viewer were not built: {error}", file=sys.stderr)  # noqa: T201
+        print("everything else works; try again with: make web (or python -m studio.build)", file=sys.stderr)  # noqa: T201
         return 1
     return 0
 

@@ -33,10 +33,10 @@ def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -
     from studio.server import STATIC, Door, make_app
 
     if not folder.is_dir():
-        raise ParameterError("there is no such folder", where=str(folder), advice="give the folder of the sessions")
+        raise ParameterError("no such folder", where=str(folder), advice="give the sessions folder")
     if not (STATIC / "index.html").is_file():
-        advice = "make web (in the checkout; needs npm's registry once), or install a wheel, which has it built"
-        raise ParameterError("the studio's pages were not built at set-up", where=str(STATIC), advice=advice)
+        advice = "run make web (in the checkout; needs the npm registry once), or install a wheel, which includes it"
+        raise ParameterError("the studio's pages were not built during set-up", where=str(STATIC), advice=advice)
     sockets = [listening("127.0.0.1", port)]
     port = sockets[0].getsockname()[1]
     hosts = [f"127.0.0.1:{port}", f"localhost:{port}"]
@@ -50,7 +50,7 @@ def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -
     else:
         for what, link in zip(("studio", "on a phone"), links, strict=False):
             click.echo(f"{what}: {link}")
-        click.echo("each link counts once; end with ctrl-C")
+        click.echo("each link works once; stop with Ctrl-C")
     if show:
         webbrowser.open(links[0])
     config = uvicorn.Config(make_app(folder.resolve(), door), log_level="warning", timeout_graceful_shutdown=1)
@@ -83,5 +83,5 @@ def _own_address() -> str:
         try:
             probe.connect(("192.0.2.1", 9))  # of documentation (RFC 5737): nobody has it
         except OSError as error:
-            raise ParameterError("--phone: this computer is in no network", where="studio") from error
+            raise ParameterError("--phone: this computer is not on a network", where="studio") from error
         return str(probe.getsockname()[0])

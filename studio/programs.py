@@ -64,7 +64,7 @@ def command_of(session: Path, asked: Mapping[str, Any]) -> list[str]:
                 return ["capture", room, f"--into={session}"]
             if WORLD.fullmatch(world):
                 return ["capture", room, f"--into={session}", f"--simulate={world}", "--size=quarter", "--rate=4"]
-    raise ParameterError("no such run", where="studio", advice="begin a room's name with a letter or a digit")
+    raise ParameterError("no such run", where="studio", advice="start a room's name with a letter or digit")
 
 
 class Jobs:
@@ -128,7 +128,7 @@ class Instruments:
         try:
             found: dict[str, Any] = json.loads((await asyncio.wait_for(process.communicate(), LOOK_S))[0])
         except (TimeoutError, ValueError):
-            raise ParameterError("the instruments do not answer", where="daylit doctor", advice="try again") from None
+            raise ParameterError("the instruments do not respond", where="daylit doctor", advice="try again") from None
         finally:  # whoever asked may have gone, and then somebody else's turn begins
             if process.returncode is None:
                 process.kill()
@@ -161,7 +161,7 @@ class Warm:
                 return await asyncio.wait_for(self._asked(session, request), PREVIEW_S)
             except (TimeoutError, OSError, asyncio.IncompleteReadError, ValueError) as error:
                 self.stop()
-                raise ParameterError("the preview did not come", where=session.name, advice="try again") from error
+                raise ParameterError("no preview arrived", where=session.name, advice="try again") from error
 
     async def _asked(self, session: Path, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         if self._session != session or self._process is None or self._process.returncode is not None:

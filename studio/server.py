@@ -109,7 +109,7 @@ class Guard:
                 answer.set_cookie(COOKIE, cookie, httponly=True, samesite="strict", path="/")
                 return answer
         if not self._door.known(request.cookies.get(COOKIE)):
-            text = "This link was used already, or is none. daylit studio prints a new one each time it starts."
+            text = "This link is invalid or already used. daylit studio prints a new one each time it starts."
             return PlainTextResponse(text, 403)
         return None
 
@@ -163,7 +163,7 @@ class Studio:
         """Take a session's zip, or a panorama, into the folder."""
         name = request.query_params.get("name", "")
         if not re.fullmatch(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]{0,119}", name):
-            raise ParameterError("no name of a file", where="import", advice="give it a plain name")
+            raise ParameterError("not a file name", where="import", advice="give it a plain name")
         with tempfile.TemporaryDirectory(prefix=".import-", dir=self.folder) as place:
             with (path := Path(place) / name).open("wb") as file:
                 async for part in _parts(request, MOST_IMPORT_BYTES):
@@ -214,7 +214,7 @@ class Studio:
             await run_in_threadpool(lambda: seen.save(session, name, _file_of(session, name, data), base))
         data, corrected = await run_in_threadpool(corrections.current, session, name)
         if not data:
-            raise ParameterError("there is none yet", where=name)
+            raise ParameterError("not available yet", where=name)
         kind = "image/png" if name.endswith(".png") else "application/json"
         return Response(
             data, media_type=kind, headers={"x-digest": seen.digest(data), "x-corrected": str(int(corrected))}
@@ -276,7 +276,7 @@ def _file_of(session: Path, name: str, data: bytes) -> bytes:
         return corrections.room_bytes(value)
     found = corrections.moved(session, value)
     if rules := corrections.broken(corrections.plan_of(session), found.arrangements[0]):
-        raise ParameterError(f"not so: {rules[0]}", where="furnish", advice="move the piece until no rule is broken")
+        raise ParameterError(f"not allowed: {rules[0]}", where="furnish", advice="move it until all rules are met")
     return (found.model_dump_json(indent=1) + "\n").encode()
 
 
@@ -297,7 +297,7 @@ async def _error_answer(_request: Request, error: Exception) -> Response:
     if isinstance(error, DaylitError):
         status = 409 if isinstance(error, seen.StaleError) else 404 if error.code == "SES-001" else 400
         return JSONResponse({"error": error.to_dict()}, status)
-    return JSONResponse({"error": {"code": "USE-001", "message": f"what was sent cannot be read: {error}"[:200]}}, 400)
+    return JSONResponse({"error": {"code": "USE-001", "message": f"the request cannot be read: {error}"[:200]}}, 400)
 
 
 def make_app(folder: Path, door: Door) -> Starlette:

@@ -28,7 +28,7 @@ def session_at(folder: Path, name: str) -> Path:
     """Return the session's folder; whatever is no name of a folder there that holds a session is refused."""
     plain = re.fullmatch(r"[^/\\\x00]{1,255}", name) and name not in (".", "..")
     if not plain or not (folder / name / MANIFEST_NAME).is_file():
-        raise SessionNotFoundError("there is no such session", where=name[:80])
+        raise SessionNotFoundError("no such session", where=name[:80])
     return folder / name
 
 
@@ -101,7 +101,7 @@ def save(session: Path, name: str, data: bytes, base: str) -> str:
     ``base`` names the state that it was made on; raises `StaleError` where that is not the current one any more.
     """
     if base != digest(current(session, name)[0]):
-        raise StaleError("somebody changed this meanwhile", where=name, advice="look at what it is now, then try again")
+        raise StaleError("someone else changed this", where=name, advice="check it, then try again")
     with open_session(session) as root:
         write_file(root, name, data)
     remember(session, {Path(name).stem: session / name}, by=BY)

@@ -139,7 +139,7 @@ def _elsewhere(address: str) -> Any:
     # holds the lock that closing waits for.
     gc.collect()
     text = f"no Dask scheduler answers ({why})"
-    raise ClusterError(text, where=address, advice="start `dask scheduler`, and give the address that it shows")
+    raise ClusterError(text, where=address, advice="start `dask scheduler` and give the address it prints")
 
 
 def _here(workers: int, scratch: Path) -> Any:

@@ -32,7 +32,7 @@ Row = dict[str, str]
 def split_of(room: str, shares: Sequence[float], salt: str = "daylit") -> str:
     """Return the split of a room: ``shares`` (train, validation, test) sum to 1."""
     if len(shares) != len(SPLITS) or min(shares) < 0 or abs(sum(shares) - 1) > 1e-9:
-        raise ParameterError(f"shares {list(shares)} of the splits", advice="three, from 0, that sum to 1")
+        raise ParameterError(f"shares {list(shares)} of the splits", advice="give three numbers from 0 that sum to 1")
     place = int.from_bytes(hashlib.sha256(f"{salt}/{room}".encode()).digest()[:8], "big") / 2**64
     upto = 0.0
     for name, share in zip(SPLITS, shares, strict=True):
@@ -78,10 +78,10 @@ def read_index(folder: Path) -> list[Row]:
         reader = csv.DictReader(io.StringIO(path.read_text("utf-8"), newline=""))
         rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        advice = "daylit dataset build makes it"
-        raise ParameterError(f"no index that can be read: {error}", where=str(path), advice=advice) from None
+        advice = "create it with daylit dataset build"
+        raise ParameterError(f"the index cannot be read: {error}", where=str(path), advice=advice) from None
     if tuple(reader.fieldnames or ()) != COLUMNS or any(None in row.values() for row in rows):
-        raise ParameterError("the index has other columns, or a damaged row", where=str(path), advice="build it again")
+        raise ParameterError("the index has other columns, or a damaged row", where=str(path), advice="rebuild it")
     return rows
 
 
@@ -179,12 +179,12 @@ def read_sums(folder: Path) -> dict[str, str]:
     try:
         lines = path.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f"no checksums that can be read: {error}", where=str(path)) from None
+        raise ParameterError(f"the checksums cannot be read: {error}", where=str(path)) from None
     found = {}
     for number, line in enumerate(lines, 1):
         match = _LINE.fullmatch(line)
         if match is None or Path(match[2]).is_absolute() or ".." in Path(match[2]).parts:
-            raise ParameterError(f"line {number} is damaged", where=str(path), advice="build it again")
+            raise ParameterError(f"line {number} is damaged", where=str(path), advice="rebuild it")
         found[match[2]] = match[1]
     return found
 
@@ -267,9 +267,9 @@ def _problems(folder: Path, rows: Sequence[Row]) -> list[str]:
     for row in rows:
         rooms.setdefault(row["room"], set()).add(row["split"])
         if not (folder / row["folder"] / "session.json").is_file():
-            found.append(f"{row['folder']}: in the index, and no session is there")
+            found.append(f"{row['folder']}: listed in the index, but there is no session")
         if row["split"] not in SPLITS:
-            found.append(f"{row['folder']}: an unknown split {row['split']!r}")
+            found.append(f"{row['folder']}: unknown split {row['split']!r}")
     found += [f"room {room} is in {' and '.join(sorted(s))}" for room, s in rooms.items() if len(s) > 1]
     try:
         values = json.loads((folder / METADATA_NAME).read_text("utf-8"))

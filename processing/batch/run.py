@@ -171,7 +171,7 @@ def _through(
         over = _first_over(list(of))
         idle_s = 0.0 if over or threads else idle_s + LOOK_S
         if idle_s >= NO_WORKERS_S:
-            why = f"no worker was there for {NO_WORKERS_S:g} s"
+            why = f"no worker was available for {NO_WORKERS_S:g} s"
             yield from ((task, _lost(task, why)) for task in (*of.values(), *reversed(left)))
             return
         for future in over:
@@ -202,7 +202,7 @@ def _outcome(future: Any, task: Task) -> Outcome:
     except Exception as error:  # noqa: BLE001 (whatever it is, it is this session's and is listed)
         kind = type(error).__name__
         if kind == "KilledWorker":
-            return _lost(task, "its workers ended while they had it, again and again; look for a lack of memory")
+            return _lost(task, "its workers ended repeatedly while processing it; check for lack of memory")
         return _lost(task, f"its worker failed: {kind}: {error}")
     assert isinstance(found, Outcome)
     return found

@@ -95,7 +95,7 @@ class Store:
         def copied() -> None:
             self.files.get_file(f"{self.root}/{name}", str(path))
             if path.stat().st_size != size_bytes:
-                raise OSError(f"{path.stat().st_size} of {size_bytes} bytes came")
+                raise OSError(f"{path.stat().st_size} of {size_bytes} bytes arrived")
 
         self._again(copied, f"pulling {name}")
 
@@ -193,7 +193,7 @@ def done_of(store: Store) -> dict[str, Any] | None:
             return found
     except (ValueError, TypeError):
         pass
-    raise StoreError(f"{DONE} is none of daylit's", where=store.url, advice="look at it, and remove it")
+    raise StoreError(f"{DONE} was not written by daylit", where=store.url, advice="check it and remove it")
 
 
 def _pull(store: Store, here: Path, former: dict[str, Any] | None) -> None:
@@ -233,7 +233,7 @@ def _published(store: Store, here: Path, key: str, outcome: Outcome, former: dic
     if not store.create(DONE, json.dumps(done, sort_keys=True).encode()):
         theirs = done_of(store)
         if theirs is None or theirs["key"] != key:
-            raise StoreError("another run has finished it meanwhile, with other options", where=store.url)
+            raise StoreError("another run has since finished it with other options", where=store.url)
         former = done  # the other run's results stand, ours go
     if former is not None:
         for name in former["objects"]:

@@ -102,7 +102,7 @@ def _once(task: Task) -> Outcome:
         try:
             code = server.run(["process", task.session, "--json", *task.arguments], Path(place), task.timeout_s)
         except TimeoutError:
-            message = f"not done after {task.timeout_s:g} s; what its stages made so far is kept"
+            message = f"not done after {task.timeout_s:g} s; results of finished stages are kept"
             return Outcome(task.name, "failed", SessionTimeoutError.code, message)
         out, err = ((Path(place) / name).read_text("utf-8", "replace") for name in ("out", "err"))
     return outcome_of(task.name, code, out, err)
@@ -219,14 +219,14 @@ def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
     """Return what a finished process of `daylit process --json` says."""
     if exit_code < 0:
         message = f"its process was ended by signal {-exit_code}"
-        why = " (9 is the system's answer to too little memory)" if exit_code == -signal.SIGKILL else ""
+        why = " (9: usually out of memory)" if exit_code == -signal.SIGKILL else ""
         return Outcome(name, "failed", SessionKilledError.code, message + why)
     try:
         said = json.loads(out.strip().splitlines()[-1])
         if not isinstance(said, dict):
             raise TypeError("no object")
     except (ValueError, IndexError, TypeError):
-        nothing = f"its process ended with exit code {exit_code} and said nothing"
+        nothing = f"its process ended with exit code {exit_code} without a message"
         message = (err.strip().splitlines() or [nothing])[-1].strip()[:_MOST_TEXT]
         return Outcome(name, "failed", BROKEN, message)
     if exit_code != 0 or not said.get("ok"):

@@ -32,8 +32,8 @@ GLARE_MAX_INDEX = 0.3
 """Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""
 LAMPS = "lamps in the dark, of the rig profile"
 _CORRECTED: dict[Correction, str] = {
-    "panorama": "the panorama's fall-off",
-    "vignetting": "the outdoor lens's fall-off",
+    "panorama": "the panorama's vignetting",
+    "vignetting": "the outdoor lens's vignetting",
     "nd": "the filter's colour",
 }
 
@@ -63,14 +63,14 @@ def indoor_falloff(
 ) -> tuple[Vignetting | None, str]:
     """Return the panorama's fall-off that is corrected (None: none is), and where it is from."""
     if asked.falloff == "off":
-        return None, "not corrected, as asked"
+        return None, "correction switched off"
     camera = profile.cameras.get(Side.INDOOR) if profile else None
     if camera and camera.vignetting:
-        return camera.vignetting.vignetting(), "the rig profile's"
+        return camera.vignetting.vignetting(), "from the rig profile"
     kinds = [device.kind for device in session.devices if device.role == "indoor"]
     name = PANORAMA_FALLOFF.get(kinds[0]) if kinds else None
     if name is None:
-        return None, "not corrected: none is known for this camera"
+        return None, "not corrected: unknown for this camera"
     found = published_vignetting(name)
     return found, f"published: {found.source}"
 
@@ -87,7 +87,7 @@ def find_optics(
     camera = profile.cameras.get(side) if profile else None
     warnings: list[str] = []
     if camera and camera.lens:
-        lens, lens_source = camera.lens.lens(), "the rig profile's"
+        lens, lens_source = camera.lens.lens(), "from the rig profile"
     else:
         lens, lens_source = _lens(image, session, asked, side, warnings)
     falloff, falloff_source = _falloff(session, asked, profile, warnings, side)
@@ -117,11 +117,11 @@ def corrections_unlike(k2: K2Record, done: dict[Correction, object]) -> list[str
     for name, what in done.items():
         if (what is not None) == (name in k2.corrections):
             continue
-        ways = ("with", "it is not made now") if what is None else ("without", "it is made now")
+        ways = ("with", "not applied now") if what is None else ("without", "applied now")
         off = "colours are" if name == "nd" else "outdoor values are"
         found.append(
-            f"k2 was measured {ways[0]} correcting {_CORRECTED[name]}, and {ways[1]}: {off} off by what it is at the "
-            "chart's place (and the meter's)"
+            f"k2 was measured {ways[0]} correction of {_CORRECTED[name]}, which is {ways[1]}: {off} off by "
+            "its value at the chart (and at the meter's target)"
         )
     return found
 
@@ -153,7 +153,7 @@ def glare_taken_off(
         kernel = kernel_from_surround(merged.rgb, merged.validity, lens)
         found = glare_facts(kernel, "surround of the image circle")
         if kernel.misfit > GLARE_MAX_MISFIT or kernel.index > GLARE_MAX_INDEX:
-            why = "the surround is too uneven or too bright to judge"
+            why = "the surround is too uneven or too bright to measure"
     except LensError as error:
         why = str(error).split(" | ")[0]
     if why and lamps is None:
@@ -210,17 +210,17 @@ def _falloff(
     session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, warnings: list[str], side: Side
 ) -> tuple[Vignetting | None, str]:
     if asked.falloff == "off":
-        return None, "not corrected, as asked"
+        return None, "correction switched off"
     camera = profile.cameras.get(side) if profile else None
     f_numbers = [f.f_number for f in session.frames if f.side is side and f.f_number]
     if camera and camera.vignetting:
         found = camera.vignetting.vignetting()
         at = found.f_number or (f_numbers[0] if f_numbers else 1.0)
-        return _for_aperture(found, at, f_numbers, warnings), "the rig profile's"
+        return _for_aperture(found, at, f_numbers, warnings), "from the rig profile"
     known = PUBLISHED_FALLOFF.get(_kind(session, side), ())
     if not known or not f_numbers:
-        warnings.append(f"the {side} lens's fall-off is not known and not corrected: measure it (daylit rig calibrate)")
-        return None, "not corrected: none is known for this lens"
+        warnings.append(f"the {side} lens's vignetting is unknown and not corrected: measure it (daylit rig calibrate)")
+        return None, "not corrected: unknown for this lens"
     name, nearest = min(known, key=lambda one: abs(math.log(one[1] / f_numbers[0])))
     found = _for_aperture(published_vignetting(name), nearest, f_numbers, warnings)
     return found, f"published: {found.source}"
@@ -230,7 +230,7 @@ def _for_aperture(found: Vignetting, known_at: float, f_numbers: list[float], wa
     """Return a fall-off with the doubt, and a warning, that it needs if it is of another aperture than the frames'."""
     if not f_numbers or abs(known_at / f_numbers[0] - 1) <= 0.05:
         return found
-    warnings.append(f"fall-off at f/{f_numbers[0]:g} is not known: that at f/{known_at:g} was used")
+    warnings.append(f"vignetting at f/{f_numbers[0]:g} is unknown: that at f/{known_at:g} was used")
     return replace(found, relative_uncertainty=max(found.relative_uncertainty, OTHER_APERTURE_UNCERTAINTY))
 
 
@@ -248,13 +248,13 @@ def _filter(
         if of_sky is not None:
             return of_sky, of_sky.source
         if has_filter:
-            warnings.append("the ND filter's colour is not known and not corrected (daylit rig calibrate --nd)")
+            warnings.append("the ND filter's colour is unknown and not corrected (daylit rig calibrate --nd)")
         return None, "not corrected: no measured filter" if has_filter else "no filter recorded"
     if k2 is not None and "nd" not in k2.corrections:
         # Not made here either, so that it is as it was for k2.
-        warnings.append("k2 was measured without the filter's colour correction, so it is not made here either")
+        warnings.append("k2 was measured without the filter's colour correction, so it is not applied here either")
         return None, "not corrected: k2 was measured without it"
-    return camera.nd.nd_filter(), "the rig profile's"
+    return camera.nd.nd_filter(), "from the rig profile"
 
 
 def _tint_of_sky(image: RelativeImage, lens: LensModel) -> NdFilter | None:

@@ -183,7 +183,7 @@ def profile_matches(
     """
     camera = profile.cameras.get(side)
     if camera is None:
-        return [f"{side}: the profile has no such camera"]
+        return [f"{side}: the profile does not include this camera"]
     return [f"{side}: {text}" for text in camera.state.differences(camera_state(device, frames))]
 
 
@@ -275,7 +275,7 @@ def _read(path: Path) -> dict[str, Any]:
         finally:
             folder.close()
         if raw is None:
-            raise ProfileError("there is no such profile", where=where, advice="make one: daylit rig calibrate")
+            raise ProfileError("no such profile", where=where, advice="create one: daylit rig calibrate")
         data = strict_json.loads(raw)
     except (OSError, IntegrityError, strict_json.StrictJsonError) as error:
         raise ProfileError(f"cannot be read: {error}", where=where, advice="run daylit rig calibrate again") from error

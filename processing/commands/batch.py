@@ -48,7 +48,7 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
     done = len(report.outcomes) - len(report.failed)
     spent = sum(one.cpu_seconds for one in report.outcomes)
     again = sum(1 for one in report.outcomes if one.tries > 1)
-    retried = f", {again} of them tried twice" if again else ""
+    retried = f", {again} of them after a second try" if again else ""
     yield (
         f"{done} of {len(report.outcomes)} sessions done{retried}, {len(report.failed)} failed, "
         f"in {report.seconds:.1f} s ({spent:.1f} CPU s, {report.cores_busy:.2f} cores busy)"
@@ -93,7 +93,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     if asked["cluster"] is not None and asked["workers"] is not None:
         from processing.errors import ParameterError
 
-        raise ParameterError("--workers is of this computer's own cluster: leave it out with --cluster")
+        raise ParameterError("--workers applies to this computer only: leave it out with --cluster")
     workers, zone = asked["workers"] or usual_workers(), asked["zone"] and str(zone_named(asked["zone"]))
     request = BatchRequest(folder, _arguments(asked), workers, asked["cluster"], asked["session_timeout"], zone)
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
@@ -198,7 +198,7 @@ def check(folder: Path, *, as_json: bool) -> int:
     report = compare(folder)
     facts = {name: getattr(report, name) for name in ("files", "missing", "changed", "new", "problems")}
     lines = [f"{word}: {name}" for word in ("missing", "changed", "new") for name in facts[word]]
-    lines += [*report.problems, f"{report.files} files compared: {'all' if report.ok else 'not'} as it was built"]
+    lines += [*report.problems, f"{report.files} files compared: {'unchanged' if report.ok else 'not as built'}"]
     return answer({"ok": report.ok, **facts}, lines, as_json=as_json, exit_code=0 if report.ok else 1)
 
 

@@ -105,17 +105,17 @@ def _photograph(world: str | None, picture: Path | None, sky: Path | None, asked
     from station.errors import UsageError
 
     if world is not None and picture is not None:
-        raise UsageError("--world and --room exclude each other", where="daylit demo", advice="give one")
+        raise UsageError("--world and --room cannot be combined", where="daylit demo", advice="give one")
     if sky is not None and picture is None:
-        raise UsageError("--sky goes with --room", where="daylit demo", advice="give the HDR panorama of a room too")
+        raise UsageError("--sky needs --room", where="daylit demo", advice="also give the HDR panorama of a room")
     if picture is None or sky is not None:
         if sky is not None and picture is not None and picture.suffix.lower() not in (".hdr", ".exr"):
-            text = f"{picture.name} is a photograph: cameras cannot photograph it again"
+            text = f"{picture.name} is a photograph, which cameras cannot photograph again"
             advice = "with --sky give an HDR panorama (.hdr or .exr); leave --sky out for a photograph"
             raise UsageError(text, where="--room", advice=advice)
         return None
     if asked["size"] is not None or asked["capture_only"]:
-        raise UsageError("a photograph is not captured", where="--room", advice="leave out --size and --capture-only")
+        raise UsageError("a photograph needs no capture", where="--room", advice="leave out --size and --capture-only")
     from processing.running.panorama_session import panorama_session
 
     session: Path = panorama_session(picture, asked["into"])
@@ -172,7 +172,7 @@ def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
     try:
         yield
         if waited_for and helper.poll() is None:
-            click.echo(f"waiting for the rig's {task}, captured meanwhile ({log.name}) ...", err=True)
+            click.echo(f"waiting for the rig's {task}, captured in parallel ({log.name}) ...", err=True)
             helper.wait(BESIDE_S)
     except subprocess.TimeoutExpired:
         pass
@@ -268,24 +268,24 @@ def _summary(
     if manifest:
         shown = ", ".join("none" if r is None else f"{r:.4g}" for r in readings)
         megabytes = sum(f.size_bytes for f in frames) / 1e6
-        click.echo(f"{len(frames)} frames ({megabytes:.0f} MB), readings {shown} cd/m2, every digest checked")
+        click.echo(f"{len(frames)} frames ({megabytes:.0f} MB), readings {shown} cd/m2, all digests verified")
     if report is None:
-        click.echo(f"look at: {path}/session.json and the frames beside it")
+        click.echo(f"see {path}/session.json and the frames beside it")
         return 0 if intact else 4
     if cost is not None:
-        click.echo(f"all of it: {cost.seconds / 60:.1f} min, peak memory {peak / 1e9:.2f} GB")
+        click.echo(f"total: {cost.seconds / 60:.1f} min, peak memory {peak / 1e9:.2f} GB")
     from processing.commands.results import still_paths
     from processing.segmentation.installed import installed
 
     for still in still_paths(path):
         click.echo(f"still:   {still}")
-    click.echo(f"look at: {page.resolve()}")
+    click.echo(f"report:  {page.resolve()}")
     click.echo("next:")
     click.echo(f"  daylit stills {path} --into pictures")
     click.echo(f"  daylit relight {path} --staged 1 --sweep day")
     click.echo(f"  daylit export {path}")
     if installed() is None:
-        click.echo("real furnished rooms: `daylit models get ade20k-deeplab` (2.3 MB) makes their masks much better")
+        click.echo("for real furnished rooms, `daylit models get ade20k-deeplab` (2.3 MB) improves the masks a lot")
     return 0
 
 

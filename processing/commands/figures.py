@@ -62,7 +62,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         scale = legend(low, high, image.unit, level.shape[0])
         write_bytes(falsecolour, png_bytes(with_legend(false_colour(level, low, high), scale)))
     lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
-    left_out = {} if image.absolute else {"glare": f"in {image.unit}; --scale or --reading give lx, cd/m2 and glare"}
+    left_out = {} if image.absolute else {"glare": f"in {image.unit}; lx, cd/m2, glare need --scale or --reading"}
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
     return answer(facts, [*lines, *left_out.values()], as_json=as_json)
 
@@ -78,7 +78,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     if file.is_dir():
         lens = foreign.view_geometry(asked["view"] or "fisheye,equidistant,180", 2, 1)
         if not isinstance(lens, Fisheye):
-            raise ParameterError("a folder of frames is a fisheye's bracket", advice="--view fisheye,MAPPING,DEGREES")
+            raise ParameterError("a folder of frames needs a fisheye view", advice="--view fisheye,MAPPING,DEGREES")
         response = None if asked["response"] is None else foreign.read_rsp(asked["response"])
         frames = foreign.taken_frames(file)
         image = foreign.merged_bracket(frames, response, lens.mapping, math.degrees(2 * lens.half_field_rad))
@@ -110,7 +110,7 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, Figure]:
             raise ParameterError(f"--task {asked['task']}", advice="within ±180, ±90, and above 0 up to 180 degrees")
     has_glare = isinstance(image.geometry, Fisheye) and image.absolute
     if task and not has_glare:
-        raise ParameterError("--task is for glare, of a fisheye in cd/m2", advice="give --view, --scale or --reading")
+        raise ParameterError("--task needs a fisheye picture in cd/m2", advice="give --view, --scale or --reading")
     found = foreign.light_figures(image)
     if has_glare:
         found |= glare_indices(image, task=task)[0]
@@ -151,7 +151,7 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
         read = {side: read_exr(calibrated.path(f"{side}.exr")) for side in Side if f"{side}.exr" in calibrated}
         pictures = {side: one for side, one in read.items() if isinstance(one, LuminanceImage) and one.absolute}
     if not pictures:
-        raise ParameterError("has no picture in cd/m2", where=str(session), advice="daylit process it first")
+        raise ParameterError("has no picture in cd/m2", where=str(session), advice="run daylit process first")
     found = found_of(pictures, calibrated.json("calibration.json"), Finished(session, "merge").facts["metrics"])
     folder = into or session / "certificate"
     folder.mkdir(parents=True, exist_ok=True)
@@ -163,7 +163,7 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
 
 
 def _said(figure: Figure) -> str:
-    off = "not known" if figure["uncertainty"] is None else _two(figure["uncertainty"])
+    off = "unknown" if figure["uncertainty"] is None else _two(figure["uncertainty"])
     bound = {"lower": ", a lower bound: part of it is clipped or unseen", "upper": ", an upper bound: part is clipped"}
     return f"{figure['value']:.5g} ± {off}{bound.get(figure['bound'], '')}"
 

@@ -60,7 +60,7 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     for e in entries:
         size = " x ".join(f"{v:.2f}" for v in e.size_m)
         lines += [f"{e.model_id:26s} {e.category:13s} {size} m  {e.licence}", *(f"    {note}" for note in e.notes)]
-    lines += [f"refused: {name}: {error.code} {error}" for name, error in found.refused.items()]
+    lines += [f"rejected: {name}: {error.code} {error}" for name, error in found.refused.items()]
     facts = {"ok": not refused, "models": rows, "refused": refused}
     return answer(facts, lines, as_json=as_json, exit_code=1 if refused else 0)
 
@@ -133,7 +133,7 @@ def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
     from processing.layout.models.catalogue import Catalogue
 
     if folder is not None and style is not None:
-        raise ParameterError("--style is of the built-in furniture: give it or --furniture")
+        raise ParameterError("--style applies to built-in furniture: give it or --furniture")
     return Catalogue.at(folder) if folder is not None else Catalogue.builtin(style)
 
 

@@ -81,5 +81,5 @@ def add(file: Path, *, as_json: bool) -> int:
 
 
 def _done(name: str, path: Path, *, as_json: bool) -> int:
-    lines = (f"{name}: {path}", "from now on used by `daylit process` (--segmenter own: not)")
+    lines = (f"{name}: {path}", "`daylit process` will use it from now on (--segmenter own: not)")
     return answer({"ok": True, "model": name, "file": str(path)}, lines, as_json=as_json)

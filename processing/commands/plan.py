@@ -132,7 +132,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         yield "the sun does not rise"
     else:
         yield (
-            f"a clear sky changes least at {facts['stillest']} ({100 * facts['sky_frac_per_min']:.2f} % a minute); "
-            f"by no more than {100 * STILL_FRAC_PER_MIN:g} %: {words(facts['still'])}"
+            f"a clear sky is steadiest at {facts['stillest']} ({100 * facts['sky_frac_per_min']:.2f} % per minute); "
+            f"under {100 * STILL_FRAC_PER_MIN:g} % per minute: {words(facts['still'])}"
         )
-    yield f"local time is that of {facts['zone']}; the sun moves by a degree in 4 minutes; clouds are not known"
+    yield f"times are in {facts['zone']}; the sun moves one degree in 4 minutes; clouds are ignored"

@@ -184,7 +184,7 @@ def echo_choices(found: GoingOn) -> None:
     """Say what a run goes on with, and what was chosen and is not used."""
     if found.kept:
         words = ", ".join(f"--{name} {value}" for name, value in found.kept.items())
-        click.echo(printable(f"as chosen before: {words}"))
+        click.echo(printable(f"saved options: {words}"))
     for note in found.notes:
         click.echo(printable(f"note: {note}"))
 
@@ -200,7 +200,7 @@ def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
     if as_json:
         click.echo(json.dumps({"ok": True, "dry_run": True, "session": None, "units": units, "stages": []}))
     else:
-        click.echo(f"would make a session of {panorama.name} in {into}, in {units}, and run every stage on it")
+        click.echo(f"would create a session from {panorama.name} in {into}, in {units}, and run every stage")
     return None
 
 
@@ -218,16 +218,16 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
     from station.errors import UsageError
 
     if (session is None) == (panorama is None):
-        raise UsageError("give a session, or --panorama FILE", where="daylit process", advice="one of them, not both")
+        raise UsageError("give a session, or --panorama FILE", where="daylit process", advice="give one, not both")
     if panorama is None:
         if into is not None:
-            raise UsageError("--into goes with --panorama", where="daylit process", advice="leave it out")
+            raise UsageError("--into needs --panorama", where="daylit process", advice="leave it out")
         assert session is not None
         from processing.pictures.panorama import FORMATS
 
         if session.is_file() and session.suffix.lower() in (*FORMATS, ".bmp", ".gif"):
             advice = f"daylit process --panorama {quote(str(session))}"
-            raise UsageError("is a picture, and a session is a folder", where=str(session), advice=advice)
+            raise UsageError("is a picture; a session is a folder", where=str(session), advice=advice)
         return session
     from processing.running.panorama_session import panorama_session
 
@@ -296,11 +296,11 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
     for flag, key, value in trades:
         if value is not None:
             honoured = [s.stage for s in report.stages if key in s.summary.get("honoured", {})]
-            yield f"{flag} {value:g}: honoured by {', '.join(honoured) or 'no stage'}; the others cannot trade it"
+            yield f"{flag} {value:g}: used by {', '.join(honoured) or 'no stage'}; not supported by the others"
     done = [stage for stage in report.stages if stage.cost]
     cost = report.cost
     if not done:
-        yield "nothing was run: --dry-run" if request.dry_run else f"nothing was done; {cost.seconds:.1f} s"
+        yield "--dry-run: nothing was run" if request.dry_run else f"nothing to do; {cost.seconds:.1f} s"
     else:
         spent = f"{cost.seconds:.1f} s ({cost.cpu_seconds:.1f} CPU s), peak memory {cost.peak_bytes / 1e9:.2f} GB"
         yield f"{len(done)} of {len(report.stages)} stages done in {spent}"
@@ -382,4 +382,4 @@ def _lines(session: Path, found: Choices, *, past: bool) -> list[str]:
     ]
     if past:
         lines += [f"until {with_zone(one.until, zone)}: {one.name} {shown(one)}  {one.by}" for one in found.past]
-    return lines or ["nothing was chosen: every option has its default"]
+    return lines or ["no saved options: every option has its default"]

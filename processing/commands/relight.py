@@ -78,31 +78,31 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     moments["made"] = _made(session, room, "relit", folder)
     name = _name(room)
     found = (_sweep if asked["sweep"] else _one)(ready, moments, folder, name)
-    then = "" if asked["output"] else f"; on the report's pages after: daylit process {session}"
+    then = "" if asked["output"] else f"; to add it to the report: daylit process {session}"
     lines = (*(f"note: {note}" for note in found["notes"]), *map(_line, found["moments"]), f"written to {folder}{then}")
     return answer({"ok": True, "folder": str(folder), **found}, lines, as_json=as_json)
 
 
 def _check(asked: dict[str, Any]) -> None:
     if sum(asked[name] is not None for name in ("at", "sky", "sweep")) != 1:
-        raise click.UsageError("say one of --at TIME, --sky FILE and --sweep day")
+        raise click.UsageError("give one of --at TIME, --sky FILE and --sweep day")
     _check_staged(asked)
     for name in ("date", "step"):
         if asked[name] is not None and not asked["sweep"]:
-            raise click.UsageError(f"--{name} goes with --sweep")
+            raise click.UsageError(f"--{name} needs --sweep")
     if asked["sky"] is not None:
         for name in ("site", "heading", "zone"):
             if asked[name] is not None:
-                raise click.UsageError(f"--{name.replace('_', '-')} does nothing beside --sky")
+                raise click.UsageError(f"--{name.replace('_', '-')} has no effect with --sky")
         if asked["weather"] != "captured":
-            raise click.UsageError("--weather does nothing beside --sky")
+            raise click.UsageError("--weather has no effect with --sky")
 
 
 def _check_staged(asked: dict[str, Any]) -> None:
     if asked["empty"] and asked["staged"] is not None:
-        raise click.UsageError("--empty and --staged exclude each other")
+        raise click.UsageError("--empty and --staged cannot be combined")
     if asked["furniture"] is not None and asked["staged"] is None:
-        raise click.UsageError("--furniture goes with --staged")
+        raise click.UsageError("--furniture needs --staged")
 
 
 def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     if asked["sky"] is not None:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
         stem = re.sub(r"[^\w-]+", "-", asked["sky"].stem)
-        note = "the sky's +y is taken as the room's; ground, trees and houses are the captured ones"
+        note = "the sky's +y is aligned with the room's; ground, trees and houses are as captured"
         lights = [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))]
         return {"modelled": False, "notes": [note], "lights": lights}
     outside = Outside.of(room, asked["weather"], asked)
@@ -246,9 +246,9 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     """
     _check_staged(asked)
     if asked["name"] is not None and not re.fullmatch(r"[\w][\w .-]{0,99}", asked["name"]):
-        raise click.UsageError("--name is a file's name without its ending: letters, digits, blanks, dots, dashes")
+        raise click.UsageError("--name is a file name without extension: letters, digits, spaces, dots, dashes")
     if asked["panorama"] and (asked["look"] is not None or asked["fov"] is not None):
-        raise click.UsageError("--look and --fov do nothing beside --panorama")
+        raise click.UsageError("--look and --fov have no effect with --panorama")
     from processing.light.picture.viewpoint import check_place, seen_from
     from processing.light.solver.irradiance import EFFORTS
     from processing.relighting.relit_session import read_session_room

@@ -122,7 +122,7 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
     path = pictures_of(session, done.left_out).get(ROOM)
     image = None if path is None else read_exr(path)
     if not isinstance(image, LuminanceImage):
-        raise ParameterError("has no calibrated room picture yet", where=str(session), advice="daylit process it first")
+        raise ParameterError("no calibrated room picture yet", where=str(session), advice="run daylit process first")
     target.mkdir(parents=True, exist_ok=True)
     views = write_glare_views(target, session.name, image)
     done.files += views
@@ -163,7 +163,7 @@ def view(session: Path, *, no_open: bool, as_json: bool) -> int:
         import webbrowser
 
         if not webbrowser.open(page.resolve().as_uri()):
-            click.echo("no browser could be started: open the file by hand", err=True)
+            click.echo("no browser could be started: open the file yourself", err=True)
     return 0
 
 
@@ -177,7 +177,7 @@ def _page(session: Path) -> Path:
     from station.session.store import load_manifest
 
     load_manifest(session)
-    raise ProcessingError("there is no report yet", where=str(session), advice=f"daylit process {session}")
+    raise ProcessingError("no report yet", where=str(session), advice=f"daylit process {session}")
 
 
 # ``daylit clean``: what only the stages need goes, results stay.
@@ -245,7 +245,7 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
         process(session, until="stills", aim=";".join(aim))
     facts = stills_of(session)
     if not facts:
-        raise ProcessingError("there are no stills yet", where=str(session), advice=f"daylit process {session}")
+        raise ProcessingError("no stills yet", where=str(session), advice=f"daylit process {session}")
     folder = session / STILLS
     names = [name for one in facts for name in (one["file"], one["original"])]
     if into is not None:
@@ -289,7 +289,7 @@ def proof(
     from processing.exchange.proof import check_proof, read_signer, self_made_signer, write_proof
 
     if sign is not None if checked else digest is not None:
-        raise click.UsageError("--digest goes with --check, --sign without it")
+        raise click.UsageError("--digest needs --check; --sign cannot be combined with it")
     folder = into or Path(f"{session.resolve().name}-proof")
     if not checked:
         signer = None
@@ -298,5 +298,5 @@ def proof(
         path, own = write_proof(session.resolve(), folder, signer)
         return answer({"ok": True, "file": str(path), "sha256": own}, (str(path), f"sha256 {own}"), as_json=as_json)
     wrong = check_proof(folder, session=session.resolve(), digest=digest)
-    lines = wrong or ["every byte is as it was"]
+    lines = wrong or ["every byte is unchanged"]
     return answer({"ok": not wrong, "problems": wrong}, lines, as_json=as_json, exit_code=1 if wrong else 0)

@@ -61,13 +61,13 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     from station.errors import UsageError
 
     if not out.absolute().parent.is_dir():
-        raise UsageError("there is no such folder to write to", where=f"--into {out}", advice="make it first")
+        raise UsageError("no such folder", where=f"--into {out}", advice="create it first")
     progress = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
     result = calibrate_rig(_request(options), SystemClock().utc_now(), progress)
     save_profile(out, result.profile)
     pictures = _save_pictures(out, result)
     facts = {"ok": True, "profile": str(out), "pictures": pictures, **_summary(result)}
-    return answer(facts, [*_lines(result), f"wrote {out}; look at {', '.join(pictures)}"], as_json=as_json)
+    return answer(facts, [*_lines(result), f"wrote {out}; check {', '.join(pictures)}"], as_json=as_json)
 
 
 def _request(options: dict[str, Any]) -> RigRequest:
@@ -103,7 +103,7 @@ def _rule(text: str, rules: tuple[ShutterRule, ...]) -> ShutterRule:
 
     found = next((rule for rule in rules if rule.value == text), None)
     if found is None:
-        raise ParameterError(f"no rule is called {text!r}", where="--shutter", advice=f"one of {', '.join(rules)}")
+        raise ParameterError(f"no such rule: {text!r}", where="--shutter", advice=f"one of {', '.join(rules)}")
     return found
 
 
@@ -156,7 +156,7 @@ def _lines(result: RigResult) -> list[str]:
             f"chart by {facts['chart_found_by']} (colours differ by {facts['chart_mismatch']:.1%})"
         )
         lines += [f"  curve: {facts['response_fit']}"] if facts["response_fit"] else []
-        lines += [f"  fall-off: {facts['vignetting']}"] if facts["vignetting"] else []
+        lines += [f"  vignetting: {facts['vignetting']}"] if facts["vignetting"] else []
         lines += [f"  lens: {facts['lens']}"] if facts["lens"] else []
         lines += [f"  colour: {facts['colour']}"] if facts["colour"] else []
         lines += [f"  stray light: {facts['glare_index']:.2%} of the mean"] if facts["glare_index"] is not None else []

@@ -99,7 +99,7 @@ def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
     from processing.ground.room_model import write_room
 
     if start and path.exists() and start.resolve() != path.resolve():
-        raise ParameterError("--from: there is a room already", where=str(path), advice="move it, or leave out --from")
+        raise ParameterError("--from: a room already exists", where=str(path), advice="move it, or leave out --from")
     if start or not path.exists():
         write_room(path, begin)
 
@@ -119,10 +119,10 @@ def _show(path: Path, *, as_json: bool) -> int:
     found, problems = room_problems(read_json(path))
     facts = _facts(found)
     if problems:
-        lines = [*problems, f"{len(problems)} to correct in {path}, then: daylit room SESSION --check {path}"]
+        lines = [*problems, f"{len(problems)} faults to correct in {path}, then: daylit room SESSION --check {path}"]
     else:
         size = f"{facts['walls']} walls, {facts['area_m2']:.2f} m2, openings: {facts['openings']}"
-        lines = [f"{path}: {size}; can be used"]
+        lines = [f"{path}: {size}; valid"]
     facts = {"ok": not problems, "file": str(path), "problems": problems, **facts}
     return answer(facts, lines, as_json=as_json, exit_code=1 if problems else 0)
 

@@ -69,9 +69,9 @@ def export(session: Path, into: Path, what: Sequence[str], *, label: bool = True
     """
     unknown = set(what) - set(KINDS)
     if unknown or not what:
-        raise ParameterError(f"no such kind of file: {sorted(unknown)}", advice=f"some of {', '.join(KINDS)}")
+        raise ParameterError(f"unknown kind of file: {sorted(unknown)}", advice=f"choose from {', '.join(KINDS)}")
     if not (session / "stages" / "calibrate").is_dir():
-        raise ParameterError("has no results yet", where=str(session), advice="daylit process it first")
+        raise ParameterError("has no results yet", where=str(session), advice="run daylit process on it first")
     into.mkdir(parents=True, exist_ok=True)
     done = Exported()
     if set(what) & {"jpeg", "hdr", "exr"}:
@@ -134,7 +134,7 @@ def _models(session: Path, into: Path, done: Exported) -> None:
         except ProcessingError as error:
             done.left_out["room.gltf"] = str(error)
     else:
-        done.left_out["room.gltf"] = "the room's materials were not estimated, or are gone (stage materials)"
+        done.left_out["room.gltf"] = "the room's materials were not estimated, or were deleted (stage materials)"
     for number in range(1, MOST_STAGED + 1):
         if (model := recorded(session, "render", f"staged-{number}.glb", done.left_out)) is not None:
             path = into / f"{session.name}_staged-{number}.glb"

@@ -69,7 +69,7 @@ def _exr(path: Path) -> OpenPicture:
         attributes: dict[str, object] = {} if white is None else {"whiteLuminance": white}
         scaled = rgb if white is None else rgb * np.float32(white)
         unit = "relative units" if white is None else "cd/m2"
-        return OpenPicture("OpenEXR of another program", unit, scaled, _assumed(rgb), attributes=attributes)
+        return OpenPicture("OpenEXR from another program", unit, scaled, _assumed(rgb), attributes=attributes)
     attributes = dict(image.attributes)
     if isinstance(image, RelativeImage):
         kind, unit, scale = "daylit: merged, before calibration", "relative units", None
@@ -104,7 +104,7 @@ def _eight_bit(path: Path) -> OpenPicture:
     attributes |= {"edited": b"compositeSynthetic" in text, "staged": b'daylit:Staged="True"' in text}
     if b'daylit:Units="relative"' in text:
         attributes["units"] = "relative"
-    return OpenPicture("JPEG or PNG, to look at", CODE_UNIT, codes, _assumed(codes), attributes=attributes)
+    return OpenPicture("JPEG or PNG, for viewing", CODE_UNIT, codes, _assumed(codes), attributes=attributes)
 
 
 def _assumed(rgb: Floats) -> Geometry | None:
@@ -139,7 +139,7 @@ def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg
     direction that it does not show.
     """
     if picture.geometry is None:
-        raise ParameterError("it does not say how it shows the sphere", advice="a panorama is twice as wide as high")
+        raise ParameterError("it does not state its projection", advice="a panorama is 2:1")
     if not (-180 <= lon_deg <= 360 and -90 <= lat_deg <= 90 and 0 < radius_deg <= 90):
         raise ParameterError("longitude -180 to 360, latitude -90 to 90, radius up to 90 degrees")
     lon, lat = math.radians(lon_deg), math.radians(lat_deg)

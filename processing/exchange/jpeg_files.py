@@ -119,11 +119,11 @@ def _qr(link: str, height: int) -> Image.Image:
 PHOTOGRAPH, EMPTIED, STAGED = "photograph", "emptied", "staged"
 PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT}
 EDITS = {
-    EMPTIED: "Furniture was removed by computer, and the room's light worked out without it.",
-    STAGED: "Furniture is virtual; the room's own furniture was removed by computer, and its light worked out anew.",
-    "added": "Furniture is virtual, and the room's light worked out with it.",
-    "relit": "The light is that of another time or sky, computed.",
-    "computed view": "What the camera did not see from its own place is computed.",
+    EMPTIED: "Furniture was removed digitally and the room's light recalculated without it.",
+    STAGED: "The furniture is virtual; the room's own furniture was removed digitally and the light recalculated.",
+    "added": "The furniture is virtual, and the room's light was recalculated with it.",
+    "relit": "The light was computed for another time or sky.",
+    "computed view": "What the camera did not see is computer-generated.",
 }
 
 
@@ -195,12 +195,12 @@ class PanoramaTags:
 
     def __post_init__(self) -> None:
         if not (0 < self.full_width_px <= 1 << 20 and self.full_width_px == 2 * self.full_height_px):
-            raise ParameterError(f"a whole panorama of {self.full_width_px} x {self.full_height_px} is not 2 : 1")
+            raise ParameterError(f"a whole panorama must be 2:1, not {self.full_width_px} x {self.full_height_px}")
         if self.left_px < 0 or self.top_px < 0:
             raise ParameterError("a crop begins within the panorama", advice="give left and top from 0")
         angles = (self.heading_deg, self.pitch_deg, self.roll_deg, self.initial_heading_deg)
         if not all(math.isfinite(angle) for angle in angles if angle is not None):
-            raise ParameterError("an angle of the panorama is no number")
+            raise ParameterError("an angle of the panorama is not a number")
 
     @classmethod
     def whole(cls, width_px: int, height_px: int, *, heading_rad: float | None = None) -> PanoramaTags:

@@ -30,7 +30,7 @@ from station.session.store import load_manifest
 
 LABEL = "org.daylit.proof"
 """Of the assertion that chains a picture to its frames."""
-SELF_MADE = "made by daylit for one proof - vouched for by nobody"
+SELF_MADE = "made by daylit for one proof - vouched for by no one"
 """Common name of a certificate that was made here: whoever reads it knows."""
 SOURCES = {"original": f"{DIGITAL_SOURCE}computationalCapture", "result": STAGED_SOURCE}
 """IPTC's digital source types: several exposures joined by computer; a photograph with synthetic parts."""
@@ -102,8 +102,8 @@ def read_signer(path: Path) -> Signer:
         start = text.index(b"-----BEGIN", max(0, text.index(b"PRIVATE KEY-----") - 40))
         key = form.load_pem_private_key(text[start:], password=None)
     except (ValueError, TypeError) as error:
-        advice = "give one PEM file with the certificate, those above it, and the private key without a password"
-        raise ParameterError(f"no certificate with its key: {error}", where=str(path), advice=advice) from error
+        advice = "give one PEM file with the certificate, its chain, and the private key without a password"
+        raise ParameterError(f"no certificate with a private key: {error}", where=str(path), advice=advice) from error
     return _signer(b"".join(one.public_bytes(form.Encoding.PEM) for one in certificates), key, self_made=False)
 
 
@@ -116,7 +116,9 @@ def _signer(chain: bytes, key: Any, *, self_made: bool) -> Signer:
     public: Any = own.public_key()
     kind = public.curve.name if hasattr(public, "curve") else type(public).__name__
     if kind not in ALGORITHMS:
-        raise ParameterError("a key that C2PA does not know", where="--sign", advice="give Ed25519, ECDSA or RSA")
+        raise ParameterError(
+            "a key type that C2PA does not support", where="--sign", advice="give Ed25519, ECDSA or RSA"
+        )
     facts = {"name": own.subject.rfc4514_string(), "sha256": own.fingerprint(hashes.SHA256()).hex()}
     plain = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
     return Signer(chain, plain, ALGORITHMS[kind], facts | {"self_made": self_made})
@@ -165,8 +167,8 @@ def credentials_of(jpeg: bytes) -> tuple[bool, Mapping[str, Any]]:
 
 NAME, STILLS = "proof.json", Path("stages", "stills")
 STATEMENT = (
-    "Pictures of kind 'result' were altered by computer as listed under 'changes'; those of kind 'original' are the "
-    "photograph in the same frame, altered in nothing but white balance, exposure and tone."
+    "Pictures of kind 'result' were altered digitally as listed under 'changes'; those of kind 'original' are the "
+    "photograph in the same frame, altered only in white balance, exposure and tone."
 )
 
 
@@ -192,7 +194,7 @@ def write_proof(session: Path, into: Path, signer: Signer | None = None) -> tupl
     """
     folder, stills = session / STILLS, stills_of(session)
     if not stills:
-        raise ParameterError("there are no stills to prove", where=str(session), advice=f"daylit process {session}")
+        raise ParameterError("no stills to prove", where=str(session), advice=f"daylit process {session}")
     manifest = load_manifest(session)
     frames = [{"file": frame.file, "sha256": frame.sha256} for frame in manifest.frames]
     changes = _changes(session, {one["state"] for one in stills})
@@ -242,13 +244,13 @@ def check_proof(folder: Path, *, session: Path | None = None, digest: str | None
         return [f"{NAME}: changed"]
     found = [] if intact and digest in (None, hashlib.sha256(raw).hexdigest()) else [f"{NAME}: changed"]
     if not chained:
-        found.append("chain: does not lead from these frames to these pictures")
+        found.append("chain: it does not lead from these frames to these pictures")
     if body.get("signed_by"):
         for (name, _), one in zip(pictures, body["pictures"], strict=True):
             data = (folder / name).read_bytes() if (folder / name).is_file() else b""
             holds, said = credentials_of(data)
             if not holds or said.get("chain") != _chain([sha for _, sha in frames], [one.get("unsigned_sha256", "")]):
-                found.append(f"{name}: its content credentials do not hold")
+                found.append(f"{name}: its content credentials are not valid")
     beside = [(folder, *one) for one in pictures] + ([] if session is None else [(session, *one) for one in frames])
     for place, name, sha in beside:
         if not (place / name).is_file():
@@ -285,7 +287,7 @@ def _changes(session: Path, states: set[str]) -> dict[str, Any]:
     for name, made in (("arrange", arrange.facts), ("render", render.facts)):
         for key, file in made.get("artifacts", {}).items():
             if shown.get(f"{name}/{key}") not in (None, made["files"].get(file, {}).get("sha256")):
-                raise ParameterError(f"{file} has been made anew since the stills", advice=f"daylit process {session}")
+                raise ParameterError(f"{file} has been rebuilt since the stills", advice=f"daylit process {session}")
     if "arrangement.json" in arrange and "staged.json" in render:
         arranged = arrange.json("arrangement.json")["arrangements"]
         rendered = render.json("staged.json")["alternatives"]
@@ -294,9 +296,7 @@ def _changes(session: Path, states: set[str]) -> dict[str, Any]:
             added[f"staged-{number}"] = [{key: piece[key] for key in keys} for piece in pieces]
             relit[f"staged-{number}"] = {key: one[key] for key in ("changed_share", "error", "method") if key in one}
     if unknown := sorted({one for one in states if one.startswith("staged")} - added.keys()):
-        raise ParameterError(
-            f"what was added to {unknown} has been made anew since", advice=f"daylit process {session}"
-        )
+        raise ParameterError(f"what was added to {unknown} has been rebuilt since", advice=f"daylit process {session}")
     metrics = remove.facts["metrics"]
     if "lifted_median_pct" in metrics:
         relit["emptied"] = {"median_brighter_pct": metrics["lifted_median_pct"]}

@@ -76,7 +76,7 @@ class _Evaluation:
     def _named(self, word: str, values: list[Any]) -> Any:
         if word in ("ri_", "gi_", "bi_"):
             if len(values) != 1 or np.any(values[0] != 1):
-                raise ValueError("it moves pixels, which --view does, or combines pictures")
+                raise ValueError("it moves pixels (use --view for that) or combines pictures")
             return self.found[word]
         if word in self.found and not values:
             return self.found[word]
@@ -157,7 +157,7 @@ def _checked(cal: CalFile) -> CalFile:
     line = np.linspace(0, math.sqrt(0.5), 33)  # from the middle to the circle's edge, by both x and y
     plain, run = cal.evaluated(line, line)
     if not np.allclose(cal.evaluated(line, line, 2.0)[0].T, plain.T * (2, 4, 8), rtol=1e-9, atol=0):
-        raise ValueError("it does not multiply each channel by itself")
+        raise ValueError("it does not scale each channel separately")
     cal = replace(cal, half_px=max(min(run.middles, default=ANY_PX), 1.0))
     plain, run = cal.evaluated(line, line)
     other = replace(cal, half_px=OTHER_PX).evaluated(line, line)[0] if cal.half_px == ANY_PX else plain

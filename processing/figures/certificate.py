@@ -87,10 +87,10 @@ def _indices(
     drift = facts.get("meter_drift_frac")
     drift = facts.get("repeat_drift_frac") if drift is None else drift
     found = [
-        ("f3 (linearity)", max(map(abs, offsets), default=None), "", "largest deviation of a frame from all together"),
-        ("f11 (change of range)", max(steps, default=None), "", "largest difference of neighbouring frames"),
+        ("f3 (linearity)", max(map(abs, offsets), default=None), "", "largest deviation of a frame from the merge"),
+        ("f11 (change of range)", max(steps, default=None), "", "largest difference of adjacent frames"),
         ("repeatability", _repeatability(image), "", "median uncertainty of the brighter half of the valid pixels"),
-        ("limit of detection", _detection_limit(image), image.unit, "luminance of three standard deviations"),
+        ("limit of detection", _detection_limit(image), image.unit, "luminance at three standard deviations"),
         ("stability", drift, "", "readings before and after the bracket, or a stop repeated after it"),
         ("spectral mismatch", facts.get("spectral_mismatch"), "", "coloured patches of the rig's chart, rms (not f1')"),
     ]

@@ -52,7 +52,7 @@ def evalglare(tool: Path, view: Path) -> dict[str, float]:
         names, _, values = done.stdout.partition(":")
         found = dict(zip(names.split(","), (float(v) for v in values.split()), strict=False))
     except (OSError, subprocess.TimeoutExpired, ValueError) as error:
-        raise ProcessingError(f"evalglare did not answer: {error}", where=view.name) from None
+        raise ProcessingError(f"evalglare failed: {error}", where=view.name) from None
     if "dgp" not in found:
         raise ProcessingError(f"evalglare gave no dgp: {done.stderr.strip()[:200]}", where=view.name)
     return found
@@ -203,7 +203,7 @@ def reduced(image: LuminanceImage, width_px: int) -> LuminanceImage:
 def panorama_of(image: LuminanceImage) -> Equirectangular:
     """Return the geometry of a whole panorama; raise `ParameterError` for another kind of picture."""
     if not isinstance(image.geometry, Equirectangular):
-        raise ParameterError("light at the camera needs a whole panorama", advice="give an equirectangular one")
+        raise ParameterError("light at the camera needs a whole panorama", advice="give an equirectangular panorama")
     return image.geometry
 
 

@@ -73,7 +73,7 @@ def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:
     for one in files:
         check_light(image.rgb, "--cal", max(one.gains))
         if one.varies and not isinstance(image.geometry, Fisheye):
-            raise ParameterError("a lens's fall-off needs a fisheye picture", advice="give --view")
+            raise ParameterError("a lens's vignetting needs a fisheye picture", advice="give --view")
         factors = (
             one.factors(image.geometry) if isinstance(image.geometry, Fisheye) else np.array(one.gains, np.float32)
         )
@@ -167,7 +167,7 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path, *, abso
     height, width = rgb.shape[:2]
     if view is None and not isinstance(known, Fisheye | Equirectangular):
         if width != 2 * height:
-            raise ParameterError(f"{path.name} does not say what it shows", advice="give --view")
+            raise ParameterError(f"{path.name} does not state its projection", advice="give --view")
         known = Equirectangular(width, height)
     geometry = view_geometry(view, width, height) if view is not None else known
     assert isinstance(geometry, Fisheye | Equirectangular)
@@ -196,7 +196,7 @@ def by_reading(image: LuminanceImage, level: float, place: tuple[float, float], 
     spot = (slice(max(row - _SPOT_PX, 0), row + _SPOT_PX + 1), slice(max(column - _SPOT_PX, 0), column + _SPOT_PX + 1))
     shown = float(luminance_map(image)[spot].mean(dtype=np.float64))
     if not shown > 0 or np.any(image.validity[spot] != Validity.VALID):
-        raise ScaleError("the reading's place is black, clipped or outside", advice="read a place in the picture")
+        raise ScaleError("the position is black, clipped or outside", advice="meter inside the picture")
     found = rescaled(image, level / shown, sigma, "--reading")
     modes = [mode.moved(0.0, math.log2(level)) for mode in modes_of(found)]
     return replace(found, attributes=with_modes(found.attributes, modes))
@@ -228,7 +228,7 @@ def region_figures(
     found = {one["name"]: one for one in statistics(image, solid_angles(image.geometry), parts)}
     for name in names:
         if name not in found:
-            raise ParameterError(f"{name} shows nothing", advice="give a part inside the picture")
+            raise ParameterError(f"{name} is empty", advice="give a part inside the picture")
     unit, kinds = "_cd_m2" if image.absolute else "", ("mean", "median", "lowest", "highest")
     return {f"{name}-{kind}{unit}": found[name][kind] for name in names for kind in kinds}
 

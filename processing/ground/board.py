@@ -64,8 +64,8 @@ def find_board(rgb: Floats, luminance: Floats, usable: Flags) -> Board:
     best = max(boards, key=lambda board: board.confidence, default=None)
     if best is None or best.confidence < MIN_CONFIDENCE:
         sure = "" if best is None else f" (the best guess has a confidence of {best.confidence:.0%})"
-        likely = "no board, a small one, or one that is lit unevenly"
-        advice = "say where the meter looked: --target LON,LAT in degrees"
+        likely = "no board, a small one, or one lit unevenly"
+        advice = "give the meter's target: --target LON,LAT in degrees"
         raise ScaleError(f"no white board was found{sure}", where="the panorama", likely=likely, advice=advice)
     return best
 

@@ -23,14 +23,14 @@ def digest(value: Any) -> str:
 
 
 class Finished:
-    """A stage's result. Raises `ResultFileError` for what is missing, cannot be read, or is not as it was written."""
+    """A stage's result. Raises `ResultFileError` for what is missing, cannot be read, or was changed."""
 
     def __init__(self, session: Path, stage: str) -> None:
         self._session, self._folder = session, session / "stages" / stage
         own, cleaned = self._folder / RESULT_NAME, session / "stages" / CLEANED.format(stage)
         facts = self._read(cleaned if cleaned.is_file() and not own.is_file() else own)
         if not isinstance(facts, dict) or facts.pop("seal", "") != digest(facts) or facts.get("stage") != stage:
-            raise self._refused(RESULT_NAME, "is not as it was written")
+            raise self._refused(RESULT_NAME, "has changed since it was written")
         self.facts: dict[str, Any] = facts  # of result.json: metrics, skipped, given ...
 
     def _read(self, path: Path) -> Any:
@@ -40,7 +40,7 @@ class Finished:
             raise self._refused(path.name, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
     def _refused(self, name: str, what: str) -> ResultFileError:
-        advice = f"daylit process {self._session} makes it anew, or else with --force {self._folder.name}"
+        advice = f"daylit process {self._session} rebuilds it; if not, add --force {self._folder.name}"
         return ResultFileError(f"{name[:100]} {what}", where=str(self._folder), advice=advice)
 
     def __contains__(self, name: str) -> bool:
@@ -53,7 +53,7 @@ class Finished:
         if not path.is_file():
             raise self._refused(name, "is missing")
         if name not in self or not plain or file_sha256(path) != self.facts["files"][name]["sha256"]:
-            raise self._refused(name, "is not as its stage wrote it")
+            raise self._refused(name, "has changed since its stage wrote it")
         return path
 
     def json(self, name: str) -> Any:

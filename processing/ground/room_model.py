@@ -161,7 +161,7 @@ def starter_room(camera_height_m: float) -> RoomModel:
 # A room as JSON that people read and correct: one corner a line, one opening a line, errors that name the key.
 
 MAX_ROOM_BYTES = 1 << 20
-STARTER = 'source: "starter": nobody has corrected it yet; set it to "given" when the rest is right'
+STARTER = 'source: "starter": not corrected yet; set it to "given" when the rest is right'
 
 
 def room_problems(data: Any) -> tuple[RoomModel | None, list[str]]:

@@ -63,7 +63,7 @@ def arrange(
     judge = Judge(plan, rules)
     broken = judge.judge(poses.pieces(stood)).violations if stood else ()
     if broken:
-        raise PinError(f"what is pinned breaks a rule of '{rules.name}': {broken[0]}", where=plan.name)
+        raise PinError(f"a pinned piece breaks a rule of '{rules.name}': {broken[0]}", where=plan.name)
     too_tall = [item for item in free if item.spec.top_m > plan.ceiling_height_m]
     free = [item for item in free if item not in too_tall]
     inner, frame = poses.canonical_plan(
@@ -101,11 +101,11 @@ def _doors_given_up(found: Arrangements, plan: FloorPlan, again: Callable[[Floor
     other = again(replace(plan, hung=hung))
     if missing(other) >= missing(found):
         return found
-    note = "doors that only the pixels show are not kept free: with them kept free, not everything fits"
+    note = "doors seen only in the picture are not kept clear: with them clear, not everything fits"
     return other.model_copy(update={"plan": found.plan, "notes": (note, *other.notes)})
 
 
-GIVEN_UP = "door given up"
+GIVEN_UP = "door not kept clear"
 """Name in the search of a door that only hangs on a wall and is no longer kept free."""
 # How what the rounded room gives is taken; chosen by `benchmarks steady` (validation seeds): what stays, then scores.
 GOOD, BETTER = 0.8, 0.04

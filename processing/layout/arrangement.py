@@ -92,4 +92,4 @@ def read_arrangements(path: Path) -> Arrangements:
     try:
         return Arrangements.model_validate_json(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise LayoutError(f"no arrangements: {str(error).splitlines()[0]}", where=path.name) from None
+        raise LayoutError(f"not a valid arrangement file: {str(error).splitlines()[0]}", where=path.name) from None

@@ -39,9 +39,9 @@ def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
     within = shapely.contains_xy(shapely.Polygon(plan.corners), places[:, 0], places[:, 1])
     outside = [item.id for item, fits in zip(arrangement.items, within, strict=True) if not fits]
     if outside:
-        text = f"{', '.join(outside)} would stand outside of the room"
-        likely = "it was made for another room, or the room has another origin (below the camera)"
-        advice = "make it for this one: daylit arrange SESSION --keep-camera"
+        text = f"{', '.join(outside)} would be outside the room"
+        likely = "it was made for another room, or with another origin (it must be below the camera)"
+        advice = "make one for this room: daylit arrange SESSION --keep-camera"
         raise LayoutError(text, where=where, likely=likely, advice=advice)
     pieces = [
         Piece(i.id, replace(KINDS[i.category], size_m=i.size_m, base_m=i.base_m), *i.t_m[:2], i.theta_rad, i.group)
@@ -77,7 +77,7 @@ def named_choice(session_name: str) -> Choice | None:
     for name, known in NAMES.items():
         word = next((w for w in words if w in known), None)
         if word:
-            return Choice(name, f"the session's name says '{word}'")
+            return Choice(name, f"the session's name contains '{word}'")
     return None
 
 
@@ -98,9 +98,9 @@ def fitting_choice(plan: FloorPlan, rules: str, seed: int) -> Choice:
         if held == len(items):
             break
     if not fits:
-        return Choice(order[0], f"the session's name suggests no use, and no set fits {plan.area_m2:.1f} m2")
+        return Choice(order[0], f"the session's name suggests no furniture set, and none fits {plan.area_m2:.1f} m2")
     _, _, name, held_text = min(fits)
-    return Choice(name, f"the session's name suggests no use; {plan.area_m2:.1f} m2 of floor, {held_text}")
+    return Choice(name, f"the session's name suggests no furniture set; {plan.area_m2:.1f} m2 of floor, {held_text}")
 
 
 def with_door(room: RoomModel) -> tuple[RoomModel, str]:
@@ -119,7 +119,7 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
     door = Opening(
         kind=OpeningKind.PASSAGE, wall=wall, start_m=start_m, end_m=end_m, sill_m=0.0, head_m=head_m, confidence=0.0
     )
-    text = f"no door was found here: one is assumed at the start of wall {wall} (correct it: daylit room --edit)"
+    text = f"no door was found here: one is assumed at the start of wall {wall} (to correct it: daylit room --edit)"
     return room.model_copy(update={"openings": (*room.openings, door)}), text
 
 

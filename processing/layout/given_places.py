@@ -38,7 +38,7 @@ def parse_pin(text: str) -> tuple[str, Pose]:
     except ValueError:
         raise PinError(f"'{text[:60]}' is not ITEM=X,Y,DEGREES") from None
     if not all(math.isfinite(v) for v in (x, y, degrees)):
-        raise PinError(f"'{text[:60]}' has a number that is none")
+        raise PinError(f"'{text[:60]}' has an invalid number")
     return name.strip().replace(" ", "-"), (x, y, math.radians(degrees))
 
 
@@ -233,4 +233,4 @@ def _edge(plan: FloorPlan, name: str) -> int:
     if name == "wall":
         bare = [i for i in range(count) if all(w.edge != i for w in plan.windows)]
         return max(bare or list(range(count)), key=lambda i: plan.edge(i)[2])
-    raise PinError(f"'{name}' is no edge of the room", advice=f"0 to {count - 1}, 'wall', or 'window' where it has one")
+    raise PinError(f"'{name}' is not an edge of the room", advice=f"0 to {count - 1}, 'wall', or 'window' if any")

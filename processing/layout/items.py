@@ -168,7 +168,7 @@ def parse_items(text: str, kinds: Mapping[str, ItemSpec] = KINDS) -> list[Item]:
         assert match is not None  # the second group takes anything
         count = int(match[1] or 1)
         if count < 1:
-            raise ItemError(f"'{part}': none asked for; leave it out instead")
+            raise ItemError(f"'{part}': a count of 0; leave it out instead")
         specs += [_kind(match[2], kinds)] * min(count, MAX_ITEMS + 1)
     return number_items(specs)
 

@@ -28,7 +28,7 @@ def read_plan(path: Path) -> FloorPlan:
 def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
     """Return the plan of a JSON object: polygon, openings, and what else is given."""
     if not isinstance(data, Mapping) or "polygon" not in data:
-        raise PlanError("no object with a 'polygon'", where=where)
+        raise PlanError("not an object with a 'polygon'", where=where)
     polygon, openings = data["polygon"], data.get("openings", [])
     holes, keep_free = data.get("holes", []), data.get("keep_free", [])
     for key, value in (("polygon", polygon), ("openings", openings), ("holes", holes), ("keep_free", keep_free)):
@@ -126,7 +126,7 @@ def _point(value: Any, where: str) -> tuple[float, float]:
 def _text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise PlanError(f"larger than {MAX_BYTES // 1_000_000} MB: no plan", where=path.name)
+            raise PlanError(f"larger than {MAX_BYTES // 1_000_000} MB: not a plan", where=path.name)
         return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise PlanError(f"cannot be read ({type(error).__name__})", where=path.name) from None

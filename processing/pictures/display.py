@@ -86,9 +86,9 @@ class Display:
         words = {
             "board": "the white board beside the meter",
             "windows": "the light of the windows",
-            "surfaces": "the room's light surfaces, taken for neutral",
-        }.get(first, "the camera, as the picture was given")
-        return f"{words}, and the ceiling, which by it is white" if ceiling else words
+            "surfaces": "the room's bright surfaces, assumed neutral",
+        }.get(first, "the camera, as in the given picture")
+        return f"{words}, and the ceiling, which it renders white" if ceiling else words
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -102,7 +102,7 @@ class Display:
             given = float(facts["pull"]), str(facts["source"]), None if views is None else tuple(map(int, views))
             found = cls(tuple(float(v) for v in facts["matrix"]), *given)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise ParameterError("not a display's parameters", advice="process the session again") from error
+            raise ParameterError("not display parameters", advice="process the session again") from error
         if len(found.matrix) != 9 or not 0 < found.pull <= 1 or not np.isfinite(found.matrix).all():
             raise ParameterError("a display's matrix has 9 numbers, its pull is above 0 and at most 1")
         return found

@@ -79,7 +79,7 @@ def read_header(path: Path) -> list[ExrPart]:
     if flags & 0xFF != 2 or flags & ~0xFF & ~_KNOWN_FLAGS:
         raise refused(path, f"is OpenEXR of an unknown version (0x{flags:x})")
     if flags & _DEEP:
-        raise refused(path, "holds deep data, which is no picture")
+        raise refused(path, "holds deep data, not a picture")
     try:
         parts = _parts(head, multipart=bool(flags & _MULTIPART), path=path)
     except (struct.error, UnicodeDecodeError, ValueError, IndexError) as error:
@@ -166,8 +166,8 @@ CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 UNSCALED = "luminance in relative units"
 """``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
 
-_DAMAGED = "damaged on the disk or on the way; the library could not read all of it"
-_AGAIN = "copy it again, or let the stage that made it run again (--force)"
+_DAMAGED = "damaged on disk or in transfer; the library could not read all of it"
+_AGAIN = "copy it again, or rerun the stage that made it (--force)"
 _UNDERSHOOT = 0.05  # of the picture's mean: lossy compression makes negative values of black ones
 
 Channels = dict[str, npt.NDArray[Any]]
@@ -241,7 +241,7 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
     write_whole(path, lambda part: library.File(header, channels).write(str(part)))
 
 
-_FOREIGN = "is not a picture of daylit"
+_FOREIGN = "was not written by daylit"
 
 
 def read_exr(path: Path) -> RelativeImage | LuminanceImage:
@@ -260,7 +260,7 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
     planes: Channels = {"RGB": arrays["RGB"], "uncertainty": _single(arrays["uncertainty"])}
     planes |= {name: _codes(arrays[name], path) for name in ("validity", "ghost") if name in arrays}
     if header["daylitCrc32"] != f"{_digest(texts, planes):08x}":
-        raise refused(path, "is not what was written: its checksum differs", likely=_DAMAGED, advice=_AGAIN)
+        raise refused(path, "has changed since it was written: its checksum differs", likely=_DAMAGED, advice=_AGAIN)
     image = _image(texts, planes, path)
     if header.get("whiteLuminance", 0.0) != (1.0 if _in_cd_m2(image) else 0.0):
         raise refused(path, "has another whiteLuminance than it was written with", likely=_DAMAGED, advice=_AGAIN)
@@ -289,7 +289,7 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
     together = next((arrays[name] for name in ("RGB", "RGBA") if name in arrays), None)
     if together is None:
         names = ", ".join(sorted(read_header(path)[0].channels))
-        raise refused(path, f"has the channels {names}, not R, G and B", advice="save what is wanted as R, G and B")
+        raise refused(path, f"has the channels {names}, not R, G and B", advice="save channels R, G and B")
     rgb = np.ascontiguousarray(together[..., :3], dtype=np.float32)
     primaries = np.ravel(header.get("chromaticities", CHROMATICITIES))
     if not np.allclose(primaries, CHROMATICITIES, atol=2e-3):
@@ -352,7 +352,7 @@ def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage
         geometry = geometry_from_json(json.loads(texts["daylitGeometry"]))
         attributes = json.loads(texts["daylitProvenance"])
         if not isinstance(attributes, dict):
-            raise TypeError("provenance is no object")
+            raise TypeError("provenance is not an object")
         rgb, uncertainty = (np.asarray(planes[name], dtype=np.float32) for name in ("RGB", "uncertainty"))
         validity = np.asarray(planes["validity"], dtype=np.uint8)
         ghost = np.asarray(planes["ghost"], dtype=np.uint8) if "ghost" in planes else None
@@ -364,7 +364,7 @@ def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage
         scale = float(texts["daylitScaleUncertainty"])
         return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes, kind != UNSCALED)
     except (ValueError, TypeError, RecursionError, ParameterError, LensError) as error:
-        raise refused(path, f"has attributes that cannot be right ({error})", likely=_DAMAGED, advice=_AGAIN) from error
+        raise refused(path, f"has invalid attributes ({error})", likely=_DAMAGED, advice=_AGAIN) from error
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Channels]:
@@ -384,7 +384,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Channels]:
     except (RuntimeError, ValueError, TypeError, MemoryError, UnicodeDecodeError) as error:
         raise refused(path, f"cannot be decoded ({error})", likely=_DAMAGED, advice=_AGAIN) from error
     for _ in _differences(parts[0], arrays):
-        raise refused(path, "is not what its header says", likely=_DAMAGED, advice=_AGAIN)
+        raise refused(path, "does not match its header", likely=_DAMAGED, advice=_AGAIN)
     return header, arrays
 
 

@@ -150,7 +150,7 @@ def jpeg_frame(source: Path | str | bytes, name: str | None = None) -> JpegFrame
     except ValueError as error:
         raise damaged_picture(where, str(error)) from error
     if (width, height) != size:
-        raise damaged_picture(where, "it says two sizes")
+        raise damaged_picture(where, "it states two sizes")
     return JpegFrame(kept, where, size)
 
 
@@ -224,7 +224,7 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
         raise damaged_picture(name, "it cannot be decoded")
     if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim not in (2, 3) or pixels.shape[2:] not in _CHANNELS:
         text = f"it holds {pixels.dtype} of shape {pixels.shape}, not grey or RGB of 8 or 16 bits"
-        advice = "light in decimal numbers: save it as OpenEXR (.exr); else as RGB of 8 or 16 bits"
+        advice = "floating-point light: save it as OpenEXR (.exr); otherwise as 8 or 16-bit RGB"
         raise PictureFileError(text, where=name, advice=advice)
     if pixels.ndim == 2 or pixels.shape[2] == 1:
         return _contiguous(np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2))
@@ -241,7 +241,7 @@ def refuse_alpha(alpha: Codes, name: str) -> None:
     """Let an alpha channel (H, W) of nothing but opaque pixels pass; `PictureFileError` for any other."""
     opaque = np.iinfo(alpha.dtype).max
     if int(alpha.min()) < opaque:
-        text = f"{float((alpha < opaque).mean()):.1%} of it are transparent: what is behind is not known"
+        text = f"{float((alpha < opaque).mean()):.1%} of it is transparent: what is behind is unknown"
         advice = "save it without transparency (flatten it, or switch 'film transparent' off)"
         raise PictureFileError(text, where=name, advice=advice)
 
@@ -253,7 +253,7 @@ def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
     ones writes beyond its buffer (libjpeg-turbo 3, found with damaged files).
     """
     if data[:2] != b"\xff\xd8":
-        raise damaged_picture(name, "it does not begin as a JPEG does")
+        raise damaged_picture(name, "it does not start like a JPEG")
     at = 2
     while at + 10 <= len(data):
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
@@ -347,8 +347,8 @@ def checked_size(width: int, height: int, name: str) -> tuple[int, int]:
 
 def damaged_picture(name: str, what: str) -> PictureFileError:
     """Return the error of a file that cannot be decoded."""
-    text = f"it is damaged or not what its name says: {what}"
-    advice = "take the file from its source again; of a bracket it can be left out"
+    text = f"it is damaged or not what its name suggests: {what}"
+    advice = "get the file from its source again, or leave it out of the bracket"
     return PictureFileError(text, where=name, likely="a copy that was cut short, or a failing card", advice=advice)
 
 

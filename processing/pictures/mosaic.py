@@ -73,7 +73,7 @@ def camera_colours(raw: Any, name: str) -> CameraColours:
         or cell is None
         or cell.shape != (2, 2)
     ):
-        what = f"its colours are not known: filters {colours}, {'a' if known.any() else 'no'} matrix"
+        what = f"its colours are unknown: filters {colours}, {'a' if known.any() else 'no'} matrix"
         raise PictureFileError(what, where=name, advice="give the camera's JPEGs")
     # LibRaw's matrix is of channels that are balanced for daylight.
     balance = np.array(raw.daylight_whitebalance[:3])

@@ -73,14 +73,14 @@ def check_tags(path: Path) -> PhotoTags:
     tags = read_tags(path)
     kind = tags.gpano.get("ProjectionType", "equirectangular")
     if kind.lower() != "equirectangular":
-        raise PanoramaError(f"projection {kind!r} by its tags", where=path.name, advice="export it equirectangular")
+        raise PanoramaError(f"its tags say projection {kind!r}", where=path.name, advice="export it equirectangular")
     for side in ("Width", "Height"):
         whole, part = (tags.gpano.get(name.format(side), "").strip() for name in _SIZES)
         if whole.isdecimal() and part.isdecimal() and 0 < int(part) < int(whole):
-            text = f"its tags say that it is a part: {part} of {whole} pixels of {side.lower()}"
+            text = f"its tags say that it is cropped: {part} of {whole} pixels of {side.lower()}"
             raise PanoramaError(text, where=path.name, advice="export the whole sphere")
     if tags.orientation not in (0, 1):
-        text = f"its tags say that it is to be turned (orientation {tags.orientation})"
+        text = f"its tags say that it must be rotated (orientation {tags.orientation})"
         raise PanoramaError(text, where=path.name, advice="save it upright")
     return tags
 
@@ -101,15 +101,15 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
         profile = ImageCms.ImageCmsProfile(io.BytesIO(tags.profile))
         name = ImageCms.getProfileDescription(profile).strip()[:80]
     except (ImageCms.PyCMSError, OSError, ValueError):
-        return codes, ("its colour profile cannot be read: taken as sRGB",)
+        return codes, ("its colour profile cannot be read: assumed to be sRGB",)
     if "srgb" in name.lower():
         return codes, ()
     if codes.dtype != np.uint8:
-        return codes, (f"its colour profile is {name!r}: taken as sRGB, so colours are a little off",)
+        return codes, (f"its colour profile is {name!r}: assumed to be sRGB, so colours are slightly off",)
     try:
         turned = ImageCms.profileToProfile(Image.fromarray(codes), profile, ImageCms.createProfile("sRGB"))
     except (ImageCms.PyCMSError, ValueError):
-        return codes, (f"its colour profile {name!r} is not one for RGB: taken as sRGB",)
+        return codes, (f"its colour profile {name!r} is not for RGB: assumed to be sRGB",)
     return np.asarray(turned, np.uint8), (f"converted from {name!r} to sRGB",)
 
 
@@ -221,9 +221,9 @@ def _light(path: Path, kind: Format) -> GivenPanorama:
 
         bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
         if bgr is None or bgr.dtype.kind != "f":
-            raise PanoramaError("its decimal numbers cannot be read", where=path.name, advice="save it as OpenEXR")
+            raise PanoramaError("its float values cannot be read", where=path.name, advice="save it as OpenEXR")
         rgb = np.atleast_3d(bgr)[..., 2::-1].astype(np.float32) * np.ones(3, np.float32)
-        return _plain(rgb, absolute=False, source="TIFF of decimal numbers, taken as linear light")
+        return _plain(rgb, absolute=False, source="floating-point TIFF, assumed to be linear light")
     part = read_header(path)[0]
     _check_shape(part.width, part.height, path.name)
     if {"uncertainty", "validity"} <= set(part.channels):
@@ -280,11 +280,11 @@ def _check_shape(width: int, height: int, name: str) -> None:
     if abs(ratio / 2 - 1) <= ASPECT_TOLERANCE:
         return
     likely = {
-        ratio > 2: "a strip that shows neither all of the floor nor of the ceiling, or a cube map in a row",
-        abs(ratio - 1) < 0.02: "a stereo pair one above the other, or a single fisheye picture",
+        ratio > 2: "a strip that shows only part of floor and ceiling, or a cube map in a row",
+        abs(ratio - 1) < 0.02: "an over-under stereo pair, or a single fisheye picture",
         abs(ratio - 4 / 3) < 0.02: "an ordinary photograph, or a cube map",
     }.get(True, "an ordinary photograph, or a part of a panorama")
-    text = f"it is {width} x {height} pixels, and a whole equirectangular panorama is twice as wide as high"
+    text = f"it is {width} x {height} pixels; a whole equirectangular panorama is 2:1"
     advice = "export the whole sphere (360 x 180 degrees), equirectangular"
     raise PanoramaError(text, where=name, likely=likely, advice=advice)
 
@@ -298,7 +298,7 @@ def _check_not_two_circles(rgb: Floats, name: str) -> None:
     outside = np.hypot(x, y) > 1.08
     mean = float(luminance.mean(dtype=np.float64))
     if mean > 0 and float(np.quantile(luminance[outside], 0.98)) <= CIRCLES_BLACK * mean:
-        advice = "stitch it with the camera's own program first"
+        advice = "stitch it with the camera's own software first"
         raise PanoramaError("it shows two fisheye circles, not a stitched panorama", where=name, advice=advice)
 
 

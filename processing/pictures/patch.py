@@ -28,7 +28,7 @@ def patched(before: P, path: Path | None) -> P:
         with path.open("rb") as opened, np.load(opened) as file:
             kept = dict(file)
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise PictureFileError(f"no patch: {error}", where=path.name, advice="run anew: --force materials") from error
+        raise PictureFileError(f"not a patch: {error}", where=path.name, advice="rerun --force materials") from error
     where = np.unpackbits(kept["where"]).view(bool)[: before.validity.size]
     if where.size < before.validity.size or not np.array_equal(before.rgb.reshape(-1, 3)[where], kept["before"]):
         return before

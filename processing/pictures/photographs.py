@@ -46,7 +46,7 @@ def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
         try:
             with _opened(path, kind) as image:
                 checked_size(*image.size, path.name)
-                notes = ("it holds several pictures: the first is taken",) if getattr(image, "n_frames", 1) > 1 else ()
+                notes = ("it holds several pictures: the first is used",) if getattr(image, "n_frames", 1) > 1 else ()
                 if kind in ("webp", "avif", "heic") or image.mode in ("CMYK", "LAB"):
                     codes, more, is_srgb = _rgb(image, path)
                     return codes, (*notes, *more), is_srgb
@@ -67,7 +67,7 @@ def _opened(path: Path, kind: Kind) -> Image:
         return Image.open(io.BytesIO(path.read_bytes()), formats=(PILLOW[kind],))
     except OSError as error:
         raise damaged_picture(
-            path.name, f"no {kind.upper()} by its bytes" if error.strerror is None else error.strerror
+            path.name, f"its content is not {kind.upper()}" if error.strerror is None else error.strerror
         ) from error
 
 
@@ -93,7 +93,7 @@ def _rgb(image: Image, path: Path) -> tuple[Codes, tuple[str, ...], bool]:
             name = ImageCms.getProfileDescription(source).strip()[:80]
             return np.asarray(turned, np.uint8), (f"converted from {name!r} to sRGB",), True
         except (ImageCms.PyCMSError, OSError, ValueError):
-            note = "four colours without a profile that can be read: colours are approximate"
+            note = "CMYK without a readable profile: colours are approximate"
             return np.asarray(image.convert("RGB"), np.uint8), (note,), True
     if image.has_transparency_data:
         whole = np.asarray(image.convert("RGBA"), np.uint8)

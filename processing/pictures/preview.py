@@ -104,7 +104,7 @@ def read_mask(path: Path) -> Flags:
             return _marked(picture, path)
     # Decoders raise whatever their formats make of damaged bytes.
     except (OSError, SyntaxError, ValueError, EOFError, TypeError, Image.DecompressionBombError) as error:
-        raise refused(path, f"is no mask that can be read: {error}", advice="give a PNG, black and white") from error
+        raise refused(path, f"is not a readable mask: {error}", advice="give a PNG, black and white") from error
 
 
 def _marked(picture: ImageFile, path: Path) -> Flags:
@@ -112,7 +112,7 @@ def _marked(picture: ImageFile, path: Path) -> Flags:
     if picture.mode in SIXTEEN_BITS:
         return np.asarray(np.asarray(picture) >= 1 << 15)
     if picture.mode not in EIGHT_BITS:
-        text = f"has pixels of the kind {picture.mode}, of which nobody knows what is white"
+        text = f"has pixels of the kind {picture.mode}, for which white is undefined"
         raise refused(path, text, advice="give a PNG of 8 or 16 bits, black and white")
     if picture.mode in ("1", "L") and "transparency" not in picture.info:
         return np.asarray(np.asarray(picture.convert("L")) >= 128)

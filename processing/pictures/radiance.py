@@ -197,13 +197,13 @@ def decode_rows(data: bytes, width: int, height: int) -> Bytes:
             raise RunLengthError(f"{len(data)} bytes are not {width} x {height} pixels")
         out = np.frombuffer(data, dtype=np.uint8).reshape(height, width, 4)
         if bool((out[..., :3] == 1).all(axis=2).any()):
-            raise RunLengthError("it uses the run-length code of before 1991, or is damaged")
+            raise RunLengthError("it uses the pre-1991 run-length code, or is damaged")
         return out
     out = np.empty((height, 4, width), dtype=np.uint8)
     mark, place = bytes((2, 2, width >> 8, width & 255)), 0
     for row in out:
         if data[place : place + 4] != mark:
-            raise RunLengthError("a row does not begin as rows begin")
+            raise RunLengthError("a row does not start with a row header")
         place += 4
         for component in row:
             line, place = _decode_line(data, place, width)
@@ -320,7 +320,7 @@ def _ratio(rgb: Floats, above: tuple[float, ...], below: tuple[float, ...]) -> F
 def _header(data: bytes, path: Path) -> tuple[list[str], int, int, int]:
     """Return the header's lines, width, height, and where the pixels begin."""
     if not data.startswith(b"#?"):
-        raise refused(path, "is no Radiance picture")
+        raise refused(path, "is not a Radiance picture")
     end = data.find(b"\n\n", 0, _MAX_HEADER_BYTES)
     stop = data.find(b"\n", end + 2, end + 80)
     if end < 0 or stop < 0:
@@ -350,5 +350,5 @@ def _exposure(lines: list[str], path: Path) -> float:
             except ValueError:
                 exposure = math.nan
     if not (math.isfinite(exposure) and exposure > 0):
-        raise refused(path, "has an EXPOSURE that is no positive number")
+        raise refused(path, "has an EXPOSURE that is not a positive number")
     return exposure

@@ -45,7 +45,7 @@ def check_image(image: RelativeImage | LuminanceImage, where: Path | str) -> Non
         wrong = int((~(image.uncertainty > 0)).sum())
         raise refused(where, f"{wrong} relative uncertainties are NaN, zero or negative")
     if int(image.validity.max(initial=0)) > max(Validity):
-        raise refused(where, f"validity {int(image.validity.max())} is no known code (0 to {int(max(Validity))})")
+        raise refused(where, f"validity {int(image.validity.max())} is not a known code (0 to {int(max(Validity))})")
     if isinstance(image, LuminanceImage) and not 0 <= image.scale_uncertainty < math.inf:
         raise refused(where, f"scale_uncertainty is {image.scale_uncertainty}, not a finite number from 0 up")
 
@@ -78,14 +78,14 @@ def check_light(rgb: Floats, where: Path | str, factor: float | None = None) -> 
         y, x, channel = (int(v) for v in np.argwhere(wrong)[0])
         raise refused(
             where,
-            f"rows {top} to {top + rows.shape[0] - 1} hold what is no light, {int(wrong.sum())} in all; the first, "
+            f"rows {top} to {top + rows.shape[0] - 1} hold impossible light, {int(wrong.sum())} in all; the first, "
             f"{rows[y, x, channel]}, is {'RGB'[channel]} of the pixel in column {x}, row {top + y}",
         )
     most = float(rgb.max(initial=0)) or 1.0
     if factor is not None and not all(LEAST_LIGHT <= one <= 1 / LEAST_LIGHT for one in (most, factor, most * factor)):
         ends = f"{LEAST_LIGHT:g} to {1 / LEAST_LIGHT:g}"
         what = f"its brightest value, {rgb.max():g}, times {factor:g}: both, and what comes of it, are to be {ends}"
-        raise refused(where, what, likely="a wrong unit, scale or exposure", advice="write it anew in usual units")
+        raise refused(where, what, likely="a wrong unit, scale or exposure", advice="write it again in usual units")
 
 
 def refused(where: Path | str, what: str, *, likely: str = "", advice: str = "") -> PictureFileError:

@@ -133,7 +133,7 @@ class LiveRoom:
         shared = math.hypot(relit.picture.scale_uncertainty, relit.facts["uncertainty"])
         image = replace(relit.picture, scale_uncertainty=shared)
         if not image.absolute:
-            raise ParameterError("glare needs cd/m2, and the session has no scale", advice="calibrate it: k1, a meter")
+            raise ParameterError("glare needs cd/m2, which this session lacks", advice="calibrate it: meter or --k1")
         if seat_m is not None:
             eye = (seat_m[0], seat_m[1], SEATED_M)
             image, seen = self._seen_from(eye, image, outdoors)

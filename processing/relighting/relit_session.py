@@ -77,7 +77,7 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     manifest = load_manifest(session)
     scene_path = stages / "materials" / "scene.npz"
     if not scene_path.is_file():
-        likely = "it was processed without furniture (--set none) and has no sun, or not as far"
+        likely = "it was processed without furniture (--set none) and has no sun, or not far enough"
         advice = "run: daylit process SESSION --set auto"
         raise RelightError("the session has no scene", where=session.name, likely=likely, advice=advice)
     scene = read_scene(scene_path)
@@ -107,16 +107,16 @@ def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) 
     listing = stages / "render" / "staged.json"
     every = _json(listing).get("alternatives", []) if listing.is_file() else []
     if not 1 <= staged <= len(every):
-        text = f"there is no staged alternative {staged}"
+        text = f"no staged alternative {staged}"
         advice = "give --staged 1 and up, or --empty"
         raise RelightError(text, where=stages.parent.name, likely=f"{len(every)} are rendered", advice=advice)
     files = _json(stages / "render" / "result.json").get("ingredients", {}).get("files", {})
     if bool(files.get("furniture")) != (furniture is not None):
-        built_in = "leave --furniture out (chosen before: daylit choices SESSION --forget furniture)"
+        built_in = "leave --furniture out (saved option: daylit choices SESSION --forget furniture)"
         raise RelightError(
             "the furniture is from a folder of your own" if furniture is None else "the furniture is the built-in one",
             where=f"alternative {staged}",
-            advice="give --furniture FOLDER as for daylit process" if furniture is None else built_in,
+            advice="give the same --furniture FOLDER as for daylit process" if furniture is None else built_in,
         )
     arrangements = Arrangements.model_validate_json(json.dumps(_json(stages / "arrange" / "arrangement.json")))
     one = arrangements.arrangements[staged - 1]
@@ -162,7 +162,7 @@ def check_sky(room: SessionRoom) -> None:
     """Raise `RelightError` where the light outdoors was not measured: the windows are then pictures that glow."""
     if not room.outdoors_measured:
         raise RelightError(
-            "no picture of the sky was captured, so that nobody knows what another sky would send through the windows",
+            "no picture of the sky was captured, so the light of another sky through the windows is unknown",
             where=room.manifest.name,
             advice="capture the outdoor picture too; daylit view-from works without",
         )
@@ -173,7 +173,7 @@ def place_of(room: SessionRoom, site: Sequence[float] | None) -> Place:
     here = Place.of(room.manifest.site) if site is None else Place(*site)
     if here is None:
         advice = "give --site LATITUDE,LONGITUDE (degrees, north and east positive)"
-        raise DaylightError("the session does not say where it was taken", where=room.manifest.name, advice=advice)
+        raise DaylightError("the session's site is unknown", where=room.manifest.name, advice=advice)
     return here
 
 
@@ -185,9 +185,9 @@ def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tu
         return room.manifest.heading_rad, "session"
     sun = room.scene.outdoors.sun
     if sun is None:
-        text = "nobody knows whither the panorama faces"
+        text = "the direction the panorama faces is unknown"
         likely = "no heading in the session, and no sun in its outdoor picture"
-        advice = "give --heading DEGREES (compass azimuth of the panorama's middle)"
+        advice = "give --heading DEGREES (compass azimuth of the panorama's centre)"
         raise DaylightError(text, where=room.manifest.name, likely=likely, advice=advice)
     compass = sun_place(room.time_utc, place).azimuth_rad
     return math.remainder(compass - math.atan2(sun.direction[0], sun.direction[1]), 2 * math.pi), "captured sun"
@@ -210,7 +210,7 @@ def other_sky(path: Path) -> Outdoors:
         )
     if not isinstance(image, LuminanceImage):
         advice = "give one in cd/m2: stages/calibrate has it"
-        raise RelightError("a sky without a scale", where=path.name, advice=advice)
+        raise RelightError("a sky without an absolute scale", where=path.name, advice=advice)
     return outdoors_of(image)
 
 

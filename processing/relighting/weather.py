@@ -136,11 +136,11 @@ def captured_weather(outdoors: Outdoors, time_utc: datetime, place: Place) -> We
     of = "a clear sky's light and beam together" if beam < 0.5 else "its diffuse light"
     notes = [f"captured: {beam:.2f} of a clear sky's beam; the sky gives {diffuse:.2f} of {of}"]
     if held != (beam, diffuse):
-        notes.append(f"held to {held[0]:.2f} and {held[1]:.2f}: more or less is not believed")
+        notes.append(f"limited to {held[0]:.2f} and {held[1]:.2f}: values beyond are implausible")
     if sun:
         off = math.degrees(elevation - sun_place(time_utc, place).elevation_rad)
         if abs(off) > 8:
-            notes.append(f"the captured sun stands {off:+.1f} degrees off where time and site say: one is wrong")
+            notes.append(f"the captured sun stands {off:+.1f} degrees off its computed position: one is wrong")
     colour = _unit(np.asarray(sun.normal_illuminance_lx)) if sun else _unit(np.asarray(USUAL_SUN))
     return Weather("captured", *held, colour, clear.air_mass if sun else 1.5, _unit(sky_rgb), tuple(notes))
 
@@ -174,7 +174,7 @@ def daylight_at(
     sun = sun_place(time_utc, place)
     if sun.elevation_rad <= 0:
         text = f"the sun is {math.degrees(-sun.elevation_rad):.1f} degrees below the horizon"
-        advice = "give a time by day; twilight and night are not modelled"
+        advice = "give a time in daylight; twilight and night are not modelled"
         raise DaylightError(text, where=time_utc.isoformat(timespec="minutes"), advice=advice)
     clear = clear_beam(time_utc, place)
     share = (
@@ -251,8 +251,8 @@ def parse_time(text: str, zone: tzinfo) -> datetime:
     try:
         found = datetime.fromisoformat(text.strip())
     except ValueError as error:
-        advice = 'say "2023-06-21 16:00", or with a zone: …T16:00+02:00'
-        raise DaylightError(f"no time: {text!r}", advice=advice) from error
+        advice = 'write "2023-06-21 16:00", or with a zone: …T16:00+02:00'
+        raise DaylightError(f"not a time: {text!r}", advice=advice) from error
     return (found.replace(tzinfo=zone) if found.tzinfo is None else found).astimezone(UTC)
 
 

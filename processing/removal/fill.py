@@ -183,8 +183,8 @@ def empty_room(
     rgb, blind = _finite(image)
     if (target | blind).all():
         likely = "the mask is all white, or inverted"
-        advice = "leave some of floor, walls and ceiling out of the mask"
-        raise RemovalError("nothing of the room is left to fill it from", where="target", likely=likely, advice=advice)
+        advice = "leave part of floor, walls and ceiling out of the mask"
+        raise RemovalError("no part of the room is left to fill from", where="target", likely=likely, advice=advice)
     shown = plane_map(room, geometry)
     unfit = _unfit(target, sunlight)
     foreign = np.zeros_like(target) if foreign is None else foreign
@@ -238,7 +238,7 @@ def _checked(
     image: LuminanceImage | RelativeImage, target: Flags, sun: Flags | None, foreign: Flags | None, quality: str | Quick
 ) -> Equirectangular:
     if not isinstance(image.geometry, Equirectangular):
-        raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
+        raise ParameterError("not a whole panorama", advice="give an equirectangular one")
     for name, mask in (("target", target), ("sun", sun), ("foreign", foreign)):
         if mask is not None and (mask.shape != image.rgb.shape[:2] or mask.dtype != np.bool_):
             advice = f"give booleans of shape {image.rgb.shape[:2]}"

@@ -276,12 +276,12 @@ def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow
     if tripod.disc_rad:
         notes.append(f"tripod: the nadir is painted over, {math.degrees(tripod.disc_rad):.0f} degrees around it")
     elif not tripod.at_nadir:
-        notes.append("tripod: nothing at the nadir differs from the floor")
+        notes.append("tripod: none found at the nadir")
     if tripod.boards:
         notes.append(f"tripod: {tripod.boards} parts of equipment away from the nadir")
     notes.append(f"sunlight: {sun.reason}")
     if shadow.planes_without_fit:
-        notes.append(f"shadow: {shadow.planes_without_fit} surfaces show too little beside furniture: contact bands")
+        notes.append(f"shadow: {shadow.planes_without_fit} surfaces show too little around furniture: contact bands")
     return tuple(notes)
 
 

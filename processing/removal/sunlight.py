@@ -94,20 +94,20 @@ def find_sunlight(
     if sun is not None and sun[1] <= 0:
         return SunFound(none, None, False, "the sun is below the horizon")
     if usable.sum() < LEAST_PX:
-        return SunFound(none, None, False, "hardly any floor or wall is seen")
+        return SunFound(none, None, False, "hardly any floor or wall is visible")
     relative = relative_log2(luminance, plane, usable)
     if not glazed(room) and sun is None:
-        return SunFound(none, None, False, "no window is known, nor where the sun was: none is assumed")
+        return SunFound(none, None, False, "neither a window nor the sun's position is known: no sunlight assumed")
     if not glazed(room):
         bright = usable & (relative > math.log2(SURE_RATIO))
-        reason = "the room has no window that could confirm it: bright places by luminance alone"
-        return SunFound(bright, None, False, reason if bright.any() else "no place is bright enough for direct sun")
+        reason = "the room has no window to confirm it: bright areas found by luminance alone"
+        return SunFound(bright, None, False, reason if bright.any() else "no area is bright enough for direct sun")
     if not (usable & (relative > math.log2(LEAST_RATIO))).any():
-        return SunFound(none, None, False, "no place is bright enough for direct sun: overcast, or the sun elsewhere")
+        return SunFound(none, None, False, "no area is bright enough for direct sun: overcast, or the sun is elsewhere")
     scene = Scene(points_m[usable], plane[usable], relative[usable], weight[usable])
     direction, score = best_direction(thinned(scene), room, sun)
     if direction is None or score <= 0:
-        why = "no window's beam explains the bright places: overcast, or the sun elsewhere"
+        why = "no window's beam explains the bright areas: overcast, or the sun is elsewhere"
         return SunFound(none, None, False, why)
     lit = _in_beams(scene, room, sun_vector(*direction))
     mask = none.copy()
@@ -115,7 +115,7 @@ def find_sunlight(
     if sun is None and not seen:
         mask = unmistakable(mask, relative, points_m, np.where(usable, plane, np.int16(-1)))
         if not mask.any():
-            return SunFound(none, None, False, "when and where is not known, and no patch can be nothing but sun")
+            return SunFound(none, None, False, "time and site are unknown, and no patch is certain to be sunlight")
     if float(weight[mask].sum()) < LEAST_SR:
         return SunFound(none, None, False, "no window's beam is brighter than the shade beside it")
     how = "given" if sun is not None else "searched"

@@ -39,9 +39,9 @@ def indoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Dis
         note = f"uncertainty from {parts}"
         quantities.append(Quantity("k1", facts["k1"], "", facts["k1"] * facts["k1_relative_uncertainty"], note))
     if facts["meter_cd_m2"]:
-        quantities.append(Quantity("Meter at the moment of the picture", facts["meter_cd_m2"], "cd/m2"))
+        quantities.append(Quantity("Meter reading at capture", facts["meter_cd_m2"], "cd/m2"))
     if facts["meter_drift_frac"] is not None:
-        quantities.append(Quantity("Change of light between the readings", 100 * facts["meter_drift_frac"], "%"))
+        quantities.append(Quantity("Drift between the readings", 100 * facts["meter_drift_frac"], "%"))
     text = f"Target: {target['source']}. Vignetting: {facts['falloff']}."
     text += f" Lens: {_lens(facts['lens'])}." if "lens" in facts else ""
     text += f" Veiling glare: {_veil(facts['veil'])}." if "veil" in facts else ""
@@ -54,12 +54,12 @@ def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Di
     rows = (
         ("Lens", _lens(lens)),
         ("Vignetting", facts["falloff"]),
-        ("ND filter's colour", facts["nd_colour"]),
+        ("ND filter colour", facts["nd_colour"]),
         ("Veiling glare", _veil(veil)),
         ("North", _north(north)),
         ("Sun", f"{facts['sun']['found']}; repair: {facts['sun']['repair']}"),
     )
-    tables = (Table("From the camera's picture to the sky", ("step", "what was done"), rows),)
+    tables = (Table("Corrections to the sky picture", ("step", "what was done"), rows),)
     return Section("Sky", "", (), tuple(_pictures(image, "Sky", display.exposed(image.rgb))), tables)
 
 
@@ -69,7 +69,7 @@ def _lens(lens: Mapping[str, Any]) -> str:
 
 def _north(north: Mapping[str, Any]) -> str:
     if north["uncertainty_deg"] >= ANYWHERE_DEG:
-        return "not known: the picture's top is taken for it"
+        return "unknown: the picture's top is taken as north"
     return f"by the {north['source']}, within {north['uncertainty_deg']:.2f}°"
 
 
@@ -87,19 +87,19 @@ def camera_section(
     if residuals := response["residuals"]:
         rms = np.array([[math.nan if v is None else v for v in channel] for channel in residuals["rms_stops"]])
         drawn = plots.residual_plot(np.array(residuals["codes"]), rms)
-        shows = f"what frames of the {side} camera say of one light apart from each other, by code"
+        shows = f"how far frames of the {side} camera disagree on the same light, by code"
         pictures.append(Picture("Residuals of the fit", drawn, shows))
     ordered = sorted(frames, key=lambda frame: (-frame.camera_s, frame.stop))
     labels = [shutter_label(frame.camera_s) for frame in ordered]
     shares = [float(frame["used_share"]) for frame in metrics["frames"]]
     bars = plots.frame_usage_plot(labels, shares, [share == 0 for share in shares])
-    pictures.append(Picture("What each frame served", bars, "bars"))
+    pictures.append(Picture("Use of each frame", bars, "bars"))
     thumbnails = [thumbnail(folder / frame.file) for frame in ordered]
     sheet = plots.contact_sheet(thumbnails, labels)
     pictures.append(Picture("Bracket", sheet, f"frames of the {side} bracket, histograms", wide=True))
     text = f"Exposure times: {response['times_source']}."
     if (error := metrics.get("error95")) is not None:
-        text += f" 95 % of single pixels are known to {error:.1%} (k = 1.96) or better."
+        text += f" For 95 % of pixels the uncertainty is {error:.1%} (k = 1.96) or better."
     return Section(f"Camera {side}", text, pictures=tuple(pictures))
 
 
@@ -121,9 +121,9 @@ def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Pictur
     wide = isinstance(image.geometry, Equirectangular)
     bright = plots.luminance_picture(luminance, image.unit if image.absolute else "relative")
     doubt = plots.uncertainty_map(image.uncertainty)
-    note = f"of each pixel by itself; the common scale adds {100 * image.scale_uncertainty:.2f} %"
+    note = f"per pixel; the common scale adds {100 * image.scale_uncertainty:.2f} %"
     found = [
-        Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),
+        Picture(name, jpeg_bytes(small), f"{name}, tone-mapped for display", wide=wide),
         Picture(f"{name}: luminance", bright, "false colours of luminance", wide=wide),
         Picture(f"{name}: relative standard uncertainty", doubt, "false colours of uncertainty", note, wide=wide),
     ]
@@ -140,15 +140,13 @@ def _spot(image: LuminanceImage, geometry: Equirectangular, target: Mapping[str,
     x = (target["longitude_deg"] / 360 + 0.5) * geometry.width_px
     y = (0.5 - target["latitude_deg"] / 180) * geometry.height_px
     radius_px = SPOT_RAD / 2 / (2 * math.pi) * geometry.width_px
-    return Picture(
-        "Where the meter looked", plots.spot_picture(image.rgb, (x, y), radius_px), "the target and the meter's spot"
-    )
+    return Picture("Meter target", plots.spot_picture(image.rgb, (x, y), radius_px), "the target and the meter's spot")
 
 
 def _veil(veil: Mapping[str, Any]) -> str:
     if veil["taken_off"]:
-        return f"{100 * veil['index']:.2f} % of the mean light, taken off"
-    return f"not taken off: {veil['why']}"
+        return f"{100 * veil['index']:.2f} % of the mean light, subtracted"
+    return f"not subtracted: {veil['why']}"
 
 
 # The rose of light: how much falls on upright planes, by the direction they face.
@@ -185,30 +183,32 @@ def light_figures_section(figures: Mapping[str, Any]) -> Section:
     unit = units["illuminance"]
     quantities, pictures = [], tuple[Picture, ...]()
     if camera["level_up"] is not None:
-        quantities.append(_quantity("On a level plane at the camera", camera["level_up"], unit))
-        quantities.append(_quantity("Cylindrical", camera["cylindrical"], unit, "mean of all upright planes"))
+        quantities.append(_quantity("Horizontal illuminance at the camera", camera["level_up"], unit))
+        quantities.append(
+            _quantity("Cylindrical illuminance", camera["cylindrical"], unit, "mean of all vertical planes")
+        )
         rose = illuminance_rose([look["vertical"]["value"] for look in camera["directions"]], unit)
-        pictures = (Picture("Illuminance on upright planes", rose, "rose of illuminance by direction of view"),)
+        pictures = (Picture("Vertical illuminance", rose, "rose of vertical illuminance by view direction"),)
     if outdoor := figures.get("outdoor"):
-        quantities.append(_quantity("On level ground outdoors", outdoor["level_up"], unit))
+        quantities.append(_quantity("Horizontal illuminance outdoors", outdoor["level_up"], unit))
     if (ratio := figures.get("level_ratio")) is not None:
         percent = {**ratio, **{name: 100 * ratio[name] for name in ("value", "uncertainty")}}
-        quantities.append(_quantity("Inside over outside", percent, "%", "under an overcast sky the daylight factor"))
+        quantities.append(_quantity("Indoor to outdoor ratio", percent, "%", "daylight factor under an overcast sky"))
     looks = [(look, _name(look, k)) for k, look in enumerate(camera["directions"]) if "glare" in look]
     if looks:
         look, name = max(looks, key=lambda one: one[0]["glare"]["dgp"]["value"])
         text = f"{look['glare']['rating']}, looking {name}"
-        quantities.append(_quantity("Highest glare probability (DGP)", look["glare"]["dgp"], "", text))
+        quantities.append(_quantity("Highest daylight glare probability (DGP)", look["glare"]["dgp"], "", text))
     text = f"At the camera, {camera['height_m']:.2f} m above the floor. Uncertainties include the common scale."
     if not figures["absolute"]:
-        text += " The scale of the light is not known: values are relative, and glare cannot be computed."
+        text += " The picture has no absolute scale: values are relative, and glare cannot be computed."
     tables = [_directions_table(camera["directions"], unit), *_meter_table(figures.get("meter"))]
     tables.append(_surface_table(figures["surfaces"], units["luminance"]))
     return Section("Light and glare", text, tuple(quantities), pictures, tuple(tables))
 
 
 def _quantity(name: str, figure: Mapping[str, Any], unit: str, note: str = "") -> Quantity:
-    low = f"the {figure['bound']} bound: part of the light is clipped or unseen" if figure["bound"] else ""
+    low = f"{figure['bound']} bound: part of the light is clipped or unseen" if figure["bound"] else ""
     return Quantity(name, figure["value"], unit, figure["uncertainty"], "; ".join(filter(None, (note, low))))
 
 
@@ -239,7 +239,7 @@ def _directions_table(directions: Sequence[Mapping[str, Any]], unit: str) -> Tab
                 *(_bounded(look["indices"][index]) for index in _INDICES.values() if "indices" in look),
             ]
         rows.append(tuple(row))
-    return Table("By direction of view", head, tuple(rows))
+    return Table("By view direction", head, tuple(rows))
 
 
 def _meter_table(meter: Mapping[str, Any] | None) -> list[Table]:
@@ -247,10 +247,10 @@ def _meter_table(meter: Mapping[str, Any] | None) -> list[Table]:
         return []
     readings = ", ".join(number_text(value) for value in meter["readings_cd_m2"])
     difference = meter["difference_frac"]
-    kind = "agree by construction: k1 is from these readings" if meter["sets_scale"] else "a check: k1 was given"
+    kind = "agree by construction: k1 comes from these readings" if meter["sets_scale"] else "a check: k1 was given"
     row = (f"{readings} cd/m²", f"{number_text(meter['picture_cd_m2'])} cd/m²")
     apart = "" if difference is None else f"{100 * difference:+.2f} %"
-    return [Table("Meter and picture", ("meter", "picture there", "apart", "what it says"), ((*row, apart, kind),))]
+    return [Table("Meter and picture", ("meter", "picture there", "difference", "note"), ((*row, apart, kind),))]
 
 
 def _surface_table(surfaces: Sequence[Mapping[str, Any]], unit: str) -> Table:

@@ -231,9 +231,9 @@ def _smaller(jpeg: bytes, width_px: int, quality: int = PAGE_QUALITY) -> bytes:
 def _notices(context: StageContext, room: RoomModel | None, states: list[str]) -> tuple[str, ...]:
     found = []
     if any(state.startswith("staged") for state in states):
-        found.append("Furniture in pictures marked as virtually staged is not there.")
+        found.append("Pictures marked as virtually staged show furniture that is not in the room.")
     if context.has("remove", "filled"):
-        found.append("Furniture that stood in the room was removed by computer: what it hid is computed, not seen.")
+        found.append("The room's own furniture was removed digitally: what it hid is computed, not photographed.")
     if room is not None and room.source == "estimated" and room.confidence < DOUBTFUL:
         found.append(f"The room's shape is doubtful (confidence {room.confidence:.0%}){_meaning(context, *found)}")
     return tuple(found)
@@ -246,9 +246,9 @@ def _meaning(context: StageContext, *done: str) -> str:
     undone = ["emptied as a whole"] * (UNTRUSTED in context.summary("remove")["left_out"]) + undone
     if undone:
         text = f"{'neither' if len(undone) > 1 else 'not'} {' nor '.join(undone)}"
-        return f", and it was {text}: of it {trusted_parts(context)} can be trusted, other measures may be wrong."
-    stands = ", and where furniture stands," if any("staged" in text for text in done) else ""
-    return f": measures{stands} may be wrong."
+        return f", and it was {text}: {trusted_parts(context)} can be trusted; other measurements may be wrong."
+    stands = " and the positions of furniture" if any("staged" in text for text in done) else ""
+    return f": measurements{stands} may be wrong."
 
 
 def _compared(folder: Path, stills: list[Any]) -> Comparison | None:
@@ -263,7 +263,7 @@ def _compared(folder: Path, stills: list[Any]) -> Comparison | None:
         pictures = [_smaller((folder / one[name]).read_bytes(), 1280) for name in ("original", "file")]
         tag = f"{after}: virtual" if after.startswith("Staged") else after
         shots = (
-            Shot("Original", pictures[0], f"View {number}: the room as it was photographed"),
+            Shot("Original", pictures[0], f"View {number}: the room as photographed"),
             Shot(after, pictures[1], f"View {number}: {one['statement']}", tag),
         )
         scenes.append(Scene(f"View {number}", shots, 1280, 1280 * 2 // 3))
@@ -312,4 +312,4 @@ def _downloads(session: Path, stills: list[Any]) -> tuple[tuple[str, str], ...]:
     for stage, name, what in (("render", "staged-1.glb", "3D model (glTF)"), ("arrange", "plan-1.svg", "plan")):
         if (session / "stages" / stage / name).is_file():
             found.append((f"../{stage}/{name}", what))
-    return (*found, ("lab.html", "figures, uncertainties and methods, for the laboratory"))
+    return (*found, ("lab.html", "technical report: figures, uncertainties and methods"))

@@ -37,7 +37,7 @@ def room_states(context: StageContext) -> Iterator[State]:
         return image if filled is None else in_size(image, filled.shape[1])  # a draft's others are smaller
 
     file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
-    yield State("Photograph", photograph, Made(), file, "the room as it was photographed")
+    yield State("Photograph", photograph, Made(), file, "the room as photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
     if context.has("remove", "empty"):
         read = partial(emptied_as_shown, context)
@@ -126,7 +126,7 @@ def lead_section(cuts: Sequence[Cuts]) -> Section | None:
         return None
     text = "Drag to compare two states of the room."
     if any(one.staged for one in cuts):
-        text += " Furniture in staged pictures is virtual; what the room's own furniture hid is computed."
+        text += " Furniture in staged pictures is virtual; what the room's own furniture hid is computer-generated."
     return Section("Before and after", text, widgets=(comparison(cuts),))
 
 
@@ -134,12 +134,12 @@ def viewer_section(cuts: Sequence[Cuts]) -> Section:
     """Return the viewer."""
     whole = replace(cuts[0].viewer, states=tuple(one.viewer.states[0] for one in cuts))
     text = (
-        f"Drag to look around. The reading, in {whole.unit}, is of one pixel of the picture on disk (to 0.05 %), with "
-        "its standard uncertainty, that of the scale included. Region and ruler are drawn by dragging; the scale of "
-        "the false colours takes other ends."
+        f"Drag to look around. The reading, in {whole.unit}, is the stored value of one pixel (to 0.05 %), with "
+        "its standard uncertainty including that of the scale. Drag to draw a region or a ruler; type other limits for "
+        "the false-colour scale."
     )
     if whole.unit == RELATIVE_UNITS:
-        text += " The scale of this picture's light is not known: values compare within the room, not between rooms."
+        text += " This picture has no absolute scale: compare values within the room, not between rooms."
     return Section("Look around", text, widgets=(whole,))
 
 
@@ -158,13 +158,13 @@ def model_section(context: StageContext) -> Section | None:
         models.append(Model(f"Staged {number}", path.read_bytes(), f"model of the staged room, alternative {number}"))
     note = _left_out(paths[len(models) :])
     if not models:
-        return Section("In three dimensions", note)
-    text = "Drag to turn, scroll or pinch to come closer. Walls are seen from within only, so that one looks inside."
-    return Section("In three dimensions", text, widgets=(Models(tuple(models), note),))
+        return Section("3D model", note)
+    text = "Drag to turn, scroll or pinch to zoom. Walls are visible only from inside, so you can look into the room."
+    return Section("3D model", text, widgets=(Models(tuple(models), note),))
 
 
 def _left_out(paths: list[Path]) -> str:
     if not paths:
         return ""
     names = ", ".join(path.name for path in paths)
-    return f"Too large for this page, and to be opened with any glTF viewer: {names} in stages/render."
+    return f"Too large for this page; open in any glTF viewer: {names} in stages/render."

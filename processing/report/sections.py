@@ -46,13 +46,13 @@ def detect_section(
     ]
     tables = []
     if notes := facts.get("notes"):
-        tables.append(Table("What was skipped, dropped or not found", ("note",), tuple((note,) for note in notes)))
+        tables.append(Table("Skipped, dropped or not found", ("note",), tuple((note,) for note in notes)))
     if "evidence" not in facts:
         text = "Given by the user."
     else:
-        text = f"Evidence: {facts['evidence']}"
+        text = f"Segmentation: {facts['evidence']}"
         text += f"; {facts['views_skipped']} views skipped." if facts["views_skipped"] else "."
-    picture = Picture("What is to be removed", jpeg_bytes(shown), "panorama with tinted masks", wide=True)
+    picture = Picture("To be removed", jpeg_bytes(shown), "panorama with tinted masks", wide=True)
     return Section("Detection", text, tuple(quantities), (picture,), tuple(tables))
 
 
@@ -89,26 +89,26 @@ def remove_section(
     rows = every_nth(after.rgb)
     outlined = look.shown(after.rgb[rows, rows])
     outlined[_rim(filled[rows, rows])] = RIM_RGB
-    pictures = [Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True)]
+    pictures = [Picture("Filled areas", jpeg_bytes(outlined), "filled parts outlined in green", wide=True)]
     quantities = [
         Quantity("Filled", 100 * float(facts.get("filled_share", filled.mean())), "% of the picture"),
-        Quantity("of it made up", 100 * float(facts.get("synthesised_share", 0.0)), "% of the picture"),
-        Quantity("Mean confidence of the filling", float(facts.get("mean_confidence", 0.0)), ""),
+        Quantity("of which synthesised", 100 * float(facts.get("synthesised_share", 0.0)), "% of the picture"),
+        Quantity("Mean confidence of the fill", float(facts.get("mean_confidence", 0.0)), ""),
     ]
     notes = facts.get("notes", [])
     tables = (Table("Surfaces", ("how it was filled",), tuple((note,) for note in notes)),) if notes else ()
     relit = float(facts.get("relit_share", 0.0))
-    text = "Pixels outside the outlines are the captured ones"
+    text = "Pixels outside the outlines are as captured"
     if lift is not None:
-        text += ", lit as they are without the furniture's shade."
+        text += ", relit without the furniture's shading."
         share = np.clip(np.expm1(lift[rows, rows]) / MOST_SHOWN, -1, 1)[..., None]
         towards = np.where(share > 0, np.array([178, 24, 43]), np.array([33, 102, 172]))
         as_colours = np.asarray(np.round(255 + (towards - 255) * np.abs(share)), np.uint8)
         note = f"brighter (red) or darker (blue) by up to {100 * MOST_SHOWN:.0f} % than captured"
-        pictures.append(Picture("Shade lifted", jpeg_bytes(as_colours), note, wide=True))
+        pictures.append(Picture("Shading removed", jpeg_bytes(as_colours), note, wide=True))
         quantities.append(Quantity("Median pixel brightened by", float(facts["lifted_median_pct"]), "%"))
     elif relit:
-        text += f", but for soft shadows of furniture: {relit:.1%} of all directions, made as bright as around."
+        text += f", except soft shadows of furniture ({relit:.1%} of all directions), brightened to match around."
     else:
         text += "."
     return Section("Emptied room", text, tuple(quantities), tuple(pictures), tables)
@@ -130,7 +130,7 @@ def room_section(
     """Return the room as it was estimated or given; ``facts`` are the stage's metrics."""
     quantities = [
         Quantity("Floor", floor_area_m2(room), "m2"),
-        Quantity("Ceiling's height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: scale"),
+        Quantity("Ceiling height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: scale"),
         Quantity("Confidence", room.confidence, "", note="estimated probability of a 3D IoU of 0.85 or more"),
     ]
     if "tilt_deg" in facts:
@@ -140,8 +140,8 @@ def room_section(
         Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
     )
     source = "given by the user" if room.source == "given" else f"estimated from the panorama ({room.note})"
-    text = f"The room is {source}. Evidence: {facts.get('source', 'none')}."
-    return Section("Room's shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
+    text = f"The room is {source}. Segmentation: {facts.get('source', 'none')}."
+    return Section("Room shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
 
 
 def drawn(image: LuminanceImage, room: RoomModel, display: Display) -> Bytes:

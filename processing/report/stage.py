@@ -35,7 +35,7 @@ BEFORE = (
 """Stages that the report covers; each of them is also in its row's ``needs``."""
 FILES = {
     **{(stage, name): what for stage, named in table_of(__package__, "files").items() for name, what in named.items()},
-    **{("stills", f"still-{k}.jpg"): "still, 1920 x 1280; beside it light (EXR) and original" for k in range(1, 13)},
+    **{("stills", f"still-{k}.jpg"): "still, 1920 x 1280; beside it luminance (EXR), original" for k in range(1, 13)},
     **{("render", f"staged-{k}.exr"): f"staged, alternative {k}, in cd/m2" for k in range(1, MOST_STAGED + 1)},
     **{("render", f"staged-{k}.glb"): f"model of alternative {k}" for k in range(1, MOST_STAGED + 1)},
 }
@@ -106,7 +106,7 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
         return (Quantity("Clipped", round(100 * room["clipped_share"], 2), "% of all directions", note=room["source"]),)
     lux = room["illuminance_lx"]
     where, light = (
-        "At the eye" if "eye" in lux else "Indoors, on a level plane at the camera",
+        "At the eye" if "eye" in lux else "Horizontal illuminance indoors, at the camera",
         lux.get("eye") or lux["up"],
     )
     found = [
@@ -119,7 +119,7 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
         level = sky["illuminance_lx"]["up"]
         found += [
             Quantity("k2", sky["k2"], "", uncertainty, f"outdoor scale, eq. 2; {sky['k2_source']}"),
-            Quantity("Outdoors, on level ground", level["value"], "lx", level["uncertainty"]),
+            Quantity("Horizontal illuminance outdoors", level["value"], "lx", level["uncertainty"]),
         ]
     return tuple(found)
 

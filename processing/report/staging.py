@@ -24,9 +24,9 @@ from processing.stages.upright import upright_panorama
 from station.session import strict_json
 
 METHODS = {
-    "differential": "the photograph is kept, and changed only where the furniture changes its light",
+    "differential": "the photograph is kept and changed only where furniture changes the light",
     "global": "the whole room is rendered",
-    "ibl": "furniture is lit by the panorama alone; it casts no light or shade into the room",
+    "ibl": "furniture is lit by the panorama alone; it casts no shadows or light into the room",
 }
 
 
@@ -76,9 +76,9 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
     """Return what surfaces reflect and windows let through."""
     quantities = []
     if "measured_share" in metrics:
-        note = "the rest is taken from its neighbours"
+        note = "the rest is extrapolated from neighbouring surfaces"
         quantities.append(
-            Quantity("Surfaces measured from light", round(100 * metrics["measured_share"], 1), "%", note=note)
+            Quantity("Surfaces with measured albedo", round(100 * metrics["measured_share"], 1), "%", note=note)
         )
     if "floor_gloss" in materials:
         quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 full varnish"))
@@ -88,13 +88,13 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
     head = ("surface", "albedo", "red, green, blue")
     tables = [Table("Mean albedo", head, large)] if large else []
     if small:
-        tables.append(Table("Albedo of the windows' niches", head, small, folded=True))
+        tables.append(Table("Albedo of the window reveals", head, small, folded=True))
     if windows := materials.get("windows", []):
         shown = tuple(_window_row(one) for one in windows)
         tables.append(Table("Windows", ("opening", "transmittance (r, g, b)", "covered"), shown))
     if notes := [*materials.get("notes", [])]:
         tables.append(Table("Notes", ("note",), tuple((str(note),) for note in notes)))
-    text = f"Light outdoors taken from: {materials.get('outdoors', 'unknown')}."
+    text = f"Outdoor light from: {materials.get('outdoors', 'unknown')}."
     return Section("Materials", text, tuple(quantities), (), tuple(tables))
 
 
@@ -103,7 +103,7 @@ def _pieces_text(facts: Mapping[str, Any]) -> str:
     if facts.get("style"):
         parts.append(str(facts["style"]))
     if facts.get("designs_differ"):
-        parts.append(f"{facts['designs_differ']:.0%} of its designs are other ones than the first's")
+        parts.append(f"{facts['designs_differ']:.0%} of its designs differ from the first alternative's")
     return ", ".join(parts)
 
 
@@ -112,7 +112,7 @@ def _figures(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     if "changed_share" in facts:
         found.append(Quantity("Changed", round(100 * float(facts["changed_share"]), 1), "% of the picture"))
     if "error" in facts:
-        found.append(Quantity("Error of the light", round(100 * float(facts["error"]), 1), "%"))
+        found.append(Quantity("Error of irradiance", round(100 * float(facts["error"]), 1), "%"))
     return tuple(found)
 
 
@@ -240,8 +240,8 @@ def relight_section(session: Path, look: Look) -> Section | None:
         row = (f"{len(moments) - MOST} more moments are in the folder {FOLDER}",)
         tables = (Table("Not shown", ("what",), (row,)),)
     text = (
-        "The room by day, computed from its materials and the sky: not photographs. Exposure is common to a day's "
-        "pictures, so that evening is darker than noon."
+        "The room through the day, computed from its materials and the sky; not photographs. Exposure is the same all "
+        "day, so evening is darker than noon."
     )
     return Section("Times of day", text, tables=tables, widgets=(Cards(cards),))
 
@@ -280,7 +280,7 @@ def _card(moment: Moment, look: Look) -> Card:
     if isinstance(facts.get("median_luminance"), int | float):
         figures.append(Quantity("Room, median", float(f"{facts['median_luminance']:.3g}"), str(facts.get("unit", ""))))
     if isinstance(facts.get("sun_elevation_deg"), int | float):
-        figures.append(Quantity("Sun's height", round(float(facts["sun_elevation_deg"]), 1), "°"))
+        figures.append(Quantity("Solar elevation", round(float(facts["sun_elevation_deg"]), 1), "°"))
     weather = _WEATHER.get(str(facts.get("weather", "")), "")
     return Card(moment.title, _view(moment, look), f"the room relit, {moment.title}", weather, tuple(figures))
 

@@ -137,7 +137,7 @@ def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem])
         yaw_deg, lens_mm, drop = [*map(float, one.split(",")), 0.0][:3]
         if not WIDEST_MM <= lens_mm <= LONGEST_MM or drop > MOST_DROP:
             advice = f"a lens of {WIDEST_MM:g} to {LONGEST_MM:g} mm, a drop of 0 to {MOST_DROP:g}"
-            raise ParameterError(f"--aim {one}: no frame of a room", advice=advice)
+            raise ParameterError(f"--aim {one}: not a valid framing", advice=advice)
         frame = Frame(math.remainder(math.radians(yaw_deg), 2 * math.pi), lens_mm, drop)
         frames.append(replace(frame, shows=_whole_ones(_seen(frame, things, room) if room else np.empty(0), things)))
     return tuple(frames)

@@ -86,21 +86,21 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
     _require_use(request, charts)
     cameras = {}
     for side, taken in charts.items():
-        report(f"{side}: response, noise, shutter times")
+        report(f"{side}: fitting response, noise and shutter times")
         cameras[side] = _camera(request, side, taken)
-    report("merging the chart, looking for it")
+    report("merging the chart bracket and locating the chart")
     result, part = _result(request, charts, cameras, now), None
     warnings = list(result.profile.warnings)
     try:
         raws = {side: taken for side in charts if (taken := read_side(request.chart, side, raw=True))}
         for side in raws:
-            report(f"{side}: the same by raw files")
+            report(f"{side}: the same for raw files")
             bare = replace(cameras[side], response=None, filter=None, warnings=())
             cameras[side] = _optics(request, bare, raw=True)
         part = _result(request, charts | raws, cameras, now).profile if raws else None
         warnings += [f"by raw files: {text}"[:500] for text in (part.warnings if part else ()) if text not in warnings]
     except ProcessingError as error:
-        warnings.append(f"the profile holds for JPEGs only: {error}"[:500])
+        warnings.append(f"the profile covers JPEGs only: {error}"[:500])
     return replace(result, profile=result.profile.model_copy(update={"raw": part, "warnings": tuple(warnings)}))
 
 
@@ -118,7 +118,7 @@ def _result(
             doubts = (_DARK_CHART.format(dark),) if dark > _FEW_DARK else ()
             cameras[Side.OUTDOOR] = replace(camera, filter=found, warnings=(*camera.warnings, *doubts))
         except LensError as error:
-            text = f"outdoor colours are not brought to the indoor camera's: {error.message}"
+            text = f"outdoor colours are not matched to the indoor camera: {error.message}"
             cameras[Side.OUTDOOR] = replace(camera, warnings=(*camera.warnings, text))
     k2 = _k2(cameras, views, charts) if len(charts) == 2 else None
     warnings = [w for camera in cameras.values() for w in camera.warnings]
@@ -169,7 +169,7 @@ def _optics(request: RigRequest, camera: CameraFit, *, raw: bool = False) -> Cam
         if filtered is not None and plain is not None:
             camera = with_filter(camera, filtered, plain)
         elif not raw:
-            raise ParameterError("a session without outdoor frames", where="--nd", advice="--nd WITH WITHOUT")
+            raise ParameterError("the session has no outdoor frames", where="--nd", advice="--nd WITH WITHOUT")
     lamps = [(read(seen), read(hidden)) for seen, hidden in request.lamps]
     pairs = [(seen, hidden) for seen, hidden in lamps if seen is not None and hidden is not None]
     return with_lamps(camera, pairs) if pairs else camera

@@ -200,7 +200,7 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
         raise ParameterError(
             f"{filtered.path.name} shows {found.transmittance:.2g} times the light that {plain.path.name} does",
             where="--nd",
-            likely="the two sessions are exchanged, or one session was given twice",
+            likely="the two sessions are swapped, or one session was given twice",
             advice="--nd WITH WITHOUT",
         )
     return replace(camera, filter=found)
@@ -219,8 +219,8 @@ def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide
             found = fit([pictures])
             good.append(pictures)
         except LensError as error:
-            advice = f"; do: {error.advice}" if error.advice else ""
-            doubts.append(f"{camera.side}: {seen.path.name} is left out of stray light: {error.message}{advice}")
+            advice = f"; what to do: {error.advice}" if error.advice else ""
+            doubts.append(f"{camera.side}: {seen.path.name} is not used for stray light: {error.message}{advice}")
     glare = fit(good) if len(good) > 1 else found
     return replace(camera, glare=glare, warnings=(*camera.warnings, *doubts))
 
@@ -232,7 +232,7 @@ def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
     state = taken.state
     if state.iso is None or state.f_number is None:
         text = "ISO and f-number are needed to compare pictures with and without the filter"
-        raise ProfileError(text, where=str(taken.path), advice="use sessions whose frames say them")
+        raise ProfileError(text, where=str(taken.path), advice="use sessions whose frames record them")
     rgb = chart.rgb / (state.iso / state.f_number**2)
     rgb[~chart.usable] = np.nan
     return np.asarray(rgb), chart.uncertainty
@@ -260,7 +260,7 @@ def _best_rule(
     close = [one for one in tried[1:] if best[0] > _CLEAR_RATIO * one[0]]
     doubt = [
         f"{takes[0].side}: the frames do not show whether shutter times are {best[3]} or {one[3]} "
-        f"(residuals {best[0]:.4f} and {one[0]:.4f} stops): {best[3]} is taken"
+        f"(residuals {best[0]:.4f} and {one[0]:.4f} stops): {best[3]} is used"
         for one in close
     ]
     return best[2], best[3], doubt

@@ -37,14 +37,14 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
     if abs(geometry.width_px / geometry.height_px - 2) > 0.02 or geometry.height_px < 16:
         size = f"{geometry.width_px} x {geometry.height_px} px"
         text = f"the picture is {size}; a whole panorama is twice as wide as high"
-        advice = "pad it to 2:1 with its middle on the horizon, or export it whole"
+        advice = "pad it to 2:1 centred on the horizon, or export the whole panorama"
         raise NoRoomError(text, likely="it is cropped", advice=advice)
     step = max(1, geometry.height_px // STEP_ROWS)
     small, data = luminance_cd_m2(image.rgb[::step, ::step]), image.validity[::step, ::step] != Validity.OUTSIDE
     bright = small[small > 0]
     dim, lit = (np.quantile(bright, share) if bright.size else np.float32(1) for share in (0.1, 0.9))
     if float(np.log2(lit / max(float(dim), 1e-30))) < 0.05:
-        raise NoRoomError("the picture is black or of one even brightness", advice="check exposure and lens cap")
+        raise NoRoomError("the picture is black or uniform", advice="check exposure and lens cap")
     # The share of the sphere without data, black, or in nearly black rows that reach a pole
     rows = small.shape[0]
     even = small.max(axis=1) <= 1e-3 * np.median(small[small > 0])
@@ -59,7 +59,7 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
     blank = float((dark.mean(axis=1) * weight).sum() / weight.sum())
     if blank > LARGEST_BLANK:
         text = f"{100 * blank:.0f} % of the sphere show nothing"
-        likely = "the panorama is cropped above or below, or most of it is black"
+        likely = "the panorama is cropped at top or bottom, or mostly black"
         raise NoRoomError(text, likely=likely, advice="give a whole panorama")
     return blank
 
@@ -183,17 +183,17 @@ def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
     if found.blank > 0.05:
         doubted.append(f"{100 * found.blank:.0f} % of the sphere show nothing: cropped?")
     if found.overhead < 0.5:
-        doubted.append("little ceiling is seen overhead: outdoors, or an open roof?")
+        doubted.append("little ceiling is visible overhead: outdoors, or an open roof?")
     if found.nearest < 0.25:
         doubted.append("a wall is very near the camera: does it stand in a doorway?")
     if found.unexplained > 0.25:
         doubted.append(f"no wall explains {100 * found.unexplained:.0f} % of the directions: open doors or mirrors?")
     if found.ratio_spread > 0.15:
-        doubted.append("floor and ceiling disagree about distances: not level, or several ceiling heights?")
+        doubted.append("floor and ceiling give different distances: camera not level, or several ceiling heights?")
     if found.rival > 0.15:
         doubted.append("another room fits nearly as well")
     if sure < 0.5:
-        doubted.append(f"the room is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit")
+        doubted.append(f"the room's shape is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit")
     return tuple(doubted)
 
 

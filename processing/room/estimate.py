@@ -109,14 +109,14 @@ def estimate_room(
     blank = check_picture(image)
     if isinstance(image.geometry, Equirectangular) and image.geometry.yaw_rad:
         text = f"the picture's middle looks {math.degrees(image.geometry.yaw_rad):.1f} degrees to the side"
-        advice = "resample it to Equirectangular(width, height) first: evidence is of longitude 0 in the middle"
+        advice = "resample it to Equirectangular(width, height) first, with longitude 0 at the centre"
         raise ParameterError(text, where="room", advice=advice)
     if evidence.boundary is None:
         raise ParameterError("evidence without boundaries", advice="use evidence with boundaries, or --layout-model")
     overhead = overhead_share(evidence)
     if overhead < LEAST_OVERHEAD:
         raise NoRoomError(
-            f"only {100 * overhead:.0f} % of what is overhead may be a ceiling", likely="the picture is taken outdoors"
+            f"only {100 * overhead:.0f} % of the view overhead may be ceiling", likely="the picture was taken outdoors"
         )
     both = columns_of(evidence.boundary), _heard(evidence.boundary, evidence)
     columns, heard = both if held is None else (held.on(both[0]), held.on(both[1]))
@@ -186,9 +186,9 @@ def _chosen(
     quality, held = how
     standing = [h for h in ranked if _model(h.fit.polygon, h.fit.outline, camera_height_m) is not None]
     if not standing:
-        likely = "the picture is not of a room, or the camera stands in a doorway"
+        likely = "the picture does not show a room, or the camera stands in a doorway"
         advice = "give the room by hand: daylit room SESSION --edit"
-        raise NoRoomError("no room explains the boundaries found", likely=likely, advice=advice)
+        raise NoRoomError("no room shape fits the boundaries found", likely=likely, advice=advice)
     if quality == "draft":
         return standing[0], unrefined(standing[0].fit, "not at draft quality")
     few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]

@@ -86,7 +86,7 @@ class Held(NamedTuple):
         for k in self.walls:
             mine = line_of(self.room, k)
             if (found := _nearest(mine, lines, FITS_M, FITS_SIN)) < 0:
-                raise NoRoomError(f"no room fits around wall {k}", advice="hold fewer walls, or place the rest, too")
+                raise NoRoomError(f"no room fits around wall {k}", advice="hold fewer walls, or place the rest as well")
             lines[found] = mine
             names.append(f"wall {found}")
         for k in self.corners:
@@ -103,7 +103,7 @@ class Held(NamedTuple):
         held = (*sorted(set(names)), *([CEILING] if self.ceiling else []))
         made = room.model_copy(update={"floor": floor, "ceiling_height_m": height, "held": held})
         if problems := geometry_problems(made):
-            raise NoRoomError(f"no room fits around what is held: {problems[0]}", advice="hold less of it")
+            raise NoRoomError(f"no room fits the parts that are held: {problems[0]}", advice="hold less of it")
         return made
 
     def openings(self, room: RoomModel, found: Iterable[Opening]) -> tuple[Opening, ...]:

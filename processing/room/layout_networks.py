@@ -81,7 +81,7 @@ def layout_boundary(
     or gives values that no boundary has.
     """
     if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad:
-        raise ParameterError("the picture is not equirectangular with longitude 0 in its middle")
+        raise ParameterError("the picture is not equirectangular with longitude 0 at its centre")
     shown = cv2.resize(preview_rgb8(image.rgb), (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     turn = round(turn_rad / (2 * math.pi) * network.columns)
     ahead = np.roll(shown, -turn * (WIDTH_PX // network.columns), axis=1)

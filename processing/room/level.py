@@ -62,7 +62,7 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
     _check(image)
     axes = find_axes(find_arcs(image))
     if axes is None:
-        return Upright(np.eye(3), 0.0, 0.0, math.inf, 0.0, 0.0, "left as it is: too few straight edges")
+        return Upright(np.eye(3), 0.0, 0.0, math.inf, 0.0, 0.0, "not levelled: too few straight edges")
     vertical = axes.rows[2]
     tilt = math.atan2(math.hypot(vertical[0], vertical[1]), vertical[2])
     sigma = math.hypot(math.sqrt(axes.covariance[0, 0] + axes.covariance[1, 1]), MODEL_SIGMA_RAD)
@@ -70,7 +70,7 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
     enough = _ramp(axes.length_rad, 3.0, 12.0)
     together = _ramp(float(axes.excess.sum()), 0.2, 0.4)
     support = enough * together * _ramp(axes.excess[2], 0.01, 0.07)
-    rotation, note = _decided(vertical, tilt, sigma, support) if turn else (np.eye(3), "left as it is: as asked")
+    rotation, note = _decided(vertical, tilt, sigma, support) if turn else (np.eye(3), "not levelled: switched off")
     ahead = rotation @ axes.rows[1]
     return Upright(
         rotation=rotation,
@@ -86,9 +86,9 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
 def _decided(vertical: Doubles, tilt: float, sigma: float, support: float) -> tuple[Doubles, str]:
     tilted = f"tilt {math.degrees(tilt):.2f} ± {math.degrees(sigma):.2f} degrees"
     if support < LEAST_SUPPORT:
-        return np.eye(3), f"left as it is: the edges are no room's (support {support:.2f})"
+        return np.eye(3), f"not levelled: the edges are not those of a room (support {support:.2f})"
     if tilt < max(LEAST_TILT_RAD, sigma):
-        return np.eye(3), f"left as it is: {tilted}"
+        return np.eye(3), f"not levelled: {tilted}"
     axis = np.cross(vertical, [0.0, 0.0, 1.0])
     return rotation_about(axis / np.linalg.norm(axis) * tilt), f"turned: {tilted}"
 

@@ -243,7 +243,7 @@ def _items(data: Any, where: str) -> list[tuple[str, Any]]:
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise LayoutFileError("is no finite number", where=where)
+        raise LayoutFileError("is not a finite number", where=where)
     if abs(value) > LARGEST:
         raise LayoutFileError(f"is {value:g}, larger than any room", where=where)
     return float(value)

@@ -205,7 +205,7 @@ def make_result(stage: Stage, context: StageContext, work: Work) -> Made:
     known = {artifact.name: artifact for artifact in stage.makes}
     extra = set(output.artifacts) - set(known)
     if extra:
-        raise ProcessingError(f"made {sorted(extra)}, which its row does not name", where=stage.name)
+        raise ProcessingError(f"made {sorted(extra)}, which the pipeline table does not name", where=stage.name)
     for name, artifact in known.items():
         if output.artifacts.get(name) is None and not (artifact.optional and name in output.left_out):
             raise ProcessingError(f"has neither made {name} nor said why not", where=stage.name)

@@ -39,7 +39,7 @@ from station.session.session import SafeText
 from station.session.store import load_manifest
 
 FILE, FOLDER, LOCK = "choices.toml", "choices", ".choices.lock"
-HEAD = "# What was chosen for this session, by the commands themselves: `daylit choices SESSION` shows it.\n"
+HEAD = "# Options saved with this session by daylit's commands; show them with `daylit choices SESSION`.\n"
 SCHEMA = 1  # of the file; a higher one is refused
 COPIED_BYTES = 32 << 20
 """Up to which a file is copied into the session (chosen: a painted mask of full size has a tenth)."""
@@ -100,7 +100,7 @@ class Choices(BaseModel):
             return None if choice is None else choice.value
         path = session / choice.file
         if not path.exists():
-            text = f"{name}: {choice.file} is not there any more (chosen {choice.at:%Y-%m-%d} by {choice.by})"
+            text = f"{name}: {choice.file} no longer exists (saved {choice.at:%Y-%m-%d} by {choice.by})"
             advice = f"give --{name} again, or forget it: daylit choices {session} --forget {name}"
             raise ChoicesError(text, where=str(session / FILE), advice=advice)
         return path
@@ -114,7 +114,7 @@ def known() -> dict[str, type]:
 def check_known(names: Iterable[str], where: str) -> None:
     """Raise `ParameterError` for names that are none."""
     if unknown := sorted(set(names) - set(known())):
-        raise ParameterError(f"there is no option --{unknown[0]}", where=where, advice="daylit process --help")
+        raise ParameterError(f"no such option: --{unknown[0]}", where=where, advice="daylit process --help")
 
 
 def read_choices(session: Path) -> Choices:
@@ -158,8 +158,8 @@ def forget(session: Path, names: Sequence[str], *, clock: Clock | None = None) -
 def _without(session: Path, old: Choices, names: Sequence[str], now: datetime) -> Choices:
     gone = set(old.chosen) if "all" in names else {name.removeprefix("--") for name in names}
     if strange := sorted(gone - set(old.chosen)):
-        advice = f"chosen: {', '.join(sorted(old.chosen)) or 'nothing'}"
-        raise ParameterError(f"--forget {strange[0]}: it was not chosen", where=str(session), advice=advice)
+        advice = f"saved options: {', '.join(sorted(old.chosen)) or 'none'}"
+        raise ParameterError(f"--forget {strange[0]}: no such saved option", where=str(session), advice=advice)
     return _over(old, dict.fromkeys(gone), now)
 
 
@@ -180,7 +180,7 @@ def _choice(root: Folder, kind: type, value: object, at: datetime, by: str) -> C
         return Choice(value=str(value) if kind is Path else _typed(kind, value), at=at, by=by)
     path, session = Path(str(value)).resolve(), root.path.resolve()
     if not path.exists():
-        raise ParameterError(f"there is no {path.name}", where=str(path))
+        raise ParameterError(f"no such file: {path.name}", where=str(path))
     if path.is_relative_to(session) and (inner := path.relative_to(session)).parts[0] != STAGES:
         return Choice(file=inner.as_posix(), at=at, by=by)
     if not path.is_file() or path.suffix.lower() in NETWORKS or path.stat().st_size > COPIED_BYTES:
@@ -242,18 +242,18 @@ def _read(root: Folder) -> Choices:
     raw, where = root.read_file(FILE, MAX_FILE_BYTES), str(root.path / FILE)
     if raw is None:
         return Choices()
-    advice = "correct it, or move it away and give the options again; it was left as it is"
+    advice = "correct it, or move it away and give the options again; it was not changed"
     try:
         found = tomllib.loads(raw.decode())
         version = found.get("schema_version")
         if isinstance(version, int) and version > SCHEMA:
-            text = f"is of version {version}, this daylit knows {SCHEMA}"
+            text = f"is of version {version}, this version of daylit supports {SCHEMA}"
             raise SchemaTooNewError(text, where=where, advice="update daylit")
         choices = Choices.model_validate(found)
     except ValidationError as error:
         raise ChoicesError(strict_json.faults_of(error)[0], where=where, advice=advice) from error
     except (ValueError, RecursionError) as error:
-        raise ChoicesError(f"is no TOML: {str(error)[:200]}", where=where, advice=advice) from error
+        raise ChoicesError(f"is not TOML: {str(error)[:200]}", where=where, advice=advice) from error
     for name, one in choices.chosen.items():
         if (one.value is None) == (one.file is None) or ".." in PurePosixPath(one.file or "").parts:
             raise ChoicesError(f"chosen.{name}: neither a value nor a file's path", where=where, advice=advice)
@@ -278,7 +278,7 @@ def with_options(run: RunRequest, given: Mapping[str, object]) -> RunRequest:
     own = {f"--{name}": value for name, value in given.items() if name not in TRADES}
     traded: Any = {TRADED[name]: value for name, value in given.items() if name in TRADES}
     if (quality := traded.get("quality", run.quality)) not in list(Quality):
-        raise ParameterError(f"there is no quality {str(quality)[:40]!r}", advice=f"one of {', '.join(Quality)}")
+        raise ParameterError(f"no such quality: {str(quality)[:40]!r}", advice=f"one of {', '.join(Quality)}")
     return replace(run, **(traded | {"quality": Quality(quality), "options": own}))
 
 
@@ -308,7 +308,8 @@ def going_on(
         planned(found.request, processing.pipeline.STAGES)
     except ParameterError as error:
         if found.kept:
-            error.advice += f"; chosen before: {', '.join(found.kept)} (daylit choices {session})"
+            kept = f"saved options: {', '.join(found.kept)} (daylit choices {session})"
+            error.advice = "; ".join(filter(None, (error.advice, kept)))
         raise
     after = before if run.dry_run or not given else remember(session, given, by=by, clock=clock)
     try:
@@ -347,15 +348,15 @@ def _active(old: Choices, given: Mapping[str, object], known: Mapping[str, Optio
         option = known.get(f"--{name}")
         rivals = [t for t in taken if option and _exclude(name, t, known)]
         if rivals:
-            aside[name] = f"--{rivals[0]} was chosen since, and goes instead"
+            aside[name] = f"--{rivals[0]} was given since and replaces it"
         elif option is None and name not in TRADES and name not in PLACES:
-            aside[name] = "this daylit has no such option"
+            aside[name] = "this version of daylit has no such option"
         else:
             taken.append(name)
     for name in [n for n in taken if n not in given and f"--{n}" in known]:
         without = [o[2:] for o in known[f"--{name}"].beside if o[2:] not in taken or o[2:] in given]
         if without:
-            aside[name] = f"it went with another --{without[0]}"
+            aside[name] = f"it was for another --{without[0]}"
     names = [n for n in taken if n not in given and n not in aside and n not in PLACES]
     return sorted(names), dict(sorted(aside.items()))
 
@@ -371,7 +372,7 @@ def _renewed(session: Path, name: str, choice: Choice) -> str:
     same = not choice.given or not path.is_file() or path.stat().st_size > COPIED_BYTES
     if same or file_sha256(path) == choice.sha256:
         return ""
-    return f"--{name}: {path.name} has changed since it was chosen; give it again to use it as it is now"
+    return f"--{name}: {path.name} has changed since it was saved; give it again to use the new content"
 
 
 def shown(choice: Choice) -> str:

@@ -70,7 +70,7 @@ def plan_of(session: Path) -> Any:
 
     data, _ = current(session, ROOM)
     if not data:
-        raise ParameterError("the session has no room yet", where=session.name, advice="process it until room")
+        raise ParameterError("no room yet in this session", where=session.name, advice="run daylit process until room")
     room, _ = with_door(RoomModel.model_validate_json(data))
     return from_room_model(room, name="room", keep_camera_free=True)
 
@@ -93,7 +93,7 @@ def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
     """
     data, _ = current(session, ARRANGEMENT)
     if not data:
-        raise ParameterError("nothing is arranged yet", where=session.name, advice="process it until arrange")
+        raise ParameterError("no arrangement yet", where=session.name, advice="run daylit process until arrange")
     found = Arrangements.model_validate_json(data)
     first = found.arrangements[0]
     try:

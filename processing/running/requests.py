@@ -56,19 +56,19 @@ def planned(request: RunRequest, stages: tuple[Stage, ...]) -> tuple[Stage, ...]
     for name in request.force:
         stage_named(name, stages)
         if name not in reached:
-            raise ParameterError(f"--force {name}: this run ends before that stage", advice="leave out --until")
+            raise ParameterError(f"--force {name}: this run stops before that stage", advice="leave out --until")
     own = options(plan)
     for flag in request.options:
         if flag not in own:
             known = ", ".join(sorted(own)) or "none"
-            raise ParameterError(f"{flag} belongs to no stage of this run", advice=f"options of this run: {known}")
+            raise ParameterError(f"{flag} does not apply to any stage of this run", advice=f"options: {known}")
     _check_together(request, own)
     _check_range("--max-error", request.max_error, 1e-6, 1.0)
     _check_range("--time-budget", request.time_budget_s, 0.1, 1e6)
     asked: dict[Trade, object] = {"max_error": request.max_error, "time_budget": request.time_budget_s}
     for trade, value in asked.items():
         if value is not None and not any(trade in stage.trades for stage in plan):
-            raise ParameterError(f"--{trade.replace('_', '-')}: no stage of this run can trade it")
+            raise ParameterError(f"--{trade.replace('_', '-')}: no stage of this run supports it")
     for stage in plan:
         parameters(stage, request)
         given_files(stage, request)
@@ -81,12 +81,12 @@ def _check_together(request: RunRequest, own: Mapping[str, Option]) -> None:
     for flag in request.options:
         missing = [other for other in own[flag].beside if other not in request.options]
         if missing:
-            raise ParameterError(f"{flag}: of no effect without {', '.join(missing)}", advice="give that too")
+            raise ParameterError(f"{flag}: no effect without {', '.join(missing)}", advice="give that as well")
         idle = [other for other in own[flag].excludes if other in request.options]
         if idle:
-            likely = f"{flag} gives what {', '.join(idle)} would help to find"
+            likely = f"{flag} makes {', '.join(idle)} pointless"
             advice = f"leave out {flag} or {', '.join(idle)}"
-            raise ParameterError(f"{', '.join(idle)}: of no effect beside {flag}", likely=likely, advice=advice)
+            raise ParameterError(f"{', '.join(idle)}: no effect with {flag}", likely=likely, advice=advice)
 
 
 def _check_range(flag: str, value: float | None, low: float, high: float) -> None:
@@ -290,15 +290,15 @@ def decide(stored: Stored, now: Callable[[Ingredients], Ingredients], *, forced:
         return Decision(None, f"its result cannot be used: {stored.problem}")
     result = stored.result
     if result is None:
-        return Decision(None, "there is no result yet")
+        return Decision(None, "no result yet")
     if forced:
-        return Decision(None, "asked for by --force")
+        return Decision(None, "forced by --force")
     ingredients = now(result.ingredients)
     if result.fingerprint == digest(ingredients):
         return Decision(result, _why_kept(result))
     found = tuple(changes(result.ingredients, ingredients))
     if not found:
-        return Decision(None, "changed: it was made by another version of the program")
+        return Decision(None, "changed: made by another version of daylit")
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     return Decision(None, f"changed: {change_line(found[0])}{more}", found)
 
@@ -308,7 +308,7 @@ def _why_kept(result: StageResult) -> str:
         return f"nothing to do: {result.skipped}"
     kept = f"{len(result.files)} file{'' if len(result.files) == 1 else 's'} intact"
     given = f"given by you ({', '.join(result.given)}); " if result.given else ""
-    return f"{given}nothing it depends on has changed, {kept}"
+    return f"{given}no input has changed, {kept}"
 
 
 def change_line(change: Change) -> str:

@@ -88,7 +88,7 @@ class StageResult(_Record):
     def problem(self) -> str:
         """Say why this cannot be a result as it was written; empty: it can."""
         if self.seal != self._seal():
-            return "is not as it was written"
+            return "has changed since it was written"
         if digest(self.ingredients) != self.fingerprint:
             return "has a fingerprint that is not that of its ingredients"
         if not set(self.artifacts.values()) <= set(self.files):
@@ -120,7 +120,7 @@ def parse_result(raw: bytes) -> StageResult:
         result = StageResult.model_validate(data)
     except ValidationError as exc:
         raise ValueError(strict_json.faults_of(exc)[0]) from exc
-    problem = result.problem() or ("" if result_bytes(result) == raw else "is not as it was written")
+    problem = result.problem() or ("" if result_bytes(result) == raw else "has changed since it was written")
     if problem:
         raise ValueError(problem)
     return result

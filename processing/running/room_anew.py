@@ -27,7 +27,7 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
     stages = session / "stages"
     evidence_path, picture = stages / "room" / "evidence.npz", picture_of(session, "Photograph")
     if picture is None or not evidence_path.is_file():
-        raise ParameterError("there is no estimate yet", where=session.name, advice="process it until room, not --room")
+        raise ParameterError("no estimate yet", where=session.name, advice="process it until room, not --room")
     image, evidence = read_exr(picture), read_evidence(evidence_path)
     assert isinstance(image, LuminanceImage)
     facts = read_json(stages / "room" / RESULT_NAME, most_bytes=MOST_BYTES)

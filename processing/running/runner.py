@@ -119,7 +119,7 @@ class PipelineRun:
             if stage.name in self._unfinished:
                 shown = [self._reported(one, later[at + 1 :]) for at, one in enumerate(later)]
                 where = self._store.path(later[-1].name if later else stage.name)
-                self._on_event(RunEvent(RunEventKind.FIRST, stage.name, f"the first is there: {where}"))
+                self._on_event(RunEvent(RunEventKind.FIRST, stage.name, f"first picture ready: {where}"))
                 report = self._reported(stage, later).after(report)
                 self._shown = {one.stage: one for one in shown}
             self._shelf.drop_unneeded(later)
@@ -152,7 +152,7 @@ class PipelineRun:
         decision = self._decide(stage, stored)
         if upstream and not [change for change in decision.changes if not change[0].startswith("reads ")]:
             self._unknown[stage.name] = None
-            return StageReport(stage.name, Action.DEPENDS, f"on what {_listed(upstream)} will give")
+            return StageReport(stage.name, Action.DEPENDS, f"on the new results of {_listed(upstream)}")
         if decision.result is None:
             self._unknown[stage.name] = None
             return StageReport(stage.name, Action.WOULD_RUN, decision.reason, decision.changes)

@@ -46,7 +46,7 @@ def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
         return small_jpeg(found[0], width_px) if found else picture_jpeg(session, "Photograph", width_px)
     path = picture_of(session, state)
     if path is None:
-        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
+        raise ParameterError("no such picture yet", where=f"{session.name}: {state[:40]}")
     look = picture_of(session, "Photograph") or path
     whole = _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns)
     return whole if width_px >= LARGEST_PX else small_jpeg(io.BytesIO(whole), width_px)
@@ -81,7 +81,7 @@ def viewer_json(session: Path, state: str) -> str:
 
     path = picture_of(session, state)
     if path is None:
-        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
+        raise ParameterError("no such picture yet", where=f"{session.name}: {state[:40]}")
     image: Any = read_shown(path)
     name = path.relative_to(session).as_posix()
     return viewer(State(state, lambda: image, made_of(session, state), name), look_of(session)).json
@@ -90,7 +90,7 @@ def viewer_json(session: Path, state: str) -> str:
 def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
     """Return a frame as it came from the camera, small."""
     if file not in {frame.file for frame in load_manifest(session).frames if not frame.is_raw}:
-        raise ParameterError("there is no such frame", where=file[:80])
+        raise ParameterError("no such frame", where=file[:80])
     return small_jpeg(session / file, width_px)
 
 

@@ -69,7 +69,7 @@ class Previews:
         request = self._request("remove")
         context = self._context(request, 1)
         if reason := resolve(stage_named("remove").skip_rule)(context):
-            raise ParameterError("there is nothing to preview", where=self._session.name, likely=reason)
+            raise ParameterError("nothing to preview", where=self._session.name, likely=reason)
         image = upright_panorama(context)
         work = self._context(request, 2 if image.rgb.shape[1] >= 2 * LEAST_WORK_PX else 1)
         small, (done, _, _) = upright_panorama(work), emptied(work, self._quick)

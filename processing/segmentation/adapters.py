@@ -275,7 +275,7 @@ def _wrong_classes(contract: NetworkContract, found: int, besides: int = 0) -> S
     named = len(contract.names) + contract.first_label
     more = f" and {besides} more" if besides else ""
     text = f"the network gives {found} classes, the contract names {named}{more}"
-    likely = "the names are another data set's, or the layout is another"
+    likely = "the names belong to another data set, or the layout differs"
     if found == named + besides + 1:
         likely = "one more is a background or 'other' class (labels not reduced): all would be off by one"
     advice = "set first_label to 1 where 0 is 'other', or list all names in index order"

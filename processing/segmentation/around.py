@@ -81,7 +81,7 @@ def segment_around(
     segmented += [(view, *_asked(panorama, segmenter, view, 1.0)) for view in chosen]
     wide = len(segmented) - len(chosen)
     skipped = len(views) - len(chosen)
-    note = f"{skipped} of {len(views)} views show neither floor nor furniture and were left to {wide} wide views"
+    note = f"{skipped} of {len(views)} views show neither floor nor furniture and were covered by {wide} wide views"
     return SceneEvidence(
         probabilities=np.ascontiguousarray(_stitched(segmented, target, first)),
         source=segmenter.name,

@@ -138,7 +138,7 @@ def scene_evidence(
     changed or of another kind.
     """
     if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad != 0.0:
-        text = "the room network needs an equirectangular picture with longitude 0 in its middle"
+        text = "the room network needs an equirectangular picture with longitude 0 at its centre"
         advice = "resample it to Equirectangular(width, height) first"
         raise ParameterError(text, where=str(image.geometry), advice=advice)
     if quality not in TURNS_PX:
@@ -203,7 +203,7 @@ def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> Bound
 
 def _nothing(name: str) -> SceneEvidence:
     even = np.full((len(SceneClass), HEIGHT_PX, WIDTH_PX), 1 / len(SceneClass), dtype=np.float32)
-    return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be recognised",))
+    return SceneEvidence(even, name, None, notes=("the picture is black or uniform: nothing can be recognised",))
 
 
 def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats, Floats]:
@@ -211,7 +211,7 @@ def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats, Floats]:
         probabilities, columns, details = network.session.run(list(_OUTPUTS), {"picture": pictures})
     # onnxruntime's errors have no common base of their own.
     except Exception as exc:
-        raise SegmenterError(f"the network refuses the picture: {str(exc)[:300]}", where=network.name) from exc
+        raise SegmenterError(f"the network rejects the picture: {str(exc)[:300]}", where=network.name) from exc
     count, size = len(pictures), (HEIGHT_PX, WIDTH_PX)
     right = (count, len(SceneClass), *size), (count, 5, WIDTH_PX), (count, 2, *size)
     if (probabilities.shape, columns.shape, details.shape) != right or not np.isfinite(columns).all():
@@ -225,8 +225,8 @@ def _network(path: Path) -> _Network:
     try:
         stamp = (path.stat().st_mtime_ns, page_path.stat().st_mtime_ns)
     except OSError as exc:
-        advice = "install daylit anew; a network of your own needs its JSON beside it"
-        raise SegmenterError("the room network or its page is missing", where=str(exc.filename), advice=advice) from exc
+        advice = "reinstall daylit; a network of your own needs its JSON beside it"
+        raise SegmenterError("the room network or its JSON is missing", where=str(exc.filename), advice=advice) from exc
     return _loaded(path, *stamp)
 
 
@@ -239,10 +239,10 @@ def _loaded(path: Path, _network_changed: int, _page_changed: int) -> _Network:
         name, digest = str(page["name"]), str(page["sha256"])
         scales = float(page["ceiling_sigma_scale"]), float(page["floor_sigma_scale"])
     except (ValueError, KeyError, TypeError) as exc:
-        raise SegmenterError(f"the network's page is damaged: {exc!r}", where=str(path.with_suffix(".json"))) from exc
+        raise SegmenterError(f"the network's JSON is damaged: {exc!r}", where=str(path.with_suffix(".json"))) from exc
     if hashlib.sha256(data).hexdigest() != digest:
-        text = "the room network is not the one that its page names"
-        advice = "install daylit anew, or export network and page together"
+        text = "the room network does not match its JSON"
+        advice = "reinstall daylit, or export network and JSON together"
         raise SegmenterError(text, where=str(path), likely="the file is damaged or was replaced", advice=advice)
     # One thread: more gain little on so small a picture, and one gives the same answer everywhere.
     session = open_session(

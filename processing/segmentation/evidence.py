@@ -116,11 +116,11 @@ def read_evidence(path: Path) -> SceneEvidence:
             boundary = {name: file[name] for name in _BOUNDARY} if "floor_rad" in file.files else None
             details = {name: file[name].astype(np.float32) for name in _DETAILS if name in file.files}
         if facts["format"] != FORMAT or found.ndim != 3 or found.shape[0] != len(SceneClass):
-            raise SegmenterError("is not evidence of this version", where=str(path), advice="make it anew")
+            raise SegmenterError("was written by another version of daylit", where=str(path), advice="rebuild it")
         own = details.get("own", found)
         fit = own.ndim == 3 and len(own) == len(found) and np.isfinite(own).all() and np.isfinite(found).all()
         if found[0].size > LARGEST_PIXELS or not fit:
-            raise SegmenterError("holds probabilities that cannot be", where=str(path), advice="make it anew")
+            raise SegmenterError("holds invalid probabilities", where=str(path), advice="rebuild it")
         return SceneEvidence(
             probabilities=found / np.maximum(found.sum(axis=0), 1e-3),
             source=str(facts["source"]),
@@ -132,7 +132,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             **details,
         )
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
-        raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc
+        raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="rebuild it") from exc
 
 
 def _boundary(arrays: dict[str, np.ndarray]) -> BoundaryEvidence:

@@ -60,7 +60,7 @@ def model_named(name: str) -> KnownModel:
     for model in KNOWN_MODELS:
         if model.name == name:
             return model
-    raise ModelError(f"there is no model {name!r}", advice=f"models: {', '.join(one.name for one in KNOWN_MODELS)}")
+    raise ModelError(f"no such model: {name!r}", advice=f"models: {', '.join(one.name for one in KNOWN_MODELS)}")
 
 
 def installed(model: KnownModel = ADE20K_DEEPLAB) -> Path | None:
@@ -88,7 +88,7 @@ def add_model(path: Path) -> tuple[KnownModel, Path]:
         if model.sha256 == digest:
             return model, _kept(model, path)
     likely = "another version, an unfinished download, or a pointer to the file"
-    advice = "`daylit models list` has the digests; a network of your own is given with --segmenter FILE"
+    advice = "`daylit models list` has the digests; give a network of your own with --segmenter FILE"
     raise ModelError(f"no known model has this file's SHA-256 {digest}", where=str(path), likely=likely, advice=advice)
 
 
@@ -111,8 +111,8 @@ def get_model(model: KnownModel, *, url: str | None = None) -> Path:
         return _kept(model, part)
     # What the client raises is an OSError; another file than the pinned one is a ValueError.
     except (OSError, ValueError) as exc:
-        text = f"{model.name} cannot be fetched: {str(exc)[:300]}"
-        advice = f"fetch {model.file} by other means (SHA-256 {model.sha256}), then `daylit models add FILE`"
+        text = f"{model.name} cannot be downloaded: {str(exc)[:300]}"
+        advice = f"download {model.file} yourself (SHA-256 {model.sha256}), then `daylit models add FILE`"
         raise ModelError(text, where=source, likely="no network here, or the file has moved", advice=advice) from exc
     finally:
         part.unlink(missing_ok=True)
@@ -127,7 +127,7 @@ def _kept(model: KnownModel, path: Path) -> Path:
         shutil.copyfile(path, part)
         part.replace(target)
     except OSError as exc:
-        raise ModelError(f"the models' folder cannot be written: {exc.strerror}", where=str(target)) from exc
+        raise ModelError(f"the models folder cannot be written: {exc.strerror}", where=str(target)) from exc
     _digest.cache_clear()
     return target
 

@@ -194,7 +194,7 @@ def open_segmenter(
     if ending not in (".onnx", ".tflite"):
         raise SegmenterError(f"a network in a file {path.name}", where=str(path), advice="give .onnx or .tflite")
     if not path.is_file():
-        raise SegmenterError("there is no such network", where=str(path))
+        raise SegmenterError("no such network", where=str(path))
     declared = read_contract(contract or path.with_suffix(".json"))
     if ending == ".onnx":
         return OnnxSegmenter(path, declared, threads=threads)
@@ -215,7 +215,7 @@ def _unreadable(path: Path, what: str) -> SegmenterError:
 
 
 def _failed(contract: NetworkContract, view_rgb8: Bytes, exc: Exception) -> SegmenterError:
-    text = f"the network refuses a view of {view_rgb8.shape[0]} x {view_rgb8.shape[1]}: {str(exc)[:300]}"
-    likely = "size, layout or type of the input are declared wrongly"
+    text = f"the network rejects a view of {view_rgb8.shape[0]} x {view_rgb8.shape[1]}: {str(exc)[:300]}"
+    likely = "the contract declares a wrong size, layout or type of input"
     advice = "correct size_px, layout or input_type in the contract"
     return SegmenterError(text, where=contract.name, likely=likely, advice=advice)

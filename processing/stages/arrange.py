@@ -50,7 +50,7 @@ def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ..
 def nothing_to_arrange(context: StageContext) -> str | None:
     """Return why there is nothing to do: no furniture asked, no room, no door."""
     asked = context.parameters_of(ArrangeParameters)
-    return why_unfit(context, asked=asked.doubtful_room) if asked.wanted else "no furniture asked"
+    return why_unfit(context, asked=asked.doubtful_room) if asked.wanted else "no furniture requested"
 
 
 def run(context: StageContext) -> StageOutput:
@@ -115,7 +115,7 @@ def _with_bed(found: Arrangements, plan: FloorPlan, items: Sequence[Item], asked
         specs = [KINDS[bed] if item.spec.category == "bed" else item.spec for item in items]
         other = arrange(plan, number_items(specs), rules or asked.rules, n=asked.alternatives, seed=asked.seed)
         if _beds(other):
-            said = f"the bed has no place: {bed} instead" + (f", by the rules '{rules}'" if rules else "")
+            said = f"the bed does not fit: {bed} used instead" + (f", by the rules '{rules}'" if rules else "")
             return other.model_copy(update={"notes": (said, *other.notes)})
     return found
 
@@ -130,7 +130,7 @@ def _nothing(error: LayoutError, choice: Choice) -> StageOutput:
     names = ("arrangement", "contact-sheet", *(f"plan-{k}" for k in range(1, MOST_STAGED + 1)))
     return StageOutput(
         metrics={"set": choice.name, "why": choice.why, "alternatives": 0},
-        warnings=(StageWarning(code="arrange", message=f"nothing is arranged: {reason}"),),
+        warnings=(StageWarning(code="arrange", message=f"no furniture arranged: {reason}"),),
         left_out=dict.fromkeys(names, reason),
     )
 
@@ -155,7 +155,7 @@ def _output(found: Arrangements, choice: Choice, drawn: set[str], assumed: str) 
     every = {"contact-sheet", *(f"plan-{k}" for k in range(1, MOST_STAGED + 1))}
     refused = () if first is None else first.not_placed
     texts = [assumed] if assumed else []
-    texts += [*found.notes, *(f"{one.id} is not placed: {one.reason}" for one in refused)]
+    texts += [*found.notes, *(f"{one.id} was not placed: {one.reason}" for one in refused)]
     metrics: dict[str, Any] = {
         "set": choice.name,
         "why": choice.why,

@@ -79,7 +79,7 @@ def side_bracket(
         except (PictureFileError, BracketError) as error:
             refused = str(error)
             if frames == "raw" or pictures[0].is_raw:
-                raise BracketError(f"{side}: its raw files cannot be used: {refused}", where=error.where) from error
+                raise BracketError(f"{side}: its raw files are unusable: {refused}", where=error.where) from error
     _check_settings(side, pictures)
     read = tuple(frame_of(session_path / record.file, record.file, coded=True) for record in pictures)
     return SideBracket(side, tuple(pictures), read, device, refused)

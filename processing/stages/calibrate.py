@@ -61,13 +61,13 @@ def run(context: StageContext) -> StageOutput:
         except LensError as error:
             left_out["outdoor"] = str(error)
     if not sides:
-        raise ScaleError(f"nothing can be scaled: {'; '.join(left_out.values())}", advice="give what is named")
+        raise ScaleError(f"no picture can be calibrated: {'; '.join(left_out.values())}", advice="give what is missing")
     mismatches = chart_mismatches(profile, context.session)
     facts = {name: side.facts | {"spectral_mismatch": mismatches.get(Side(name))} for name, side in sides.items()}
     warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
     warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
     if sky is not None and "outdoor" not in sides:
-        warnings.append(("outdoor", f"there is no outdoor picture in cd/m2: {left_out['outdoor']}"))
+        warnings.append(("outdoor", f"no outdoor picture in cd/m2: {left_out['outdoor']}"))
     return StageOutput(
         artifacts={name: side.image for name, side in sides.items()} | {"calibration": facts},
         metrics={"k1": k1.value, "k1_relative_uncertainty": k1.relative_uncertainty} | _outdoor_metrics(sides),
@@ -79,7 +79,7 @@ def run(context: StageContext) -> StageOutput:
 def _without_room(asked: CalibrateParameters) -> str:
     if asked.k1 is None and asked.outdoor_lux is None:
         advice = "give --outdoor-lux, or --k1 and --k2"
-        raise ScaleError("a session without a room has no reading of its own to scale the sky by", advice=advice)
+        raise ScaleError("a session without a room has no meter reading to scale the sky", advice=advice)
     return "the stage merge made no indoor picture"
 
 
@@ -124,8 +124,8 @@ def calibrate_panorama(context: StageContext) -> StageOutput:
         artifacts={"indoor": image, "calibration": {"indoor": facts}},
         metrics={"absolute": image.absolute, "units": image.unit, "clipped_share": round(found.clipped_share, 5)},
         warnings=tuple(StageWarning(code="indoor", message=text[:500]) for text in _warnings(found, asked)),
-        left_out={"outdoor": "one picture: there is no sky"}
-        | ({} if image.absolute else {"scale": "no meter reading, and the file does not say what its values are"}),
+        left_out={"outdoor": "one picture, no sky"}
+        | ({} if image.absolute else {"scale": "no meter reading, and the file does not state the unit of its values"}),
     )
 
 
@@ -155,11 +155,11 @@ def _warnings(found: GivenPanorama, asked: CalibrateParameters) -> list[str]:
     if not found.image.absolute:
         texts.append(NO_SCALE)
     elif asked.k1 is not None:
-        texts.append("k1 is as given: its uncertainty is not known, and not part of the uncertainties stated")
+        texts.append("k1 was given: its uncertainty is unknown and not included in the stated uncertainties")
     if found.clipped_share > MUCH_CLIPPED:
         texts.append(
-            f"{found.clipped_share:.1%} of all directions are clipped (windows, lamps): their light is a lower bound, "
-            "and daylight that comes in there is underestimated"
+            f"{found.clipped_share:.1%} of all directions are clipped (windows, lamps): their values are lower bounds, "
+            "and daylight entering there is underestimated"
         )
     return texts
 
@@ -240,8 +240,8 @@ def not_a_panorama(image: LuminanceImage) -> list[str]:
     if abs(width / height - 2) <= ASPECT_TOLERANCE:
         return []
     return [
-        f"the picture is {width} x {height}, not twice as wide as high: it is taken for a whole panorama, so that "
-        "places and illuminances are wrong if it is not; luminances hold"
+        f"the picture is {width} x {height}, not 2:1: it is treated as a whole panorama; if it is not, "
+        "directions and illuminances are wrong, but luminances hold"
     ]
 
 
@@ -265,7 +265,7 @@ def _target(
     if session.target is not None:
         return session.target.longitude_rad, session.target.latitude_rad, {"source": "recorded in the session"}
     if not isinstance(image.geometry, Equirectangular):
-        raise ScaleError("the board is looked for in panoramas only", advice="give the target's direction")
+        raise ScaleError("the target board is searched for in panoramas only", advice="give the target's direction")
     board = find_board(image.rgb, luminance_cd_m2(image.rgb), image.validity == Validity.VALID)
     longitude = math.remainder(board.longitude_rad + image.geometry.yaw_rad, 2 * math.pi)
     return longitude, board.latitude_rad, {"source": "board found", "confidence": board.confidence}

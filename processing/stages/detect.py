@@ -29,7 +29,7 @@ def nothing_to_go_by(context: StageContext) -> str | None:
     """Return why no masks can be found: no room."""
     if context.optional_artifact("room", "room") is not None:
         return None
-    return upright.why_no_room(context, f"{upright.NO_ROOM}, or the mask itself (--mask)")
+    return upright.why_no_room(context, f"{upright.NO_ROOM}, or a mask (--mask)")
 
 
 def run(context: StageContext) -> StageOutput:
@@ -94,7 +94,7 @@ def _meter_target(context: StageContext, image: LuminanceImage) -> tuple[float, 
 def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked: DetectParameters) -> tuple[bool, str]:
     """Return whether direct sun is to be looked for, and why not."""
     if asked.sunlight == "off":
-        return False, "not looked for, as asked"
+        return False, "detection switched off"
     if sun is not None and sun[1] <= 0:
         return False, "the sun was below the horizon"
     if upright.sky_shows_sun(context) is False:
@@ -109,7 +109,7 @@ def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: 
         left_out["sunlight"] = why_no_sun
     warnings = []
     if found.shares["target"] > MUCH:
-        text = f"{found.shares['target']:.0%} of all directions are to be removed: look at the masks"
+        text = f"{found.shares['target']:.0%} of all directions are to be removed: check the masks"
         warnings.append(StageWarning(code="target", message=text))
     metrics: dict[str, Any] = {
         "evidence": evidence.source,
@@ -126,5 +126,5 @@ def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: 
         metrics=metrics,
         warnings=tuple(warnings),
         left_out=left_out,
-        honoured={"quality": f"evidence by the {evidence.source}"},
+        honoured={"quality": f"segmented by the {evidence.source}"},
     )

@@ -23,7 +23,7 @@ def run(context: StageContext) -> StageOutput:
     image = upright_panorama(context)
     facts = context.artifact("calibrate", "calibration")
     room: RoomModel | None = context.optional_artifact("room", "room")
-    left_out = {} if room else {"surfaces": "the room is not known: statistics are of the whole picture alone"}
+    left_out = {} if room else {"surfaces": "the room is unknown: statistics are for the whole picture only"}
     context.progress(0.0, "light at the camera")
     small = reduced(image, WIDTH_PX)
     height_m = room.camera_height_m if room else context.session.camera_height_m
@@ -44,9 +44,9 @@ def run(context: StageContext) -> StageOutput:
         "surfaces": surface_figures(small, room),
     }
     if not image.absolute:
-        left_out["glare"] = "the picture has no absolute scale, on which glare depends"
+        left_out["glare"] = "the picture has no absolute scale, which glare needs"
     if outdoor is None:
-        left_out["outdoor"] = "there is no outdoor picture in cd/m2"
+        left_out["outdoor"] = "no outdoor picture in cd/m2"
     return StageOutput(artifacts={"light_figures": figures}, metrics=_metrics(figures), left_out=left_out)
 
 

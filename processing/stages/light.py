@@ -53,7 +53,7 @@ def nothing_to_lift(context: StageContext) -> str | None:
     """Return why there is nothing to do: not asked, nothing to remove, no room, or no light known in it."""
     asked = context.parameters_of(LightParameters)
     if asked.shade == "keep":
-        return "the shade of furniture is kept (--shade keep)"
+        return "the furniture's shading is kept (--shade keep)"
     target = context.optional_artifact("detect", "target")
     if target is None or not np.asarray(target).any():
         return "nothing to remove"
@@ -61,9 +61,9 @@ def nothing_to_lift(context: StageContext) -> str | None:
     if room is None:
         return why_no_room(context)
     if share_of_sphere(_furniture(context)) < LEAST_SHARE:
-        return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shade is small"
+        return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shading is negligible"
     if not any(opening.kind is OpeningKind.WINDOW for opening in room.openings):
-        return "no window is known: the light of the room cannot be estimated"
+        return "no window is known, so the room's light cannot be estimated"
     return why_unfit(context, asked=asked.doubtful_room)
 
 
@@ -72,7 +72,7 @@ def run(context: StageContext) -> StageOutput:
     image, room = upright_panorama(context), known_room(context)
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)
-    context.progress(0.0, "the light outdoors, stand-ins for the furniture")
+    context.progress(0.0, "outdoor light and stand-ins for the furniture")
     work, furniture, reach_m = WORK[context.quality], _furniture(context), _reach_m(context, room)
     (outdoors, source, warnings), parts = together(
         partial(light_outdoors, context, image, room), partial(standins_of, room, furniture, reach_m)
@@ -165,15 +165,15 @@ def light_outdoors(
     context: StageContext, image: LuminanceImage, room: RoomModel
 ) -> tuple[Outdoors | None, str, list[str]]:
     """Return the light outside, what it was taken from, and warnings."""
-    inside = "windows as seen from inside"
+    inside = "windows as they appear from inside"
     picture = context.optional_artifact("calibrate", "outdoor")
     if picture is None:
         why = context.summary("calibrate")["left_out"].get("outdoor", "the session has no outdoor picture")
-        return None, inside, [f"the windows light as they look from inside, without direct sun: {why}"]
+        return None, inside, [f"window light is taken as it appears from inside, without direct sun: {why}"]
     try:
         found = outdoors_of(picture)
     except SceneError as error:
-        return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
+        return None, inside, [f"window light is taken as it appears from inside: {str(error).split(' | ')[0]}"]
     if context.session.heading_rad is not None:
         return found, "outdoor picture", []
     metrics, sun = context.summary("detect")["metrics"], None

@@ -45,7 +45,7 @@ def nothing_to_stage(context: StageContext) -> str | None:
     asked, sunlight = context.parameters_of(MaterialsParameters), context.optional_artifact("detect", "sunlight")
     sun_gone = sunlight is not None and np.asarray(sunlight).any()
     if not asked.wanted and (not sun_gone or context.optional_artifact("remove", "empty") is None):
-        return "staging not asked, and no sunlight to put back into an emptied room"
+        return "no staging requested, and no sunlight to restore in the emptied room"
     return why_unfit(context, asked=asked.doubtful_room)
 
 
@@ -57,7 +57,7 @@ def run(context: StageContext) -> StageOutput:
     image = empty.image
     room = known_room(context)
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
-    context.progress(0.0, "the light outdoors")
+    context.progress(0.0, "outdoor light")
     shade, warnings = read_shade(context), list[str]()
     outdoors: Outdoors | KnownLight | None
     if shade is not None and asked.reveal_m is None:
@@ -68,7 +68,7 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.1, "albedo")
     reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
-    context.progress(0.7, "the sun where furniture no longer stops it")
+    context.progress(0.7, "sunlight that furniture no longer blocks")
     sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
     found = _under_share(found, share)
     if sunlit is not None:
@@ -100,9 +100,9 @@ def in_its_sun(
     image, whole = empty.image, np.ones(3)
     as_seen = image if empty.sunlit is not None and empty.sunlit.any() else None
     if scene.outdoors.sun is None:
-        return None, "no sun is known outdoors", whole
+        return None, "no sun is known in the outdoor picture", whole
     if empty.sunless is None or not empty.sunless.any():
-        return as_seen, "nothing was removed of what the sun may fall on", whole
+        return as_seen, "nothing was removed where the sun may fall", whole
     bare, rows = Bare.of(scene, effort), min(effort.rows, empty.sunless.shape[0])
     sight = sight_of(bare.stage, Equirectangular(2 * rows, rows), eye_m)
     lit = sun_of(bare.stage, sight, effort.sun_samples, 0).any(axis=1).reshape(rows, 2 * rows)

@@ -57,7 +57,7 @@ class _Gathered:
 
 def nothing_to_merge(context: StageContext) -> str | None:
     """Return why there is nothing to merge: one panorama was given."""
-    return None if context.session.panorama is None else "one picture was given, no bracket"
+    return None if context.session.panorama is None else "a single picture, no bracket"
 
 
 def run(context: StageContext) -> StageOutput:
@@ -77,7 +77,7 @@ def run(context: StageContext) -> StageOutput:
             return _merged(context, profile.raw, profile.raw.frames, why)
         except (PictureFileError, ResponseError, BracketError) as error:
             # JPEGs of both cameras then: the profile knows no pair of one's raw files and the other's JPEGs but that.
-            why = f"those that the rig profile holds for are not there: {error}"
+            why = f"the kind of frames that the rig profile covers is missing: {error}"
     if profile and parameters.frames == "auto":
         asked |= {side: "jpeg" for side, camera in profile.cameras.items() if camera.response}
     return _merged(context, profile, asked, why)
@@ -202,7 +202,7 @@ def _gather(
     gathered.warnings += response.warnings
     if bracket.raw_refused:
         gathered.left_out[f"{side} raw files"] = bracket.raw_refused[:500]
-        text = f"{side}: merged from its JPEGs, for its raw files cannot be used: {bracket.raw_refused}"
+        text = f"{side}: merged from JPEGs because the raw files are unusable: {bracket.raw_refused}"
         gathered.warnings.append(StageWarning(code="raw-files", message=text[:500]))
     gathered.warnings += (StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings)
     for use in report.frames:
@@ -231,7 +231,7 @@ def _honoured(context: StageContext, gathered: _Gathered) -> dict[str, str]:
     """Say what quality and max_error came to."""
     frames: Sequence[dict[str, Any]] = [f for side in gathered.metrics.values() for f in side["frames"]]
     spared = sum(1 - frame["used_share"] for frame in frames)
-    what = f"{spared:.1f} of {len(frames)} frames' samples left out"
+    what = f"samples of {spared:.1f} out of {len(frames)} frames skipped"
     honoured = {"quality": f"{context.quality.value}: {what}"}
     if context.max_error is not None:
         honoured["max_error"] = f"each pixel's uncertainty may grow by {100 * context.max_error:g} %: {what}"
@@ -309,7 +309,7 @@ def _linear(bracket: brackets.SideBracket, camera: CameraProfile | None) -> _Hel
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
     source = "profile" if camera else f"rule of the camera: {rule}" if rule else "as given"
     found = CameraResponse(
-        *(linear_curve(), fit.noise, fit.times_s, fit.time_sigma, "linear", f"{source}, held against the frames"),
+        *(linear_curve(), fit.noise, fit.times_s, fit.time_sigma, "linear", f"{source}, checked against the frames"),
         *({}, {}, _warnings("response", bracket, fit.warnings)),
     )
     return found, held

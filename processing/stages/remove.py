@@ -40,7 +40,7 @@ def nothing_to_remove(context: StageContext) -> str | None:
     """Return why there is nothing to do: no target, an empty one, or no room to fill it by."""
     target = context.optional_artifact("detect", "target")
     if target is None:
-        return upright.why_no_room(context, "the stage detect found no target; give one (--mask)")
+        return upright.why_no_room(context, "the detect stage made no target mask; give one (--mask)")
     mask = np.asarray(target, bool)
     if not mask.any():
         return "nothing to remove"
@@ -48,7 +48,7 @@ def nothing_to_remove(context: StageContext) -> str | None:
     if not _in_part(context):
         return why
     some, _ = _on_trusted(context, mask, _optional_mask(context, "shadow", mask.shape[1]))
-    return None if some.any() else f"{why}; nothing to remove touches these alone"
+    return None if some.any() else f"{why}; nothing to remove touches only these"
 
 
 def run(context: StageContext) -> StageOutput:
@@ -169,12 +169,12 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
     sure = float(found.confidence[filled].mean()) if filled.any() else 1.0
     warnings = []
     if sure < LITTLE:
-        text = f"mean confidence of what was filled: {sure:.2f}; too little of the surfaces is seen"
+        text = f"mean confidence of the fill is {sure:.2f}: too little of the surfaces is visible"
         warnings.append(StageWarning(code="confidence", message=text))
     warnings += [StageWarning(code="hidden", message=note) for note in found.notes if "hidden altogether" in note]
-    left_out = {} if change is not None else {"lift": context.summary("light").get("skipped") or "shade is kept"}
+    left_out = {} if change is not None else {"lift": context.summary("light").get("skipped") or "shading is kept"}
     if _in_part(context):
-        left_out[upright.UNTRUSTED] = f"of the room's shape only {upright.trusted_parts(context)} can be trusted"
+        left_out[upright.UNTRUSTED] = f"only {upright.trusted_parts(context)} of the room's shape can be trusted"
     finest = max((one.hole.size for one in found.textures), default=0)
     changed = np.zeros(0) if change is None else change[change != 0]
     brighter_pct = round(100 * math.expm1(float(np.median(changed))), 2) if len(changed) else 0.0

@@ -130,7 +130,7 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Wo
     eye: Vector = (0.0, 0.0, room.camera_height_m)
     base = empty.image.rgb
     if base.shape[1] != 2 * base.shape[0]:
-        raise ParameterError("furniture is put into whole panoramas only", where="render")
+        raise ParameterError("furniture can be rendered into whole panoramas only", where="render")
     if asked.method == "global":
         geometry = Equirectangular(base.shape[1], base.shape[0])
         base = render(bare.stage, geometry, eye, effort=effort, seed=asked.seed).rgb
@@ -225,16 +225,16 @@ def _honoured(context: StageContext, asked: RenderParameters, effort: Effort, st
     if asked.method == "ibl":
         return found
     if context.max_error is not None:
-        found["max_error"] = f"{context.max_error:g} asked, {worst:.3f} reached (error of irradiance)"
+        found["max_error"] = f"{context.max_error:g} requested, {worst:.3f} reached (error of irradiance)"
     if context.time_budget_s is not None:
-        found["time_budget"] = f"no round of rays began after {context.time_budget_s:g} CPU seconds of gathering"
+        found["time_budget"] = f"no sampling pass started after {context.time_budget_s:g} CPU seconds of gathering"
     return found
 
 
 def _warnings(context: StageContext, asked: RenderParameters, alternatives: list[Any]) -> tuple[StageWarning, ...]:
     worst, found = max(one["error"] for one in alternatives), []
     if asked.method == "ibl":
-        found.append(("method", "ibl: furniture is lit as if the room lay infinitely far away; it throws no shadow"))
+        found.append(("method", "ibl: furniture is lit as if the room were infinitely far away; it casts no shadow"))
     if context.max_error is not None and worst > context.max_error:
-        found.append(("error", f"an error of {context.max_error:g} was asked for, {worst:.3f} reached"))
+        found.append(("error", f"an error of {context.max_error:g} was requested, {worst:.3f} reached"))
     return tuple(StageWarning(code=code, message=text) for code, text in found)

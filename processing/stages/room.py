@@ -82,10 +82,10 @@ def _levelled(image: LuminanceImage, asked: RoomParameters, gathered: _Gathered)
         "walls_azimuth_deg": round(math.degrees(found.manhattan_rad), 2),
     }
     if asked.level == "off":
-        gathered.left_out["panorama"] = "levelling is off: the calibrated picture is taken as upright"
+        gathered.left_out["panorama"] = "levelling is off: the calibrated picture is assumed upright"
         return image, found
     if not found.turned:
-        gathered.left_out["panorama"] = f"the calibrated picture stands as it is: {found.note}"
+        gathered.left_out["panorama"] = f"the calibrated picture is used unchanged: {found.note}"
         return image, found
     upright = make_upright(image, found.rotation)
     gathered.artifacts["panorama"] = upright

@@ -81,7 +81,7 @@ LEAST_OF_PART = 0.5  # of a wall or the ceiling, from which it is said to stand 
 UNTRUSTED = "what touches other walls"  # of a doubtful room emptied in part: not done, and why
 
 
-NO_ROOM = "the stage room found no room; give one (--room)"
+NO_ROOM = "the room stage found no room; give one (--room)"
 
 
 def why_no_room(context: StageContext, otherwise: str = NO_ROOM) -> str:
@@ -98,9 +98,9 @@ def why_unfit(context: StageContext, *, asked: bool) -> str | None:
         return None
     return (
         f"the room's shape is doubtful (confidence {room.confidence:.2f}, below {LEAST_CONFIDENCE:g}); "
-        f"of it {trusted_parts(context)} can be trusted, and the masks do not depend on it: correct it "
-        "(daylit room SESSION --edit), have furniture removed that touches no other wall (--trusted-walls), or ask for "
-        "all of it all the same (--doubtful-room)"
+        f"{trusted_parts(context)} can be trusted, and the masks do not depend on it: correct it "
+        "(daylit room SESSION --edit), remove only furniture that touches no other wall (--trusted-walls), or accept "
+        "it anyway (--doubtful-room)"
     )
 
 
@@ -128,7 +128,7 @@ def check_mask_size(mask: Flags, context: StageContext) -> None:
     if mask.shape != panorama:
         raise ParameterError(
             f"the target is {mask.shape[1]} x {mask.shape[0]}, the panorama {panorama[1]} x {panorama[0]}",
-            likely="a mask of another picture, or one that a drawing program has made smaller",
+            likely="a mask of another picture, or one that an image editor has resized",
             advice="give a mask of the panorama's size: stages/detect/target.png has it",
         )
 

@@ -77,7 +77,7 @@ def test_figure_that_is_no_number_is_a_failure(monkeypatch: pytest.MonkeyPatch, 
     offer(monkeypatch, one={"metrics": {"n": value}})
     done = CliRunner().invoke(runner.main, ["one", "--json"])
     assert done.exit_code == 1
-    assert "n is no finite number" in done.stderr
+    assert "n is not a finite number" in done.stderr
 
 
 def test_unknown_name_lists_the_known() -> None:

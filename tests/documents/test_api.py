@@ -67,7 +67,7 @@ def test_a_session_is_processed_read_and_shown(session: daylit.Session) -> None:
 
 
 def test_options_and_folders_that_are_none_are_named_errors(session: daylit.Session, tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="no option --k9"):
+    with pytest.raises(ParameterError, match="no such option: --k9"):
         daylit.process(session, k9=1)
     with pytest.raises(SessionNotFoundError):
         daylit.open_session(tmp_path / "nothing")

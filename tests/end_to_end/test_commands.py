@@ -136,7 +136,7 @@ def test_adaptive_says_what_it_left_out(tmp_path: Path) -> None:
     )
     skipped = [e for e in events if e.get("event") == "skipped"]
     assert skipped
-    assert all("any more" in e["reason"] for e in skipped)
+    assert all("already nothing" in e["reason"] for e in skipped)
     assert events[-1]["ok"]
     assert events[-1]["frames"] + events[-1]["skipped"] == 9
 

@@ -45,7 +45,7 @@ NEEDED = {
 """README's commands that are not run here, by how they begin, and why."""
 HALF_PX = 210
 """Half as wide as the demo's small panorama."""
-OF_THE_PLACE = ("north is not known", "the panorama's heading is not recorded")
+OF_THE_PLACE = ("north is unknown", "the panorama's heading is not recorded")
 """Warnings that the simple room must have: it is in no place. The default room is, but takes minutes to render."""
 
 
@@ -84,9 +84,9 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 def test_demo_ends_with_a_report(demo: Made) -> None:
     assert len(list(demo.session.glob("indoor/*.jpg"))) == 9
-    (page,) = (Path(line.removeprefix("look at: ")) for line in demo.lines if line.startswith("look at: "))
+    (page,) = (Path(line.removeprefix("report:  ")) for line in demo.lines if line.startswith("report:  "))
     text = (demo.folder / page).with_name("lab.html").read_text("utf-8")
-    assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
+    assert "Horizontal illuminance outdoors" in text, "the rig's k2 scaled the sky"
     assert "Alternative 3" in text
     assert len(list(page.parents[1].glob("render/staged-?.exr"))) == 3
 
@@ -99,8 +99,8 @@ def test_demos_last_lines_are_stills_page_and_three_commands(demo: Made) -> None
     assert len(stills) >= 3
     assert all((demo.folder / still).is_file() for still in stills)
     rest = demo.lines[first + len(stills) :]
-    assert rest[0].startswith("look at: ")
-    assert (demo.folder / rest[0].removeprefix("look at: ")).is_file()
+    assert rest[0].startswith("report:  ")
+    assert (demo.folder / rest[0].removeprefix("report:  ")).is_file()
     assert rest[1] == "next:"
     session = demo.session.relative_to(demo.folder)
     assert [line.strip() for line in rest[2:5]] == [

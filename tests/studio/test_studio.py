@@ -240,13 +240,13 @@ def test_the_rest_is_estimated_around_what_was_moved(opened: Opened) -> None:
     write_evidence(session / "stages" / "room" / "evidence.npz", SceneEvidence(classes_of(TRUTH), "", boundary))
     page = opened.page
     screen(page, session.name, "room")
-    page.get_by_role("button", name="Estimate the rest again").click()
+    page.get_by_role("button", name="Re-estimate the rest").click()
     page.get_by_text("Move what is wrong first").wait_for()
     page.locator(".wall").first.focus()
     for _ in range(12):
         page.keyboard.press("Shift+ArrowLeft")
     wait(lambda: (session / "room.json").exists() and abs(room_of(session).floor[1][0] - 2.2) < 1e-6)
-    page.get_by_role("button", name="Estimate the rest again").click()
+    page.get_by_role("button", name="Re-estimate the rest").click()
     page.get_by_text("held: wall").wait_for()
     assert iou(room_of(session), TRUTH) > 0.97
     assert sum(x == 2.2 for x, _ in room_of(session).floor) == 2
@@ -400,20 +400,20 @@ LATE_VERDICTS = """() => {
 def test_a_piece_in_a_wall_is_refused_with_the_reason(opened: Opened) -> None:
     session = opened.fresh("furnished")
     screen(opened.page, session.name, "furnish")
-    assert opened.page.locator("[data-part=verdict]").inner_text() == "Every rule is kept"
+    assert opened.page.locator("[data-part=verdict]").inner_text() == "All rules met"
     bed = opened.page.locator(".piece[data-id=bed]")
     before = bed.get_attribute("transform")
     drag(opened.page, ".piece[data-id=bed]", (4.2, 0.0), drop=False)
-    opened.page.get_by_text("Not so:").wait_for()
+    opened.page.get_by_text("Not allowed:").wait_for()
     # A slow machine: verdicts of the drag are still to come when the piece is dropped, and the next one goes.
     opened.page.evaluate(LATE_VERDICTS)
     drag(opened.page, ".piece[data-id=bed]", (4.0, 0.0), drop=False)
     opened.page.mouse.up()
-    opened.page.get_by_text("Refused:").wait_for()
+    opened.page.get_by_text("Rejected:").wait_for()
     assert opened.page.locator(".piece[data-id=bed]").get_attribute("transform") == before
     assert not (session / "arrangement.json").exists()
     opened.page.wait_for_timeout(900)
-    assert opened.page.locator("[data-part=verdict]").inner_text() == "Every rule is kept"
+    assert opened.page.locator("[data-part=verdict]").inner_text() == "All rules met"
     opened.page.locator(".piece[data-id=chest]").focus()
     opened.page.keyboard.press("Delete")
     wait(lambda: "arrangement" in read_choices(session).chosen)
@@ -553,10 +553,10 @@ def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None
     missing.first.wait_for()
     assert missing.count() == 2, "both cameras of the rig file"
     assert "check the cable" in missing.first.inner_text()
-    page.get_by_label("Name of the room").fill("--into")
+    page.get_by_label("Room name").fill("--into")
     page.get_by_role("button", name="Start a capture").click()
-    page.get_by_text("begin a room's name").wait_for()
-    page.get_by_label("Name of the room").fill("hall 3")
+    page.get_by_text("start a room's name").wait_for()
+    page.get_by_label("Room name").fill("hall 3")
     page.get_by_label("Instruments").select_option("uniform:100")
     seen = page.locator("[data-part=instruments][data-seen='uniform:100'] .ok", has_text="RICOH THETA Z1")
     seen.wait_for()
@@ -618,7 +618,7 @@ def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
     body = "JSON.stringify({ until: 'verify', quality: 'draft' })"
     ask = f"async (url) => (await fetch(url, {{ method: 'POST', body: {body} }})).status"
     assert opened.page.evaluate(ask, f"/api/sessions/{session.name}/run") == 200
-    opened.page.get_by_text("The last run is done").wait_for()
+    opened.page.get_by_text("The last run is complete").wait_for()
     assert "verify" in opened.page.locator(".job pre").text_content()
     assert read_choices(session).chosen["quality"].value == "draft"
 

@@ -111,7 +111,7 @@ def _curve_fits(frames: Sequence[FrameSource], depth: int, curve: ResponseCurve 
         return
     if frames[0].linear or depth != 8:
         raise ParameterError(
-            "linear frames take no response curve", where=frames[0].name, likely="raw and JPEG frames mixed up"
+            "linear frames take no response curve", where=frames[0].name, likely="raw and JPEG frames are mixed up"
         )
     if curve.log2_exposure.shape != (3, 256) or curve.sigma_log2.shape != (3, 256):
         raise ParameterError(f"the curve of 8-bit frames is (3, 256), not {curve.log2_exposure.shape}")
@@ -134,7 +134,7 @@ def _without_duplicates(order: Order) -> Order:
         named = f"{order.frames[place].name} (number {order.numbers[place]})"
         if order.times_s[place] != order.times_s[twin]:
             raise BracketError(
-                f"it is the same picture as {order.frames[twin].name}, but another time is given for it",
+                f"it is the same picture as {order.frames[twin].name}, but with another exposure time",
                 where=named,
                 likely="a copied file, or times in the wrong order",
             )
@@ -204,7 +204,7 @@ def _leave_out(found: Decoded, place: int, codes: Codes, tables: MergeTables, so
     name = sources[place].name
     if int(np.max(codes)) < tables.any_clipped:
         for shorter in range(int(tables.last[place]) + 1, len(sources)):
-            found.left_out.setdefault(shorter, f"nothing is clipped in {name}: this one would add too little")
+            found.left_out.setdefault(shorter, f"nothing is clipped in {name}: this frame adds too little")
     elif int(np.min(codes)) >= tables.all_clipped:
         # The shortest frame stays: it is the bound.
         for longer in range(min(place + 1, len(sources) - 1)):
@@ -238,9 +238,9 @@ class Shares:
         """Say so where there is hardly a picture."""
         found = []
         if self.clipped > 0.5:
-            found.append(f"{100 * self.clipped:.0f} % of the picture is clipped in every frame: shorter times needed")
+            found.append(f"{100 * self.clipped:.0f} % of the picture is clipped in every frame: use shorter exposures")
         if self.dark > 0.5:
-            found.append(f"{100 * self.dark:.0f} % of the picture is dark in every frame: longer times needed")
+            found.append(f"{100 * self.dark:.0f} % of the picture is dark in every frame: use longer exposures")
         return found
 
 

@@ -62,7 +62,7 @@ def place_lenses(raw: UInt16s, colours: CameraColours, panorama: Bytes) -> lens_
     if not off <= MOST_OFF_RAD:
         raise BracketError(
             f"its raw pictures fit its panorama to {math.degrees(off):.2f} degrees only",
-            likely="dynamic stitching, a panorama that was turned, or a room without edges",
+            likely="dynamic stitching, a rotated panorama, or a room without edges",
             advice="set the camera to static stitching",
         )
     try:
@@ -142,8 +142,7 @@ def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
     chosen = max([(best[0, ahead], best[1, -ahead]) for ahead in (1, -1)], key=lambda two: two[0][0] + two[1][0])
     if not min(alike for alike, _ in chosen) > LEAST_LIKENESS:
         raise BracketError(
-            "its raw pictures and its panorama do not resemble each other",
-            likely="files of two moments, or a panorama that was turned",
+            "its raw pictures do not match its panorama", likely="files from different moments, or a rotated panorama"
         )
     return [numbers for _, numbers in chosen]
 

@@ -180,13 +180,13 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     warnings += _contradictions(agreement, job)
     if agreement.noise_factor > WARN_NOISE:
         times = math.sqrt(agreement.noise_factor)
-        warnings.append(f"noise is {times:.1f} times what the noise model says: it is stated as these frames show it")
+        warnings.append(f"noise is {times:.1f} times what the noise model says: the frames' own value is used")
     job = _honest(job, agreement)
     samples = job.samples()
     if job.options.shifts:
         warnings += [
             f"{job.order.frames[s.place].name} is shifted against {job.order.frames[s.place - 1].name} by "
-            f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera touched?"
+            f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera moved?"
             for s in frame_shifts(codes, samples)
         ]
     planes, uses = _fuse(codes, samples, job)
@@ -236,14 +236,14 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     apart, bent = float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2
     place = int(np.argmax(np.abs(agreement.offset)))
     named = [
-        f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({job.given_s[number]:g} s "
+        f"{frame.name} is {offset:+.2f} stops off the other frames: a wrong time ({job.given_s[number]:g} s "
         "given), or the light changed"
         for frame, offset, number in zip(job.order.frames, agreement.offset, job.order.numbers, strict=True)
         if abs(offset) > WARN_STOPS
     ]
     if agreement.curve_error > 2 * WARN_STOPS:
         named.append(
-            "the response curve does not fit these frames: codes of one pair disagree by "
+            "the response curve does not fit these frames: codes of a frame pair disagree by "
             f"{agreement.curve_error:.2f} stops"
         )
     if job.options.allow_contradiction:
@@ -258,10 +258,10 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
         )
     if bent > REFUSE_STOPS and not job.options.own_curve:
         raise BracketError(
-            f"the response curve is not these frames': codes of one pair disagree by {2 * bent:.2f} stops",
+            f"the response curve is not that of these frames: codes of a frame pair disagree by {2 * bent:.2f} stops",
             where=job.order.frames[place].name,
             likely="another camera's response curve, or another picture style",
-            advice="use this camera's own calibration, or none: then the curve is recovered from the frames",
+            advice="use this camera's own calibration, or none to recover the curve from the frames",
         )
     return named
 
@@ -371,7 +371,7 @@ def _ghosts(codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes
             f"the frames disagree in {100 * odd:.0f} % of the picture",
             where=job.order.frames[0].name,
             likely="frames of different scenes, a camera that moved, or a noise model of another camera",
-            advice="check which frames belong together",
+            advice="check that the frames belong together",
         )
     ghost = settle_ghosts(codes, samples, planes, processed=job.coded)
     numbers = np.array([0, *(number + 1 for number in job.order.numbers)], dtype=np.uint8)
@@ -385,6 +385,6 @@ def _uses(whole: Order, decoded: Decoded, job: _Job, uses: Doubles) -> tuple[Fra
         reason = decoded.left_out.get(place, "")
         share = by_number.get(number, 0.0)
         if not reason and share < 1:
-            reason = "runs of pixels where it is clipped, or would add too little, leave it out"
+            reason = "skipped in pixel runs where it is clipped or adds too little"
         found.append(FrameUse(number, frame.name, float(whole.times_s[place]), number in by_number, share, reason))
     return tuple(sorted(found, key=lambda one: one.number))

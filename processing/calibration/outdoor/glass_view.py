@@ -57,7 +57,7 @@ def only_the_view(image: RelativeImage) -> tuple[RelativeImage, float]:
 def _no_view(stops: float) -> LensError:
     return LensError(
         f"the view through the window is only {stops:.1f} stops brighter than the room",
-        likely="taken by night, with curtains drawn, or not towards a window",
+        likely="taken at night, with curtains drawn, or not towards a window",
         advice="take the sky with the fisheye, or leave it out",
     )
 
@@ -83,4 +83,4 @@ def not_one_camera(session: SessionManifest) -> str | None:
         found.append((device.model if device else "", device.nd_filter if device else "", settings))
     if found[0] == found[1] and found[0][0] and not found[0][1]:
         return None
-    return "the sky is a panorama of another camera, or other settings, than the room's: give --k2"
+    return "the sky panorama is from another camera or other settings than the room's: give --k2"

@@ -307,7 +307,7 @@ def _fit(points: Doubles, weights: Doubles, start: Circle) -> tuple[float, float
 
 def _nothing() -> LensError:
     return LensError(
-        "no image circle is seen",
-        likely="frames all dark or all bright, a lens that fills the picture, or a cropped picture",
+        "no image circle was found",
+        likely="frames all dark or all bright, a lens that fills the frame, or a cropped picture",
         advice="give frames of middle exposures, or give the circle's centre and radius",
     )

@@ -168,7 +168,7 @@ def _beyond(geometry: Fisheye, r: float) -> Flags:
 
 def _fisheye(image: RelativeImage) -> Fisheye:
     if not isinstance(image.geometry, Fisheye):
-        raise LensError("fall-off belongs to a fisheye picture as taken", advice="correct it before the geometry")
+        raise LensError("vignetting needs the original fisheye picture", advice="correct it before the geometry")
     return image.geometry
 
 

@@ -25,7 +25,7 @@ from processing.pictures.modes import SharedMode, colour_mode, falloff_mode, les
 from processing.sphere import Equirectangular, Fisheye, projected_solid_angles
 from station.session.session import SessionManifest, Side
 
-NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
+NO_K2 = "no scale for the outdoor picture: give a rig profile (--calibration), --k2 or --outdoor-lux"
 
 LUX_METER_UNCERTAINTY = 0.05  # relative, standard, of a reading given by --outdoor-lux
 FROM_LUX = "from --outdoor-lux"
@@ -76,7 +76,7 @@ def why_no_scale(
         return None
     if profile is None:
         return NO_K2
-    return None if profile.k2 is not None else "the rig profile has no k2, and neither --k2 nor --outdoor-lux was given"
+    return None if profile.k2 is not None else "the rig profile has no k2: give --k2 or --outdoor-lux"
 
 
 def calibrate_outdoor(
@@ -228,14 +228,14 @@ def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North
         except SunError as error:
             why = str(error).split(" | ")[0]
     elif sky.sun is not None:
-        why = "the session does not say where or when it was"
+        why = "the session's site or time is unknown"
     if session.heading_rad is not None:
         # Without a sun the heading is all that there can be; a sun that does not serve is worth a word.
         north = sun_place.north_from_heading(session.heading_rad)
         return north, [f"north is the panorama's heading, not the sun's: {why}"] if why else []
     why = why or "the sun was not found in the picture"
     return sun_place.north_from_heading(0.0, math.pi), [
-        f"north is not known ({why}; no heading): the top is taken for it"
+        f"north is unknown ({why}; no heading): the picture's top is taken as north"
     ]
 
 
@@ -244,8 +244,8 @@ def _unturned(north: North, session: SessionManifest) -> list[str]:
     if session.heading_rad is not None or north.sigma_rad >= math.pi:
         return []
     return [
-        "the panorama's heading is not recorded: the outdoor picture's +y is north, which need not be where the "
-        "panorama's middle faces"
+        "the panorama's heading is not recorded: the outdoor picture's +y is north, which may not be where the "
+        "panorama's centre faces"
     ]
 
 
@@ -274,11 +274,11 @@ def _scale(
     level = illuminance_lx(scaled(image, ScaleFactor(1.0, 0.0)))
     shown = level.value_lx
     if not shown > 0 or (sun is not None and sun.clipped):
-        why = "its sun is clipped, and the reading is of sun and sky together" if shown > 0 else "it is black"
+        why = "the sun is clipped, and the reading covers sun and sky" if shown > 0 else "the picture is black"
         raise ScaleError(
             f"--outdoor-lux gives the outdoor picture no scale: {why}",
             where="outdoor",
-            advice="give a rig profile (--calibration) or --k2, or leave --outdoor-lux away",
+            advice="give a rig profile (--calibration) or --k2, or leave --outdoor-lux out",
         )
     value = asked.outdoor_lux / shown
     # What all pixels share is taken off its modes: of the level plane's light, the reading, nothing but it is in doubt.
@@ -300,12 +300,12 @@ def _repaired(
         return picture, "not asked"
     if asked.repair_sun == "illuminance":
         if asked.outdoor_lux is None:
-            raise SunError("the sun's repair needs the measured illuminance", advice="give --outdoor-lux")
+            raise SunError("repairing the sun needs a measured illuminance", advice="give --outdoor-lux")
         done, repair = repair_sun(picture, horizontal_lx=asked.outdoor_lux)
         return done, repair.note
     place, moment = Place.of(session.site), sun_place.shortest_taken(session, Side.OUTDOOR)
     if place is None or moment is None:
-        raise SunError("a clear sky's sun needs site and time", advice="record the site in rig.toml, or give lux")
+        raise SunError("a clear-sky sun needs site and time", advice="record the site in rig.toml, or give lux")
     done, repair = repair_sun(picture, beam=sun_place.clear_beam(moment, place))
     return done, repair.note
 

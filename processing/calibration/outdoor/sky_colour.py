@@ -41,7 +41,7 @@ def tint_of_sky(image: RelativeImage, circle: ImageCircle) -> NdFilter | None:
     upper = np.hypot(x - circle.centre_px[0], y[:, None] - circle.centre_px[1]) < UPPER * circle.radius_px
     seen = rgb[upper & (validity == Validity.VALID) & (rgb.min(axis=2) > 0)].astype(np.float64)
     if len(seen) < LEAST_PX:
-        raise LensError("too little of the sky is seen to find the filter's colour", advice="daylit rig calibrate --nd")
+        raise LensError("too little sky is visible to find the filter's colour", advice="daylit rig calibrate --nd")
     red, blue = np.log(seen[:, 0] / seen[:, 1]), np.log(seen[:, 2] / seen[:, 1])
     moves, found = np.linspace(-MOST, MOST, 151), []
     mireds, locus_red, locus_blue = _locus()

@@ -80,7 +80,7 @@ def find_sun(image: RelativeImage | LuminanceImage) -> Sun:
     luminance = luminance_cd_m2(image.rgb)
     inside = (image.validity != Validity.OUTSIDE) & _field(image)
     if not inside.any():
-        raise _no_sun("nothing of the picture lies inside the field")
+        raise _no_sun("no part of the picture lies inside the field of view")
     clipped = image.validity == Validity.CLIPPED
     sky = float(np.median(luminance[inside]))
     row, column = _brightest(luminance, inside, clipped)
@@ -184,7 +184,7 @@ def _clipped_sun(window: Window) -> Sun:
     touches = bool(cv2.dilate(spot.astype(np.uint8), np.ones((3, 3), np.uint8))[~window.inside].any())
     roundness = area / (math.pi / 4 * across**2)
     if across > _WIDEST_SPOT_RAD or (roundness < _LEAST_ROUND and not touches):
-        raise _no_sun("what is clipped is no small round spot", likely="bright clouds that every frame clips")
+        raise _no_sun("what is clipped is not a small round spot", likely="bright clouds clipped in every frame")
     centre = _unit(np.einsum("n,nc->c", window.pixel_sr[spot], ways))
     pixel_rad = math.sqrt(float(np.median(window.pixel_sr[window.inside])))
     if touches:
@@ -264,5 +264,5 @@ def _unit(vector: Doubles) -> Doubles:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _no_sun(what: str, likely: str = "an overcast sky, night, or a sun behind something") -> SunError:
-    return SunError(f"no sun: {what}", likely=likely, advice="take north from the recorded heading")
+def _no_sun(what: str, likely: str = "an overcast sky, night, or an obstructed sun") -> SunError:
+    return SunError(f"no sun: {what}", likely=likely, advice="use the recorded heading for north")

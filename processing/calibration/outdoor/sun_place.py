@@ -56,7 +56,7 @@ class Place:
     def __post_init__(self) -> None:
         if not (abs(self.latitude_deg) <= 90 and abs(self.longitude_deg) <= 180 and -500 <= self.altitude_m <= 9000):
             raise ParameterError(
-                f"no place on Earth: latitude {self.latitude_deg}, longitude {self.longitude_deg}, {self.altitude_m} m",
+                f"not on Earth: latitude {self.latitude_deg}, longitude {self.longitude_deg}, {self.altitude_m} m",
                 advice="degrees, north and east positive",
             )
 
@@ -169,7 +169,7 @@ def _solar_position(time_utc: datetime, place: Place) -> dict[str, float]:
 
 def _checked(time_utc: datetime) -> datetime:
     if time_utc.tzinfo is None:
-        raise ParameterError("a time without its zone", advice="give UTC, such as 2023-05-19T15:54Z")
+        raise ParameterError("a time without a time zone", advice="give UTC, such as 2023-05-19T15:54Z")
     return time_utc.astimezone(UTC)
 
 
@@ -217,7 +217,7 @@ def north_from_sun(
     across = math.hypot(sun.sigma_rad, level_sigma_rad * math.sin(abs(sun.elevation_rad))) / math.cos(sun.elevation_rad)
     sigma = math.hypot(across, rate * time_sigma_s)
     if sigma > math.pi / 8:
-        raise SunError("the sun stands at the zenith and has no azimuth", advice="take north from the recorded heading")
+        raise SunError("the sun is at the zenith and has no azimuth", advice="use the recorded heading for north")
     return North((expected.azimuth_rad - in_picture) % (2 * math.pi), sigma, "sun", off, _warnings(off, sun))
 
 
@@ -245,8 +245,8 @@ def _agree(sun: Sun, expected_rad: float, off_rad: float) -> None:
         raise SunError(
             f"the sun stands {math.degrees(sun.elevation_rad):.1f} degrees high in the picture, "
             f"and {math.degrees(expected_rad):.1f} by time and site",
-            likely="a wrong clock, zone or site, a camera far off level, or a lamp taken for the sun",
-            advice="check the session's time and site, or take north from the recorded heading",
+            likely="a wrong clock, zone or site, a tilted camera, or a lamp mistaken for the sun",
+            advice="check the session's time and site, or use the recorded heading for north",
             found_deg=math.degrees(sun.elevation_rad),
             expected_deg=math.degrees(expected_rad),
         )
@@ -257,11 +257,11 @@ def _warnings(off_rad: float, sun: Sun) -> tuple[str, ...]:
     if abs(off_rad) > WARN_RAD + 3 * sun.sigma_rad:
         way = "higher" if off_rad > 0 else "lower"
         found.append(
-            f"the sun is {abs(math.degrees(off_rad)):.1f} degrees {way} in the picture than time and site say: "
-            "a camera off level, or a clock that is minutes off"
+            f"the sun is {abs(math.degrees(off_rad)):.1f} degrees {way} in the picture than time and site predict: "
+            "a tilted camera, or a clock minutes off"
         )
     if sun.cut:
-        found.append("part of the sun lies outside the field; its centre is that of a disc fitted to the rest")
+        found.append("part of the sun is outside the field of view; its centre is from a disc fitted to the rest")
     return tuple(found)
 
 

@@ -56,7 +56,7 @@ def repair_sun(
     `SunError` for a sun that is not clipped, a reading below what the sky alone gives, or one that no sun can give.
     """
     if (horizontal_lx is None) == (beam is None):
-        raise ParameterError("a sun is repaired from an illuminance or from a clear sky: give one of them")
+        raise ParameterError("a clipped sun is repaired from an illuminance or from a clear sky: give one")
     sun = sun or find_sun(image)
     if not sun.clipped:
         raise SunError("the sun is not clipped: there is nothing to repair", advice="leave the picture as it is")
@@ -82,9 +82,9 @@ def repair_sun(
     done = _painted(empty, window, cover, luminance, sigma)
     source: Literal["illuminance", "clear sky"] = "clear sky" if horizontal_lx is None else "illuminance"
     note = (
-        f"the clipped sun was replaced from {'a clear-sky model' if beam else 'the illuminance reading'}: "
-        f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx on level ground "
-        f"beside {rest_lx:.4g} lx of the rest; the picture alone gave at least {before_lx:.4g} lx in all"
+        f"the clipped sun was restored from {'a clear-sky model' if beam else 'the illuminance reading'}: "
+        f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx horizontal, plus "
+        f"{rest_lx:.4g} lx from the rest of the sky; the picture alone gave at least {before_lx:.4g} lx in total"
     )
     repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest_lx, int((cover > 0).sum()), note)
     return replace(done, attributes={**image.attributes, "sun_repaired": note}), repair
@@ -100,7 +100,7 @@ def _normal_of_reading(
     if sine < math.sin(SUN_RADIUS_RAD) or left <= 0:
         raise SunError(
             f"the reading of {horizontal_lx:.4g} lx leaves {left:.4g} lx for the sun beside the sky's {rest_lx:.4g} lx",
-            likely="a reading of another moment, a sun at the horizon, or a wrong k1 or k2",
+            likely="a reading from another moment, a sun at the horizon, or a wrong k1 or k2",
             advice="repair it from the clear sky, or leave it clipped",
         )
     sigma = math.hypot(uncertainty * horizontal_lx, image.scale_uncertainty * rest_lx) / left

@@ -85,10 +85,10 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
         raise ChartError(
             "no 24-patch chart was found",
             where="the view",
-            likely="it is too small, cut off, or in a strong reflection",
+            likely="it is too small, cut off, or glare covers it",
             advice="give its four corners: --corners",
         )
-    return _sure(best, "what looks like a chart has not its colours")
+    return _sure(best, "what was found does not have the chart's colours")
 
 
 def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: float = CURVE_FRAC) -> ChartScale:
@@ -164,7 +164,7 @@ def _line(x: Doubles, y: Doubles, sigma: Doubles) -> _Line:
     excess = max(1.0, float(np.sum(huber * pull**2)) / max(x.size - columns.shape[1], 1))
     slope, offset = float(found[0]), float(found[1]) if columns.shape[1] > 1 else 0.0
     if not slope > 0:
-        raise ChartError("the two pictures of the chart contradict each other", where="the neutral patches")
+        raise ChartError("the two pictures of the chart disagree", where="the neutral patches")
     return _Line(slope, offset, math.sqrt(float(covariance[0, 0]) * excess) / slope)
 
 
@@ -194,7 +194,7 @@ def _warnings(ratio: float, fit: _Line, white: int) -> tuple[str, ...]:
     if abs(ratio / fit.slope - 1) > WHITE_WARNING_FRAC:
         found.append(
             f"white patch {ratio:.4g} and fit of all neutral patches {fit.slope:.4g} differ by "
-            f"{ratio / fit.slope - 1:+.1%}: stray light, a reflection on the chart, or a response curve that is off"
+            f"{ratio / fit.slope - 1:+.1%}: stray light, glare on the chart, or a wrong response curve"
         )
     return tuple(found)
 
@@ -263,8 +263,8 @@ def find_chart_around(image: RelativeImage, towards: Doubles | None = None) -> C
             return best
     if best is None:
         raise ChartError(
-            "no 24-patch chart was found anywhere in the picture",
-            likely="it is too small, cut off, or in a strong reflection",
+            "no 24-patch chart was found in the picture",
+            likely="it is too small, cut off, or glare covers it",
             advice="give its four corners: --corners SIDE:X,Y,X,Y,X,Y,X,Y in pixels of the frames",
         )
     return best

@@ -93,7 +93,7 @@ def check_corners(corners_px: npt.ArrayLike, size_px: tuple[int, int]) -> None:
     if np.any(corners < 0) or np.any(corners > size_px):
         raise ChartError("a corner of the chart lies outside the frame", where="corners", advice=f"frames: {size_px}")
     if patch_px < MIN_PIXELS:
-        text = f"the corners leave {patch_px:.1f} pixels to a patch of the chart"
+        text = f"the corners leave {patch_px:.1f} pixels per patch of the chart"
         raise ChartError(text, where="corners", advice="give them in order around the chart, in pixels of the frames")
 
 
@@ -132,7 +132,7 @@ def _read(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart:
     high, wide = view.validity.shape
     points = np.floor(chart_points(homography(corners_px), WINDOW, _GRID)).astype(np.intp)
     if points.min() < 0 or points[..., 0].max() >= wide or points[..., 1].max() >= high:
-        raise ChartError("the chart is not wholly in the picture", where="corners", advice="turn the view towards it")
+        raise ChartError("the chart is not entirely in the picture", where="corners", advice="turn the view towards it")
     rgb, uncertainty, count = np.zeros((24, 3)), np.full(24, np.inf), np.zeros(24, dtype=np.intp)
     for number, patch in enumerate(points):
         place = np.unique(patch[:, 1] * wide + patch[:, 0])

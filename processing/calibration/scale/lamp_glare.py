@@ -49,7 +49,7 @@ def _scattered(
 ) -> tuple[Doubles, Doubles, Indices, Doubles]:
     """Return parts (2, P, N), light (N,) and sector (N,) of a pair's cells, and the factors that clipping may hide."""
     if seen.geometry != hidden.geometry:
-        raise ParameterError("the lamp's two pictures are not of one camera and size")
+        raise ParameterError("the lamp's two pictures differ in camera or size")
     cells = cells_around(seen.geometry, ROWS, two_lenses)
     both = [luminance_cd_m2(image.rgb) for image in (seen, hidden)]
     clipped = [image.validity == Validity.CLIPPED for image in (seen, hidden)]
@@ -60,12 +60,12 @@ def _scattered(
     far = cells.inside & ~near
     if found[near, 1].sum() > MOST_CLIPPED * found[near, 0].sum():
         raise LensError(
-            "the lamp is clipped in every frame: how bright it is, is not known",
-            advice="shorter exposures too, or a weaker lamp",
+            "the lamp is clipped in every frame, so its luminance is unknown",
+            advice="add shorter exposures, or use a weaker lamp",
         )
     room = float(np.median(found[far, 3]))
     if not found[lamp, 0] > LEAST_CONTRAST * max(room, 1e-30):
-        raise LensError("no lamp is seen that the second picture lacks", advice="a darker room, or a brighter lamp")
+        raise LensError("both pictures show the same lamps", advice="use a darker room or a brighter lamp")
     light = np.where(near[:, None], np.maximum(found[:, :2], 0), 0)
     use = far & (found[:, 2] == 0) & _thinned(cells)
     if cells.side is not None:
@@ -75,7 +75,7 @@ def _scattered(
             raise LensError(f"the room's light changed by {100 * change:+.0f} % between the lamp's two pictures")
         use &= cells.side == cells.side[lamp]
     if np.count_nonzero(use) < LEAST_CELLS:
-        raise LensError("the lamp's pictures are clipped nearly everywhere", advice="a weaker lamp")
+        raise LensError("the lamp's pictures are clipped nearly everywhere", advice="use a weaker lamp")
     least = LEAST_INDEX * float(cells.area @ light[:, 0]) / float(cells.area @ cells.inside)
     level, scale = np.maximum(found[use, 0], least), max(float(found[use, 0].mean()), least)
     parts = np.moveaxis(cells.scattered(light), -1, 0)[..., use] / scale

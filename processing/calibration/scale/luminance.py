@@ -119,7 +119,7 @@ def scale_from_reading(
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
         warnings.append(
-            f"the light changes by {parts['spot']:.1%} within the meter's aim: an edge or a patch of sun on the target"
+            f"the light changes by {parts['spot']:.1%} within the aiming error: an edge or a patch of sun on the target"
         )
     if measured.drift_frac is not None and abs(measured.drift_frac) > DRIFT_WARNING_FRAC:
         warnings.append(f"the light changed by {measured.drift_frac:+.1%} from the first reading to the last")
@@ -172,7 +172,7 @@ def combined(first: ScaleFactor, second: ScaleFactor) -> ScaleFactor:
     )
 
 
-_OTHER_TARGET = "measure a target that is neither clipped nor dark, or give --k1"
+_OTHER_TARGET = "meter a target that is neither clipped nor dark, or give --k1"
 
 
 def _measured(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord], meter: MeterAccuracy) -> _Measured:
@@ -227,7 +227,7 @@ def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
     reasons = {
         Validity.CLIPPED: "brighter than every frame can record (clipped)",
         Validity.DARK: "darker than every frame can record",
-        Validity.OUTSIDE: "outside the lens's field",
+        Validity.OUTSIDE: "outside the lens's field of view",
         Validity.REPAIRED: "a repaired value, not a measured one",
     }
     for kind, reason in reasons.items():
@@ -240,7 +240,7 @@ def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
         raise ScaleError(
             f"something moved over {moving:.0%} of the meter's spot (ghost)",
             where="the meter's spot",
-            likely="a person or a shadow before the target",
+            likely="a person or a shadow in front of the target",
             advice="capture again, or give another target",
         )
     return [f"something moved over {moving:.0%} of the meter's spot"] if moving > 0 else []
@@ -306,8 +306,8 @@ def spot_pixels(geometry: Geometry, spot: Spot) -> SpotPixels:
         longitude, latitude = math.degrees(spot.longitude_rad), math.degrees(spot.latitude_rad)
         raise ScaleError(
             f"the meter's spot at longitude {longitude:.2f}, latitude {latitude:.2f} degrees is outside the picture",
-            likely="a target for another camera",
-            advice="give the target's direction: longitude right of the picture's middle, latitude up",
+            likely="a target meant for another camera",
+            advice="give the target's direction: longitude right of the picture's centre, latitude up",
         )
     column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     wide, high = geometry.width_px, geometry.height_px
@@ -358,7 +358,7 @@ def _spread(centre: Doubles, radius_rad: float) -> Doubles:
 
 def given_scale(name: str, value: float) -> ScaleFactor:
     """Return a factor that the user gave, with the warning that nothing is known of its uncertainty."""
-    warning = f"{name} is as given: its uncertainty is not known, and not part of the uncertainties stated"
+    warning = f"{name} was given: its uncertainty is unknown and not included in the stated uncertainties"
     return ScaleFactor(value, 0.0, {"given": 0.0}, warnings=(warning,))
 
 

@@ -184,7 +184,7 @@ def _warning(computed: Illuminance, measured_lx: float, difference: float) -> st
     invalid = computed.invalid_shares.items()
     reasons = [f"{share:.0%} of it from {name} pixels" for name, share in invalid if share > 0.01]
     if computed.unseen_share > 0.01:
-        reasons.append(f"{computed.unseen_share:.0%} of the half space not shown")
+        reasons.append(f"{computed.unseen_share:.0%} of the hemisphere unseen")
     causes = f" ({', '.join(reasons)})" if reasons else ""
     return (
         f"the picture gives {_lux(computed.value_lx)}{causes}, "
@@ -226,5 +226,5 @@ def illuminances(image: LuminanceImage, planes: dict[str, Vector]) -> tuple[dict
         for name, e in found.items()
     }
     low = [f"{name} ({e['clipped_share']:.0%})" for name, e in facts.items() if e["clipped_share"] > CLIPPED_SHARE]
-    warning = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
+    warning = f"illuminance is a lower bound because part comes from pixels clipped in every frame: {', '.join(low)}"
     return facts, [warning] if low else []

@@ -122,8 +122,8 @@ def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
     if dark > MAX_DARK_SHARE:
         raise LensError(
             f"{100 * dark:.0f} % of the surround of the image circle is too dark to measure",
-            likely="a veil weaker than the longest frame shows",
-            advice="add a longer frame, or leave the veil on",
+            likely="veiling glare too weak for the longest frame",
+            advice="add a longer frame, or do not subtract the veil",
         )
 
 

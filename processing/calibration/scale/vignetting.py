@@ -52,11 +52,11 @@ class Vignetting:
 
     def __post_init__(self) -> None:
         if len(self.powers) != len(self.coefficients) or any(p < 0 for p in self.powers):
-            raise LensError("fall-off: as many coefficients as powers, and no negative power")
+            raise LensError("vignetting: as many coefficients as powers, and no negative power")
         values = self.evaluate(np.linspace(0, 1, 257))
         if not (np.isfinite(values).all() and values.min() > _LEAST and values.max() < _MOST):
             raise LensError(
-                f"fall-off between {values.min():.3g} and {values.max():.3g} inside the field",
+                f"vignetting between {values.min():.3g} and {values.max():.3g} inside the field",
                 likely="coefficients of another radius unit, or a fit that runs away",
                 advice="r is 1 at the edge of the image circle",
             )
@@ -87,7 +87,7 @@ def published_vignetting(name: str) -> Vignetting:
     """Return a published fall-off: canon_8mm_f5_6, canon_8mm_f8, canon_8mm_f11 or theta_z1 (`lens_data.toml`)."""
     known = lens_data()["vignetting"]
     if name not in known:
-        raise LensError(f"no published fall-off is called {name!r}", advice=f"one of {', '.join(known)}")
+        raise LensError(f"no such published vignetting data: {name!r}", advice=f"one of {', '.join(known)}")
     values = known[name]
     return Vignetting(
         tuple(values["powers"]),
@@ -124,7 +124,7 @@ def fit_flat(
 def _solve(r: Doubles, level: Doubles, scene: Indices, powers: tuple[int, ...], source: str) -> Vignetting:
     """Solve log level = log scene[scene] + log V(r), scene by scene free, by reweighted Gauss-Newton."""
     if r.size < _MIN_SAMPLES:
-        raise LensError(f"{r.size} usable samples of the fall-off", likely="frames that are dark, or miss the field")
+        raise LensError(f"{r.size} usable samples of the vignetting", likely="frames that are dark, or miss the field")
     count = np.maximum(np.bincount(scene), 1)
     basis = r[:, None] ** np.array(powers, dtype=np.float64)
     found, weights = np.zeros(len(powers)), np.ones_like(r)
@@ -138,7 +138,7 @@ def _solve(r: Doubles, level: Doubles, scene: Indices, powers: tuple[int, ...], 
         normal = slopes.T @ (slopes * weights[:, None]) / r.size
         if np.linalg.eigvalsh(normal)[0] < 1e-7:
             raise LensError(
-                "the frames do not separate the fall-off from the scene",
+                "the frames do not separate the vignetting from the scene",
                 likely="the camera was turned about its lens's axis, or not turned",
                 advice="lay the camera on its side and turn it by azimuth, or photograph a flat field",
             )

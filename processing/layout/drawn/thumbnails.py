@@ -92,7 +92,7 @@ def _embree(triangles: Floats) -> Any:
     except ImportError:
         raise EngineError(
             "pictures of furniture need embreex, which is not installed",
-            likely="embreex is not packaged for this system",
+            likely="embreex is not available for this system",
             advice="furniture export writes GLB files, which any viewer shows",
         ) from None
     scene = EmbreeScene(robust=True)

@@ -61,7 +61,7 @@ def checked_size(category: str, size_m: Size | None) -> Size:
     size = kind.usual_m if size_m is None else size_m
     for word, value, low, high in zip(("wide", "deep", "high"), size, kind.smallest_m, kind.largest_m, strict=True):
         if not low - 1e-6 <= value <= high + 1e-6:
-            raise CatalogueError(f"{value:g} m {word}: it is made {low:g} to {high:g} m {word}", where=category)
+            raise CatalogueError(f"{value:g} m {word}: it can be {low:g} to {high:g} m {word}", where=category)
     return size
 
 

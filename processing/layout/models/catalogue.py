@@ -79,7 +79,7 @@ class CatalogueEntry:
     def item_spec(self) -> ItemSpec:
         """Return it as an item to be arranged, of its own size; raise `CatalogueError` for an unknown category."""
         if not self.placeable:
-            raise CatalogueError(f"'{self.category}' is no kind of furniture that is arranged", where=self.model_id)
+            raise CatalogueError(f"'{self.category}' is not a category that can be arranged", where=self.model_id)
         usual = KINDS[self.category]
         less_m = self.size_m[1]
         zones = tuple(replace(z, less_m=less_m) if z.less_m else z for z in usual.zones)

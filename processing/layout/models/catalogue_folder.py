@@ -131,7 +131,7 @@ def _listed(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
         if isinstance(rows, list):
             rows = {str(k): row for k, row in enumerate(rows)}
         if not isinstance(rows, dict) or not all(isinstance(row, dict) for row in rows.values()):
-            raise CatalogueError("catalog.json is no table of models", where=str(catalog))
+            raise CatalogueError("catalog.json is not a table of models", where=str(catalog))
         for key, row in rows.items():
             file = row.get("file") or row.get("obj") or row.get("model") or key
             if isinstance(file, str) and "\0" not in file and len(file) < 500:
@@ -172,7 +172,7 @@ def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
     category = exact or next((c for c in reversed(found) if c != OTHER), OTHER)
     if not said or of_said != OTHER:
         return category, ()
-    instead = f"by its name it is of the kind {category}" if category != OTHER else "it is not arranged by itself"
+    instead = f"by its name it is of the kind {category}" if category != OTHER else "it cannot be arranged on its own"
     return category, (f"its category '{said[:40]}' is not known; {instead}",)
 
 
@@ -198,7 +198,7 @@ def load_model(source: FileSource) -> FurnitureModel:
     every = np.concatenate(clean)
     scale = float(np.ptp(every, axis=0).max()) if len(every) else 0.0
     if not scale > 1e-9:
-        raise ModelFileError("none of its vertices is a number, or all lie in one place", where=where)
+        raise ModelFileError("its vertices are not numbers, or all coincide", where=where)
     sound = [(part, repaired(part, scale)) for part in raw.parts]
     kept = [(part.material, body) for part, body in sound if body is not None]
     if not kept:
@@ -232,7 +232,7 @@ def _repairs(bodies: list[Sound | None]) -> list[str]:
     if turned:
         notes.append(f"{turned} triangles wound inwards were turned")
     if not all(body.closed for body in known):
-        notes.append("open surfaces are shown from both sides")
+        notes.append("open surfaces are rendered two-sided")
     return notes
 
 

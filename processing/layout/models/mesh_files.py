@@ -71,7 +71,7 @@ def _mesh_triangles(document: dict[str, Any], where: str, most: int) -> list[int
     for view in views:
         start, long = int(view.get("byteOffset", 0)), int(view["byteLength"])
         if start < 0 or long < 0 or start + long > sizes[view["buffer"]]:
-            raise ModelFileError("data promised beyond the end of its buffer", where=where)
+            raise ModelFileError("its data ends before the declared length", where=where)
     for accessor in accessors:
         count = int(accessor["count"])
         if not 0 <= count <= 3 * most:
@@ -83,7 +83,7 @@ def _mesh_triangles(document: dict[str, Any], where: str, most: int) -> list[int
             if int(accessor.get("byteOffset", 0)) + step * max(count - 1, 0) + bytes_each * (count > 0) > int(
                 view["byteLength"]
             ):
-                raise ModelFileError("data promised beyond the end of its buffer", where=where)
+                raise ModelFileError("its data ends before the declared length", where=where)
     return [
         sum(
             int(accessors[p["indices"] if "indices" in p else p["attributes"]["POSITION"]]["count"]) // 3
@@ -156,7 +156,7 @@ class FolderFiles:
         """Return a file's bytes; raise `FileNotFoundError` (noted) where it is missing, outside, or too large."""
         asked = self._inside(str(name))
         if asked is None:
-            raise self._refused(f"'{_shown(name)}' leads out of the folder and was not read")
+            raise self._refused(f"'{_shown(name)}' points outside the folder and was not read")
         beside = asked.parent.iterdir() if asked.parent.is_dir() else ()
         other_case = (p for p in beside if p.name.lower() == asked.name.lower() and p.is_file())
         path = asked if asked.is_file() else next(other_case, None)
@@ -216,7 +216,7 @@ def read_model_file(path: Path, root: Path) -> RawModel:
     """Return a file's triangles with materials; raise `ModelFileError` saying what is wrong with it."""
     where = path.name
     if not path.resolve().is_relative_to(root.resolve()):
-        raise ModelFileError("a link that leads out of the catalogue's folder", where=where)
+        raise ModelFileError("a link that points outside the catalogue's folder", where=where)
     try:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
@@ -319,7 +319,7 @@ def _raw_part(mesh: Any) -> tuple[RawPart | None, list[str]]:
     uv = None if uv is None else np.asarray(uv, dtype=np.float64)
     notes: list[str] = []
     if uv is not None and (uv.shape != (len(vertices), 2) or not np.isfinite(uv).all()):
-        notes.append("texture coordinates that are no numbers were left out")
+        notes.append("texture coordinates that are not numbers were dropped")
         uv = None
     material = _material(mesh.visual, notes, textured=uv is not None)
     return RawPart(vertices, faces, uv if material.texture is not None else None, material), notes

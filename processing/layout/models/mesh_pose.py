@@ -196,7 +196,7 @@ def _front_turn(standing: Doubles, category: str, given: Given, notes: list[str]
     if steps:
         notes.append(f"turned by {90 * steps} degrees: its front was guessed from its shape")
     elif back is None:
-        notes.append("its front is taken to be the format's usual one")
+        notes.append("its front is assumed to be the format's default")
     return _quarter(steps)
 
 

@@ -178,7 +178,7 @@ def choose(
             known[number] = fitted(candidates[number])
         fit = known[number]
         if fit is not None:
-            more = f"; {100 * shares[number]:.0f} % of the large pieces' footprint stands elsewhere" if chosen else ""
+            more = f"; {100 * shares[number]:.0f} % of the large pieces' footprint is elsewhere" if chosen else ""
             one = candidates[number]
             near = [apart(c.placed, [one.placed]) for c in candidates]
             shares = [min(a, b) for a, b in zip(shares, near, strict=True)] if chosen else near

@@ -24,10 +24,10 @@ from processing.layout.solver.units import Unit
 HALVINGS = 7  # the missing width is found to 1/128 of the piece's
 LEAST_WIDTH_M = 0.05  # chosen: narrower than any piece
 _RULES = {
-    "window": ("window free", "nothing taller than the sill stands before a window"),
-    "door": ("door free", "doors and the floor before them stay free"),
-    "place": ("view kept free", "nothing tall stands right before the camera, and its place stays free"),
-    "zone": ("use zone free", "the floor needed to use it stays free"),
+    "window": ("window free", "nothing taller than the sill stands in front of a window"),
+    "door": ("door free", "doors and the floor in front of them stay clear"),
+    "place": ("view kept free", "nothing tall stands right in front of the camera, and its position stays clear"),
+    "zone": ("use zone free", "the floor needed to use it stays clear"),
 }
 
 
@@ -78,7 +78,7 @@ def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
     whole, rules = _Look(field, tuple(placed)), field.rules
     hosts = [s for s in placed if host_role(item, [s.item.spec.category])]
     if whole.fits(item):
-        return _reason(item, "path", "", None, f"every place left for it closes a path of {rules.path:.2f} m")
+        return _reason(item, "path", "", None, f"every remaining place for it blocks a path of {rules.path:.2f} m")
     if hosts and replace(whole, keeps_near=False).fits(item):
         why = f"no place is left for it within {rules.together:.2f} m of {hosts[0].item.id}"
         return _reason(item, "kept together", hosts[0].item.id, None, why)
@@ -90,7 +90,7 @@ def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
         if replace(whole, stands=tuple(s for s in placed if s is not stand)).fits(item):
             rule = "no overlap" if not replace(whole, zones_of_others=False).fits(item) else "use zone free"
             what = stand.item.id if rule == "no overlap" else f"the use zone of {stand.item.id}"
-            return _reason(item, rule, stand.item.id, lack_m, f"{what} takes the last place wide enough")
+            return _reason(item, rule, stand.item.id, lack_m, f"{what} takes the last space wide enough")
     for name, relaxed in (("zone", replace(whole, own_zones=False)), ("zone", replace(whole, zones_of_others=False))):
         if relaxed.fits(item):
             rule, why = _RULES[name]
@@ -102,7 +102,7 @@ def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
 def host_lost(item: Item) -> NotPlaced:
     """Return that what a piece belongs to has no place itself."""
     host = item.spec.group_with
-    return _reason(item, "kept together", host, None, f"the {host} that it belongs to has no place")
+    return _reason(item, "kept together", host, None, f"the {host} it belongs to could not be placed")
 
 
 def _stopped_by_room(item: Item, room: _Look) -> NotPlaced:
@@ -117,7 +117,7 @@ def _stopped_by_room(item: Item, room: _Look) -> NotPlaced:
     if replace(room, own_zones=False, without=(DOOR, WINDOW, KEPT)).fits(item):
         why = "doors, windows and the floor needed to use it leave no wall for it, even in the empty room"
         return _reason(item, "door free", "doors and windows", missing, why)
-    return _reason(item, "inside the floor", "walls", missing, "it is larger than the floor allows")
+    return _reason(item, "inside the floor", "walls", missing, "it is too large for the floor")
 
 
 def _reason(item: Item, rule: str, obstacle: str, missing_m: float | None, why: str) -> NotPlaced:

@@ -120,10 +120,10 @@ def check_place(scene: Scene, eye_m: Vector) -> None:
     eye = np.asarray(eye_m, np.float64)
     where = f"({eye[0]:g}, {eye[1]:g}, {eye[2]:g}) m"
     if not np.isfinite(eye).all():
-        raise ViewpointError("a place that is no number", advice="give X,Y,Z in metres")
+        raise ViewpointError("a position that is not a number", advice="give X,Y,Z in metres")
     low, high = (next((s for s in scene.surfaces if s.name == name), None) for name in ("floor", "ceiling"))
     if low is not None and not _over(low, eye):
-        raise ViewpointError("outside of the room", where=where, advice="the camera stands at 0,0; give metres from it")
+        raise ViewpointError("outside the room", where=where, advice="the camera stands at 0,0; give metres from it")
     floor_m = low.origin_m[2] if low is not None else -np.inf
     ceiling_m = high.origin_m[2] if high is not None else np.inf
     if not floor_m < eye[2] < ceiling_m:
@@ -131,7 +131,7 @@ def check_place(scene: Scene, eye_m: Vector) -> None:
         raise ViewpointError(text, where=where)
     for name, parts in _items(scene).items():
         if abs(sum(_winding(part, eye) for part in parts)) > 0.5:
-            raise ViewpointError(f"within {name}", where=where, advice="look from beside it")
+            raise ViewpointError(f"within {name}", where=where, advice="choose a viewpoint beside it")
 
 
 def _over(floor: Surface, eye: Doubles) -> bool:

@@ -113,7 +113,7 @@ def albedo_of_room(
     rgb, valid = brought_to(panorama, rows, filled)
     known = outdoors if isinstance(outdoors, KnownLight) else None
     if isinstance(outdoors, KnownLight):
-        notes: tuple[str, ...] = ("the light is that found with the furniture in the room",)
+        notes: tuple[str, ...] = ("the light is as found with the furniture in the room",)
         stage = Stage.of(outdoors.scene, effort.texel_m)
         transmittance = {pane.opening: pane.transmittance for pane in outdoors.scene.panes}
     else:
@@ -141,8 +141,8 @@ def albedo_of_room(
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
     doubt = np.where(measured, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
     scene, picture = _textured(stage.scene, room, sight, value, measured, (emission, gloss))
-    notes += (f"{100 * measured[sight.solid].mean():.0f} % of pixels show their own albedo",)
-    notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss measured, taken as matte",)
+    notes += (f"{100 * measured[sight.solid].mean():.0f} % of pixels have a measured albedo",)
+    notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss measured, assumed matte",)
     shape = sight.shape
     maps = picture.reshape(*shape, 3), doubt.reshape(shape), measured.reshape(shape)
     irradiance = whole.reshape(*shape, 3).astype(np.float32)
@@ -157,7 +157,7 @@ def brought_to(panorama: LuminanceImage, rows: int, filled: Flags | None) -> tup
     """
     source = panorama.geometry
     if not isinstance(source, Equirectangular) or source.yaw_rad != 0 or source.width_px != 2 * source.height_px:
-        raise AlbedoError("not a whole panorama", where="panorama", advice="bring it to equirectangular, 2 to 1")
+        raise AlbedoError("not a whole panorama", where="panorama", advice="convert it to equirectangular, 2:1")
     if not np.isfinite(panorama.rgb).all() or not (panorama.rgb > 0).any():
         raise AlbedoError("no light in the picture", where="panorama", advice="check its calibration")
     gone = np.zeros_like(panorama.validity, bool) if filled is None else filled
@@ -189,11 +189,11 @@ def lit_stage(
     stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK), parts), texel_m)
     if outdoors is None:
         lit = stage.under(stage.scene.outdoors, windows_from_inside(stage, rgb, eye))
-        note = "no picture of the sky: windows light as they look from inside, and their transmittance is not known"
+        note = "no picture of the sky: window light is taken as seen from inside, and transmittance is unknown"
         return lit, {}, (note,) if panes else ()
     sight = sight_of(stage, Equirectangular(2 * rgb.shape[0], rgb.shape[0]), eye)
     clear, measured, known = measured_windows(stage, sight, rgb, valid, eye)
-    note = "the windows' transmittance cannot be measured: that of double glazing is taken"
+    note = "the windows' transmittance cannot be measured: double glazing is assumed"
     notes = () if known or not panes else (note,)
     return stage.under(measured, clear), {pane.opening: pane.transmittance for pane in clear}, notes
 

@@ -136,9 +136,9 @@ def facing_without_heading(
             "sunlight in the room comes from"
         )
     if found.sun is None:
-        return facing, "the sky may stand before the wrong windows"
+        return facing, "the sky may be outside the wrong windows"
     height = math.degrees(math.asin(min(max(found.sun.direction[2], -1.0), 1.0)))
-    why = "no sunlight in the room shows where it stands"
+    why = "no sunlight in the room shows its direction"
     if seen is not None:
         why = f"it is {height:.0f} degrees high, the sunlight in the room comes from {math.degrees(seen[1]):.0f}"
-    return facing, f"the sun outdoors is left out ({why}), and the sky may stand before the wrong windows"
+    return facing, f"the sun outdoors is left out ({why}), and the sky may be outside the wrong windows"

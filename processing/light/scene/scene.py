@@ -118,7 +118,7 @@ class Part:
             likely = "a damaged file, or units other than metres"
             raise SceneError(text, where=f"part {self.name}", likely=likely, advice="repair the mesh")
         if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
-            raise SceneError("a face names no vertex", where=f"part {self.name}", advice="repair the mesh")
+            raise SceneError("a face refers to no vertex", where=f"part {self.name}", advice="repair the mesh")
         if self.normals is not None and (
             self.normals.shape != self.vertices_m.shape or not np.isfinite(self.normals).all()
         ):

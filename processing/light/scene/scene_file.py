@@ -48,12 +48,12 @@ def read_scene(path: Path) -> Scene:
             arrays = {name: file[name] for name in file.files}
         header = json.loads(arrays["scene"].tobytes().decode("utf-8"))
         if header["version"] != VERSION:
-            raise SceneError(f"a scene of version {header['version']}", where=path.name, advice="make it anew")
+            raise SceneError(f"a scene of version {header['version']}", where=path.name, advice="rebuild it")
         return _scene(header, arrays)
     except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        text = f"no scene: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        text = f"not a scene file: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
         likely = "a damaged file, or one of another program"
-        advice = "let the stage materials run again (--force materials)"
+        advice = "run the materials stage again (--force materials)"
         raise SceneError(text, where=path.name, likely=likely, advice=advice) from error
 
 

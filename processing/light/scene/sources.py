@@ -365,5 +365,5 @@ def brightened(stage: Stage, radiosity: Doubles, known: np.ndarray, samples: int
             groups.append(mine)
     best, low, high = window_strength(radiosity @ weights, windows @ weights, rest @ weights, patches.area_m2, groups)
     panes = tuple(replace(pane, veil_cd_m2=pane.veil_cd_m2 * np.float32(best)) for pane in stage.scene.panes)
-    note = f"windows: {best:.1f} times as bright as shown, by the light that they cast ({low:.1f} to {high:.1f})"
+    note = f"windows: {best:.1f} times as bright as they appear, from the light they cast ({low:.1f} to {high:.1f})"
     return stage.under(stage.scene.outdoors, panes), note

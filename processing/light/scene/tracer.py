@@ -134,7 +134,7 @@ class MitsubaTracer(Tracer):
         if (variant is None and self._variant == SCALAR) or (variant == LLVM and usable_library() is None):
             raise EngineError(
                 "no ray tracer works here" if variant is None else "no LLVM library works here",
-                likely="embreex is not packaged for this system, and no LLVM of 16 or newer was found",
+                likely="embreex is not available for this system, and no LLVM 16 or newer was found",
                 advice=f"install LLVM 16 or newer (Debian: libllvm19), or set {ASKED}=scalar, which is slow",
             )
         self._mi: Any = load_mitsuba(self._variant)

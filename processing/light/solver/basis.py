@@ -101,7 +101,7 @@ def _affordable(stage: Stage, effort: Effort) -> None:
     size = pixels * a_pixel + stage.patches.count * a_patch
     if size > MOST_BYTES:
         text = f"its basis would take {size / 2**30:.1f} GiB"
-        advice = "ask for less quality"
+        advice = "choose a lower quality"
         raise RelightError(text, where="relighting", likely="a very large room, or very many windows", advice=advice)
 
 
@@ -155,7 +155,7 @@ def read_basis(path: Path) -> LightBasis:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             found = {name: stored[name] for name in stored.files}
         if int(found["version"]) != VERSION:
-            raise ValueError("written by another version")
+            raise ValueError("written by another version of daylit")
         texel_m, *counts = (float(v) for v in found["effort"])
         rows, pixels, patches, sun, clean = (int(v) for v in counts)
         effort = Effort(texel_m, patches, rows, pixels, sun, bool(clean), str(found["cleaning"]))
@@ -164,4 +164,4 @@ def read_basis(path: Path) -> LightBasis:
         digest = str(found["scene"])
         return LightBasis(effort, (x, y, z), found["pixel"], **rays, fixed=found["fixed"], scene_digest=digest)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise RelightError(f"not a basis of this program: {error}", where=path.name, advice="delete it") from error
+        raise RelightError(f"not a light basis of daylit: {error}", where=path.name, advice="delete it") from error

@@ -93,7 +93,7 @@ class RelightView:
     def __init__(self, stage: Stage, basis: LightBasis, rows: int) -> None:
         """``rows``: height of the pictures. Raises `RelightError` where the basis is of another scene."""
         if basis.scene_digest != scene_digest(stage):
-            raise RelightError("the basis is of another scene", where="relighting", advice="make it anew")
+            raise RelightError("the basis belongs to another scene", where="relighting", advice="rebuild it")
         self.stage, self.basis = stage, basis
         self.geometry = Equirectangular(2 * rows, rows)
         small = basis.effort.rows

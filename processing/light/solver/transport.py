@@ -285,7 +285,7 @@ def settled(
     first = sky + by_bright
     total = first.copy()
     if not settle(links.patch, stage.albedo, first, total, MOST_BOUNCES, SETTLED):
-        text = "light is given off but not absorbed"
+        text = "light is emitted but never absorbed"
         likely = "a closed room in which everything has an albedo of 1"
         advice = "give some surface an albedo below 1, or an opening"
         raise NoBalanceError(text, where="light transport", likely=likely, advice=advice)

@@ -115,7 +115,7 @@ def test_checksums_that_lead_elsewhere_are_refused(folder: Path, line: str) -> N
 
 
 def test_no_index_and_no_licence_are_named(folder: Path) -> None:
-    with pytest.raises(ParameterError, match="no index"):
+    with pytest.raises(ParameterError, match="the index cannot be read"):
         check(folder)
     with pytest.raises(ParameterError, match="licence"):
         build(folder, Description("x", " "))

@@ -269,4 +269,4 @@ def test_disagreements_are_listed() -> None:
     warned = unlike_profile(RigProfile(created_utc=NOW, cameras={Side.OUTDOOR: bare}), session)
     assert warned == ["outdoor: picture style is standard, in the profile neutral"]
     assert unlike_profile(profile(), session) == unlike_profile(None, session) == []
-    assert profile_matches(empty, Side.INDOOR, None) == ["indoor: the profile has no such camera"]
+    assert profile_matches(empty, Side.INDOOR, None) == ["indoor: the profile does not include this camera"]

@@ -25,11 +25,11 @@ def photo(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--world", "room", "--room", "{photo}"], "exclude each other"),
-        (["--sky", "{photo}"], "--sky goes with --room"),
+        (["--world", "room", "--room", "{photo}"], "cannot be combined"),
+        (["--sky", "{photo}"], "--sky needs --room"),
         (["--room", "{photo}", "--sky", "sky.hdr"], "is a photograph"),
-        (["--room", "{photo}", "--size", "half"], "not captured"),
-        (["--room", "{photo}", "--capture-only"], "not captured"),
+        (["--room", "{photo}", "--size", "half"], "needs no capture"),
+        (["--room", "{photo}", "--capture-only"], "needs no capture"),
     ],
 )
 def test_what_cannot_be_is_refused_first(
@@ -84,7 +84,7 @@ def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(
     assert asked == [{"set": "bedroom"}]
     result = capsys.readouterr().out
     assert "peak memory" in result
-    assert f"look at: {session / 'stages' / 'report' / 'index.html'}" in result.splitlines()
+    assert f"report:  {session / 'stages' / 'report' / 'index.html'}" in result.splitlines()
     assert "daylit models get" in result.splitlines()[-1]
 
 
@@ -95,7 +95,7 @@ def test_what_is_waited_for_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "waiting" not in capsys.readouterr().err
     with command._beside(tmp_path, "sessions", waited_for=True):
         pass
-    assert f"waiting for the rig's sessions, captured meanwhile ({tmp_path}/sessions.log)" in capsys.readouterr().err
+    assert f"waiting for the rig's sessions, captured in parallel ({tmp_path}/sessions.log)" in capsys.readouterr().err
 
 
 def test_what_is_rendered_says_how_long_it_takes_yet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,7 +59,7 @@ def test_a_picture_without_a_scale_is_in_relative_units(tmp_path: Path, capsys: 
     text = capsys.readouterr().out
     assert "cd_m2" not in text
     assert "_lx" not in text
-    assert "in relative units; --scale or --reading" in text
+    assert "in relative units; lx, cd/m2, glare need --scale or --reading" in text
 
 
 @pytest.mark.parametrize("words", [("--scale", "2"), ("--reading", "80@16,16")])
@@ -76,7 +76,7 @@ def test_a_factor_without_an_uncertainty_leaves_it_unknown(tmp_path: Path, capsy
     assert {one["uncertainty"] for one in found["figures"].values()} == {None}
     assert {row["standard_uncertainty"] for row in csv.DictReader(table.read_text("utf-8").splitlines())} == {""}
     assert main(["figures", path, *FISHEYE, "--scale", "2"]) == 0
-    assert "± not known" in capsys.readouterr().out
+    assert "± unknown" in capsys.readouterr().out
     _, read = said(capsys, path, *FISHEYE, "--reading", "80@16,16")
     assert read["figures"]["dgp"]["uncertainty"] > 0
 
@@ -133,7 +133,7 @@ def test_tables_go_where_there_is_a_folder(tmp_path: Path, capsys: pytest.Captur
     for option in ("--csv", "--falsecolour"):
         found = error(capsys, path, option, str(tmp_path / "no" / "x.png"))
         assert found["code"] == "RES-002"
-        assert "folder is not there" in found["likely"]
+        assert "folder does not exist" in found["likely"]
 
 
 def test_a_black_picture_has_false_colours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -173,7 +173,7 @@ def test_a_region_is_what_lies_inside(tmp_path: Path, capsys: pytest.CaptureFixt
     path = exr(tmp_path / "p.exr")
     _, found = said(capsys, path, "--region", "-5,-5,10,10")
     assert found["figures"]["region-1-mean"]["value"] == pytest.approx(40)
-    assert "shows nothing" in error(capsys, path, "--region", "-5,-5,0,0")["message"]
+    assert "is empty" in error(capsys, path, "--region", "-5,-5,0,0")["message"]
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def session(tmp_path: Path) -> Path:
 def test_first_and_second_run(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["process", str(session)]) == 0
     first = capsys.readouterr().out
-    assert "frames: a number a frame (there is no result yet)" in first
+    assert "frames: a number a frame (no result yet)" in first
     assert "left out: extra: nobody asked" in first
     assert "warning: a toy (toy)" in first
     assert "quality: standard" in first
@@ -44,8 +44,8 @@ def test_first_and_second_run(session: Path, capsys: pytest.CaptureFixture[str])
     assert "peak memory" in first
     assert daylit.main(["process", str(session)]) == 0
     second = capsys.readouterr().out
-    assert second.count("nothing it depends on has changed") == 3
-    assert "nothing was done" in second
+    assert second.count("no input has changed") == 3
+    assert "nothing to do" in second
 
 
 def test_options_of_stages_reach_them_and_are_explained(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,18 +65,18 @@ def test_options_of_stages_reach_them_and_are_explained(session: Path, capsys: p
 
 def test_the_run_says_who_honoured_a_trade(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["process", str(session), "--time-budget", "5"]) == 0
-    assert "--time-budget 5: honoured by no stage; the others cannot trade it" in capsys.readouterr().out
+    assert "--time-budget 5: used by no stage; not supported by the others" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "exit_code", "words"),
     [
-        (["--until", "roof"], 2, "no stage 'roof'"),
+        (["--until", "roof"], 2, "no such stage: 'roof'"),
         (["--scale", "much"], 2, "--scale"),
         (["--k9", "1"], 2, "--k9"),
         (["--total", "none.json"], 2, "no file none.json"),
         (["--max-error", "7"], 2, "out of range"),
-        (["--until", "frames", "--scale", "2"], 2, "belongs to no stage of this run"),
+        (["--until", "frames", "--scale", "2"], 2, "does not apply to any stage of this run"),
     ],
 )
 def test_errors_are_usage_errors(
@@ -130,8 +130,8 @@ def test_the_session_remembers_options(session: Path, capsys: pytest.CaptureFixt
     capsys.readouterr()
     assert daylit.main(["process", str(session)]) == 0
     out = capsys.readouterr().out
-    assert "as chosen before: --quality draft, --scale 2.0" in out
-    assert "nothing was done" in out
+    assert "saved options: --quality draft, --scale 2.0" in out
+    assert "nothing to do" in out
     assert daylit.main(["process", str(session), "--forget", "scale", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [s["action"] for s in report["stages"]] == ["skipped", "ran", "ran"]
@@ -160,7 +160,7 @@ def test_choices_show_the_time_of_the_places_clocks(session: Path, capsys: pytes
 
 def test_choices_are_shown_set_and_dropped(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["choices", str(session)]) == 0
-    assert "nothing was chosen" in capsys.readouterr().out
+    assert "no saved options" in capsys.readouterr().out
     factor = tmp_path / "factor.txt"
     factor.write_text("2")
     assert daylit.main(["choices", str(session), "scale=2", f"factor={factor}"]) == 0
@@ -185,5 +185,5 @@ def test_answers_are_json_that_everyone_reads(capsys: pytest.CaptureFixture[str]
 def test_one_number_is_asked_for_in_the_singular() -> None:
     with pytest.raises(click.UsageError, match="one finite number, cd/m2"):
         numbers("--scale", "nan", 1, "cd/m2")
-    with pytest.raises(click.UsageError, match="2 numbers with commas between"):
+    with pytest.raises(click.UsageError, match="2 comma-separated numbers"):
         numbers("--at", "1", 2, "degrees")

@@ -162,7 +162,7 @@ def test_a_lamp_that_a_camera_does_not_see_is_a_warning(sessions: Path, monkeypa
     monkeypatch.setattr(calibrate, "fit_camera", lambda *_: camera)
     found = calibrate._camera(calibrate.RigRequest(room, lamps=((room, room),)), Side.INDOOR, taken)
     assert found.glare is None
-    assert found.warnings[0].startswith("indoor: room is left out of stray light: no lamp")
+    assert found.warnings[0].startswith("indoor: room is not used for stray light: both pictures show the same lamps")
     assert "a darker room" in found.warnings[0]
 
 
@@ -187,9 +187,9 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
         (["--corners", "outdoor:1,2,3"], "four corners"),
         (["--corners", "upstairs:1,2,3,4,5,6,7,8"], "upstairs"),
         (["--shutter", "indoor:fifths"], "fifths"),
-        (["--corners", "indoor:1,1,2,1,2,2,1,2"], "pixels to a patch of the chart"),
+        (["--corners", "indoor:1,1,2,1,2,2,1,2"], "pixels per patch of the chart"),
         (["--corners", "indoor:1,1,2000,1,2000,40,1,40"], "outside the frame"),
-        (["--nd", "plain", "chart"], "exchanged"),
+        (["--nd", "plain", "chart"], "swapped"),
         (["--nd", "chart", "chart"], "given twice"),
         (["--flat", "room"], "outdoor camera"),
         (["--lamp", "room", "plain"], "took both"),

@@ -202,7 +202,7 @@ def test_raw_files_that_cannot_be_used_leave_a_profile_of_jpegs_and_a_warning(
         str(tmp_path / "lab.json"),
     ]
     assert daylit.main(words) == 0
-    assert "the profile holds for JPEGs only" in (said := capsys.readouterr().out)
+    assert "the profile covers JPEGs only" in (said := capsys.readouterr().out)
     assert "chart/outdoor/03.dng" in said
     assert load_profile(tmp_path / "lab.json").raw is None
 

@@ -79,7 +79,7 @@ def test_emptied_and_staged_ones_say_what_was_changed_and_where_the_original_is(
     assert daylit.main(["export", str(session), "--what", "jpeg", "--into", str(tmp_path / "out")]) == 0
     beside = f"{session.name}_room.jpg"
     assert (tmp_path / "out" / beside).is_file()
-    for name, words in (("empty", b"removed by computer"), ("staged-1", b"Furniture is virtual"), ("room", b"")):
+    for name, words in (("empty", b"removed digitally"), ("staged-1", b"The furniture is virtual"), ("room", b"")):
         data = (tmp_path / "out" / f"{session.name}_{name}.jpg").read_bytes()
         assert words in data
         assert (f"Unaltered original: {url or beside}".encode() in data) == (name != "room")
@@ -91,7 +91,7 @@ def test_a_room_from_which_nothing_was_removed_does_not_say_so(session: Path, tm
     finish(session, "remove")
     export(session, tmp_path / "out", ("jpeg",))
     data = (tmp_path / "out" / f"{session.name}_staged-1.jpg").read_bytes()
-    assert b"Furniture is virtual" in data
+    assert b"The furniture is virtual" in data
     assert b"removed" not in data
 
 
@@ -145,7 +145,7 @@ def test_an_upright_panorama_comes_first_and_models_are_named(session: Path, tmp
 
 
 def test_what_cannot_be_is_refused(session: Path, tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="no such kind"):
+    with pytest.raises(ParameterError, match="unknown kind"):
         export(session, tmp_path / "out", ("usd",))
     with pytest.raises(ParameterError, match="no results"):
         export(complete_session(tmp_path / "other"), tmp_path / "out", ("jpeg",))

@@ -118,7 +118,7 @@ def test_other_shapes_have_no_directions(tmp_path: Path) -> None:
     write_jpeg(tmp_path / "a.jpg", np.zeros((30, 40, 3), np.uint8))
     picture = open_picture(tmp_path / "a.jpg")
     assert picture_facts(picture)["geometry"] == "not known"
-    with pytest.raises(ParameterError, match="how it shows"):
+    with pytest.raises(ParameterError, match="does not state its projection"):
         place_facts(picture, 0, 0)
 
 

@@ -52,10 +52,10 @@ def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
         (
             Made.of("Emptied", original="a.jpg"),
             "Furniture removed",
-            ("removed by computer", "Unaltered original: a.jpg"),
+            ("removed digitally", "Unaltered original: a.jpg"),
             (),
         ),
-        (Made.of("staged-2"), "Virtually staged", ("virtual", "removed by computer"), ("original:",)),
+        (Made.of("staged-2"), "Virtually staged", ("virtual", "removed digitally"), ("original:",)),
         (Made.of("Staged 2", removed=False), "Virtually staged", ("virtual",), ("removed",)),
         (Made.of("staged-1", further="relit"), "Virtually staged, relit", ("virtual", "another time"), ()),
         (

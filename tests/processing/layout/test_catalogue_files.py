@@ -183,7 +183,7 @@ def test_catalog_json_goes_before_guesses(tmp_path: Path) -> None:
     assert entry.licence == "mine"
     assert entry.item_spec().zones[0].less_m == pytest.approx(1.0, rel=1e-3)
     (tmp_path / "catalog.json").write_text("[1, 2]")
-    with pytest.raises(CatalogueError, match="no table"):
+    with pytest.raises(CatalogueError, match="not a table"):
         Catalogue.folder(tmp_path)
 
 
@@ -302,7 +302,7 @@ def test_shared_furniture_loads() -> None:
     model = blend.mesh("bed1")
     assert model.category == "bed"
     assert model.size_m == pytest.approx((1.407, 2.08, 0.955), rel=0.03)
-    assert any("leads out of the folder" in note for note in model.notes)
+    assert any("points outside the folder" in note for note in model.notes)
 
 
 def test_a_folder_without_models_is_refused(tmp_path: Path) -> None:

@@ -68,8 +68,8 @@ def points(**changes: Any) -> list[dict[str, Any]]:
         (glb(b"{}"), "no glTF"),
         (glb(gltf(accessors=points(count=10**9))), "values in one"),
         (glb(gltf(accessors=points(count=2**40))), "values in one"),
-        (glb(gltf(accessors=points(count=4))), "beyond the end"),
-        (glb(gltf(bufferViews=[{"buffer": 0, "byteLength": 10**9}])), "beyond the end"),
+        (glb(gltf(accessors=points(count=4))), "before the declared length"),
+        (glb(gltf(bufferViews=[{"buffer": 0, "byteLength": 10**9}])), "before the declared length"),
         (glb(gltf(bufferViews=[{"buffer": 7, "byteLength": 3}])), "not glTF's"),
         (glb(gltf(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}])), "contain themselves"),
         (glb(gltf(nodes=[{"mesh": 0, "children": [2]}, {"children": [2]}, {"mesh": 0}])), "several parents"),
@@ -78,8 +78,8 @@ def points(**changes: Any) -> list[dict[str, Any]]:
         (glb(gltf(extensionsRequired=["KHR_draco_mesh_compression"])), "compressed"),
         (glb(gltf(meshes=[])), "not glTF's"),
         (glb(gltf(nodes=[])), ""),
-        (glb(gltf(), struct.pack("<9f", *[float("nan")] * 9)), "none of its vertices is a number"),
-        (glb(gltf(), struct.pack("<9f", *[0.5] * 9)), "all lie in one place"),
+        (glb(gltf(), struct.pack("<9f", *[float("nan")] * 9)), "vertices are not numbers"),
+        (glb(gltf(), struct.pack("<9f", *[0.5] * 9)), "all coincide"),
         (glb(gltf(), struct.pack("<9f", 0, 0, 0, 1, 0, 0, 2, 0, 0)), "area"),
     ],
 )
@@ -95,7 +95,7 @@ def test_buffers_outside_are_not_read(tmp_path: Path, uri: str) -> None:
     inside = tmp_path / "models"
     inside.mkdir()
     text = refused(inside, "table.gltf", json.dumps(gltf(buffers=[{"byteLength": 36, "uri": uri}])).encode())
-    assert "leads out of the folder" in text
+    assert "points outside the folder" in text
 
 
 def test_material_files_outside_are_not_read(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_material_files_outside_are_not_read(tmp_path: Path) -> None:
     body = "mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     (inside / "table.obj").write_text(body)
     model = Catalogue.folder(inside).mesh("table")
-    assert any("leads out of the folder" in note for note in model.notes)
+    assert any("points outside the folder" in note for note in model.notes)
     assert model.parts[0].material.base_colour[0] == model.parts[0].material.base_colour[1]
 
 
@@ -114,7 +114,7 @@ def test_links_that_lead_out_are_refused(tmp_path: Path) -> None:
     inside = tmp_path / "models"
     inside.mkdir()
     (inside / "table.obj").symlink_to(tmp_path / "other.obj")
-    with pytest.raises(ModelFileError, match="leads out"):
+    with pytest.raises(ModelFileError, match="points outside"):
         Catalogue.folder(inside).mesh("table")
 
 
@@ -127,12 +127,12 @@ def test_links_that_lead_out_are_refused(tmp_path: Path) -> None:
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "vertex 0"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n", "names vertex -4 of 3"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n", "names vertex"),
-        (b"v nan 0 0\nv 1 inf 0\nv 0 1e308 0\nf 1 2 3\n", "is a number"),
+        (b"v nan 0 0\nv 1 inf 0\nv 0 1e308 0\nf 1 2 3\n", "are not numbers"),
         (b"v a b c\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", ""),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf a b c\n", "names no vertices"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1.5 2 3\n", "names no vertices"),
         (b"\x00\x01\x02" * 100, "not a text file"),
-        (b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "in one place"),
+        (b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "all coincide"),
     ],
 )
 def test_hostile_obj(tmp_path: Path, content: bytes, said: str) -> None:

@@ -171,7 +171,7 @@ def test_what_cannot_be_is_refused_by_name(photograph, room) -> None:
         Material("white", (1.2, 1, 1))
     with pytest.raises(SceneError, match="part chair"):
         Part("chair", np.full((3, 3), np.nan), np.array([[0, 1, 2]], np.int32), TABLE.material)
-    with pytest.raises(SceneError, match="names no vertex"):
+    with pytest.raises(SceneError, match="refers to no vertex"):
         Part("chair", np.zeros((3, 3)), np.array([[0, 1, 3]], np.int32), TABLE.material)
     with pytest.raises(ParameterError, match="whole panorama"):
         differential(photograph[:, :10], room, (TABLE,), EYE)

@@ -81,7 +81,7 @@ def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
         assert animation.info["xmp"].decode() == said
     # Each picture says what was done to it, and names the photograph, which lies beside it.
     for data in (said.encode(), (session / "relight" / "empty-2023-05-19T1200.jpg").read_bytes()):
-        for words in (b"removed by computer", b"another time", b"Unaltered original: original.jpg", b"compositeSynth"):
+        for words in (b"removed digitally", b"another time", b"Unaltered original: original.jpg", b"compositeSynth"):
             assert words in data
     assert b"compositeSynthetic" not in (session / "relight" / "original.jpg").read_bytes()
     assert size_of(session / "relight" / "original.jpg") == (128, 64)
@@ -107,22 +107,22 @@ def test_from_another_place(session, monkeypatch) -> None:
     assert picture.rgb.shape == (72, 96, 3)
     assert (picture.rgb > 0).all()
     data = (session / "views" / "empty-from--1_0.5_1.2.jpg").read_bytes()
-    assert b"did not see from its own place" in data
+    assert b"did not see is computer-generated" in data
     assert b"Unaltered original: original.jpg" in data
     assert (session / "views" / "original.jpg").is_file()
-    with pytest.raises(ViewpointError, match="outside of the room"):
+    with pytest.raises(ViewpointError, match="outside the room"):
         run(view_from, session, "--eye", "9,0,1")
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--at", "2023-05-19T19:00Z", "--sweep", "day"), "say one of"),
-        ((), "say one of"),
-        (("--sky", "x.exr", "--site", "1,2"), "does nothing beside --sky"),
-        (("--at", "2023-05-19T19:00Z", "--step", "1h"), "goes with --sweep"),
+        (("--at", "2023-05-19T19:00Z", "--sweep", "day"), "give one of"),
+        ((), "give one of"),
+        (("--sky", "x.exr", "--site", "1,2"), "has no effect with --sky"),
+        (("--at", "2023-05-19T19:00Z", "--step", "1h"), "needs --sweep"),
         (("--at", "2023-05-19T19:00Z", "--site", "north"), "LATITUDE,LONGITUDE"),
-        (("--at", "2023-05-19T19:00Z", "--empty", "--staged", "1"), "exclude each other"),
+        (("--at", "2023-05-19T19:00Z", "--empty", "--staged", "1"), "cannot be combined"),
         (("--sweep", "day", "--step", "soon"), "30m or 1h"),
     ],
 )
@@ -150,7 +150,7 @@ def test_what_is_not_there_is_named(session, tmp_path) -> None:
 def test_without_a_picture_of_the_sky_nobody_knows_another(session, tmp_path) -> None:
     copy = Path(shutil.copytree(session, tmp_path / "copy"))
     (copy / "stages" / "materials" / "materials.json").write_text(
-        '{"outdoors": "windows as seen from inside"}', "utf-8"
+        '{"outdoors": "windows as they appear from inside"}', "utf-8"
     )
     with pytest.raises(RelightError, match="no picture of the sky"):
         run(relight, copy, "--at", "2023-05-19T19:00Z", "--rows", 64)
@@ -187,7 +187,7 @@ def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_pa
     monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
     small = ("--staged", 1, "--into", tmp_path)
     at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
-    with pytest.raises(RelightError, match="give --furniture FOLDER"):
+    with pytest.raises(RelightError, match="give the same --furniture FOLDER"):
         run(relight, session, *at, *small)
     assert run(relight, session, *at, *small, "--furniture", own_furniture)["staged"] == 1
     view = ("--eye", "0.3,0.2,1.4", "--width", 64)

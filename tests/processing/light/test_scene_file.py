@@ -52,5 +52,5 @@ def test_other_arrays_are_no_scene(tmp_path: Path) -> None:
     path = tmp_path / "scene.npz"
     with path.open("wb") as file:
         np.savez(file, other=np.zeros(3))
-    with pytest.raises(SceneError, match="no scene"):
+    with pytest.raises(SceneError, match="not a scene file"):
         read_scene(path)

@@ -79,11 +79,11 @@ def test_a_black_photograph_stays_black_and_finite(room) -> None:
 @pytest.mark.parametrize(
     ("eye", "why"),
     [
-        ((3.0, 0.0, 1.6), "outside of the room"),
+        ((3.0, 0.0, 1.6), "outside the room"),
         ((0.0, 0.0, 2.8), "above the ceiling"),
         ((0.0, 0.0, -0.1), "below the floor"),
         ((1.2, 0.8, 0.4), "within table"),
-        ((float("nan"), 0.0, 1.0), "no number"),
+        ((float("nan"), 0.0, 1.0), "not a number"),
     ],
 )
 def test_places_that_cannot_be(room, eye, why) -> None:

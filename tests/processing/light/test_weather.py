@@ -125,11 +125,11 @@ def test_strange_captures_are_held_and_reported() -> None:
     weather = captured_weather(bright, time_utc, place)
     assert weather.diffuse == 6
     assert weather.beam == 0
-    assert any("held" in note for note in weather.notes)
+    assert any("limited" in note for note in weather.notes)
     black = captured_weather(DARK, time_utc, place)
     assert np.isfinite(daylight_at(time_utc, place, 0.0, black, DARK).outdoors.rgb).all()
     moved = daylight_at(time_utc + timedelta(hours=7), place, 0.0, usual_weather("clear"), DARK).outdoors
-    assert any("off where time and site say" in note for note in captured_weather(moved, time_utc, place).notes)
+    assert any("off its computed position" in note for note in captured_weather(moved, time_utc, place).notes)
 
 
 def test_night_is_refused_and_days_end_where_the_sun_does() -> None:
@@ -151,7 +151,7 @@ def test_times() -> None:
     assert parse_time("2023-06-21 16:00", zone_named("America/New_York")) == datetime(2023, 6, 21, 20, tzinfo=UTC)
     assert parse_time("2023-06-21T16:00+02:00", UTC) == datetime(2023, 6, 21, 14, tzinfo=UTC)
     assert parse_time("2023-06-21T16:00Z", zone_named("-04:00")) == datetime(2023, 6, 21, 16, tzinfo=UTC)
-    with pytest.raises(DaylightError, match="no time"):
+    with pytest.raises(DaylightError, match="not a time"):
         parse_time("at noon", UTC)
     assert parse_time("2023-12-21 16:00", zone_at(40.44, -79.99)) == datetime(2023, 12, 21, 21, tzinfo=UTC)
     assert zone_at(None, None) is UTC

@@ -28,7 +28,7 @@ def test_a_patch_gives_the_picture_again_and_no_patch_the_one_before(tmp_path: P
     other = replace(before, rgb=before.rgb + 1)
     assert patched(other, tmp_path / "sun.npz") is other, "removal has run since"
     (tmp_path / "torn.npz").write_bytes((tmp_path / "sun.npz").read_bytes()[:100])
-    with pytest.raises(PictureFileError, match="no patch"):
+    with pytest.raises(PictureFileError, match="not a patch"):
         patched(before, tmp_path / "torn.npz")
     small = luminance_image(np.full((4, 8, 3), 40.0, np.float32))
     assert patched(small, tmp_path / "sun.npz") is small

@@ -157,7 +157,7 @@ def test_tags_declare_projections_and_parts(tmp_path: Path) -> None:
         read_panorama(saved(path, grey(), xmp=part))
     exif = Image.Exif()
     exif[274] = 6
-    with pytest.raises(PanoramaError, match="turned"):
+    with pytest.raises(PanoramaError, match="rotated"):
         read_panorama(saved(path, grey(), exif=exif))
     whole = packet(ProjectionType="equirectangular", FullPanoWidthPixels=WIDTH, CroppedAreaImageWidthPixels=WIDTH)
     assert read_panorama(saved(path, grey(), xmp=whole)).image.rgb.shape == (HEIGHT, WIDTH, 3)
@@ -166,7 +166,7 @@ def test_tags_declare_projections_and_parts(tmp_path: Path) -> None:
 def test_another_colour_profile_is_converted_or_reported(tmp_path: Path) -> None:
     lab = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
     found = read_panorama(saved(tmp_path / "lab.jpg", grey(), icc_profile=lab))
-    assert "taken as sRGB" in found.notes[0]
+    assert "assumed to be sRGB" in found.notes[0]
     srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     assert read_panorama(saved(tmp_path / "srgb.jpg", grey(), icc_profile=srgb)).notes == ()
     broken = read_panorama(saved(tmp_path / "broken.jpg", grey(), icc_profile=b"no profile at all"))

@@ -52,7 +52,7 @@ def test_glare_is_of_the_window_and_of_the_seat(room, monkeypatch) -> None:
     assert near["eye_m"] == [0.0, -1.0, 1.2]
     assert near["seen_share"] > 0.9
     assert near["figures"]["dgp"]["value"] > away["figures"]["dgp"]["value"]
-    with pytest.raises(ViewpointError, match="outside of the room"):
+    with pytest.raises(ViewpointError, match="outside the room"):
         room.glare((9.0, 0.0), 0.0)
 
 

@@ -141,7 +141,7 @@ def test_without_knowledge_of_a_sun_only_what_nothing_else_can_be_is_its_light(c
 
 def test_without_windows_luminance_alone_decides_and_says_so() -> None:
     painted = paint(window=False)
-    assert "none is assumed" in sunlight(painted, None).reason
+    assert "no sunlight assumed" in sunlight(painted, None).reason
     found = sunlight(painted, SUN)
     assert iou(found.mask, painted.sunlit) > 0.9
     assert not found.confirmed

@@ -90,10 +90,10 @@ def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Pa
 @pytest.mark.parametrize(
     ("skipped", "left_out", "said"),
     [
-        ({"remove", "materials"}, {}, "it was neither emptied nor staged: of it walls 1, 3 can be trusted"),
-        ({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: of it walls 1, 3"),
-        ({"materials"}, {}, "it was not staged: of it walls 1, 3"),
-        (set(), {}, "(confidence 7%): measures, and where furniture stands, may be wrong."),
+        ({"remove", "materials"}, {}, "it was neither emptied nor staged: walls 1, 3 can be trusted"),
+        ({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: walls 1, 3"),
+        ({"materials"}, {}, "it was not staged: walls 1, 3"),
+        (set(), {}, "(confidence 7%): measurements and the positions of furniture may be wrong."),
     ],
 )
 def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_stands(
@@ -114,7 +114,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
     page = replace(given, summary=summary)
     notices = client_data(page, report_data(page)).notices
     assert any(said in text for text in notices), notices
-    removed = [text for text in notices if "removed by computer" in text]
+    removed = [text for text in notices if "removed digitally" in text]
     assert len(removed) == ("remove" not in skipped), "its sentences depend on what was done"
 
 

@@ -56,8 +56,8 @@ def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
     assert [shot.name for shot in slider.scenes[0].shots] == names
     assert (slider.first, slider.second) == ("Photograph", "Staged 1")
     titles = [section.title for section in data.sections]
-    assert titles[:3] == ["Look around", "In three dimensions", "Alternatives"]
-    assert {"Materials", "Light and glare", "Emptied room", "Room's shape"} <= set(titles)
+    assert titles[:3] == ["Look around", "3D model", "Alternatives"]
+    assert {"Materials", "Light and glare", "Emptied room", "Room shape"} <= set(titles)
     assert [line.name for line in data.stages][-2:] == ["render", "stills"]
     run(given)
     assert (given.folder / "lab.html").stat().st_size < 3_000_000
@@ -81,8 +81,8 @@ def test_figures_have_uncertainties_and_say_which_are_bounds(tmp_path: Path) -> 
         (section,) = (one for one in report_data(context(tmp_path, made)).sections if one.title == "Light and glare")
         notes = {one.name: one.note for one in section.quantities}
         assert all(one.uncertainty is not None for one in section.quantities)
-        for name in ("Cylindrical", "Inside over outside", "On a level plane at the camera"):
-            assert ("the lower bound" in notes[name]) == clipped, name
+        for name in ("Cylindrical illuminance", "Indoor to outdoor ratio", "Horizontal illuminance at the camera"):
+            assert ("lower bound" in notes[name]) == clipped, name
         looks, whole = section.tables[0].rows, section.tables[-1].rows[0]
         assert any("or more" in row[1] for row in looks) == ("or more" in whole[1]) == clipped
         assert all("±" in cell for cell in (looks[0][1], looks[0][2], whole[1]))
@@ -107,7 +107,7 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     pictures = {shot.name: shot.data for shot in slider.scenes[2].shots} | {s.name + "!": s.jpeg for s in around.states}
     assert {name.partition(" ")[0].strip("!") for name in pictures} == {"Photograph", "Emptied", "Staged"}
     assert all((STAGED_XMP in data) != name.startswith("Photograph") for name, data in pictures.items())
-    assert all((b"removed by computer" in data) != name.startswith("Photograph") for name, data in pictures.items())
+    assert all((b"removed digitally" in data) != name.startswith("Photograph") for name, data in pictures.items())
     assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, labelled, labelled, labelled]
     assert bool(around.label) == labelled
 

@@ -129,7 +129,7 @@ def test_frames_that_were_aimed_come_first_and_others_look_elsewhere() -> None:
     for wrong in ("10", "10,20,0.1,3", "a,b", "1.2.3,20"):
         with pytest.raises(ValueError, match="aim"):
             StillsParameters(aim=wrong)
-    with pytest.raises(ParameterError, match="no frame of a room"):
+    with pytest.raises(ParameterError, match="not a valid framing"):
         aimed("0,5", ROOM, ())
 
 
@@ -179,7 +179,7 @@ def test_each_still_has_its_original_its_light_and_says_what_was_changed(made: t
         with Image.open(io.BytesIO(data)) as opened:
             assert opened.size == (1920, 1280)
         assert b"compositeSynthetic" in data
-        for element in ("virtual", "removed by computer", "Unaltered original: https://example.org/7"):
+        for element in ("virtual", "removed digitally", "Unaltered original: https://example.org/7"):
             assert element in one["statement"]
             assert element.encode() in data
         original = (folder / one["original"]).read_bytes()
@@ -200,7 +200,7 @@ def test_emptied_stills_have_the_plate_with_the_code_and_the_statement(tmp_path:
         for one in stills:
             data = (given.folder / one["file"]).read_bytes()
             assert f"Unaltered original: {url or one['original']}".encode() in data
-            assert b"removed by computer" in data
+            assert b"removed digitally" in data
             assert b'daylit:Staged="True"' not in data
             corner = np.asarray(Image.open(io.BytesIO(data)))[-400:, :500]
             original = np.asarray(Image.open(given.folder / one["original"]))[-400:, :500]

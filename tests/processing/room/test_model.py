@@ -91,7 +91,7 @@ def test_openings_side_by_side_and_above_each_other_are_fine() -> None:
         ({"colour": "white"}, "colour: Extra inputs"),
         ({"openings": [opening(kind="hole")]}, "openings.0.kind: "),
         ({"floor": [[0, 0], [1, 0], [1e9, 1]]}, "floor.2.0: "),
-        ({"source": "starter"}, "nobody has corrected it"),
+        ({"source": "starter"}, "not corrected yet"),
     ],
 )
 def test_wrong_keys_are_named(change: dict[str, Any], words: str) -> None:
@@ -146,7 +146,7 @@ def test_any_rectangle_around_the_camera_comes_back_as_it_was(
 def test_the_starter_can_stand_but_is_no_answer(camera_height_m: float) -> None:
     room = starter_room(camera_height_m)
     assert geometry_problems(room) == []
-    with pytest.raises(RoomError, match="nobody has corrected it"):
+    with pytest.raises(RoomError, match="not corrected yet"):
         check_room(room.model_dump(mode="json"))
 
 
@@ -156,7 +156,7 @@ def test_the_command_makes_checks_and_never_overwrites(tmp_path: Path, capsys: p
     assert daylit.main(["room", str(session), "--edit", "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert result["file"] == str(path)
-    assert "nobody has corrected it" in result["problems"][0]
+    assert "not corrected yet" in result["problems"][0]
     mine = l_room()
     path.write_text(room_text(mine))
     assert daylit.main(["room", str(session), "--edit"]) == 0

@@ -153,7 +153,7 @@ def test_all_zind_rooms_can_be_read() -> None:
             room = read_layout(path, "zind", panorama=picture.stem)
             assert 2.0 < room.ceiling_height_m < 3.5
         except LayoutFileError as error:
-            # Where the camera stands in a doorway, outside of the room that is drawn or on its wall.
+            # Where the camera stands in a doorway, outside the room that is drawn or on its wall.
             refused.append(str(error))
     assert len(refused) <= 2
     assert all("the camera (0, 0)" in text for text in refused)

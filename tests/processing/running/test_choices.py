@@ -118,7 +118,7 @@ def test_networks_and_folders_are_named_where_they_are(session: Path, tmp_path: 
     chosen(session, filler=network, furniture=models, segmenter="own")
     assert run(session).request.options == {"--filler": network, "--furniture": models, "--segmenter": "own"}
     shutil.rmtree(models)
-    with pytest.raises(ChoicesError, match=r"furniture: .*models is not there any more.*--forget furniture"):
+    with pytest.raises(ChoicesError, match=r"furniture: .*models no longer exists.*--forget furniture"):
         run(session)
     assert run(session, until="remove").request.options == {"--filler": network, "--segmenter": "own"}
 
@@ -131,7 +131,7 @@ def test_a_file_in_a_stage_s_folder_is_copied_as_the_stage_may_replace_it(sessio
     mask.write_bytes(b"new")
     found = run(session)
     assert Path(str(found.request.options["--mask"])).read_bytes() == b"old"
-    assert found.notes == ("--mask: target.png has changed since it was chosen; give it again to use it as it is now",)
+    assert found.notes == ("--mask: target.png has changed since it was saved; give it again to use the new content",)
     assert not run(session, {"mask": mask}).notes
     assert Path(str(run(session).request.options["--mask"])).read_bytes() == b"new"
 
@@ -143,13 +143,13 @@ def test_of_two_that_exclude_each_other_the_newer_goes_and_the_older_is_kept(ses
     found = run(session, {"margin": 2.0, "set": "office"})
     assert found.request.options == {"--margin": 2.0, "--set": "office"}
     assert found.notes == (
-        "not used: --items: --set was chosen since, and goes instead",
-        "not used: --mask: --margin was chosen since, and goes instead",
+        "not used: --items: --set was given since and replaces it",
+        "not used: --mask: --margin was given since and replaces it",
     )
     assert set(run(session).request.options) == {"--margin", "--set"}
     forget(session, ["--margin"], clock=CLOCK)
     assert set(run(session).request.options) == {"--mask", "--set"}
-    with pytest.raises(ParameterError, match="of no effect beside"):
+    with pytest.raises(ParameterError, match="no effect with"):
         run(session, {"mask": mask, "margin": 1.0})
 
 
@@ -161,7 +161,7 @@ def test_what_went_with_another_value_goes_with_it(session: Path, tmp_path: Path
     assert set(run(session).request.options) == {"--segmenter", "--segmenter-contract"}
     found = run(session, {"segmenter": "own"})
     assert found.request.options == {"--segmenter": "own"}
-    assert found.notes == ("not used: --segmenter-contract: it went with another --segmenter",)
+    assert found.notes == ("not used: --segmenter-contract: it was for another --segmenter",)
 
 
 def refused_at_work(session: Path) -> None:
@@ -174,10 +174,10 @@ def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
     chosen(session, set="living")
     before = (session / "choices.toml").read_bytes()
     for given, words in (
-        ({"k1": -3.0}, r"--k1.*chosen before: set"),
-        ({"quality": "best"}, "no quality 'best'"),
+        ({"k1": -3.0}, r"--k1.*saved options: set"),
+        ({"quality": "best"}, "no such quality: 'best'"),
         ({"mask": tmp_path / "none.png"}, "no file none.png"),
-        ({"wings": "2"}, "belongs to no stage"),
+        ({"wings": "2"}, "does not apply to any stage"),
     ):
         with pytest.raises(ParameterError, match=words):
             run(session, given)
@@ -187,7 +187,7 @@ def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
     for bad in ({"seed": "many"}, {"keep-sunlight": "perhaps"}, {"mask": tmp_path / "none.png"}, {"wings": 1}):
         with pytest.raises(ParameterError):
             remember(session, bad, by="a test")
-    with pytest.raises(ParameterError, match="it was not chosen"):
+    with pytest.raises(ParameterError, match="no such saved option"):
         forget(session, ["mask"])
     assert b'value = "living"' in before
     assert set(read_choices(session).chosen) == {"set"}
@@ -202,12 +202,12 @@ def test_a_run_that_fails_otherwise_keeps_what_was_chosen(session: Path) -> None
 @pytest.mark.parametrize(
     ("text", "error", "words"),
     [
-        ("chosen = [", ChoicesError, "choices.toml: is no TOML"),
-        ("\udcff", ChoicesError, "is no TOML"),
+        ("chosen = [", ChoicesError, "choices.toml: is not TOML"),
+        ("\udcff", ChoicesError, "is not TOML"),
         ("[chosen.set]\nvalue = 'x'", ChoicesError, "chosen.set.at: Field required"),
         ("[chosen.mask]\nfile='../../x'\nat=2026-01-01T00:00:00Z\nby=''", ChoicesError, "neither a value nor a file"),
         ("[chosen.set]\nvalue = inf\nat=2026-01-01T00:00:00Z\nby=''", ChoicesError, "chosen.set.value"),
-        ("schema_version = 9", SchemaTooNewError, "choices.toml: is of version 9, this daylit knows 1"),
+        ("schema_version = 9", SchemaTooNewError, "choices.toml: is of version 9, this version of daylit supports 1"),
     ],
 )
 def test_a_file_that_cannot_be_right_is_named_and_left_alone(
@@ -227,7 +227,7 @@ def test_a_file_that_cannot_be_right_is_named_and_left_alone(
 def test_an_option_of_another_version_is_named_and_kept(session: Path) -> None:
     file = session / "choices.toml"
     file.write_text("[chosen.mirrors]\nvalue = 'off'\nat = 2026-01-01T00:00:00Z\nby = 'daylit process'\n")
-    assert run(session, {"set": "none"}).notes == ("not used: --mirrors: this daylit has no such option",)
+    assert run(session, {"set": "none"}).notes == ("not used: --mirrors: this version of daylit has no such option",)
     assert read_choices(session).chosen["mirrors"].value == "off"
 
 

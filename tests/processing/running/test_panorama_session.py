@@ -87,7 +87,7 @@ def test_merge_has_nothing_to_do_and_calibrate_is_relative(photo: Path, tmp_path
     path = panorama_session(photo, tmp_path / "sessions")
     done = {stage.stage: stage for stage in process(path, RunRequest(until="calibrate")).stages}
     assert done["merge"].action is Action.NOTHING_TO_DO
-    assert done["merge"].reason == "one picture was given, no bracket"
+    assert done["merge"].reason == "a single picture, no bracket"
     result = done["calibrate"].summary
     assert set(result["left_out"]) == {"outdoor", "scale"}
     assert any("relative units" in one["message"] for one in result["warnings"])
@@ -125,7 +125,7 @@ def test_the_command_takes_a_session_or_a_panorama(
     assert daylit.main(arguments) == 0
     assert "nothing to do" in capsys.readouterr().out
     assert daylit.main(arguments) == 0
-    assert "nothing was done" in capsys.readouterr().out
+    assert "nothing to do" in capsys.readouterr().out
 
 
 def test_a_dry_run_makes_no_session_and_finds_the_one_there_is(
@@ -134,7 +134,7 @@ def test_a_dry_run_makes_no_session_and_finds_the_one_there_is(
     into = tmp_path / "sessions"
     arguments = ["process", "--panorama", str(photo), "--into", str(into), "--dry-run"]
     assert daylit.main(arguments) == 0
-    assert "would make a session of bedroom.png" in capsys.readouterr().out
+    assert "would create a session from bedroom.png" in capsys.readouterr().out
     assert daylit.main([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["units"] == "relative units"
     assert not into.exists()
@@ -142,5 +142,6 @@ def test_a_dry_run_makes_no_session_and_finds_the_one_there_is(
     assert daylit.main(arguments) == 0
     result = capsys.readouterr().out
     assert "would run" in result
-    assert " others will give" in result
-    assert result.splitlines()[-1] == "nothing was run: --dry-run"
+    assert "on the new results of" in result
+    assert " others" in result
+    assert result.splitlines()[-1] == "--dry-run: nothing was run"

@@ -62,13 +62,13 @@ def result(session: Path, stage: str) -> dict[str, object]:
 def test_first_run_does_all_and_second_nothing(session: Path) -> None:
     first = run(session)
     assert actions(first) == [RAN, RAN, RAN]
-    assert all(s.reason == "there is no result yet" for s in first.stages)
+    assert all(s.reason == "no result yet" for s in first.stages)
     assert toy_stages.calls == ["frames", "total", "half"]
     before = contents(session)
     second = run(session)
     assert actions(second) == [SKIPPED] * 3
     assert toy_stages.calls == []
-    assert reason(second, "frames") == "nothing it depends on has changed, 2 files intact"
+    assert reason(second, "frames") == "no input has changed, 2 files intact"
     assert contents(session) == before
     assert second.stages[0].summary["warnings"] == [{"code": "toy", "message": "a toy"}]
 
@@ -134,11 +134,11 @@ def test_force_until_and_dry_run(session: Path) -> None:
     assert not (session / "stages" / "half").exists()
     forced = run(session, force=("total",))
     assert actions(forced) == [SKIPPED, RAN, RAN]
-    assert reason(forced, "total") == "asked for by --force"
+    assert reason(forced, "total") == "forced by --force"
     before = contents(session)
     dry = run(session, dry_run=True, options={"--rounds": 9})
     assert actions(dry) == [Action.WOULD_RUN, Action.DEPENDS, Action.DEPENDS]
-    assert reason(dry, "half") == "on what total will give"
+    assert reason(dry, "half") == "on the new results of total"
     assert actions(run(session, dry_run=True)) == [SKIPPED] * 3
     assert contents(session) == before
     assert toy_stages.calls == []
@@ -196,20 +196,20 @@ def test_a_skip_rule_is_a_result_too(session: Path) -> None:
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"until": "roof"}, "no stage 'roof'"),
-        ({"force": ("roof",)}, "no stage 'roof'"),
-        ({"until": "total", "force": ("half",)}, "ends before"),
-        ({"options": {"--k9": 1}}, "belongs to no stage"),
-        ({"until": "frames", "options": {"--scale": 1.0}}, "belongs to no stage"),
+        ({"until": "roof"}, "no such stage: 'roof'"),
+        ({"force": ("roof",)}, "no such stage: 'roof'"),
+        ({"until": "total", "force": ("half",)}, "stops before"),
+        ({"options": {"--k9": 1}}, "does not apply to any stage"),
+        ({"until": "frames", "options": {"--scale": 1.0}}, "does not apply to any stage"),
         ({"options": {"--scale": "much"}}, "--scale: "),
         ({"options": {"--factor": "none.txt"}}, "no file none.txt"),
         (
             {"options": {"--total": "t.json", "--scale": 2.0, "--factor": "f.txt"}},
-            "--scale, --factor: of no effect bes",
+            "--scale, --factor: no effect wi",
         ),
         ({"max_error": 2.0}, "out of range"),
         ({"max_error": float("nan")}, "out of range"),
-        ({"until": "total", "time_budget_s": 5.0}, "no stage of this run can trade it"),
+        ({"until": "total", "time_budget_s": 5.0}, "no stage of this run supports it"),
     ],
 )
 def test_nothing_that_is_asked_may_do_nothing(session: Path, request_: dict[str, object], words: str) -> None:
@@ -221,14 +221,14 @@ def test_nothing_that_is_asked_may_do_nothing(session: Path, request_: dict[str,
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (("--mask", "--margin"), "--margin: of no effect beside --mask"),
-        (("--mask", "--sunlight"), "--sunlight: of no effect beside --mask"),
-        (("--mask", "--keep-sunlight"), "--keep-sunlight: of no effect beside --mask"),
-        (("--room", "--camera-height"), "--camera-height: of no effect beside --room"),
-        (("--room", "--layout-model"), "--layout-model: of no effect beside --room"),
-        (("--segmenter-contract",), "--segmenter-contract: of no effect without --segmenter"),
+        (("--mask", "--margin"), "--margin: no effect with --mask"),
+        (("--mask", "--sunlight"), "--sunlight: no effect with --mask"),
+        (("--mask", "--keep-sunlight"), "--keep-sunlight: no effect with --mask"),
+        (("--room", "--camera-height"), "--camera-height: no effect with --room"),
+        (("--room", "--layout-model"), "--layout-model: no effect with --room"),
+        (("--segmenter-contract",), "--segmenter-contract: no effect without --segmenter"),
         (("--segmenter",), "--segmenter FILE and --segmenter-contract belong together"),
-        (("--filler-channels",), "--filler-channels: of no effect without --filler"),
+        (("--filler-channels",), "--filler-channels: no effect without --filler"),
     ],
 )
 def test_options_that_would_do_nothing_are_refused(flags: tuple[str, ...], words: str) -> None:

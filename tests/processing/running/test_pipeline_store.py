@@ -112,7 +112,7 @@ def test_a_result_of_another_stage_or_edited_by_hand_is_not_believed(session: Pa
     data = json.loads((folder / "half" / "result.json").read_text())
     data["metrics"] = {"better": 1}
     (folder / "half" / "result.json").write_text(json.dumps(data))
-    assert "not as it was written" in run(session).stages[2].reason
+    assert "has changed since it was written" in run(session).stages[2].reason
 
 
 @pytest.mark.parametrize("name", ["../../session.json", "/etc/passwd", ".hidden", "a/b", ""])

@@ -148,7 +148,7 @@ def test_an_onnx_network_through_views(tmp_path: Path) -> None:
         ({"outputs": ["scores"]}, "no scores"),
         ({"classes": ["wall", "floor", "bed"]}, "gives 2 classes"),
         ({"output_stride": 4}, "output is 16 x 16"),
-        ({"layout": "NHWC"}, "refuses"),
+        ({"layout": "NHWC"}, "rejects"),
     ],
 )
 def test_a_contract_that_is_not_kept_is_found_on_loading(

@@ -170,7 +170,7 @@ def test_a_changed_network_is_refused(tmp_path: Path) -> None:
     data = bytearray(model.read_bytes())
     data[len(data) // 2] ^= 1
     model.write_bytes(bytes(data))
-    with pytest.raises(SegmenterError, match="not the one that its page names"):
+    with pytest.raises(SegmenterError, match="does not match its JSON"):
         scene_evidence(image_of(box_room(16)), model=model)
 
 

@@ -74,7 +74,7 @@ def test_a_model_is_fetched_once_and_checked(known: KnownModel, server: str) -> 
 )  # the client leaves a socket to the collector
 @pytest.mark.parametrize("name", ["other", "gone"])
 def test_another_file_and_none_leave_nothing_behind(known: KnownModel, server: str, name: str) -> None:
-    with pytest.raises(ModelError, match="cannot be fetched") as caught:
+    with pytest.raises(ModelError, match="cannot be downloaded") as caught:
         get_model(known, url=f"{server}/{name}")
     assert "models add" in caught.value.advice
     assert list(module.models_folder().iterdir()) == []

@@ -122,10 +122,10 @@ def test_corrections_must_be_those_of_k2():
     assert corrections_unlike(k2(corrections=("panorama",)), {"panorama": made, "vignetting": none}) == []
     without = corrections_unlike(k2(), {"panorama": made})
     assert len(without) == 1
-    assert "without correcting the panorama's fall-off" in without[0]
+    assert "without correction of the panorama's vignetting" in without[0]
     left_away = corrections_unlike(k2(corrections=("vignetting",)), {"vignetting": none})
     assert len(left_away) == 1
-    assert "with correcting the outdoor lens's fall-off" in left_away[0]
+    assert "with correction of the outdoor lens's vignetting" in left_away[0]
 
 
 def test_another_curve_than_that_of_k2_is_reported(picture):
@@ -164,14 +164,14 @@ def test_the_illuminance_of_a_sky_scaled_by_a_lux_meter_is_as_sure_as_the_meter(
 def test_clipped_light_makes_a_lower_bound_and_is_reported(in_units):
     out = calibrated(sky_picture(SimpleSky(), WIDTH, clip=3e3), k2=1.0)
     assert out.facts["illuminance_lx"]["up"]["clipped_share"] > 0.01
-    assert any("lower bound, as part of it comes from pixels clipped" in text for text in out.warnings)
+    assert any("lower bound because part comes from pixels clipped" in text for text in out.warnings)
     assert not any("lower bound" in text for text in in_units.warnings)
 
 
 def test_factors_that_were_given_have_no_known_uncertainty(in_units):
-    assert any(text.startswith("k2 is as given") for text in in_units.warnings)
+    assert any(text.startswith("k2 was given") for text in in_units.warnings)
     result = calibrate_indoor(even_panorama(), manifest(), CalibrateParameters(k1=2.0), None).warnings
-    assert any(text.startswith("k1 is as given") for text in result)
+    assert any(text.startswith("k1 was given") for text in result)
 
 
 def even_panorama() -> RelativeImage:

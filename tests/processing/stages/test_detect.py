@@ -139,7 +139,7 @@ def test_no_sun_in_the_outdoor_picture_means_no_sunlight(painted: Painted, tmp_p
     assert "sunlight" not in made.artifacts
     assert made.left_out["sunlight"] == "the outdoor picture shows no sun"
     off = run(context(painted, tmp_path, parameters=DetectParameters(sunlight="off", margin_deg=0.0)))
-    assert "as asked" in off.left_out["sunlight"]
+    assert "switched off" in off.left_out["sunlight"]
 
 
 def test_without_a_room_there_is_nothing_to_go_by(painted: Painted, tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def test_what_it_makes(tmp_path: Path) -> None:
     with np.load(tmp_path / "surfaces.npz") as kept:
         assert {"provenance", "confidence", "floor_rgb", "floor_hole", "floor_px_per_m"} <= set(kept.files)
     section = remove_section(empty, np.asarray(filled), made.metrics)
-    assert [one.title for one in section.pictures] == ["What was filled"]
+    assert [one.title for one in section.pictures] == ["Filled areas"]
 
 
 def test_a_mask_of_another_size_is_reported(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_of_a_doubtful_room_only_what_touches_nothing_but_walls_that_stand_is_re
     reaches = patch(slice(24, 27), slice(min(columns[1], columns[2]) - 2, max(columns[1], columns[2]) + 2))
     joined = run(given(part, shadow=shadow | reaches))
     assert np.array_equal(np.asarray(joined.artifacts["filled"]), table), "a thing goes with its shadow or not at all"
-    assert "these alone" in str(nothing_to_remove(given(part, target=bed)))
+    assert "only these" in str(nothing_to_remove(given(part, target=bed)))
     for asked, room in ((part, ROOM), (RemoveParameters(trusted_walls=True, doubtful_room=True), doubtful)):
         whole = run(given(asked, room))
         assert np.asarray(whole.artifacts["filled"]).sum() == masks["target"].sum()

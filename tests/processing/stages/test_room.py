@@ -55,7 +55,7 @@ def test_room_and_evidence_are_made_and_an_upright_picture_is_left_as_it_is(tmp_
     assert output.artifacts["room"].camera_height_m == 1.6
     assert len(output.artifacts["room"].floor) == 4
     assert read_evidence(tmp_path / "evidence.npz").boundary is not None
-    assert "stands as it is" in output.left_out["panorama"]
+    assert "is used unchanged" in output.left_out["panorama"]
     assert output.metrics["walls"] == 4
     assert len(output.metrics["wall_confidences"]) == 4
 

@@ -102,7 +102,7 @@ def known(tmp_path_factory: pytest.TempPathFactory, photograph: LuminanceImage) 
 
 def test_without_a_picture_of_the_sky_the_windows_light_the_room(known: dict[tuple[str, str], Any]) -> None:
     result = known["materials", "materials"]
-    assert result["outdoors"] == "windows as seen from inside"
+    assert result["outdoors"] == "windows as they appear from inside"
     scene = read_scene(known["materials", "scene"])
     assert scene.outdoors.sun is None
     assert all(pane.veil_cd_m2.mean() > 100 for pane in scene.panes)
@@ -141,14 +141,18 @@ def test_ibl_and_a_relative_picture(tmp_path: Path, known: dict[tuple[str, str],
 
 def test_what_is_skipped_and_why(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     none = MaterialsParameters(set="none")
-    assert "staging not asked" in str(materials.nothing_to_stage(context(tmp_path, none, known)))
+    assert "no staging requested" in str(materials.nothing_to_stage(context(tmp_path, none, known)))
     sunny = {**known, ("detect", "sunlight"): np.ones((ROWS, 2 * ROWS), bool)}
-    assert "staging not asked" in str(materials.nothing_to_stage(context(tmp_path, none, sunny))), "it is still there"
+    assert "no staging requested" in str(materials.nothing_to_stage(context(tmp_path, none, sunny))), (
+        "it is still there"
+    )
     sunny["remove", "empty"] = known["calibrate", "indoor"]
     assert materials.nothing_to_stage(context(tmp_path, none, sunny)) is None, "an emptied room gets its sun back"
     sunny["detect", "sunlight"] = np.zeros((ROWS, 2 * ROWS), bool)
     assert "no sunlight" in str(materials.nothing_to_stage(context(tmp_path, none, sunny)))
-    assert arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none"), known)) == "no furniture asked"
+    assert (
+        arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none"), known)) == "no furniture requested"
+    )
     assert arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none", items="bed"), known)) is None
     assert "no room" in str(materials.nothing_to_stage(context(tmp_path, MaterialsParameters(), {})))
     assert "no scene" in str(rendering.nothing_to_render(context(tmp_path, RenderParameters(), {})))
@@ -297,7 +301,7 @@ def test_a_bedroom_gets_a_bed_before_it_is_left_without(tmp_path: Path, sides_m,
     made = arrange.run(context(tmp_path, ArrangeParameters(set="bedroom", alternatives=1), {("room", "room"): room}))
     placed = [item.category for item in made.artifacts["arrangement"].arrangements[0].items]
     assert bed in placed
-    said = f"the bed has no place: {bed} instead" + (f", by the rules '{rules}'" if rules else "")
+    said = f"the bed does not fit: {bed} used instead" + (f", by the rules '{rules}'" if rules else "")
     assert said in [one.message for one in made.warnings]
     asked = ArrangeParameters(items="bed, wardrobe", alternatives=1)
     result = arrange.run(context(tmp_path, asked, {("room", "room"): room}))

@@ -109,7 +109,7 @@ async function ask(path: string, options: RequestInit = {}): Promise<Response> {
   try {
     answer = await fetch(path, options);
   } catch {
-    throw new Refused("The server does not answer: start daylit studio again. Nothing that was saved is lost.", 0);
+    throw new Refused("The server does not answer: start daylit studio again. Saved work is not lost.", 0);
   }
   if (answer.ok) return answer;
   const text = await answer.text();

@@ -49,15 +49,15 @@ async function sessions(mine: number): Promise<void> {
   const cards = found.sessions.map(card);
   const command = new Text("");
   const news = h("div", { class: "news" }, starter(found.folder, found.sessions, command), dropZone(found.folder, (text) => (command.data = text)));
-  main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", { class: "empty" }, "There is no session here yet: capture a room, or import a panorama."), news);
+  main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", { class: "empty" }, "No sessions yet: capture a room or import a panorama."), news);
   below.replaceChildren(h("p", {}, "On the command line: ", h("code", {}, command)));
 }
 
 /** What begins a capture, and goes to its screen as soon as there is something of it. */
 function starter(folder: string, known: Card[], command: Text): HTMLElement {
-  const room = h("input", { "aria-label": "Name of the room", placeholder: "room's name", maxlength: 80, input: () => say() });
+  const room = h("input", { "aria-label": "Room name", placeholder: "room name", maxlength: 80, input: () => say() });
   const rig = h("select", { "aria-label": "Instruments", change: () => rigs.again(say()) },
-    h("option", { value: "" }, "this computer's rig"), h("option", { value: "room" }, "simulated: a room"), h("option", { value: "uniform:100" }, "simulated: an even light"));
+    h("option", { value: "" }, "this computer's rig"), h("option", { value: "room" }, "simulated: a room"), h("option", { value: "uniform:100" }, "simulated: uniform light"));
   const words = h("p", { class: "facts", "data-part": "capturing", role: "status" });
   const start = button("Start a capture", () => void begin(), { class: "main" });
   const rigs = instruments();
@@ -74,9 +74,9 @@ function starter(folder: string, known: Card[], command: Text): HTMLElement {
         const { sessions: now, job } = await api.sessions();
         const fresh = now.find((one) => !known.some((old) => old.name === one.name));
         if (fresh) location.hash = `#/${encodeURIComponent(fresh.name)}/capture`;
-        words.textContent = job?.running ? "The instruments are being opened …" : "";
+        words.textContent = job?.running ? "Connecting to the instruments …" : "";
         if (fresh || !job?.running) {
-          if (!fresh) note(`It did not begin: ${job?.lines.at(-1) ?? ""}`, true);
+          if (!fresh) note(`Capture did not start: ${job?.lines.at(-1) ?? ""}`, true);
           break;
         }
         await new Promise((done) => setTimeout(done, 700));
@@ -105,7 +105,7 @@ async function session(name: string, kind: string, mine: number): Promise<void> 
   const found = await api.overview(name);
   if (mine !== opening) return;
   const chosen = tabs(found, kind);
-  if (!chosen) throw new Error("There is nothing to show of this session yet: process it");
+  if (!chosen) throw new Error("This session has no results yet: process it");
   const opened = await SCREENS[chosen]!.open(found);
   if (mine !== opening) return opened.close?.();
   screen = opened;
@@ -151,9 +151,9 @@ function showJob(box: HTMLElement, { name, chosen: { quality: chosen = "standard
     const quality = h("select", { "aria-label": "Quality" }, ...["draft", "standard", "reference"].map((one) => h("option", { selected: one === chosen }, one)));
     children.push(button(run.text, ask(() => api.run(name, "until" in run ? { until: run.until, quality: quality.value } : run.ask())), { class: "main" }));
     if ("until" in run) children.push(quality);
-    if (job) children.push(h("p", { class: job.code ? "bad" : "" }, job.code ? `It ended with an error: ${job.lines.at(-1)}` : "The last run is done"));
+    if (job) children.push(h("p", { class: job.code ? "bad" : "" }, job.code ? `The last run failed: ${job.lines.at(-1)}` : "The last run is complete"));
   }
-  if (job?.lines.length) children.push(h("details", {}, h("summary", {}, "What it says"), h("pre", { tabindex: 0 }, job.lines.join("\n"))));
+  if (job?.lines.length) children.push(h("details", {}, h("summary", {}, "Log"), h("pre", { tabindex: 0 }, job.lines.join("\n"))));
   box.dataset.state = job?.running ? "running" : job ? `ended ${job.code}` : "none";
   const open = box.querySelector("details")?.open;
   box.replaceChildren(...children);

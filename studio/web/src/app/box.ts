@@ -88,7 +88,7 @@ export class Regions {
 
   private async measure(left: number, top: number, right: number, bottom: number): Promise<void> {
     const found = (await this.widget.probe()).within(left, top, right, bottom);
-    if (!found) return note("There is nothing to measure: draw a larger box", true);
+    if (!found) return note("Nothing to measure: draw a larger box", true);
     const parts = (["mean", "median", "lowest", "highest"] as const).map((name) => `${name} ${amount(found[name], found[name] * found.relativeUncertainty)}`);
     this.said.textContent = `Region: ${parts.join(", ")} cd/m²`;
     if (this.file && found.box_px) this.said.append(" · ", h("code", {}, `daylit figures ${this.file} --region ${found.box_px.join(",")}`));

@@ -4,7 +4,7 @@ import { button, h, note } from "./dom";
 
 const MOST_BYTES = 4 * 2 ** 30;
 const PICTURES = [".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".avif", ".heic", ".exr", ".hdr"];
-const WORDS = "Drop a panorama here, or a session as its folder or zip. Brackets: a folder that holds indoor and outdoor.";
+const WORDS = "Drop a panorama, a session folder or a session zip here. For brackets: a folder containing indoor and outdoor.";
 
 interface Found {
   path: string;
@@ -83,8 +83,8 @@ export function dropZone(folder: string, said: (command: string) => void): HTMLE
     const one = found.length === 1 && !found[0]!.path.includes("/") ? found[0]!.file : null;
     const called = one?.name ?? `${name || "session"}.zip`;
     try {
-      if (!found.length) throw new Error("There is no file in it");
-      if (found.reduce((sum, each) => sum + each.file.size, 0) > MOST_BYTES) throw new Error("More than 4 GiB: put the session's folder beside the others, it appears here by itself");
+      if (!found.length) throw new Error("It contains no files");
+      if (found.reduce((sum, each) => sum + each.file.size, 0) > MOST_BYTES) throw new Error("More than 4 GiB: copy the session's folder beside the others; it will appear here");
       said(one && !/\.zip$/i.test(one.name) ? `daylit process --panorama ${JSON.stringify(called)} --into ${folder}` : `daylit import ${JSON.stringify(called)} --into ${folder}`);
       words.textContent = `Importing ${called} …`;
       const made = await api.bring(called, one ?? (await zipped(found)));
@@ -105,7 +105,7 @@ export function dropZone(folder: string, said: (command: string) => void): HTMLE
     event.preventDefault();
     zone.classList.remove("over");
     const entries = [...(event.dataTransfer?.items ?? [])].map((item) => item.webkitGetAsEntry()).filter((entry) => entry !== null);
-    void Promise.all(entries.map(within)).then((found) => take(found.flat(), entries[0]?.name ?? ""), () => note("This cannot be read", true));
+    void Promise.all(entries.map(within)).then((found) => take(found.flat(), entries[0]?.name ?? ""), () => note("This cannot be read as a file or folder", true));
   });
   return zone;
 }

@@ -7,7 +7,7 @@ import type { Screen } from "./screens";
 const BINS = 64;
 const exposure = (seconds: number): string => (seconds >= 0.4 ? `${seconds} s` : `1/${Math.round(1 / seconds)} s`);
 
-const clock = (offset?: number): string => (offset === undefined ? "" : Math.abs(offset) < 1 ? "clock right" : `clock ${Math.abs(offset).toFixed(0)} s ${offset > 0 ? "fast" : "slow"}`);
+const clock = (offset?: number): string => (offset === undefined ? "" : Math.abs(offset) < 1 ? "clock correct" : `clock ${Math.abs(offset).toFixed(0)} s ${offset > 0 ? "fast" : "slow"}`);
 
 /** A histogram of a frame's brightest channel; the last bin is what is clipped. */
 function histogram(image: HTMLImageElement, onto: HTMLCanvasElement): void {
@@ -49,18 +49,18 @@ export async function captureScreen(session: Overview): Promise<Screen> {
     const complete = now.status === "complete";
     const stops = now.bracket.stops_s;
     const one = now.bracket.mode === "panorama";
-    verdict.textContent = one ? "One panorama: no brackets, no meter" : complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "it is being captured"}`;
+    verdict.textContent = one ? "One panorama: no brackets, no meter" : complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "capture in progress"}`;
     verdict.classList.toggle("bad", !complete);
     const readings = now.readings.map((one) => `${one.when}: ${one.luminance_cd_m2 === undefined ? one.status : `${one.luminance_cd_m2.toPrecision(4)} cd/m²`}`);
     const late = now.warnings.filter((one) => one.code === "start_skew").length;
     const clipped = now.frames.filter((one) => (one.statistics?.clipped_frac ?? 0) > 0.5).length;
     facts.replaceChildren(
       ...now.devices.map((one) => fact(one.role, [`${one.model}${one.simulated ? " (simulated)" : ""}`, one.lens, one.nd_filter, clock(one.clock_offset_s)].filter(Boolean).join(" · "))),
-      ...(stops.length ? [fact("Plan", `${stops.length} stops a side, ${exposure(Math.max(...stops))} to ${exposure(Math.min(...stops))}: the shutters are open for ${stops.reduce((sum, s) => sum + s, 0).toFixed(0)} s`)] : []),
+      ...(stops.length ? [fact("Plan", `${stops.length} stops per camera, ${exposure(Math.max(...stops))} to ${exposure(Math.min(...stops))}: total exposure ${stops.reduce((sum, s) => sum + s, 0).toFixed(0)} s`)] : []),
       ...(one ? [] : [fact("Readings", readings.join(", ") || "no reading yet")]),
-      ...(now.drift_frac === undefined ? [] : [fact("Drift of the light", `${(100 * now.drift_frac).toFixed(1)} %`)]),
+      ...(now.drift_frac === undefined ? [] : [fact("Light drift", `${(100 * now.drift_frac).toFixed(1)} %`)]),
       ...(one ? [] : [fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
-      ...(one || !now.frames.some((frame) => frame.side !== now.frames[0]!.side) ? [] : [fact("Shutters", late ? `${late} of ${stops.length} pairs opened farther apart than the rig allows` : "each pair opened as near to each other as the rig asks")]),
+      ...(one || !now.frames.some((frame) => frame.side !== now.frames[0]!.side) ? [] : [fact("Shutters", late ? `${late} of ${stops.length} pairs opened further apart than the rig allows` : "every pair opened within the rig's limit")]),
       ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));
     for (const one of [...now.frames].sort((a, b) => a.side.localeCompare(b.side) || a.stop - b.stop)) {
       const seconds = now.bracket.stops_s[one.stop];
@@ -76,8 +76,8 @@ export async function captureScreen(session: Overview): Promise<Screen> {
   const refresh = async (): Promise<void> => show(await api.capture(session.name));
   await refresh();
   return {
-    element: h("section", { class: "wide" }, verdict, facts, rigs && h("details", { open: true }, h("summary", {}, "The instruments now"), rigs.element), frames,
-      session.frames ? null : h("img", { class: "whole", src: api.picture(session.name, "Card", 2048, session.stamp), alt: "The panorama as it was imported", error: (event: Event) => (event.target as Element).remove() })),
+    element: h("section", { class: "wide" }, verdict, facts, rigs && h("details", { open: true }, h("summary", {}, "Instruments now"), rigs.element), frames,
+      session.frames ? null : h("img", { class: "whole", src: api.picture(session.name, "Card", 2048, session.stamp), alt: "The panorama as imported", error: (event: Event) => (event.target as Element).remove() })),
     refresh,
     run: { until: "report", text: "Process this session" },
     command: session.status === "complete" ? `daylit process ${session.path}` : `daylit capture --resume ${session.path}`,

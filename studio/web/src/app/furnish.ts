@@ -35,14 +35,14 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   const lights = new Latest();
   const undo = new Undo<Places>((before) => void keep(before, places));
   const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
-  const plan = new Plan(room.floor, "Plan: drag pieces; R turns, Delete takes away");
+  const plan = new Plan(room.floor, "Plan: drag pieces; R rotates, Delete removes");
   const layer = svg("g");
   const bar = h("div", { class: "bar" },
     button("Undo", () => undo.back(places), { "data-part": "undo" }), button("Redo", () => undo.again(places)),
-    button("Turn (R)", () => turn(TURN)), button("Take away", away), button("As arranged", () => void forget()));
+    button("Rotate (R)", () => turn(TURN)), button("Remove", away), button("As arranged", () => void forget()));
   const list = h("ul", { class: "pieces" });
   const stage = h("div", { class: "stage preview opening", role: "application", "aria-label": "Preview: drag or arrow keys to look around" });
-  const said = h("p", { class: "facts", "data-part": "lit", role: "status" }, "Working out the room's light: the first time takes some seconds …");
+  const said = h("p", { class: "facts", "data-part": "lit", role: "status" }, "Computing the room's light: the first time takes a few seconds …");
   const view = new PanoramaView(stage, { wheel: true, field: 115 });
   const middle = [0, 1].map((k) => pieces.reduce((sum, one) => sum + one.t_m[k]!, 0)) as Point;
   view.look(Math.atan2(...middle) / RAD, -14);
@@ -108,7 +108,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   }
 
   function say(): void {
-    verdict.textContent = broken.length ? `Not so: ${broken.join("; ")}` : "Every rule is kept";
+    verdict.textContent = broken.length ? `Not allowed: ${broken.join("; ")}` : "All rules met";
     verdict.classList.toggle("bad", broken.length > 0);
     for (const mark of marks()) mark.classList.toggle("wrong", broken.some((line) => new RegExp(`\\b${mark.dataset.id}\\b`).test(line)));
   }
@@ -136,7 +136,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
       said.classList.remove("bad");
       said.dataset.seconds = String((performance.now() - begin) / 1000);
       said.dataset.worked = String(factsOf<{ seconds: number }>(answer).seconds);
-      said.textContent = "Preview in the captured light: furniture alone, softly. Decoration, mirrors and full sharpness come with the render.";
+      said.textContent = "Preview in the captured light: furniture only, with soft shading. Decor, mirrors and full sharpness come with the render.";
     } catch (error) {
       said.classList.add("bad");
       said.textContent = `No preview: ${(error as Error).message}`;
@@ -187,7 +187,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   /** Turn by a step; nearly along a wall it is along it. */
   function turn(by: number): void {
     const at = places[focused];
-    if (!at) return note("Choose a piece first");
+    if (!at) return note("Select a piece first");
     let theta = at[2] + by;
     room.floor.forEach(([x, y], i) => {
       const to = room.floor[(i + 1) % room.floor.length]!;
@@ -198,7 +198,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   }
 
   function away(): void {
-    if (!places[focused]) return note("Choose a piece first");
+    if (!places[focused]) return note("Select a piece first");
     const { [focused]: _gone, ...rest } = places;
     void keep(rest, places, true);
   }
@@ -226,7 +226,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
       note("Saved");
     } catch (error) {
       places = before;
-      note(`Refused: ${(error as Error).message}`, true);
+      note(`Rejected: ${(error as Error).message}`, true);
       broken = [];
     }
     draw();

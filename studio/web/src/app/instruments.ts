@@ -7,13 +7,13 @@ const [FIRST_MS, AGAIN_MS] = [500, 30_000];
 /** Of all that doctor looks at: what one takes along; without a rig file, what is connected. */
 const RIG = /^(indoor|outdoor|meter)\b/;
 const LINKS = /^(cameras?|serial port|disk)\b/;
-const MARKS: Record<Check["level"], string> = { ok: "ready", warn: "look", fail: "not ready" };
+const MARKS: Record<Check["level"], string> = { ok: "ready", warn: "check", fail: "not ready" };
 
 /** A list that stands for itself; `again(world)` looks at once at this computer's rig (""), or at simulated ones. */
 export function instruments(): { element: HTMLElement; again: (world: string) => void } {
   const list = h("ul", { class: "instruments", "data-part": "instruments" });
-  const words = h("p", { class: "facts", role: "status" }, "Looking at the instruments …");
-  const element = h("div", {}, words, list, button("Look again", () => void look()));
+  const words = h("p", { class: "facts", role: "status" }, "Checking the instruments …");
+  const element = h("div", {}, words, list, button("Check again", () => void look()));
   let world = "";
   let timer = 0;
   const line = ({ level, name, text, advice, code }: Check): HTMLElement =>
@@ -29,7 +29,7 @@ export function instruments(): { element: HTMLElement; again: (world: string) =>
       const shown = [...(rig.length ? rig : checks.filter((one) => LINKS.test(one.name))), ...(rig.length ? checks.filter((one) => one.name === "disk").slice(-1) : [])];
       if (error) shown.unshift({ level: "fail", name: "rig", text: error.message, advice: error.advice ?? "", code: error.code });
       list.replaceChildren(...shown.map(line));
-      words.textContent = capturing ? "A capture works with them: this is as they were before it" : `Looked at ${new Date().toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}, as daylit doctor does`;
+      words.textContent = capturing ? "A capture is using them: this was their state before it" : `Checked at ${new Date().toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}, as daylit doctor does`;
       list.dataset.seen = asked;
     } catch (problem) {
       words.textContent = (problem as Error).message;
@@ -40,7 +40,7 @@ export function instruments(): { element: HTMLElement; again: (world: string) =>
     element,
     again: (now) => {
       world = now;
-      words.textContent = "Looking at the instruments …";
+      words.textContent = "Checking the instruments …";
       clearTimeout(timer);
       timer = window.setTimeout(() => element.isConnected && void look(), FIRST_MS);
     },

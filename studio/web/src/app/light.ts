@@ -61,7 +61,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
   });
   const command = new Text("");
   const box = h("div", { class: "result" });
-  const facts = h("p", { class: "facts", "data-part": "facts", role: "status" }, "Working out the room's light: the first time takes some seconds …");
+  const facts = h("p", { class: "facts", "data-part": "facts", role: "status" }, "Computing the room's light: the first time takes a few seconds …");
   const glare = h("p", { class: "verdict", "data-part": "glare", role: "status" });
   const more = h("p", { class: "facts", "data-part": "glare-detail" });
   const date = (): Date => new Date(Date.UTC(year, 0, 1) + moment.day * DAY_MS);
@@ -82,7 +82,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
   const [day, dayText] = slider("Day of the year", 364, 1, (of) => ({ day: of }));
   const expose = h("input", { type: "checkbox", checked: true, change: () => { exposed = expose.checked; void light(); } });
   const bar = h("div", { class: "bar day" }, h("label", {}, "Room ", choice), weather,
-    h("label", {}, "Time ", time, timeText), h("label", {}, "Day ", day, dayText), h("label", {}, expose, "Exposed for the hour"));
+    h("label", {}, "Time ", time, timeText), h("label", {}, "Day ", day, dayText), h("label", {}, expose, "Auto exposure"));
 
   function controls(): void {
     choice.value = moment.state;
@@ -145,7 +145,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
     }
   }
 
-  const plan = new Plan(room.floor, "Plan: put the seat where somebody sits; R turns");
+  const plan = new Plan(room.floor, "Plan: place the seat where someone sits; R rotates");
   plan.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
   room.floor.forEach(([x, y], i) => {
     const to = room.floor[(i + 1) % room.floor.length]!;
@@ -156,7 +156,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
     plan.element.append(svg("line", { class: `opening still ${o.kind}`, x1: from[0], y1: -from[1], x2: to[0], y2: -to[1] }));
   }
   const reach = 9 * plan.scale;
-  const seat = svg("g", { class: "seat", tabindex: 0, role: "button", "aria-label": "Seat: drag, or arrow keys; R turns" },
+  const seat = svg("g", { class: "seat", tabindex: 0, role: "button", "aria-label": "Seat: drag, or arrow keys; R rotates" },
     svg("path", { d: `M0 0L${-0.5 * reach} ${-reach}A${1.118 * reach} ${1.118 * reach} 0 0 1 ${0.5 * reach} ${-reach}Z` }), svg("circle", { r: 2.2 * plan.scale }));
   plan.element.append(svg("circle", { class: "camera", r: 1.3 * plan.scale }), seat);
 
@@ -199,7 +199,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
 
   const ask = (): Promise<void> => seats.ask(async () => {
     glare.classList.remove("bad");
-    glare.textContent = "Looking from there …";
+    glare.textContent = "Rendering from the seat …";
     more.textContent = "";
     try {
       const answer = await api.live(session.name, "glare", { ...asked(), seat_m: moment.seat, azimuth_deg: moment.azimuth });
@@ -211,8 +211,8 @@ export async function lightScreen(session: Overview): Promise<Screen> {
       more.textContent = [
         `at the eye ${of("ev_lx")} lx, ${figures.sources!.value ? `UGR ${of("ugr")}, DGI ${of("dgi")}` : "no glare source in view"}`,
         faint ? "too little light at the eye for the formula (under 380 lx)" : "",
-        sun_in_view ? "the sun itself stands in a window ahead: worse than this" : "",
-        moment.seat ? `${(100 * seen_share).toFixed(0)} % of it was seen by the camera, the rest is rendered; eyes 1.2 m high` : "from the camera's place",
+        sun_in_view ? "the sun itself is visible through a window ahead: actual glare is worse" : "",
+        moment.seat ? `${(100 * seen_share).toFixed(0)} % of the view was photographed, the rest is rendered; eyes 1.2 m high` : "from the camera position",
       ].filter(Boolean).join(" · ");
     } catch (error) {
       glare.classList.add("bad");
@@ -225,7 +225,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
   return {
     element: h("section", { class: "side-by-side" }, h("div", {}, bar, box, facts),
       h("div", {}, h("h2", {}, "Glare from a seat"), plan.element,
-        h("div", { class: "bar" }, button("Look from here", () => void ask(), { class: "main" }), button("Turn (R)", () => turn(TURN_DEG)), button("At the camera", () => sit({ seat: null })),
+        h("div", { class: "bar" }, button("Look from here", () => void ask(), { class: "main" }), button("Rotate (R)", () => turn(TURN_DEG)), button("At the camera", () => sit({ seat: null })),
           button("Undo", () => undo.back(moment), { "data-part": "undo" }), button("Redo", () => undo.again(moment))), glare, more)),
     undo: () => undo.back(moment),
     redo: () => undo.again(moment),

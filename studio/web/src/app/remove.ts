@@ -100,7 +100,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
     h("fieldset", { class: "segments" }, h("legend", { class: "unseen" }, legend),
       ...all.map(([value, text], i) => h("label", {}, h("input", { type: "radio", name: legend, value, checked: i === 0, change: () => act(value) }), h("span", {}, text))));
   const tools = segments("Tool", TOOLS, pick);
-  const paints = segments("What is painted", PAINTS.map(([text, kind]) => [kind, text] as const), (kind) => (paint = kind));
+  const paints = segments("Paint as", PAINTS.map(([text, kind]) => [kind, text] as const), (kind) => (paint = kind));
   paints.hidden = true;
   const states = h("select", { "aria-label": "Picture", change: (event: Event) => void look((event.target as HTMLSelectElement).value) });
   const bar = h("div", { class: "bar" }, tools, paints,
@@ -111,7 +111,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
   const facts = h("p", { class: "facts", "data-part": "facts" });
   const said = h("p", { class: "facts", "data-part": "preview", role: "status" });
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "Panorama; what is red will be removed, what is yellow as direct sunlight");
+  canvas.setAttribute("aria-label", "Panorama: red will be removed, yellow will be removed as direct sunlight");
 
   /** Where a mask is white. */
   function marked(image: ImageBitmap): Uint8Array {
@@ -252,7 +252,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
   /** Show the room as it would be emptied, in a draft's size; tools go on working on it. */
   const preview = (): Promise<void> => previews.ask(async () => {
     const made = mask;
-    said.textContent = "Emptying a small picture …";
+    said.textContent = "Emptying a small preview …";
     try {
       await turns.take(async () => undefined); // what is being saved counts
       const answer = await (prepared?.digest === named(found) ? prepared.answer : api.live(session.name, "emptied", {}));
@@ -266,12 +266,12 @@ export async function removeScreen(session: Overview): Promise<Screen> {
       shown = made;
       canvas.dataset.shown = PREVIEW;
       canvas.dataset.made = named(found);
-      said.textContent = `Preview, ${size_px.join(" × ")}, in ${seconds.toFixed(1)} s: fillings are coarse, the old furniture's shade is as the last run found it; red is not yet in it`;
+      said.textContent = `Preview, ${size_px.join(" × ")}, in ${seconds.toFixed(1)} s: the fill is coarse and shading is from the last run; areas still red are not included`;
       draw();
     } catch (error) {
       note(`No preview: ${(error as Error).message}`, true);
     } finally {
-      if (said.textContent === "Emptying a small picture …") said.textContent = "";
+      if (said.textContent === "Emptying a small preview …") said.textContent = "";
     }
   });
 
@@ -322,7 +322,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
     if (tool === "object") {
       const label = known.labels[Math.floor(place[1]) * width + Math.floor(place[0])];
       if (label) toggle(label);
-      else note("Nothing was detected here: use the brush");
+      else note("Nothing detected here: use the brush");
     } else if (tool === "polygon") {
       const first = corners[0];
       if (first && corners.length > 2 && Math.hypot(first[0] - place[0], first[1] - place[1]) < 14) close();

@@ -45,11 +45,11 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     aims = now;
     frames.replaceChildren(...aims.map((frame, i) => {
       const [yaw, lens, drop] = frame.split(",").map(Number) as [number, number, number?];
-      const text = `${Math.abs(yaw)}° ${yaw < 0 ? "left" : "right"}, ${lens} mm${drop ? `, looks ${(100 * drop).toFixed(0)} % lower` : ""} `;
-      return h("li", {}, text, button("Leave out", () => {
+      const text = `${Math.abs(yaw)}° ${yaw < 0 ? "left" : "right"}, ${lens} mm${drop ? `, shifted down ${(100 * drop).toFixed(0)} %` : ""} `;
+      return h("li", {}, text, button(=> "Remove", () => => {
         undo.step(aims);
         list(aims.filter((_, k) => k !== i));
-      }, { "aria-label": `Leave out frame ${i + 1}` }));
+      }, { "aria-label": `Remove frame ${i + 1}` }));
     }));
     make.disabled = !aims.length;
     command.data = aims.length ? `daylit stills ${session.path} ${aims.map((one) => `--aim=${one}`).join(" ")}` : `daylit export ${session.path}`;
@@ -115,7 +115,7 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     const answer = await fetch(api.file(session.name, `render/staged-${number}.glb`));
     if (!answer.ok) return;
     const stage = h("div", { class: "stage light", "data-part": "stage", role: "application", "aria-label": "Model to turn around: drag, or arrow keys" });
-    box.append(h("h2", {}, "In three dimensions"), stage);
+    box.append(h("h2", {}, "3D model"), stage);
     await new ModelView(stage).show(await answer.arrayBuffer(), `The room, staged, alternative ${number}`);
     stage.dataset.shown = number;
   }
@@ -143,18 +143,18 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
       link("Panorama, EXR", api.file(session.name, file), ""),
       ...(name.startsWith("Staged") ? [link("Model, GLB", api.file(session.name, `render/staged-${name.slice(7)}.glb`), "")] : []),
       ...(session.page ? [
-        link("The report for a client, one HTML file", api.file(session.name, "report/index.html"), ""),
-        link("Figures and uncertainties for a laboratory, one HTML file", api.file(session.name, "report/lab.html"), "")] : []));
+        link("Client report, one HTML file", api.file(session.name, "report/index.html"), ""),
+        link("Technical report with uncertainties, one HTML file", api.file(session.name, "report/lab.html"), "")] : []));
   }
 
   list(aims);
   if (session.states.length) await Promise.all([show(), made()]);
-  else box.append(h("p", {}, "There is no picture yet: process the session."));
+  else box.append(h("p", {}, "No picture yet: process the session."));
   return {
     element: h("section", { class: "wide" }, h("div", { class: "bar" }, h("label", {}, "State ", choice), h("label", {}, "Compare with ", other)), pair, box,
       h("h2", {}, "Stills"), frames, h("div", { class: "bar" }, make, button("Undo", () => undo.back(aims), { "data-part": "undo" }), button("Redo", () => undo.again(aims))), stills,
-      h("h2", {}, "To take away"), takeaway,
-      h("p", { class: "facts" }, "The proof of the stills: originals beside results, what was added and removed, digests chained to the frames. ", prove)),
+      h("h2", {}, "Downloads"), takeaway,
+      h("p", { class: "facts" }, "Proof of the stills: originals beside results, what was added and removed, digests chained to the frames. ", prove)),
     refresh: made,
     undo: () => undo.back(aims),
     redo: () => undo.again(aims),

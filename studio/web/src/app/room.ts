@@ -19,14 +19,14 @@ export async function roomScreen(session: Overview): Promise<Screen> {
   let chosen = "";
   const turns = new Turns();
   const undo = new Undo<Room>((state) => void keep(state));
-  const stage = h("div", { class: "stage opening", role: "application", "aria-label": "Panorama: drag to look around, drag the marks to correct the room" });
+  const stage = h("div", { class: "stage opening", role: "application", "aria-label": "Panorama: drag to look around, drag the handles to correct the room" });
   const lines = svg("svg", { class: "overlay" });
   const plans = h("div", { class: "plans" });
   const facts = h("p", { class: "facts", "data-part": "facts" });
   const bar = h("div", { class: "bar" },
     button("Undo", () => undo.back(room), { "data-part": "undo" }), button("Redo", () => undo.again(room)),
     button("Add window", () => add("window")), button("Add door", () => add("door")), button("Add corner", more),
-    button("Estimate the rest again", () => void anew(), { "data-part": "anew", title: "What you have moved stays; the other walls, and windows and doors that you have not touched, are estimated around it" }),
+    button("Re-estimate the rest", () => void anew(), { "data-part": "anew", title: "What you have moved stays; all other walls, windows and doors are estimated around it" }),
     button("As estimated", () => void forget()),
   );
   const view = new PanoramaView(stage, { wheel: true, field: 110 });
@@ -48,7 +48,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     if (drafted) localStorage.setItem(draftName, JSON.stringify(room));
     overlay();
     drawPlan();
-    const sure = corrected ? "corrected by hand" : `estimated, confidence ${room.confidence.toFixed(2)}${room.confidence < 0.3 ? ", doubtful: neither emptied nor staged unless corrected here or asked for" : ""}`;
+    const sure = corrected ? "corrected by hand" : `estimated, confidence ${room.confidence.toFixed(2)}${room.confidence < 0.3 ? ", doubtful: not emptied or staged unless corrected here or requested" : ""}`;
     facts.textContent = `${area(room.floor).toFixed(2)} m², walls in metres, ${room.ceiling_height_m.toFixed(2)} m high, ${room.openings.length} windows and doors · ${sure}${room.held?.length ? ` · held: ${room.held.map((name) => name.replace(/\d+/, (n) => String(Number(n) + 1))).join(", ")}` : ""}`;
   }
 
@@ -84,12 +84,12 @@ export async function roomScreen(session: Overview): Promise<Screen> {
     undo.step(room);
     await api.forget(session.name, "room");
     await refresh();
-    note("As estimated again");
+    note("Back to the estimate");
   }
 
   /** Estimate what has not been placed by hand around what has. */
   async function anew(): Promise<void> {
-    if (!corrected) return note("Move what is wrong first: it stays, and the rest is estimated around it");
+    if (!corrected) return note("Move what is wrong first: it will stay, and the rest is estimated around it");
     const asked = room;
     const control = bar.querySelector<HTMLButtonElement>("[data-part=anew]")!;
     control.disabled = true;
@@ -284,7 +284,7 @@ export async function roomScreen(session: Overview): Promise<Screen> {
   if (draft) {
     const left = JSON.parse(draft) as Room;
     undo.step(room);
-    note("What you had not saved is here again");
+    note("Your unsaved changes have been restored");
     await keep(left);
   } else show(room, false);
   const element = h("section", { class: "side-by-side" }, h("div", {}, bar, stage, facts), plans);

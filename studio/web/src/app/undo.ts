@@ -43,7 +43,7 @@ export class Turns {
   save(act: () => Promise<void>): Promise<void> {
     const seen = this.foreign;
     return this.take(async () => {
-      if (seen !== this.foreign) throw new Error("somebody else has changed this meanwhile");
+      if (seen !== this.foreign) throw new Error("someone else has changed this in the meantime");
       await act();
     });
   }

@@ -80,11 +80,11 @@ export function regionText(region: Region, unit: string): { value: string; detai
 /** How far two places of the room are apart, with the parts along and up. */
 export function rulerText(room: Room, from: Direction, to: Direction): { value: string; detail: string } {
   const [a, b] = [placeIn(room, from), placeIn(room, to)];
-  if (!a || !b) return { value: "no wall there", detail: "the ruler measures on floor, walls and ceiling" };
+  if (!a || !b) return { value: "no surface there", detail: "the ruler measures on floor, walls and ceiling" };
   const [level, up] = [Math.hypot(a[0] - b[0], a[1] - b[1]), Math.abs(a[2] - b[2])];
   return {
     value: `${Math.hypot(level, up).toFixed(2)} m`,
-    detail: `${level.toFixed(2)} m level, ${up.toFixed(2)} m up · on the room's surfaces as estimated; what stands before them is farther in`,
+    detail: `${level.toFixed(2)} m horizontal, ${up.toFixed(2)} m vertical · on the estimated room surfaces; objects in front of them are nearer`,
   };
 }
 

@@ -38,7 +38,7 @@ export interface Probe {
   within(left: number, top: number, right: number, bottom: number): Region | null;
 }
 
-const WORTH = ["", "clipped: at least this", "too dark to be exact", "outside the lens's field", "repaired: a model's value"];
+const WORTH = ["", "clipped: at least this", "too dark to be accurate", "outside the lens's field of view", "repaired: a modelled value"];
 
 export async function openProbe(maps: Maps): Promise<Probe> {
   const [light, margin, validity] = await Promise.all([

@@ -124,7 +124,7 @@ def test_duplicates_do_not_count_twice() -> None:
     twice = merged([*shot.frames, shot.frames[3].copy()], [*shot.true_s, shot.true_s[3]])
     np.testing.assert_array_equal(plain.image.uncertainty, twice.image.uncertainty)
     assert any("same picture as frame 3" in warning for warning in twice.report.warnings)
-    with pytest.raises(BracketError, match="another time is given"):
+    with pytest.raises(BracketError, match="with another exposure time"):
         merged([*shot.frames, shot.frames[3].copy()], [*shot.true_s, 2 * shot.true_s[3]])
 
 

@@ -26,7 +26,7 @@ def test_a_wrong_time_is_refused_by_name(place: int, stops: float) -> None:
     times[place] *= 2**stops
     with pytest.raises(BracketError, match="contradict") as raised:
         merged(shot.frames, times)
-    assert f"frame {place} says" in str(raised.value)
+    assert f"frame {place} is" in str(raised.value)
 
 
 @FEW
@@ -36,7 +36,7 @@ def test_a_slightly_wrong_time_is_warned_of_and_its_doubt_is_stated(place: int, 
     times = list(shot.true_s)
     times[place] *= 2**stops
     result = merged(shot.frames, times)
-    assert [w for w in result.report.warnings if w.startswith(f"frame {place} says")]
+    assert [w for w in result.report.warnings if w.startswith(f"frame {place} is")]
     assert errors(result, shot.luminance).covered(1.96) > 0.9
 
 
@@ -48,7 +48,7 @@ def test_with_a_curve_of_its_own_a_bracket_is_refused_only_for_what_it_shows_muc
         merged(shot.frames, times, own_curve=True)
     sigma = [0.15 if k == 4 else 0.0 for k in range(9)]
     doubted = merged(shot.frames, times, own_curve=True, quality="reference", time_sigma=sigma)
-    assert any(w.startswith("frame 4 says") for w in doubted.report.warnings)
+    assert any(w.startswith("frame 4 is") for w in doubted.report.warnings)
     # All but a small lamp is black in the last frame: what that says of its time may be the lamp's own.
     scene = np.full((180, 360, 3), 20, np.float32) * np.linspace(0.5, 2, 360, dtype=np.float32)[:, None]
     for rows, refused in ((5, False), (40, True)):
@@ -56,11 +56,11 @@ def test_with_a_curve_of_its_own_a_bracket_is_refused_only_for_what_it_shows_muc
         frames = [expose(scene, t, REFERENCE_SENSOR, k) for k, t in enumerate(shot.nominal_s)]
         times = [*shot.true_s[:8], 2 * shot.true_s[8]]
         if refused:
-            with pytest.raises(BracketError, match="frame 8 says"):
+            with pytest.raises(BracketError, match="frame 8 is"):
                 merged(frames, times, own_curve=True, quality="reference")
         else:
             result = merged(frames, times, own_curve=True, quality="reference")
-            assert any(w.startswith("frame 8 says") for w in result.report.warnings)
+            assert any(w.startswith("frame 8 is") for w in result.report.warnings)
 
 
 def test_nominal_times_of_a_camera_that_keeps_others_are_noticed() -> None:

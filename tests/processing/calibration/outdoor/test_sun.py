@@ -113,11 +113,11 @@ def test_a_wrong_clock_is_named() -> None:
     with pytest.raises(SunError, match="degrees high in the picture"):
         north_from_sun(image, datetime(2023, 5, 19, 21, 30, tzinfo=UTC), PITTSBURGH)
     late = north_from_sun(image, datetime(2023, 5, 19, 15, 55, tzinfo=UTC), PITTSBURGH)
-    assert any("than time and site say" in warning for warning in late.warnings)
+    assert any("than time and site predict" in warning for warning in late.warnings)
     with pytest.raises(ParameterError, match="zone"):
         north_from_sun(image, datetime(2023, 5, 19, 16, 30), PITTSBURGH)
     assert north_from_heading(-1.0).top_azimuth_rad == pytest.approx(2 * math.pi - 1.0)
-    with pytest.raises(ParameterError, match="no place"):
+    with pytest.raises(ParameterError, match="not on Earth"):
         Place(95.0, 0.0)
 
 
@@ -172,7 +172,7 @@ def test_what_cannot_be_repaired_is_refused() -> None:
         repair_sun(image, horizontal_lx=40 * lux)
     with pytest.raises(SunError, match="not clipped"):
         repair_sun(in_cd_m2(corrected(sky)), horizontal_lx=lux)
-    with pytest.raises(ParameterError, match="one of them"):
+    with pytest.raises(ParameterError, match="give one"):
         repair_sun(image)
     with pytest.raises(ParameterError):
         repair_sun(image, horizontal_lx=math.nan)

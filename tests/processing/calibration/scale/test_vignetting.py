@@ -37,7 +37,7 @@ def test_published_falloff(name: str, edge: float) -> None:
     assert float(found.evaluate(0.0)) == pytest.approx(1.0, abs=5e-4)
     assert float(found.evaluate(1.0)) == pytest.approx(edge, abs=1e-3)
     assert found.source
-    with pytest.raises(LensError, match="no published fall-off"):
+    with pytest.raises(LensError, match="no such published vignetting"):
         published_vignetting("pinhole")
 
 
