@@ -46,7 +46,7 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     frames.replaceChildren(...aims.map((frame, i) => {
       const [yaw, lens, drop] = frame.split(",").map(Number) as [number, number, number?];
       const text = `${Math.abs(yaw)}° ${yaw < 0 ? "left" : "right"}, ${lens} mm${drop ? `, shifted down ${(100 * drop).toFixed(0)} %` : ""} `;
-      return h("li", {}, text, button(=> "Remove", () => => {
+      return h("li", {}, text, button("Remove", () => {
         undo.step(aims);
         list(aims.filter((_, k) => k !== i));
       }, { "aria-label": `Remove frame ${i + 1}` }));
