@@ -151,6 +151,13 @@ class Others(NamedTuple):
     are not filled from it."""
     boards: Floats | None = None
     """(h, w), 0..1: how much of what is seen is skirting; None: unknown."""
+    unlike: Flags | None = None
+    """(H, W): what surely belongs to another plane (floor seen before a wall, a door's leaf before the floor): nothing
+    is learnt from it; what stands before the floor keeps its light, too."""
+
+    def no_surface(self, target: Flags) -> Flags:
+        """Return a ``target`` (H, W) with what is `unlike`."""
+        return target if self.unlike is None else target | self.unlike
 
 
 def empty_room(
@@ -176,7 +183,8 @@ def empty_room(
     Raises `ParameterError`: sizes that do not fit; a picture that is not equirectangular; an unknown quality;
     `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen.
     """
-    foreign, boards = others or Others()
+    others = others or Others()
+    foreign, boards, _ = others
     geometry = _checked(image, target, sunlight, foreign, quality)
     if not target.any():
         return Emptied(image, *_blank(target.shape), (), ("nothing to remove",))
@@ -186,7 +194,7 @@ def empty_room(
         advice = "leave part of floor, walls and ceiling out of the mask"
         raise RemovalError("no part of the room is left to fill from", where="target", likely=likely, advice=advice)
     shown = plane_map(room, geometry)
-    unfit = _unfit(target, sunlight)
+    unfit = _unfit(target, sunlight) | (others.no_surface(target) & ~target)
     foreign = np.zeros_like(target) if foreign is None else foreign
     kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
     walls = ((shown >= FIRST_WALL) & target).any()

@@ -28,7 +28,7 @@ from processing.removal.illumination import grey, known_mean
 from processing.removal.plane_fill import LEAST_OPEN
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import FIRST_WALL, opening_map, plane_map
+from processing.surfaces.maps import FIRST_WALL, FLOOR, opening_map, plane_map
 
 BAND_ROWS, MOST_BANDS = 128, 4  # rows lifted at once, and so many times side by side; chosen, 20 MB each at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
@@ -56,8 +56,6 @@ class Shade(NamedTuple):
     """(h, w): seen places from which the furniture keeps the sun away."""
     shadow: Flags | None = None
     """(H, W), of the picture: soft shadows of furniture as they were found."""
-    boards: Floats | None = None
-    """(h', w'), 0..1: how much of what is seen is skirting."""
 
 
 def lifted(
@@ -67,7 +65,7 @@ def lifted(
     shade: Shade,
     *,
     sunlight: Flags | None = None,
-    foreign: Flags | None = None,
+    others: Others | None = None,
     quality: str | Quick = "standard",
     filler: PlaneFiller | None = None,
 ) -> tuple[Emptied, Floats]:
@@ -83,12 +81,14 @@ def lifted(
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
     plane, opening = plane_map(room, geometry), opening_map(room, geometry)
-    glass = _seen_windows(opening, target, room)
+    others = others or Others()
+    foreign, no_surface = others.foreign, others.no_surface(target)
+    glass = _seen_windows(opening, target, room) | (no_surface & ~target & (plane == FLOOR))
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance = np.empty_like(image.rgb)
     change = np.zeros(image.rgb.shape[:2], np.float32)
     _in_bands(partial(_unlit, image.rgb, reflectance, change), planes, plane, glass)
-    gain = relit(reflectance, shade.shadow, (target, foreign), room)
+    gain = relit(reflectance, shade.shadow, (no_surface, foreign), room)
     reflectance *= gain
     replaced = target.copy()
     for k, factors in enumerate(gain):  # row by row: little memory
@@ -98,7 +98,7 @@ def lifted(
         replaced[k] |= (change[k] > DEEP) | ((less < -BURNT) & (image.validity[k] == Validity.CLIPPED))
     del gain, factors
     target = replaced
-    unlit, others = replace(image, rgb=reflectance), Others(foreign, shade.boards)
+    unlit = replace(image, rgb=reflectance)
     done = empty_room(unlit, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
     rgb, stays = done.image.rgb, ~target & (image.validity == Validity.VALID)
     _in_bands(partial(_lit_again, (image.rgb, rgb), change, target, stays), planes, plane, glass)

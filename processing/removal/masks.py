@@ -150,7 +150,7 @@ def _find(
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > BLOCKED
     likely = chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
-    hall = (maps.plane >= FIRST_WALL) & (chances[SceneClass.FLOOR] > BLOCKED)  # the next room's floor
+    hall = _next_floor(chances, maps, shown)
     openings = others | (maps.opening >= 0) | (known.two_networks & doors_in(chances, maps)) | hall
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
     furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
@@ -180,6 +180,12 @@ def _find(
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, hangs, notes)
+
+
+def _next_floor(chances: Floats, maps: SurfaceMaps, shown: Bytes) -> Flags:
+    """Return where (H, W) the next room's floor is seen, as far as it is likelier than furniture there."""
+    floor = chances[SceneClass.FLOOR] * (maps.plane >= FIRST_WALL)
+    return completed(floor > BLOCKED, floor * (floor > chances[SceneClass.FURNITURE]), shown)
 
 
 def _sun(

@@ -25,6 +25,7 @@ MOST_GRAIN = 0.06  # roughness above which no wall's grain is seen but curtains 
 WALL_NCC = 0.72  # of a wall's lattice: what hangs on it imitates one more easily than on a floor
 LITTLE = 0.15  # share of a floor seen under which a lattice must be as strong as on walls (chosen on two real rooms)
 LEAST_OPEN = 0.05  # share of an opening that is seen, from which it is there (chosen)
+LEAST_BARE = 0.1  # of what is seen of a wall, that must be bare for things on it to be left out (chosen)
 LEAST_TEXELS = 30  # known texels of a surface, under which it gets one colour
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
@@ -210,7 +211,7 @@ def _by_parts(
     wall, (sources, upright, things) = texture.plane.index >= FIRST_WALL, seen
     parts = upright_parts(values, (upright, things), hole, texture.px_per_m) if wall else [Part(slice(None), 0)]
     if len(parts) == 1:
-        values, sure, goes_on, how = _surface(texture, values, sources, hole, skirting)
+        values, sure, goes_on, how = _surface(texture, values, _bare(sources, things & wall), hole, skirting)
         return values, sure, np.full_like(hole, goes_on), how
     out, sure, continued = values.copy(), np.ones(hole.shape, np.float32), np.ones_like(hole)
     for columns, top in parts:
@@ -219,12 +220,18 @@ def _by_parts(
         fit = sources[part] & (np.arange(len(hole)) >= top)[:, None]
         hangs = fit.any() and things[part][fit].mean() > MOSTLY_THING
         if inside.any() and fit.sum() >= LEAST_TEXELS and not hangs:
-            own = replace(texture, density=texture.density[part])
+            own, fit = replace(texture, density=texture.density[part]), _bare(fit, things[part])
             out[part], sure[part], continued[part], _ = _surface(own, values[part], fit, inside, skirting)
         elif inside.any():
             out[part] = hanging(values[part], sources[part], inside, texture.px_per_m)
             sure[part], continued[part] = np.where(inside, SURE, 1), False
     return out, sure, continued, f"{len(parts)} parts between upright edges"
+
+
+def _bare(sources: Flags, things: Flags) -> Flags:
+    """Return what a wall is learnt from (H, W) without curtains and other ``things`` (H, W); all if little is left."""
+    bare = sources & ~things
+    return bare if bare.sum() >= max(LEAST_TEXELS, LEAST_BARE * sources.sum()) else sources
 
 
 def _surface(

@@ -25,11 +25,12 @@ from processing.stages import upright
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
-from processing.surfaces.maps import FLOOR, plane_map
+from processing.surfaces.maps import FIRST_WALL, FLOOR, plane_map
 
-FOREIGN, ANYTHING = 0.4, 0.7
+FOREIGN, ANYTHING, OTHER = 0.4, 0.7, 0.1
 """Probability of furniture, fixtures or equipment, and of these with walls and what is in them, from which a floor is
-not filled from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky)."""
+not filled from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky);
+by how much that of another plane's classes is more than of its own, from which a place is no part of it (chosen)."""
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
 CONFIDENCE_STEPS = 128  # as kept, of 0 to 1 (chosen)
 LIFT_STEP = 2.0**-10  # of log luminance as kept: a thousandth, where shade is known to a tenth (chosen)
@@ -85,17 +86,16 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), upright.known_room(context)
-    foreign, boards = _foreign(context, room, target.shape)
+    others = _others(context, room, target.shape)
     how: dict[str, Any] = {"sunlight": sunlight, "quality": quick or context.quality.value, "filler": filler}
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
-        shade = shade._replace(shadow=shadow, boards=boards)
-        found, change = lifted(image, target, room, shade, foreign=foreign, **how)
+        found, change = lifted(image, target, room, shade._replace(shadow=shadow), others=others, **how)
         return found, change, 0.0
-    gain = relit(image.rgb, shadow, (target, foreign), room)
+    gain = relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room)
     share = share_of_sphere(largest_channel(gain) > LEAST_GAIN)
     bright = replace(image, rgb=image.rgb * gain)
-    return empty_room(bright, target, room, others=Others(foreign, boards), **how), None, share
+    return empty_room(bright, target, room, others=others, **how), None, share
 
 
 def _in_part(context: StageContext) -> bool:
@@ -118,18 +118,22 @@ def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | N
     return None if mask is None else upright.mask_in_size(np.asarray(mask, bool), width_px)
 
 
-def _foreign(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> tuple[Flags | None, Floats | None]:
+def _others(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> Others:
     """Return what the network takes for furniture, fixtures (rugs) or equipment, in the target or not, or on the floor
-    for anything but floor (an open door's leaf), and the share (h, w) of skirting; None: it said nothing."""
+    for anything but floor (an open door's leaf), the share (h, w) of skirting, and what it sees of other planes."""
     kept = context.optional_artifact("room", "evidence")
     if kept is None:
-        return None, None
+        return Others()
     evidence = read_evidence(kept)
     things = evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD)
     floor = plane_map(room, Equirectangular(things.shape[1], things.shape[0])) == FLOOR
-    anything = floor * (things + evidence.share(SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR))
-    foreign = [resized(share, (shape[0], shape[1])) > p for share, p in ((things, FOREIGN), (anything, ANYTHING))]
-    return np.asarray(foreign[0] | foreign[1]), evidence.skirting
+    upright = evidence.share(SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR)
+    shares = ((things, FOREIGN), (floor * (things + upright), ANYTHING))
+    foreign = [resized(share, (shape[0], shape[1])) > p for share, p in shares]
+    plane = plane_map(room, Equirectangular(shape[1], shape[0]))
+    more = resized(upright - evidence.share(SceneClass.FLOOR), (shape[0], shape[1]))
+    unlike = ((plane == FLOOR) & (more > OTHER)) | ((plane >= FIRST_WALL) & (more < -OTHER))
+    return Others(np.asarray(foreign[0] | foreign[1]), evidence.skirting, np.asarray(unlike))
 
 
 def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> tuple[Flags, Flags]:

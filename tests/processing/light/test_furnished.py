@@ -22,6 +22,7 @@ from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import FIRST_PART, GLASS, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.removal.fill import Others
 from processing.removal.lift import Shade, lifted, light_without
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FLOOR, surface_maps
@@ -415,3 +416,14 @@ def test_estimated_distances_bring_a_standin_to_where_the_furniture_is() -> None
     by_outline, by_distance = away_m(standins_of(box_room(), seen)), away_m(standins_of(box_room(), seen, true_m))
     assert by_distance.mean() < 0.5 * by_outline.mean()
     assert np.quantile(by_distance, 0.9) < 4 * VOXEL_M
+
+
+def test_a_doors_leaf_before_the_floor_is_not_lifted_as_floor(
+    dark: tuple[LuminanceImage, Flags], found: FurnishedLight
+) -> None:
+    picture, furniture = dark
+    floor = (surface_maps(box_room(), GEOMETRY).plane == FLOOR) & ~furniture
+    leaf = floor & (np.arange(floor.shape[1]) % 32 < 16)
+    done, change = lifted(picture, furniture, box_room(), shade_of(found), others=Others(unlike=leaf), quality="draft")
+    assert np.array_equal(done.image.rgb[leaf], picture.rgb[leaf])
+    assert change[floor & ~leaf].mean() > 0.03

@@ -15,7 +15,7 @@ from processing.errors import FillerError, ParameterError, RemovalError
 from processing.ground.arrays import Flags
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, Validity
-from processing.removal.fill import empty_room
+from processing.removal.fill import Others, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.plane_fill import SURE, FilledPlane
 from processing.sphere import Equirectangular
@@ -248,3 +248,19 @@ def test_networks_that_do_not_fit_are_reported(tmp_path: Path) -> None:
         LamaFiller(onnx_file(tmp_path, mask_name="hole"))
     with pytest.raises(FillerError, match="mean"):
         LamaFiller(onnx_file(tmp_path, scale=10.0))
+
+
+def test_a_wall_learns_nothing_from_floor_that_is_seen_before_it() -> None:
+    """The room is taken for too small: its wall's foot shows orange floor, which does not glow into what is filled."""
+    image, planes, _ = painted()
+    chair, floor = patch(slice(50, 58), slice(20, 34)), patch(slice(58, 61), slice(10, 44))
+    assert (planes[floor] >= 2).all()
+    light = image.rgb.copy()
+    light[floor] *= (1.5, 1.1, 0.8)
+    off = []
+    for unlike in (floor, np.zeros_like(floor)):
+        spoilt = replace(image, rgb=light)
+        found = empty_room(spoilt, chair, box_room(), others=Others(unlike=unlike), quality="draft").image.rgb
+        assert np.array_equal(found[floor], light[floor])
+        off.append(float(np.abs(np.log(found[chair] / image.rgb[chair])).max()))
+    assert off[0] < 0.22 < 0.38 < off[1]

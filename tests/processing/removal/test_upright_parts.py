@@ -172,3 +172,24 @@ def test_the_wall_below_a_window_is_one():
     assert "parts between" not in done.how
     steps = np.abs(np.diff(np.log(done.values[-10:].mean(axis=(0, 2)))))
     assert steps.max() < 0.05, "no seam runs down to the floor"
+
+
+def test_no_wall_is_made_of_the_curtain_beside_it():
+    """Folds of a curtain repeat as patterns of walls do: on the plain wall beside it they do not go on."""
+    room = box_room(window=False)
+    plane = planes_of(room)[FIRST_WALL]
+    height, width = texture_shape(plane, PX_PER_M)
+    values, things = np.full((height, width, 3), GREY, np.float32), np.zeros((height, width), bool)
+    things[4:, 60:] = True
+    folds = 0.5 + 0.1 * np.sin(np.arange(width) * 2 * np.pi / 10) * np.ones((height, 1))
+    values[things] = (folds[..., None] * np.float32([1.0, 0.9, 0.8]))[things]
+    values = np.float32(values * np.random.default_rng(3).normal(1, 0.01, (height, width, 1)))
+    hole = np.zeros((height, width), bool)
+    hole[50:, 12:54] = True
+    seen = np.where(hole[..., None], 0, values).astype(np.float32)
+    texture = Texture(plane, PX_PER_M, seen, ~hole, np.ones((height, width), np.float32))
+    unfit = np.zeros_like(hole)
+    done, bare = (fill_plane(texture, hole, (unfit, which), room, np.float32(GREY)) for which in (things, unfit))
+    off = [np.abs(np.log(np.maximum(one.values[hole], 1e-3) / GREY)).max(axis=1) for one in (done, bare)]
+    assert np.quantile(off[0], 0.98) < 0.05
+    assert np.quantile(off[1], 0.98) > 0.2, "where nobody says that it is a curtain"

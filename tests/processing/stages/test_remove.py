@@ -15,7 +15,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
-from processing.removal.shadows import relit_gain
+from processing.removal.shadows import MOST_TINT, relit_gain
 from processing.report.sections import remove_section
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
@@ -246,3 +246,16 @@ def test_soft_shadow_is_lifted_beyond_the_target_and_the_page_says_so(tmp_path: 
     assert np.abs(np.broadcast_to(far, shape)[..., None] * (gain - 1)).max() < 0.05
     section = remove_section(picture(), np.zeros((ROWS, 2 * ROWS), bool), {"relit_share": 0.05})
     assert "5.0% of all directions" in section.text
+
+
+def test_soft_shadow_is_lifted_in_nearly_one_tint() -> None:
+    """Of a channel that falls off towards the shade, the fit beyond what is seen would make the floor blue."""
+    maps, columns = plane_map(ROOM, Equirectangular(256, 128)), np.arange(256)[None, :]
+    light = np.full((128, 256, 3), 40.0, np.float32)
+    target = (maps == FLOOR) & (np.abs(columns - 128) < 8)
+    shadow = (maps == FLOOR) & (np.abs(columns - 128) < 20) & ~target
+    light[shadow] *= (0.67, 0.6, 0.3)
+    lift = np.log2(relit_gain(light, shadow, target, ROOM))
+    assert lift.max() > 0.4
+    # The mean of three channels held so moves by a third of that at most.
+    assert np.abs(lift - lift.mean(axis=-1, keepdims=True)).max() < 4 / 3 * MOST_TINT + 0.01
