@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from processing.errors import ParameterError, PictureFileError, ProcessingError, ResultFileError
-from processing.exchange.gltf import write_scene_glb
+from processing.exchange.gltf import finely, write_scene_glb
 from processing.exchange.jpeg_files import Made, PanoramaTags, write_jpeg
 from processing.exchange.showing import Shown, made_of, photograph_of, session_shown
 from processing.ground.finished import Finished
 from processing.ground.room_model import read_room
 from processing.light.scene.scene_file import read_scene
-from processing.pictures.exr import write_exr
+from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.patch import read_shown
 from processing.pictures.radiance import write_radiance_hdr
@@ -127,9 +127,15 @@ def _models(session: Path, into: Path, done: Exported) -> None:
     if scene is not None:
         path = into / f"{session.name}_room.glb"
         try:
-            room = recorded(session, "room", "room.json", done.left_out)
-            eye_m = None if room is None else (0.0, 0.0, read_room(room).camera_height_m)
-            write_scene_glb(path, read_scene(scene), eye_m)
+            model, eye_m = read_scene(scene), None
+            if (file := recorded(session, "room", "room.json", done.left_out)) is not None:
+                room = read_room(file)
+                eye_m = (0.0, 0.0, room.camera_height_m)
+                empty = recorded(session, "remove", "empty.exr", done.left_out)
+                image = photograph_of(session) if empty is None else read_exr(empty)
+                if isinstance(image, LuminanceImage) and isinstance(image.geometry, Equirectangular):
+                    model = finely(model, image, room)
+            write_scene_glb(path, model, eye_m)
             done.files.append(path)
         except ProcessingError as error:
             done.left_out["room.gltf"] = str(error)

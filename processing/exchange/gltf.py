@@ -11,6 +11,7 @@ import json
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,10 +20,15 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Doubles, Floats, Indices, Vector
 from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
+from processing.ground.room_model import RoomModel
 from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Sun, Surface
 from processing.light.solver.sight import LEAST_AGREEMENT
+from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import write_bytes
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import planes_of
+from processing.surfaces.textures import unwrap
 
 # A binary glTF 2.0 file put together: buffers, pictures, materials, meshes; and nothing that knows of rooms.
 #
@@ -185,6 +191,8 @@ def y_up(vectors: npt.NDArray[np.floating]) -> Floats:
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)
 
 
+MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5
+"""Of the models' walls, floor and ceiling; most that detail is over its surroundings: beyond it light ends (chosen)."""
 GLASS_ALPHA = 0.15  # of a pane: what it adds of its own tint; the rest is what lies behind
 MOST_PX = 2048  # of a texture's longer side; chosen
 _STRONG = "KHR_materials_emissive_strength"
@@ -212,6 +220,32 @@ def scene_glb(scene: Scene, *, eye_m: Vector | None = None) -> bytes:
     if sun is not None and max(sun.normal_illuminance_lx) > 0:
         glb.add_sun(sun)
     return glb.data()
+
+
+def finely(scene: Scene, image: LuminanceImage, room: RoomModel) -> Scene:
+    """Return the scene with albedo of its planes as fine as the panorama shows them, up to `MODEL_PX_PER_M`.
+
+    What the light (H, W, 3) of the emptied panorama has of detail within a coarse texel is taken for albedo's.
+    """
+    import cv2
+
+    assert isinstance(image.geometry, Equirectangular)
+    planes = {plane.index: plane for plane in planes_of(room)}
+    surfaces = []
+    for one in scene.surfaces:
+        away = abs(float((np.array([0.0, 0.0, room.camera_height_m]) - one.origin_m) @ one.normal))
+        px_per_m = min(MODEL_PX_PER_M, image.rgb.shape[0] / math.pi / max(away, 0.3))
+        high, wide = one.albedo.shape[:2]
+        if one.plane in planes and px_per_m * one.width_m > 1.5 * wide:
+            seen = unwrap(image.rgb, image.geometry, room, planes[one.plane], px_per_m)
+            size = seen.values.shape[1::-1]
+            coarse = cv2.resize(cv2.resize(seen.values, (wide, high), interpolation=cv2.INTER_AREA), size)
+            detail = np.clip((seen.values + 1e-6) / (coarse + 1e-6), 1 / MOST_DETAIL, MOST_DETAIL)
+            fine = cv2.resize(one.albedo, size) * np.where(seen.known[..., None], detail, 1)
+            surfaces.append(replace(one, albedo=np.clip(fine, 0, 1).astype(np.float32)))
+        else:
+            surfaces.append(one)
+    return replace(scene, surfaces=tuple(surfaces))
 
 
 def write_scene_glb(path: Path, scene: Scene, eye_m: Vector | None = None) -> None:

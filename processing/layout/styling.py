@@ -27,9 +27,12 @@ from processing.layout.verify import Judge, Piece
 LEVELS = ("none", "light", "full")
 AIR_M = 0.06
 """Between things on a wall, and round a rug (chosen by eye, as all lengths of this file without another word)."""
+BEFORE_M = 0.3  # of a pane above its sill, before which a lamp or a vase may stand
 NEAR_WALL_M = 0.30  # what stands nearer than this to a wall is before it
 ABOVE_M, EYE_M = 0.18, 1.5
 """Art hangs this much above its host, its middle at eye height where it has none (museums: 1.45 to 1.55 m)."""
+OVER_TABLE_M, OVER_HEADS_M = 0.75, 2.05
+"""Lamps hang this high above a table (usual: 0.7 to 0.8 m), and above the floor at least."""
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
 SWING_M = 0.9  # from a wall, within which an open door's leaf may stand before it (chosen: a door's width)
@@ -43,9 +46,14 @@ def _recipe() -> dict[str, Any]:
     return tomllib.loads((files("processing.layout") / "styling.toml").read_text("utf-8"))
 
 
-def styled(one: Arrangement, plan: FloorPlan, style: str, level: str, seed: int) -> tuple[PlacedItem, ...]:
-    """Return what dresses an arrangement in its room, at most `styling.toml`'s `most` with the furniture itself."""
-    room = _Room(one, plan, np.random.default_rng([seed, one.rank]))
+def styled(
+    one: Arrangement, plan: FloorPlan, style: str, level: str, seed: int, *, bare: bool = False
+) -> tuple[PlacedItem, ...]:
+    """Return what dresses an arrangement in its room, at most `styling.toml`'s `most` with the furniture itself.
+
+    ``bare``: nothing hangs on the ceiling (`removal.rests.bare_ceiling`).
+    """
+    room = _Room(one, plan, np.random.default_rng([seed, one.rank]), bare)
     for row in _recipe()["rows"] if level != "none" else ():
         wanted = LEVELS.index(row["level"]) <= LEVELS.index(level) and style not in row.get("but", ())
         if wanted and len(one.items) + len(room.added) < _recipe()["most"]:
@@ -61,6 +69,7 @@ class _Room:
     one: Arrangement
     plan: FloorPlan
     rng: np.random.Generator
+    bare: bool
     added: list[PlacedItem] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -232,7 +241,7 @@ def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
             new = room.piece(row["what"], (w, d, h), *place(host, sign * x, y), top, host.theta_rad)
             others = (i for i in (*room.one.items, *room.added) if i.base_m > 0 and abs(i.base_m - top) < 0.3)
             shape = shapely.Polygon(outline(new, 0.01))
-            hides = h > 0.2 and any(p.edge == host.edge and top + h > p.sill_m for p in room.plan.windows)
+            hides = h > 0.2 and any(p.edge == host.edge and top + h > p.sill_m + BEFORE_M for p in room.plan.windows)
             clash = any(shape.intersects(shapely.Polygon(outline(i))) for i in others)
             if min(host.size_m[:2]) > min(w, d) and not hides and not clash:
                 yield [new]
@@ -313,6 +322,17 @@ def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
             yield [room.at_wall(row["what"], (edge, s, s + w, low, low + h), d)]
 
 
+def _ceiling(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield a lamp on a bare ceiling: low over a table, else above heads in the middle of the floor."""
+    (w, d, h), high, middle = row["size"], room.plan.ceiling_height_m, room.floor.centroid
+    spots = [(*host.t_m[:2], host.size_m[2] + OVER_TABLE_M) for host in room.hosts(row)]
+    for x, y, low in spots or [(middle.x, middle.y, max(OVER_HEADS_M, high - h))]:
+        new = room.piece(row["what"], (w, d, high - low), x, y, low, 0.0)
+        new = room.piece(row["what"], (w, d, high - low), x, y, high - new.size_m[2] - 0.002, 0.0)
+        if room.bare and new.base_m > low - 0.01 and room.floor.covers(shapely.Polygon(outline(new, AIR_M))):
+            yield [new]
+
+
 _WAYS = {
     "windows": _windows,
     "under": _under,
@@ -321,4 +341,5 @@ _WAYS = {
     "beside": _beside,
     "corner": _corner,
     "wall": _wall,
+    "ceiling": _ceiling,
 }

@@ -9,11 +9,14 @@ import numpy as np
 from scipy import ndimage
 
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
-from processing.ground.seam import components, grown, row_solid_angles
+from processing.ground.room_model import RoomModel
+from processing.ground.seam import components, grown, resized, row_solid_angles
 from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD, segments
 from processing.removal.illumination import known_mean
 from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps, planes_of
+from processing.surfaces.textures import unwrap
 
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
@@ -254,3 +257,23 @@ def _legs(gone: Flags, near: Flags, tone: Floats, bare: Flags) -> Flags:
         if reaches and tall >= high:
             found[box] |= part
     return found
+
+
+CEILING_ROWS, CEILING_PX_PER_M, APART_M, ODD, LEAST_CELLS = 512, 40.0, (0.4, 0.15), 0.2, 4
+"""How finely a ceiling is looked at; how far from its edges, and over what its light is taken; natural logarithm by
+which what hangs there differs, and least of it (chosen: of ten real rooms all nine with lamps, detectors or joints)."""
+
+
+def bare_ceiling(room: RoomModel, rgb: Floats) -> bool:
+    """Return whether nothing hangs on the ceiling: no lamp, no fan, no detector.
+
+    ``rgb`` (H, 2 H, 3): the upright panorama, linear light of any unit.
+    """
+    rows = min(len(rgb), CEILING_ROWS)
+    tone = np.log(np.maximum(resized(rgb, (rows, 2 * rows)).mean(axis=-1), 1e-6)).astype(np.float32)
+    seen = unwrap(tone, Equirectangular(2 * rows, rows), room, planes_of(room)[CEILING], CEILING_PX_PER_M)
+    edge, around = (CEILING_PX_PER_M * size_m for size_m in APART_M)
+    inner = cv2.distanceTransform(np.pad(seen.known, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1] > edge
+    odd = inner & (np.abs(seen.values - known_mean(seen.values, seen.known, around)[0]) > ODD)
+    odd = cv2.morphologyEx(odd.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    return bool(inner.any() and odd.sum() < LEAST_CELLS)

@@ -37,7 +37,7 @@ LENSES_MM = (24.0, 20.0, 18.0, 16.0)
 SENSOR_MM = 36.0  # width of full frame, on which lenses are named
 WIDE_WORTH = {24.0: 0.0, 20.0: -0.1, 18.0: -0.25, 16.0: -0.5}
 """A wider lens stretches what is at the edges: worth less. Chosen, as all worths below, by looking."""
-DROPS = (0.0, 0.08, 0.16)  # by how much of the picture's height the lens is shifted down
+DROPS = (0.0, 0.08, 0.16, 0.24)  # by how much of the picture's height the lens is shifted down
 MOST_DROP = 0.3  # of a frame that is aimed by hand: what shift lenses do (chosen)
 SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6

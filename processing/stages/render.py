@@ -1,19 +1,16 @@
 """The stage render: furniture in the calibrated picture, in cd/m2 (paper, section 6)."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.exchange.gltf import write_scene_glb
+from processing.exchange.gltf import finely, write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
-from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
@@ -33,8 +30,6 @@ from processing.stages.furnishing import furniture_parts
 from processing.stages.materials import emptied
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, RenderParameters
 from processing.stages.upright import known_room
-from processing.surfaces.maps import planes_of
-from processing.surfaces.textures import unwrap
 
 QUALITY = {
     "draft": EFFORTS["draft"],
@@ -44,8 +39,6 @@ QUALITY = {
 _PLACED: Any = {"id", "category", "model", "size_m", "theta_rad", "t_m"}
 _SHOWN: Any = {"rank": True, "items": {"__all__": _PLACED}, "not_placed": True}
 """Of an arrangement, what its picture and facts depend on."""
-MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5
-"""Of the models' walls, floor and ceiling; most that detail is over its surroundings: beyond it light ends (chosen)."""
 
 
 def nothing_to_render(context: StageContext) -> str | None:
@@ -91,12 +84,12 @@ def run(context: StageContext) -> StageOutput:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
     work = cache(partial(_work, context, asked, effort))
     plan = plan_from_mapping(arranged.plan, where="arrangement")
-    alternatives: list[Any] = []
-    units = ""
+    bare = bool(context.summary("detect").get("metrics", {}).get("ceiling_bare"))
+    alternatives, units = list[Any](), ""
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
         style = asked.style or STYLES[(asked.seed + number) % len(STYLES)]
-        added = styled(one, plan, style, asked.styling, asked.seed)
+        added = styled(one, plan, style, asked.styling, asked.seed, bare=bare)
         name = f"staged-{number + 1}"
         own: dict[str, Any] = {"style": style, "effort": repr(effort), "quality": context.quality}
         own |= {"method": asked.method, "seed": asked.seed, "of": one.model_dump(mode="json", include=_SHOWN)}
@@ -137,30 +130,6 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Wo
     folder = asked.furniture
     model = finely(bare.stage.scene, empty.image, room)
     return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder), model)
-
-
-def finely(scene: Scene, image: LuminanceImage, room: RoomModel) -> Scene:
-    """Return the scene with albedo of its planes as fine as the panorama shows them, up to `MODEL_PX_PER_M`.
-
-    What the light (H, W, 3) of the emptied panorama has of detail within a coarse texel is taken for albedo's.
-    """
-    planes = {plane.index: plane for plane in planes_of(room)}
-    surfaces = []
-    for one in scene.surfaces:
-        away = abs(float((np.array([0.0, 0.0, room.camera_height_m]) - one.origin_m) @ one.normal))
-        px_per_m = min(MODEL_PX_PER_M, image.rgb.shape[0] / math.pi / max(away, 0.3))
-        high, wide = one.albedo.shape[:2]
-        if one.plane in planes and px_per_m * one.width_m > 1.5 * wide:
-            assert isinstance(image.geometry, Equirectangular)
-            seen = unwrap(image.rgb, image.geometry, room, planes[one.plane], px_per_m)
-            size = seen.values.shape[1::-1]
-            coarse = cv2.resize(cv2.resize(seen.values, (wide, high), interpolation=cv2.INTER_AREA), size)
-            detail = np.clip((seen.values + 1e-6) / (coarse + 1e-6), 1 / MOST_DETAIL, MOST_DETAIL)
-            fine = cv2.resize(one.albedo, size) * np.where(seen.known[..., None], detail, 1)
-            surfaces.append(replace(one, albedo=np.clip(fine, 0, 1).astype(np.float32)))
-        else:
-            surfaces.append(one)
-    return replace(scene, surfaces=tuple(surfaces))
 
 
 def _alternative(

@@ -271,3 +271,18 @@ def test_a_session_whose_every_picture_is_damaged_says_so(session: Path, tmp_pat
     done = export(session, tmp_path / "out", ("exr",))
     assert not done.files
     assert set(done.left_out) == {path.as_posix() for path in pictures}
+
+
+def test_the_rooms_model_has_the_panoramas_detail(session: Path, tmp_path: Path) -> None:
+    """Its walls have 220 pixels a metre where the panorama has them (here 800 / pi / distance), not the albedo's 50."""
+    albedo = scene_of(box_room(), uniform_sky(), albedo=lambda _: np.full((20, 30, 3), 0.5, np.float32))
+    write_scene(session / "stages" / "materials" / "scene.npz", albedo)
+    write_exr(session / "stages" / "remove" / "empty.exr", picture(120.0, rows=800))
+    (session / "stages" / "room" / "room.json").parent.mkdir(exist_ok=True)
+    (session / "stages" / "room" / "room.json").write_text(box_room().model_dump_json())
+    finish_all(session)
+    done = export(session, tmp_path / "out", ("gltf",))
+    wall = next(s for s in albedo.surfaces if s.name == "wall-2")
+    away_m = abs(float((np.array([0.0, 0.0, box_room().camera_height_m]) - wall.origin_m) @ wall.normal))
+    texture = trimesh.load(done.files[0]).geometry["wall-2"].visual.material.baseColorTexture
+    assert texture.size[0] / wall.width_m == pytest.approx(min(220, 800 / np.pi / away_m), rel=0.02)

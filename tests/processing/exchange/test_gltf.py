@@ -14,12 +14,12 @@ import pytest
 import trimesh
 from PIL import Image
 
-from processing.exchange.gltf import scene_glb, write_scene_glb
+from processing.errors import ParameterError
+from processing.exchange.gltf import finely, scene_glb, write_scene_glb
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.scene import Part, Scene, Sun
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, directions
-from processing.stages.render import finely
 from processing.surfaces.maps import surface_maps
 from studio.build import node_and_npm
 from tests.processing.light.rooms import box, box_room, scene_of, uniform_sky

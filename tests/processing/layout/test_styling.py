@@ -80,3 +80,18 @@ def test_styles_have_designs_of_their_own() -> None:
     for number, one in enumerate(STYLES):
         assert differing(one, one) == 0.0
         assert all(differing(one, other) > 0.7 for other in STYLES[:number])
+
+
+def test_a_lamp_hangs_low_over_a_table_else_above_heads_and_not_where_one_hangs(solved: Arrangement) -> None:
+    assert not [i for i in styled(solved, PLAN, "classic", "light", 0) if i.category == "pendant"]
+    (lamp,) = [i for i in styled(solved, PLAN, "classic", "light", 0, bare=True) if i.category == "pendant"]
+    assert lamp.base_m + lamp.size_m[2] == pytest.approx(PLAN.ceiling_height_m, abs=0.003)
+    tables = [i for i in solved.items if i.category == "dining table"]
+    if tables:
+        assert lamp.t_m[:2] == pytest.approx(tables[0].t_m[:2])
+        assert 0.6 < lamp.base_m - tables[0].size_m[2] < 0.9
+    else:
+        assert lamp.t_m[:2] == pytest.approx((2.3, 2.0))
+        assert lamp.base_m > 2.0
+    low = replace(PLAN, ceiling_height_m=2.15)
+    assert tables or not [i for i in styled(solved, low, "classic", "light", 0, bare=True) if i.category == "pendant"]

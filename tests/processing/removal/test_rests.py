@@ -3,11 +3,12 @@
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.seam import grown
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.rests import rests_beside, torn_glare
+from processing.removal.rests import bare_ceiling, rests_beside, torn_glare
 from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import FLOOR
-from tests.processing.removal.test_whole_things import MAPS, NONE, ROWS, box, grey_room
+from processing.surfaces.maps import CEILING, FLOOR
+from tests.processing.removal.test_whole_things import MAPS, NONE, ROOM, ROWS, box, grey_room
 
 TABLE = box(150, 190, 240, 280)
 FLOOR_BESIDE = box(195, 215, 280, 300)
@@ -122,3 +123,16 @@ def test_a_windows_reflection_that_furniture_cuts_goes_whole() -> None:
     light[np.isfinite(light)] = np.nan
     assert not torn_glare(gone, light, floor & ~gone).any()
     assert not torn_glare(gone, light, NONE).any()
+
+
+def test_a_ceiling_is_bare_without_lamp_joints_or_detector_whatever_its_light() -> None:
+    rows, columns = np.indices((ROWS, 2 * ROWS))
+    light = grey_room() * np.exp(0.8 * np.cos(columns / ROWS * np.pi) * np.sin(rows / ROWS * np.pi))[..., None]
+    assert bare_ceiling(ROOM, light.astype(np.float32))
+    lamp = light.copy()
+    lamp[40:48, 250:262] *= 0.6
+    assert (MAPS.plane[40:48, 250:262] == CEILING).all()
+    assert not bare_ceiling(ROOM, lamp.astype(np.float32))
+    cornice = light.copy()
+    cornice[(MAPS.plane == CEILING) & grown(MAPS.plane != CEILING, 0.04)] *= 0.6
+    assert bare_ceiling(ROOM, cornice.astype(np.float32))
