@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -95,3 +96,19 @@ def test_a_lamp_hangs_low_over_a_table_else_above_heads_and_not_where_one_hangs(
         assert lamp.base_m > 2.0
     low = replace(PLAN, ceiling_height_m=2.15)
     assert tables or not [i for i in styled(solved, low, "classic", "light", 0, bare=True) if i.category == "pendant"]
+
+
+@pytest.mark.parametrize(("high", "lit"), [(0.5, True), (0.85, False)])
+def test_a_lamp_may_stand_before_the_foot_of_a_pane_and_no_more(solved: Arrangement, high: float, lit: bool) -> None:
+    """A bedside lamp of 0.44 m below a window from 0.9 m up: 4 cm before the pane, or 39."""
+    beside = PlacedItem(
+        id="nightstand",
+        category="nightstand",
+        size_m=(0.5, 0.4, high),
+        base_m=0.0,
+        theta_rad=math.pi,
+        t_m=(2.6, 3.8, 0.0),
+        edge=2,
+    )
+    one = solved.model_copy(update={"items": (beside,)})
+    assert any(i.category == "table lamp" for i in styled(one, PLAN, "classic", "light", 0)) == lit

@@ -22,6 +22,7 @@ from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.report.stills import (
+    DROPS,
     FEWEST,
     LENSES_MM,
     MOST,
@@ -266,3 +267,10 @@ def test_stills_of_an_alternative_that_has_not_changed_are_kept_and_its_picture_
     unlabelled = StillsParameters(no_staged_label=True)
     run(replace(given, fetch=fetch, parameters=unlabelled))
     assert "staged-1" in read
+
+
+def test_a_piece_near_the_camera_is_whole_where_the_lens_is_shifted_further_down() -> None:
+    """A low bench 2.5 m away: at 24 mm only the largest shift has its feet in the picture."""
+    bench = piece("bench", 0.0, 2.5, (0.9, 0.4, 0.5))
+    whole = [_seen(Frame(0.0, 24.0, drop), _pieces((bench,)), ROOM)[0] == 1 for drop in DROPS]
+    assert whole == [False, False, False, True]
