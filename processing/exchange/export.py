@@ -127,15 +127,15 @@ def _models(session: Path, into: Path, done: Exported) -> None:
     if scene is not None:
         path = into / f"{session.name}_room.glb"
         try:
-            model, eye_m = read_scene(scene), None
+            made, eye_m = read_scene(scene), None
             if (file := recorded(session, "room", "room.json", done.left_out)) is not None:
                 room = read_room(file)
                 eye_m = (0.0, 0.0, room.camera_height_m)
                 empty = recorded(session, "remove", "empty.exr", done.left_out)
                 image = photograph_of(session) if empty is None else read_exr(empty)
                 if isinstance(image, LuminanceImage) and isinstance(image.geometry, Equirectangular):
-                    model = finely(model, image, room)
-            write_scene_glb(path, model, eye_m)
+                    made = finely(made, image, room)
+            write_scene_glb(path, made, eye_m)
             done.files.append(path)
         except ProcessingError as error:
             done.left_out["room.gltf"] = str(error)
