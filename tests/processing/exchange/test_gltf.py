@@ -14,7 +14,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from processing.errors import ParameterError
 from processing.exchange.gltf import finely, scene_glb, write_scene_glb
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.scene import Part, Scene, Sun
