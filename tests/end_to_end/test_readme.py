@@ -41,6 +41,8 @@ NEEDED = {
     "simulate rooms": "renders twenty generated rooms for an hour (tests/station/simulate)",
     "models get": "fetches a file from the net",
     "process --panorama": "a whole run more (tests/processing/running)",
+    "import desk": "needs the bracket of a fisheye (tests/processing/commands/test_one_side.py)",
+    "process SESSION --eye-lens": "the same",
 }
 """README's commands that are not run here, by how they begin, and why."""
 HALF_PX = 210

@@ -102,7 +102,7 @@ def test_every_kind_of_damage_is_reported(folder: Path) -> None:
     assert report.new == ("2-hall/note.txt",)
     result = " ".join(report.problems)
     assert "room kitchen is in" in result
-    assert "3-attic: in the index" in result
+    assert "3-attic: listed in the index" in result
     assert "another index.csv" in result
 
 
