@@ -33,6 +33,7 @@ ABOVE_M, EYE_M = 0.18, 1.5
 """Art hangs this much above its host, its middle at eye height where it has none (museums: 1.45 to 1.55 m)."""
 OVER_TABLE_M, OVER_HEADS_M = 0.75, 2.05
 """Lamps hang this high above a table (usual: 0.7 to 0.8 m), and above the floor at least."""
+OVER_CAMERA_M = 1.0  # from the camera: what hangs nearer above it covers the top of the panorama
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
 SWING_M = 0.9  # from a wall, within which an open door's leaf may stand before it (chosen: a door's width)
@@ -327,6 +328,8 @@ def _ceiling(room: _Room, row: Mapping[str, Any]) -> Groups:
     (w, d, h), high, middle = row["size"], room.plan.ceiling_height_m, room.floor.centroid
     spots = [(*host.t_m[:2], host.size_m[2] + OVER_TABLE_M) for host in room.hosts(row)]
     for x, y, low in spots or [(middle.x, middle.y, max(OVER_HEADS_M, high - h))]:
+        if any(math.dist((x, y), eye) < OVER_CAMERA_M for eye in room.plan.keep_free):
+            continue
         new = room.piece(row["what"], (w, d, high - low), x, y, low, 0.0)
         new = room.piece(row["what"], (w, d, high - low), x, y, high - new.size_m[2] - 0.002, 0.0)
         if room.bare and new.base_m > low - 0.01 and room.floor.covers(shapely.Polygon(outline(new, AIR_M))):

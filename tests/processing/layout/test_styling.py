@@ -94,6 +94,9 @@ def test_a_lamp_hangs_low_over_a_table_else_above_heads_and_not_where_one_hangs(
     else:
         assert lamp.t_m[:2] == pytest.approx((2.3, 2.0))
         assert lamp.base_m > 2.0
+    eye = replace(PLAN, keep_free=((lamp.t_m[0] + 0.6, lamp.t_m[1]),))
+    above = styled(solved, eye, "classic", "light", 0, bare=True)
+    assert not [i for i in above if i.category == "pendant"], "it would fill the panorama's top"
     low = replace(PLAN, ceiling_height_m=2.15)
     assert tables or not [i for i in styled(solved, low, "classic", "light", 0, bare=True) if i.category == "pendant"]
 
