@@ -20,19 +20,8 @@ from processing.errors import AlbedoError
 from processing.ground.arrays import Doubles, Flags, Floats, Vector, weighted_median
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import resized
-from processing.light.scene import room_light
+from processing.light.scene import room_light, sources
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, plain, shell_of
-from processing.light.scene.sources import (
-    Lamp,
-    find_lamps,
-    measured_windows,
-    near_sun,
-    open_sun,
-    sun_note,
-    sun_strength,
-    under_share,
-    windows_from_inside,
-)
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import Sight, albedo_of, sight_of
 from processing.light.solver.stage import Stage
@@ -72,7 +61,7 @@ class RoomAlbedo:
     """By opening."""
     gloss: float
     """How much of full varnish the floor mirrors, 0 to 1; it is taken out of its albedo."""
-    lamps: tuple[Lamp, ...]
+    lamps: tuple[sources.Lamp, ...]
     """What gives light by itself, the strongest first; its light is in the scene."""
     notes: tuple[str, ...]
 
@@ -130,13 +119,13 @@ def albedo_of_room(
         stage, said = _sun_as_seen(stage, flat, gathered.sky, due, sight, valid.ravel() & ~highlight)
         notes += said
     sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
-    full = open_sun(stage, sight)
+    full = sources.open_sun(stage, sight)
     value, whole, measured = _values(
         flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
     )
     made_up = np.zeros(sight.shape) if filled is None else resized(filled.astype(np.float32), sight.shape)
-    usable = ~near_sun(stage, sight) & (made_up.ravel() == 0)
-    emission, lamps = find_lamps(flat, whole, _usual(value, sight, measured), sight, usable)
+    usable = ~sources.near_sun(stage, sight) & (made_up.ravel() == 0)
+    emission, lamps = sources.find_lamps(flat, whole, _usual(value, sight, measured), sight, usable)
     measured &= ~emission.any(axis=1)
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
     doubt = np.where(measured, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
@@ -188,11 +177,11 @@ def lit_stage(
     eye = (0.0, 0.0, room.camera_height_m)
     stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK), parts), texel_m)
     if outdoors is None:
-        lit = stage.under(stage.scene.outdoors, windows_from_inside(stage, rgb, eye))
+        lit = stage.under(stage.scene.outdoors, sources.windows_from_inside(stage, rgb, eye))
         note = "no picture of the sky: window light is taken as seen from inside, and transmittance is unknown"
         return lit, {}, (note,) if panes else ()
     sight = sight_of(stage, Equirectangular(2 * rgb.shape[0], rgb.shape[0]), eye)
-    clear, measured, known = measured_windows(stage, sight, rgb, valid, eye)
+    clear, measured, known = sources.measured_windows(stage, sight, rgb, valid, eye)
     note = "the windows' transmittance cannot be measured: double glazing is assumed"
     notes = () if known or not panes else (note,)
     return stage.under(measured, clear), {pane.opening: pane.transmittance for pane in clear}, notes
@@ -236,7 +225,7 @@ def _without_gloss(
         return rgb, highlight, 0.0
     mirror, window = room_light.mirrored(stage, gathered.light, sight, floor)
     part = math.pi / irradiance[floor].astype(np.float64)
-    sunny = near_sun(stage, sight)[floor]
+    sunny = sources.near_sun(stage, sight)[floor]
     gloss = room_light.gloss_factor(part * rgb[floor], part * mirror, valid[floor] & ~window & ~sunny)
     rgb[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
     highlight[floor] = (gloss * mirror > room_light.MOST_SHARE * picture.reshape(-1, 3)[floor]).any(axis=1)
@@ -247,13 +236,13 @@ def _sun_as_seen(
     stage: Stage, rgb: Doubles, sky: Floats, sun: Floats, sight: Sight, valid: np.ndarray
 ) -> tuple[Stage, tuple[str, ...]]:
     """Return the stage under the strength of its overexposed sun that its patches show, and notes (see `_values`)."""
-    weights, near, seen = np.asarray(LUMINANCE_WEIGHTS), near_sun(stage, sight), sight.solid & valid
+    weights, near, seen = np.asarray(LUMINANCE_WEIGHTS), sources.near_sun(stage, sight), sight.solid & valid
     usual = _usual(math.pi * rgb / np.maximum(sky, 1e-9), sight, seen & ~near & (sky > 0).all(axis=1))
     area = solid_angles(Equirectangular(sight.shape[1], sight.shape[0])).ravel()
     parts = ((one @ weights * area)[seen & near] for one in (math.pi * rgb, usual * sky, usual * sun))
-    share = sun_strength(stage.scene.outdoors.sun, *parts)
-    outdoors = under_share(stage.scene.outdoors, share)
-    return stage.under(outdoors, stage.scene.panes), sun_note(stage.scene.outdoors.sun, share)
+    share = sources.sun_strength(stage.scene.outdoors.sun, *parts)
+    outdoors = sources.under_share(stage.scene.outdoors, share)
+    return stage.under(outdoors, stage.scene.panes), sources.sun_note(stage.scene.outdoors.sun, share)
 
 
 def _values(

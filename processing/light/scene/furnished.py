@@ -16,19 +16,10 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
+from processing.light.scene import sources
 from processing.light.scene.albedo import LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene
-from processing.light.scene.sources import (
-    LAMP_TIMES,
-    brightened,
-    near_sun,
-    open_sun,
-    places_near_sun,
-    sun_note,
-    sun_strength,
-    under_share,
-)
 from processing.light.solver.irradiance import Effort, cleaned, evened, gathered
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import FIRST_PART, GLASS, Sight, sight_of
@@ -108,7 +99,7 @@ def furnished_light(
     standin_m = np.where(everything.label >= FIRST_PART, everything.distance_m, 0).astype(np.float32)
     shown = _shown(full, rgb, everything, _consistent(everything, mask, gone), eye, seed)
     if outdoors is None and (everything.label == GLASS).any():
-        full, strength = brightened(full, shown.given, shown.known, effort.patch_samples, seed)
+        full, strength = sources.brightened(full, shown.given, shown.known, effort.patch_samples, seed)
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, measured = _measured(full, bare, shown, effort, seed)
     both = _both_lights(full, bare, shown, room, rows, effort, seed)
@@ -181,7 +172,7 @@ def _measured(
     sky = skylight(full, patch_points(full, few, (seed, 73)), normals, few, (seed, 74))
     sun = sunlight(full, patch_points(full, few, (seed, 75)), normals, few, (seed, 76))
     shell = np.arange(full.patches.count) < bare.patches.count
-    zone = places_near_sun(full, points[:, 0], normals) | (sun @ WEIGHTS > 0)
+    zone = sources.places_near_sun(full, points[:, 0], normals) | (sun @ WEIGHTS > 0)
     albedo, share = np.full(sky.shape, 0.5), 1.0
     exitance, level = np.zeros(sky.shape), sky + share * sun + shown.given[shell].mean(axis=0)
     for _ in range(ROUNDS):
@@ -192,18 +183,20 @@ def _measured(
         apparent = shown.reflects / np.maximum(shade, 1e-9)
         known = shown.known & ~zone & (shade @ WEIGHTS > DARK_SHARE * float(np.median(shade @ WEIGHTS)))
         usual = np.median(apparent[known & shell], axis=0) if (known & shell).any() else np.full(3, 0.5)
-        shines = known & shell & (apparent @ WEIGHTS > LAMP_TIMES)
+        shines = known & shell & (apparent @ WEIGHTS > sources.LAMP_TIMES)
         exitance = np.where(shines[:, None], np.maximum(shown.reflects - usual * level, 0), 0)
         albedo = _everywhere(full, np.where(shines[:, None], usual, apparent), known)
         # As much sun as the picture shows, on whatever: what holds it back besides furniture (trees, slats, sashes) no
         # model knows; nor by how much its windows are too small.
         over, matte, due = (one @ WEIGHTS * area for one in (shown.given, albedo * shade, albedo * sun))
-        share = sun_strength(full.scene.outdoors.sun, *(np.where(shown.seen & zone, v, 0) for v in (over, matte, due)))
+        share = sources.sun_strength(
+            full.scene.outdoors.sun, *(np.where(shown.seen & zone, v, 0) for v in (over, matte, due))
+        )
     count = bare.patches.count
-    outdoors = under_share(full.scene.outdoors, share)
+    outdoors = sources.under_share(full.scene.outdoors, share)
     among = replace(full, albedo=albedo, exitance=exitance).under(outdoors, full.scene.panes)
     without = replace(bare, albedo=albedo[:count], exitance=exitance[:count]).under(outdoors, bare.scene.panes)
-    return among, without, (f"{int(shines.sum())} patches of lamps", *sun_note(full.scene.outdoors.sun, share))
+    return among, without, (f"{int(shines.sum())} patches of lamps", *sources.sun_note(full.scene.outdoors.sun, share))
 
 
 def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
@@ -241,7 +234,7 @@ def _as_shown(full: Stage, bare: Stage, shown: _Shown, samples: int, seed: int) 
     """
     among, without = (light_map(stage, samples, seed) for stage in (full, bare))
     model = full.albedo * among.rest
-    smooth = np.minimum(shown.given, LAMP_TIMES * model)
+    smooth = np.minimum(shown.given, sources.LAMP_TIMES * model)
     gain = np.clip(smooth / np.maximum(model, 1e-9), 1 / MOST_RATIO, MOST_RATIO)
     usual = np.median(gain[shown.seen], axis=0) if shown.seen.any() else np.ones(3)
     gain = np.where(shown.seen[:, None], gain, usual)
@@ -292,10 +285,10 @@ SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, 
 
 def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags) -> Floats:
     """Return the direct sun (N, 3), lx, of pixels that show it: whether they do is what fits their surface better."""
-    near = near_sun(bare, large)
+    near = sources.near_sun(bare, large)
     if not near.any():
         return np.zeros((len(near), 3), np.float32)
-    full = open_sun(bare, large)
+    full = sources.open_sun(bare, large)
     luminance, level = rgb.reshape(-1, 3) @ WEIGHTS, np.maximum(light_lx @ WEIGHTS, 1e-9)
     shaded = math.pi * luminance / level
     usual = np.full(len(near), 0.5)
