@@ -11,6 +11,7 @@ import pytest
 import daylit
 import processing.pipeline
 from processing.commands.process import PlainView, TerminalView, process, stage_view
+from processing.running import runner
 from processing.running.results import RunEvent, RunEventKind
 from station.commands.views import answer, numbers, printable
 from tests.processing.running.toy_stages import TOTAL, TOYS
@@ -23,8 +24,6 @@ def _toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processing.pipeline, "STAGES", TOYS)
     monkeypatch.setattr(processing.pipeline.options, "__defaults__", (TOYS,))
     monkeypatch.setattr(processing.pipeline.trades, "__defaults__", (TOYS,))
-    from processing.running import runner
-
     monkeypatch.setitem(runner.process.__kwdefaults__, "stages", TOYS)
 
 
