@@ -44,10 +44,11 @@ demo: $(VENV)/.core $(VENV)/.web
 	$(BIN)/daylit demo
 
 ## make test      set up, then run all tests
-# Kernels first, once: workers that need the same ones at the same time would each compile them.
+# Kernels first, once: workers that need the same ones at the same time would each compile them. Files stay whole, in
+# their order: what a file's tests share (a demo, a profile of a rig, a room's light) is made by one worker.
 test: $(VENV)/.dev $(VENV)/.web
 	$(RUN) -c "from processing.ground.kernels import load_kernels; load_kernels()"
-	$(RUN) -m pytest -n 2 --dist worksteal
+	$(RUN) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 ## make check     format, lint, types, layers
 check: $(VENV)/.dev $(VENV)/.web

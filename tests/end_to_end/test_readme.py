@@ -12,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -193,15 +194,19 @@ def test_each_command_of_the_readme_is_run_or_says_why_not() -> None:
     assert sum(not_run(one) is None for one in commands) >= 9
 
 
-def test_the_readmes_commands_run_as_written(demo: Made) -> None:
+def test_the_readmes_commands_run_as_written(
+    demo: Made, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In this process, which has imported what they need; the demo, and tests of commands, start programs."""
     here = demo.folder / "office"
     for name, source in (("rig/chart", "rig/*_chart"), ("rig/sphere", "rig/*_sphere"), (SESSION, "*_room")):
         (found,) = (demo.folder / "demo").glob(source)
         shutil.copytree(found, here / name)
-    run("choices", SESSION, "site=40.44,-79.99", "heading=120", cwd=here)  # which the simple room does not say
-    for command in readme():
-        if not_run(command) is None and command not in ("process", "verify"):
-            run(*shlex.split(command), cwd=here)
+    monkeypatch.chdir(here)
+    monkeypatch.setattr(webbrowser, "open", lambda *_: True)
+    where = f"choices {SESSION} site=40.44,-79.99 heading=120"  # which the simple room does not say
+    for command in (where, *(one for one in readme() if not_run(one) is None and one not in ("process", "verify"))):
+        assert daylit.main(shlex.split(command)) == 0, (command, capsys.readouterr())
     name = Path(SESSION).name
     for made in (
         *("rig.toml", "lab.json", f"{name}-export/{name}_staged-1.jpg", f"{name}-export/{name}_room.glb"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,14 +21,15 @@ from mocks.worlds.simple_room import SimpleRoom
 from mocks.worlds.sky import SimpleSky
 from processing.calibration.profile import RigProfile, load_profile, save_profile
 from station.session.session import Side
+from tests.processing.commands.rigs import fitted_once
 
-SMALL = 12
-"""Of the frames' size."""
+SMALL, SMALLER = 12, 16
+"""Of the frames' size: the rig's, whose chart must be found, and the session's."""
 INDOOR, OUTDOOR = Side.INDOOR, Side.OUTDOOR
 RAW = {INDOOR: 1 / 1.5, OUTDOOR: 1.0}
 """The indoor camera's raw files are 1.5 times as bright as its JPEGs: k2 of one is none of the other."""
 OFF = {"linear": 0.02, "profile": 0.05}
-"""Of the sky's illuminance, by frames; 0.3 and 3.1 % are found, and with the other frames' k2 it would be 50 %."""
+"""Of the sky's illuminance, by frames; 1.0 and 1.9 % are found, and with the other frames' k2 it would be 50 %."""
 SKY = SimpleSky(sun_luminance_cd_m2=0.0)
 
 
@@ -68,14 +70,15 @@ def sky_lux() -> float:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("rig")
     write_session(folder / "chart", Taken(PaperedRoom(), SMALL, stops_s=CHART_STOPS_S, raw=RAW))
     write_session(folder / "room", Taken(SimpleRoom(3), SMALL, (INDOOR,), stops_s=DENSE_STOPS_S))
     write_session(folder / "plain", Taken(PaperedRoom(), SMALL, (OUTDOOR,), nd=False, stops_s=DENSE_STOPS_S, raw=RAW))
     write_session(folder / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), raw=RAW))
-    write_session(folder / "session", Taken(UnderTheSky(), SMALL, raw=RAW, seed=1))
-    return folder
+    write_session(folder / "session", Taken(UnderTheSky(), SMALLER, raw=RAW, seed=1))
+    with fitted_once():
+        yield folder
 
 
 def calibrated(rig: Path, chart: str, into: str) -> RigProfile:
