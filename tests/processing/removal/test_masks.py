@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR
+from tests.conftest import LONG
 from tests.processing.removal.painted_room import SUN, Painted, evidence_of, iou, paint
 
 
@@ -175,16 +177,22 @@ def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) ->
     assert (found.furniture & fixture).sum() < 0.1 * fixture.sum()
 
 
-@pytest.mark.parametrize("networks", [1, 2])
+FIXED = {
+    "radiator": ((150, 185), (380, 430)),
+    "air conditioner": ((100, 116), (300, 340)),
+    "kitchen": ((115, 190), (120, 260)),
+}
+"""By name, between which rows and columns."""
+
+
+@pytest.mark.sweep
 @pytest.mark.parametrize(
-    ("rows", "columns"),
-    [((150, 185), (380, 430)), ((100, 116), (300, 340)), ((115, 190), (120, 260))],
-    ids=["radiator", "air conditioner", "kitchen"],
+    ("name", "networks"),
+    itertools.product(FIXED, (1, 2)) if LONG else [("radiator", 2), ("air conditioner", 1), ("kitchen", 1)],
 )
-def test_what_is_fixed_to_the_building_stays(
-    painted: Painted, rows: tuple[int, int], columns: tuple[int, int], networks: int
-) -> None:
+def test_what_is_fixed_to_the_building_stays(painted: Painted, name: str, networks: int) -> None:
     """A radiator before a wall, an air conditioner on it, a kitchen along it down to the floor: fixtures all."""
+    rows, columns = FIXED[name]
     fixed = np.zeros_like(painted.furniture)
     fixed[slice(*rows), slice(*columns)] = True
     fixed &= ~grown(painted.furniture, math.radians(3))

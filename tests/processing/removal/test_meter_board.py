@@ -14,6 +14,7 @@ from processing.removal.masks import find_masks
 from processing.removal.tripod import meter_board
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import FLOOR
+from tests.conftest import LONG
 from tests.processing.removal.painted_room import evidence_of, paint
 from tests.processing.room.evidence import picture_of
 
@@ -170,7 +171,8 @@ def test_masks_take_the_board_with_the_tripod_and_say_so() -> None:
     assert any("meter's board" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("times", [1, 2, 4, 8])
+@pytest.mark.sweep
+@pytest.mark.parametrize("times", [1, 2, 4, 8] if LONG else [1, 8])
 def test_board_and_stand_are_one_object_whatever_the_pictures_size(times: int) -> None:
     """The same wall, board and stand in panoramas of 256 to 2048 rows, with noise of each size's own pixels."""
     level, board, pole, target = picture(40.0, -12.0)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from processing.report import plots, states
 from processing.report.data import Card, Cards, Section
 from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
@@ -32,6 +33,13 @@ def with_stills(folder: Path, found: Results) -> StageContext:
     made = frame(replace(first, folder=stills, parameters=StillsParameters())).artifacts
     (stills / "stills.json").write_text(json.dumps(made["stills"]))
     return context(folder, {**found, "stills": {"display": made["display"], "stills": made["stills"]}})
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Views of a fifth of the size and plots not drawn, where nobody looks at either: two thirds of a page's time."""
+    monkeypatch.setattr(states, "VIEW_PX", (300, 200))
+    monkeypatch.setattr(plots, "svg_bytes", lambda _figure: b'<svg xmlns="http://www.w3.org/2000/svg"/>')
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +68,7 @@ def test_pictures_come_with_statement_original_and_full_size(staged: StageContex
     assert build_client_page(data) == page
 
 
+@pytest.mark.usefixtures("small")
 def test_time_is_the_places_own_and_fields_hold_numbers_that_browsers_read(staged: StageContext) -> None:
     noon = datetime(2026, 7, 1, 16, 30, tzinfo=UTC)
     there = staged.session.site.model_copy(update={"latitude_deg": 40.44, "longitude_deg": -79.99})
@@ -72,6 +81,7 @@ def test_time_is_the_places_own_and_fields_hold_numbers_that_browsers_read(stage
     assert re.findall(r'type="number"[^>]*value="([^"]*)"', bright) == ["2e-05", "30000"]
 
 
+@pytest.mark.usefixtures("small")
 def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Path) -> None:
     found = results(alternatives=1)
     room = found["room"]["room"]
@@ -87,6 +97,7 @@ def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Pa
     assert not any(still.statement for still in plain.stills)
 
 
+@pytest.mark.usefixtures("small")
 @pytest.mark.parametrize(
     ("skipped", "left_out", "said"),
     [
@@ -118,6 +129,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
     assert len(removed) == ("remove" not in skipped), "its sentences depend on what was done"
 
 
+@pytest.mark.usefixtures("small")
 def test_without_any_still_the_page_stands(tmp_path: Path) -> None:
     given = context(tmp_path, without(results(), "render", "arrange", "materials"))
     page = build_client_page(client_data(*_both(given)))
@@ -133,6 +145,7 @@ def _with_room(found: Results, room: object, confidence: float) -> Results:
     return {**found, "room": {**found["room"], "room": changed}}
 
 
+@pytest.mark.usefixtures("small")
 def test_the_slider_shows_one_states_day_and_no_lone_hour_has_one(staged: StageContext) -> None:
     data = client_data(staged, report_data(staged))
     assert data.day is None
