@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,20 +33,18 @@ from processing.rig.calibrate import one_colour
 from processing.rig.camera_fit import CameraFit, read_side
 from processing.sphere import Equirectangular
 from station.session.session import Side
-from tests.processing.commands.rigs import fitted_once
 
 SMALL = 12
 """Of the frames' size: with smaller ones no view shows the chart surely, and all are searched."""
 
 
 @pytest.fixture(scope="module")
-def sessions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     write_session(folder / "chart", Taken(ChartRoom(0), SMALL, stops_s=CHART_STOPS_S))
     write_session(folder / "room", Taken(SimpleRoom(3), SMALL, (Side.INDOOR,), stops_s=DENSE_STOPS_S))
     write_session(folder / "plain", Taken(ChartRoom(0), SMALL, (Side.OUTDOOR,), nd=False, stops_s=DENSE_STOPS_S))
-    with fitted_once():
-        yield folder
+    return folder
 
 
 def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +20,6 @@ from mocks.worlds.simple_room import SimpleRoom
 from mocks.worlds.sky import SimpleSky
 from processing.calibration.profile import RigProfile, load_profile, save_profile
 from station.session.session import Side
-from tests.processing.commands.rigs import fitted_once
 
 SMALL, SMALLER = 12, 16
 """Of the frames' size: the rig's, whose chart must be found, and the session's."""
@@ -70,15 +68,14 @@ def sky_lux() -> float:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     write_session(folder / "chart", Taken(PaperedRoom(), SMALL, stops_s=CHART_STOPS_S, raw=RAW))
     write_session(folder / "room", Taken(SimpleRoom(3), SMALL, (INDOOR,), stops_s=DENSE_STOPS_S))
     write_session(folder / "plain", Taken(PaperedRoom(), SMALL, (OUTDOOR,), nd=False, stops_s=DENSE_STOPS_S, raw=RAW))
     write_session(folder / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), raw=RAW))
     write_session(folder / "session", Taken(UnderTheSky(), SMALLER, raw=RAW, seed=1))
-    with fitted_once():
-        yield folder
+    return folder
 
 
 def calibrated(rig: Path, chart: str, into: str) -> RigProfile:

@@ -176,6 +176,7 @@ def test_without_a_scale_units_are_relative(tmp_path: Path) -> None:
     assert b"relative" in around.states[0].jpeg
 
 
+@pytest.mark.usefixtures("anew")
 def test_the_same_results_give_the_same_page(tmp_path: Path) -> None:
     pages = []
     for name in ("a", "b"):

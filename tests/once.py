@@ -1,0 +1,73 @@
+"""Pure functions of the pipeline, worked out once a worker for the same arguments where tests are about something else.
+
+A test of a stage changes one thing and looks at what follows from it; what the stage does with pictures that are the
+same as in the test before, a response curve first of all, would be most of its time. What is given back is a copy of
+its own. Tests of these functions call them by the modules that they are from, where nothing is exchanged; one that is
+about a second run being the same, or about time, asks for `anew`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+PURE = {
+    "processing.stages.merge": ("recover_response", "check_response", "fit_linear", "place_lenses"),
+    "processing.calibration.optics": ("kernel_from_surround", "without_glare"),
+    "processing.calibration.outdoor.outdoor": ("project",),
+    "processing.stages.detect": ("find_masks",),
+    "processing.rig.camera_fit": ("recover_response", "find_chart_around", "merge"),
+    "processing.rig.calibrate": ("find_chart_around",),
+    "processing.report.stills": ("frames_of",),
+    "processing.report.calibration_sections": ("illuminance_rose",),
+    "processing.report.sections": ("plan_plot",),
+}
+"""What most of the time of stages, rigs and reports goes into, by the modules that call it."""
+_kept: dict[tuple[str, bytes], bytes] = {}
+_anew: list[bool] = []
+
+
+def once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function with what it has returned before for equal arguments."""
+    name = f"{function.__module__}:{function.__qualname__}"
+
+    @functools.wraps(function)
+    def kept(*given: Any, **named: Any) -> Any:
+        if _anew:
+            return function(*given, **named)
+        try:
+            asked = pickle.dumps((given, sorted(named.items())), protocol=5)
+        except (AttributeError, TypeError, pickle.PicklingError):  # a function of the caller's own
+            return function(*given, **named)
+        key = name, hashlib.sha256(asked).digest()
+        if key not in _kept:
+            _kept[key] = pickle.dumps(function(*given, **named), protocol=5)
+        return pickle.loads(_kept[key])
+
+    return kept
+
+
+@contextmanager
+def each_once(names: Mapping[str, Sequence[str]]) -> Iterator[None]:
+    """Exchange functions in the modules that call them, by module."""
+    with pytest.MonkeyPatch.context() as patched:
+        for module, functions in names.items():
+            for name in functions:
+                there = importlib.import_module(module)
+                patched.setattr(there, name, once(getattr(there, name)))
+        yield
+
+
+@contextmanager
+def all_anew() -> Iterator[None]:
+    """Work all out while this lasts."""
+    _anew.append(True)
+    yield
+    _anew.pop()
