@@ -22,6 +22,7 @@ PURE = {
     "processing.stages.merge": ("recover_response", "check_response", "fit_linear", "place_lenses"),
     "processing.calibration.optics": ("kernel_from_surround", "without_glare"),
     "processing.calibration.outdoor.outdoor": ("project",),
+    "processing.sphere.area": ("fisheye_projected",),
     "processing.stages.detect": ("find_masks",),
     "processing.rig.camera_fit": ("recover_response", "find_chart_around", "merge"),
     "processing.rig.calibrate": ("find_chart_around",),

@@ -5,27 +5,33 @@ from __future__ import annotations
 import json
 import math
 from datetime import UTC, datetime, timedelta
+from functools import cache
 
 import pytest
 
 import daylit
 from processing.calibration.outdoor.sun_place import Place
-from processing.commands.plan import day_moments, drift_frac_per_min, sun_hours
+from processing.commands.plan import Moment, day_moments, drift_frac_per_min, sun_hours
 
 PITTSBURGH = Place(40.44, -79.99)
 NOON = datetime(2023, 6, 21, 17, 22, tzinfo=UTC)
 """Local solar noon of that day there (NOAA solar calculator: 13:22 EDT)."""
 
 
+@cache
+def day() -> list[Moment]:
+    return day_moments(NOON, PITTSBURGH)
+
+
 def test_the_day_is_as_long_as_the_almanac_says() -> None:
     """15 h 4 min from sunrise to sunset (NOAA); the sun 73.0 degrees high at noon."""
-    moments = day_moments(NOON, PITTSBURGH)
+    moments = day()
     assert (moments[-1].utc - moments[0].utc).total_seconds() / 3600 == pytest.approx(15.07, abs=0.5)
     assert math.degrees(max(m.elevation_rad for m in moments)) == pytest.approx(73.0, abs=0.1)
 
 
 def test_a_south_wall_has_its_sun_around_noon_and_opposite_walls_share_the_day() -> None:
-    moments = day_moments(NOON, PITTSBURGH)
+    moments = day()
     ((start, end),) = sun_hours(moments, 180.0)
     assert abs((start + (end - start) / 2 - NOON).total_seconds()) < 900
     behind = sun_hours(moments, 0.0)
@@ -35,7 +41,7 @@ def test_a_south_wall_has_its_sun_around_noon_and_opposite_walls_share_the_day()
 
 
 def test_a_clear_sky_is_stillest_at_noon() -> None:
-    drifts = drift_frac_per_min(day_moments(NOON, PITTSBURGH))
+    drifts = drift_frac_per_min(day())
     best = min(drifts, key=lambda drift: drift[1])
     assert abs((best[0] - NOON).total_seconds()) <= 600
     assert best[1] < 1e-3 < drifts[0][1]

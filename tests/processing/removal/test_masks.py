@@ -16,13 +16,17 @@ from processing.pictures.preview import preview_rgb8
 from processing.removal import masks
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, completed, islands_in
-from processing.removal.masks import Masks, find_masks, target_of, with_islands
+from processing.removal.masks import Masks, target_of, with_islands
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR
 from tests.conftest import LONG
+from tests.once import once
 from tests.processing.removal.painted_room import SUN, Painted, evidence_of, iou, paint
+
+find_masks = once(masks.find_masks)
+"""Several tests compare with the painted room as it is."""
 
 
 @pytest.fixture(scope="module")
@@ -243,7 +247,7 @@ def test_a_large_picture_keeps_its_own_edges_and_has_no_crumbs(monkeypatch: pyte
     planted[300:400, 300:400] = True
     planted[320:325, 320:325] = planted[350:356, 350:356] = False
     monkeypatch.setattr(masks, "with_islands", lambda *_: planted.copy())
-    found = find_masks(large.image, large.evidence, large.room, sun_possible=False)
+    found = masks.find_masks(large.image, large.evidence, large.room, sun_possible=False)
     assert found.furniture.shape == (640, 1280)
     assert iou(found.furniture, large.furniture) > 0.95
     assert found.target[320:325, 320:325].all()

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import shutil
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from benchmarks.truth_files import load_truth
 from drivers.errors import DeviceTimeoutError
 from mocks.rooms.light import light
 from mocks.rooms.room import make_room
+from mocks.rooms.sky import backdrop
 from mocks.worlds.simple_room import SimpleRoom
 from station.errors import ConditionsError, SessionExistsError
 from station.session.manifest import load_manifest
@@ -39,6 +41,16 @@ NAMES = ("2022-10-06T1733Z_1f-bed", "2023-01-15T1423Z_coda-320", "2023-06-30T132
 def no_baking(_plan: Planned, _request: DatasetRequest) -> SimpleRoom:
     """Cameras look at the built-in room, which needs no light baked; everything else is as ever."""
     return SimpleRoom()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_skyline() -> Iterator[None]:
+    """A skyline of an eighth the columns, as tests of rooms have it: nobody looks at what stands before windows."""
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(backdrop, "COLUMNS", 512)
+        context.setattr(backdrop, "PIXEL_RAD", 2 * math.pi / 512)
+        context.setattr(backdrop, "ROWS", round((backdrop.TOP_RAD - backdrop.BOTTOM_RAD) / backdrop.PIXEL_RAD))
+        yield
 
 
 @pytest.fixture(scope="module")
