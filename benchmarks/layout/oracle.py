@@ -59,7 +59,7 @@ def ask(plan: FloorPlan, items: Sequence[Item], rules: RuleSet, seconds: float =
         status = model.solve(left)
         if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
             break
-        broken = judge.judge(model.pieces()).violations
+        broken = judge.judge(model.pieces())
         if not broken:
             return OracleAnswer("found", time.process_time() - start, closed)
         closed += 1
@@ -82,7 +82,7 @@ def _to_blame(model: _Model, judge: Judge) -> list[int]:
     kept = list(range(len(model.pieces())))
     for k in list(kept):
         fewer = [i for i in kept if i != k]
-        if judge.judge([model.pieces()[i] for i in fewer]).violations:
+        if judge.judge([model.pieces()[i] for i in fewer]):
             kept = fewer
     return kept
 

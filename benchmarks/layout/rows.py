@@ -75,7 +75,7 @@ def _checked(plan: FloorPlan, results: Sequence[Arrangements], rules: RuleSet) -
     row: dict[str, Any] = {"layouts": 0, "judge": [], "raster": [], "scene": []}
     for one in (a for result in results for a in result.arrangements):
         row["layouts"] += 1
-        row["judge"] += [f"{rules.name}: {v}" for v in judge.judge(pieces_of(one)).violations]
+        row["judge"] += [f"{rules.name}: {v}" for v in judge.judge(pieces_of(one))]
         row["raster"] += [f"{rules.name}: {v}" for v in raster.faults(one)]
         if handless:
             row["scene"].append([round(v, 6) for v in scene_eval(plan, one)])

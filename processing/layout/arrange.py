@@ -61,7 +61,7 @@ def arrange(
         raise NoDoorError("the plan has no door", where=plan.name)
     stood, free = pinned_stands(items, pins or {}, plan, rules)
     judge = Judge(plan, rules)
-    broken = judge.judge(poses.pieces(stood)).violations if stood else ()
+    broken = judge.judge(poses.pieces(stood)) if stood else ()
     if broken:
         raise PinError(f"a pinned piece breaks a rule of '{rules.name}': {broken[0]}", where=plan.name)
     too_tall = [item for item in free if item.spec.top_m > plan.ceiling_height_m]

@@ -47,7 +47,7 @@ def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
         Piece(i.id, replace(KINDS[i.category], size_m=i.size_m, base_m=i.base_m), *i.t_m[:2], i.theta_rad, i.group)
         for i in arrangement.items
     ]
-    return "; ".join(map(str, Judge(plan, rules).judge(pieces).violations))
+    return "; ".join(map(str, Judge(plan, rules).judge(pieces)))
 
 
 NAMES: dict[str, tuple[str, ...]] = {

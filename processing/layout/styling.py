@@ -77,7 +77,7 @@ class _Room:
         rules = built_in_rules().sets
         self.judge = Judge(self.plan, rules.get(self.one.rule_set, rules["standard"]))
         self.floor = shapely.Polygon(self.plan.corners, list(self.plan.holes))
-        self.broken = len(self.judge.judge(self._pieces()).violations)
+        self.broken = len(self.judge.judge(self._pieces()))
 
     def hosts(self, row: Mapping[str, Any]) -> list[PlacedItem]:
         """Return the pieces that a row may belong to, by the order of its categories."""
@@ -107,7 +107,7 @@ class _Room:
             along, away = self.along(door.edge, piece)
             if away.min() < SWING_M and along.min() < door.end_m and along.max() > door.start_m:
                 return False
-        return len(self.judge.judge(self._pieces(piece)).violations) <= self.broken
+        return len(self.judge.judge(self._pieces(piece))) <= self.broken
 
     def free(self, wall: Wall) -> bool:
         """Return whether a rectangle of a wall, with air round it, is free of openings, pieces and what hangs there."""

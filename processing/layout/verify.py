@@ -61,13 +61,6 @@ class Violation:
         return f"{self.rule}: {' and '.join(self.who)} ({self.amount:.4g})"
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What was found."""
-
-    violations: tuple[Violation, ...]
-
-
 class Judge:
     """Judges pieces in one room by one rule set; what does not depend on the pieces is made once."""
 
@@ -102,9 +95,9 @@ class Judge:
         parts = _walkable(self.room, self._radius)  # largest first
         return next(filter(None, ({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts)), set())
 
-    def judge(self, pieces: Sequence[Piece]) -> Verdict:
-        """Check every hard rule (1 to 6, 8 to 10 of docs/reference/arrangement.md)."""
-        return Verdict(tuple(self._violations(pieces)))
+    def judge(self, pieces: Sequence[Piece]) -> tuple[Violation, ...]:
+        """Return what breaks a hard rule (1 to 6, 8 to 10 of docs/reference/arrangement.md)."""
+        return tuple(self._violations(pieces))
 
     def passes(self, pieces: Sequence[Piece], *, fits: bool = False) -> bool:
         """Return whether no rule is broken; ends at the first that is. `fits`: no need to look for overlaps again."""
@@ -258,12 +251,8 @@ def _swings(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
 def _asked(pieces: Sequence[Piece], rules: RuleSet) -> list[tuple[list[Polygon], list[Polygon], int]]:
     """Return for each piece the use zones that it always needs, its side zones, and how many of those it needs."""
     rows = [_zone_extents(piece, rules) for piece in pieces]
-    zones = iter(
-        _boxes(
-            [piece for piece, extents in zip(pieces, rows, strict=True) for _ in extents],
-            [extent for extents in rows for _, extent in extents],
-        )
-    )
+    owners = [piece for piece, extents in zip(pieces, rows, strict=True) for _ in extents]
+    zones = iter(_boxes(owners, [extent for extents in rows for _, extent in extents]))
     asked = []
     for piece, extents in zip(pieces, rows, strict=True):
         shapes = [(optional, next(zones)) for optional, _ in extents]

@@ -7,21 +7,8 @@ from functools import cached_property
 from processing.ground.tables import table_of
 from processing.layout.items import Item
 from processing.layout.rules import RuleSet
-from processing.layout.solver.units import (
-    BIG_M2,
-    PLACE_M,
-    Member,
-    Unit,
-    Variant,
-    beside,
-    desk_and_chair,
-    dining,
-    seating,
-    sideways,
-    single,
-    turned,
-    zone_choices,
-)
+from processing.layout.solver import units
+from processing.layout.solver.units import Unit, Variant
 
 GAP_M = 0.05  # between a bed and its nightstands
 ROLES: dict[str, str] = table_of("processing.layout", "items")["roles"]
@@ -43,7 +30,7 @@ class Packing:
         return {
             number: unit.items[0].id
             for number, unit in enumerate(self.units)
-            if unit.footprint_m2 >= BIG_M2 and unit.role != "rug"
+            if unit.footprint_m2 >= units.BIG_M2 and unit.role != "rug"
         }
 
 
@@ -60,15 +47,15 @@ def packings(items: Sequence[Item], rules: RuleSet) -> Iterator[Packing]:
 
 def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
     left = list(items)
-    units: list[Unit] = []
+    found: list[Unit] = []
     for build in (_beds, _sofas, _tvs, _desks, _tables):
-        units += build(left, rules, split)
+        found += build(left, rules, split)
     hosts = {item.spec.category for item in items}
-    units += [alone(item, rules, split, hosts) for item in left]
+    found += [alone(item, rules, split, hosts) for item in left]
     # What rooms are for goes first, then by size; rugs and small pieces last
     first = {"bed": 3, "sofa": 3, "dining": 3, "rug": -1}
-    units.sort(key=lambda u: (-first.get(u.role, 1 + (len(u.items) > 1)), -u.footprint_m2, u.items[0].id))
-    return Packing(tuple(units))
+    found.sort(key=lambda u: (-first.get(u.role, 1 + (len(u.items) > 1)), -u.footprint_m2, u.items[0].id))
+    return Packing(tuple(found))
 
 
 def _take(left: list[Item], *categories: str) -> list[Item]:
@@ -80,23 +67,23 @@ def _take(left: list[Item], *categories: str) -> list[Item]:
 def _beds(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     beds = _take(left, "bed", "single bed", "king bed")
     tables = _take(left, "nightstand")
-    units = []
+    found = []
     for number, bed in enumerate(beds):
         share = tables[number :: len(beds)]
         kept = share[: max(0, 2 - split)] if split else share[:2]
         left += [item for item in share if item not in kept]
-        units.append(Unit((bed, *kept), tuple(_bed_variants(bed, kept, rules)), "bed"))
+        found.append(Unit((bed, *kept), tuple(_bed_variants(bed, kept, rules)), "bed"))
     if not beds:
         left += tables
-    return units
+    return found
 
 
 def _bed_variants(bed: Item, tables: Sequence[Item], rules: RuleSet) -> list[Variant]:
     if not tables:
-        return [*single(bed, rules, at_wall=True), *sideways(bed, rules, bonus=SIDEWAYS_BED)]
+        return [*units.single(bed, rules, at_wall=True), *units.sideways(bed, rules, bonus=SIDEWAYS_BED)]
     if len(tables) == 1:
-        return [*beside(bed, tables, (), rules, GAP_M), *beside(bed, (), tables, rules, GAP_M)]
-    return beside(bed, tables[:1], tables[1:2], rules, GAP_M)
+        return [*units.beside(bed, tables, (), rules, GAP_M), *units.beside(bed, (), tables, rules, GAP_M)]
+    return units.beside(bed, tables[:1], tables[1:2], rules, GAP_M)
 
 
 def _sofas(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
@@ -111,10 +98,10 @@ def _sofas(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     if split == 1:
         kept = []
     sides = [["left", "right"]] if len(kept) == 2 else [["left"], ["right"]] if kept else [[]]
-    variants = [seating(sofa, table, list(zip(kept, s, strict=True)), rug, rules) for s in sides]
+    variants = [units.seating(sofa, table, list(zip(kept, s, strict=True)), rug, rules) for s in sides]
     members = [sofa, *([table] if table else []), *kept, *([rug] if rug else [])]
     if len(members) == 1:
-        variants += sideways(sofa, rules, bonus=-1.0)
+        variants += units.sideways(sofa, rules, bonus=-1.0)
     left += [i for i in (*sofas[1:], *tables, *chairs, *rugs) if i not in members]
     return [Unit(tuple(members), tuple(variants), "sofa")]
 
@@ -122,32 +109,32 @@ def _sofas(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
 def _tvs(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     del split  # a TV never leaves its stand
     stands, screens = _take(left, "tv stand"), _take(left, "tv")
-    units = []
+    found = []
     for number, stand in enumerate(stands):
         on = screens[number : number + 1]
         width_m, depth_m, height_m = stand.spec.size_m
-        members = [Member(stand, width_m / 2, depth_m / 2, 0, zone_choices(stand, rules)[0])]
+        members = [units.Member(stand, width_m / 2, depth_m / 2, 0, units.zone_choices(stand, rules)[0])]
         placed = [Item(tv.id, replace(tv.spec, base_m=height_m)) for tv in on]
-        members += [Member(tv, width_m / 2, depth_m / 2) for tv in placed]
-        units.append(Unit((stand, *placed), (Variant(tuple(members), width_m, depth_m, at_wall=True),), "tv"))
+        members += [units.Member(tv, width_m / 2, depth_m / 2) for tv in placed]
+        found.append(Unit((stand, *placed), (Variant(tuple(members), width_m, depth_m, at_wall=True),), "tv"))
     for tv in screens[len(stands) :]:
         hung = Item(tv.id, replace(tv.spec, base_m=HUNG_TV_M))
-        units.append(Unit((hung,), tuple(single(hung, rules, at_wall=True)), "tv"))
-    return units
+        found.append(Unit((hung,), tuple(units.single(hung, rules, at_wall=True)), "tv"))
+    return found
 
 
 def _desks(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     del split  # a chair never leaves its desk
     desks, chairs = _take(left, "desk"), _take(left, "desk chair")
-    units = []
+    found = []
     for number, desk in enumerate(desks):
         own = chairs[number : number + 1]
-        straight = desk_and_chair(desk, own, rules)
-        across = [turned(v, quarters, END_TO_WALL) for v in straight for quarters in (1, 3)]
-        units.append(Unit((desk, *own), (*straight, *across), "desk"))
-    used = {item.id for unit in units for item in unit.items}
+        straight = units.desk_and_chair(desk, own, rules)
+        across = [units.turned(v, quarters, END_TO_WALL) for v in straight for quarters in (1, 3)]
+        found.append(Unit((desk, *own), (*straight, *across), "desk"))
+    used = {item.id for unit in found for item in unit.items}
     left += [chair for chair in chairs if chair.id not in used]
-    return units
+    return found
 
 
 def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
@@ -158,9 +145,9 @@ def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     rugs = _take(left, "rug") if split < 2 else []
     table, rug = tables[0], rugs[0] if rugs else None
     keep = len(chairs) if split < 2 else max(0, len(chairs) - split + 1)
-    most = 2 * max(1, int((table.spec.size_m[0] + 1e-9) / PLACE_M)) + 2
+    most = 2 * max(1, int((table.spec.size_m[0] + 1e-9) / units.PLACE_M)) + 2
     own = chairs[: min(keep, most)]
-    variants = dining(table, own, rug, rules)
+    variants = units.dining(table, own, rug, rules)
     members = [table, *own, *([rug] if rug else [])]
     left += [i for i in (*tables[1:], *chairs, *rugs) if i not in members]
     return [Unit(tuple(members), tuple(variants), "dining")]
@@ -175,11 +162,11 @@ def alone(item: Item, rules: RuleSet, split: int, hosts: Collection[str] = ()) -
     spec = item.spec
     at_wall = spec.placement == "wall" or spec.category in {"desk chair", "dining chair"}
     role = ROLES.get(spec.category, "tall" if spec.size_m[2] > 1.2 and spec.footprint_m2 > 0.2 else "small")
-    variants = single(item, rules, at_wall=at_wall)
+    variants = units.single(item, rules, at_wall=at_wall)
     if spec.category == "armchair":
-        variants += single(item, rules, at_wall=False)
+        variants += units.single(item, rules, at_wall=False)
     if split == LAST_SPLIT and at_wall and spec.base_m == 0 and spec.footprint_m2 >= 0.35:
-        variants += sideways(item, rules, bonus=-1.0)
+        variants += units.sideways(item, rules, bonus=-1.0)
     near = host_role(item, hosts)
     return Unit((item,), tuple(variants), role, near, rules.together if near else 0.0)
 

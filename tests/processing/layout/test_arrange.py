@@ -43,7 +43,7 @@ def judged(plan: FloorPlan, one: Arrangement, rules: str) -> list[str]:
     for i in one.items:
         spec = replace(ITEMS[i.category], size_m=i.size_m, base_m=i.base_m)
         pieces.append(Piece(i.id, spec, i.t_m[0], i.t_m[1], i.theta_rad, i.group))
-    return [str(v) for v in Judge(plan, built_in_rules().named(rules)).judge(pieces).violations]
+    return [str(v) for v in Judge(plan, built_in_rules().named(rules)).judge(pieces)]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -98,7 +98,7 @@ def test_nothing_tall_hides_a_picture_or_stands_right_before_the_camera() -> Non
         assert max(abs(tall.t_m[0] - 1.1) - 0.3, abs(tall.t_m[1] - 1.7) - 0.3) >= 0.9 - 1e-6
     spec = replace(ITEMS["wardrobe"], size_m=(1.2, 0.6, 2.0))
     judge = Judge(plan, built_in_rules().named("tight"))
-    near = judge.judge([Piece("wardrobe", spec, 0.3, 1.7, -math.pi / 2, "wardrobe")]).violations
+    near = judge.judge([Piece("wardrobe", spec, 0.3, 1.7, -math.pi / 2, "wardrobe")])
     assert [v.rule for v in near] == ["view kept free"]
 
 
@@ -236,7 +236,7 @@ def test_bound_pieces_stand_by_their_hosts_or_are_refused_with_the_reason() -> N
 
 def test_a_nightstand_far_from_its_bed_is_a_fault() -> None:
     pieces = [Piece("bed", ITEMS["bed"], 0.75, 2.1, 0.0, "bed"), Piece("n", ITEMS["nightstand"], 4.2, 0.4, 0.0, "n")]
-    found = Judge(ROOM, built_in_rules().named("tight")).judge(pieces).violations
+    found = Judge(ROOM, built_in_rules().named("tight")).judge(pieces)
     assert "kept together" in {v.rule for v in found}
 
 
@@ -296,7 +296,7 @@ def test_every_ratio_of_the_papers_form_is_legal(along: float, away: float, faci
     rules = built_in_rules().named("tight")
     poses = placed_by_ratios(ROOM, items, rules, [Place("desk", edge, along, away, facing)], {})
     piece = Piece("desk", items[0].spec, *poses["desk"], "desk")
-    broken = [v for v in Judge(ROOM, rules).judge([piece]).violations if v.rule != "path"]
+    broken = [v for v in Judge(ROOM, rules).judge([piece]) if v.rule != "path"]
     assert not broken
 
 
@@ -315,7 +315,7 @@ def test_the_judge_sees_each_rule_broken() -> None:
         ),
     ]
     for rule, pieces in cases:
-        assert rule in {v.rule for v in Judge(ROOM, rules).judge(pieces).violations}, rule
+        assert rule in {v.rule for v in Judge(ROOM, rules).judge(pieces)}, rule
 
 
 def test_results_are_read_again_and_drawn(tmp_path: Path) -> None:
