@@ -21,20 +21,7 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import zone_at
 from processing.ground.room_model import RoomModel
-from processing.report.data import (
-    Card,
-    Cards,
-    Comparison,
-    Embedded,
-    Picture,
-    Quantity,
-    ReportData,
-    Scene,
-    Shot,
-    Viewer,
-    Widget,
-    size_text,
-)
+from processing.report import data as report
 from processing.report.sections import floor_area_m2
 from processing.report.states import packed
 from processing.stages.contract import StageContext
@@ -49,7 +36,7 @@ VIEWER = Path(__file__).parent / "static" / "viewer.js"
 """Of panoramas and models: built at set-up from ``studio/web``; without it pages say so, and stand."""
 
 
-def build_page(data: ReportData) -> str:
+def build_page(data: report.ReportData) -> str:
     """Return the laboratory's page. Text is escaped, so that names from instruments and files stay text."""
     sections = [section for section in (data.lead, *data.sections) if section]
     widgets = [widget for section in sections for widget in section.widgets]
@@ -62,9 +49,11 @@ def build_client_page(data: ClientData) -> str:
     return _rendered("client.html.j2", data, widgets, ("report.css", "widgets.css", "client.css"))
 
 
-def _rendered(template: str, data: ReportData | ClientData, widgets: Sequence[Widget], styles: Sequence[str]) -> str:
+def _rendered(
+    template: str, data: report.ReportData | ClientData, widgets: Sequence[report.Widget], styles: Sequence[str]
+) -> str:
     environment = _environment()
-    environment.filters |= {"size": size_text, "place": _place, "short": _short}
+    environment.filters |= {"size": report.size_text, "place": _place, "short": _short}
     environment.globals["viewer_built"] = VIEWER.exists()
     names = dict.fromkeys(name for widget in widgets for name in widget.scripts)
     scripts = [_source(name) for name in names if name != VIEWER.name or VIEWER.exists()]
@@ -135,7 +124,7 @@ STILLS = Path("..", "stills")
 
 
 @dataclass(frozen=True)
-class Still(Embedded):
+class Still(report.Embedded):
     """A framed picture on the page, with its statement and its files."""
 
     data: bytes
@@ -157,26 +146,26 @@ class ClientData:
     stills: tuple[Still, ...]
     notices: tuple[str, ...]
     """What a reader must know before trusting a picture."""
-    compared: Comparison | None
-    tour: Viewer | None
-    plan: Picture | None
-    measures: tuple[Quantity, ...]
-    day: Cards | None
+    compared: report.Comparison | None
+    tour: report.Viewer | None
+    plan: report.Picture | None
+    measures: tuple[report.Quantity, ...]
+    day: report.Cards | None
     downloads: tuple[tuple[str, str], ...]
     """File relative to the page, and what it is."""
     made_with: str
 
 
-def client_data(context: StageContext, lab: ReportData) -> ClientData:
+def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
     """Return what the client's page shows, from the stills and what the laboratory's page gathered."""
     found = context.optional_artifact("stills", "stills") or {"stills": ()}
     folder = context.session_path / "stages" / "stills"
     stills = [one for one in found["stills"] if (folder / one["file"]).is_file()]
     room: RoomModel | None = context.optional_artifact("room", "room")
     widgets = [widget for section in lab.sections for widget in section.widgets]
-    viewers = [widget for widget in widgets if isinstance(widget, Viewer)]
+    viewers = [widget for widget in widgets if isinstance(widget, report.Viewer)]
     plan = context.optional_artifact("arrange", "plan-1")
-    days = [w for s in lab.sections if s.title == "Times of day" for w in s.widgets if isinstance(w, Cards)]
+    days = [w for s in lab.sections if s.title == "Times of day" for w in s.widgets if isinstance(w, report.Cards)]
     return ClientData(
         title=context.session.site.name or context.session.name,
         facts=_facts(context.session),
@@ -184,7 +173,7 @@ def client_data(context: StageContext, lab: ReportData) -> ClientData:
         notices=_notices(context, room, [one["state"] for one in stills]),
         compared=_compared(folder, stills),
         tour=_tour(viewers[0]) if viewers else None,
-        plan=Picture("Plan", plan.read_bytes(), "") if isinstance(plan, Path) else None,
+        plan=report.Picture("Plan", plan.read_bytes(), "") if isinstance(plan, Path) else None,
         measures=() if room is None else _measures(room),
         day=_day(days[0].cards) if days else None,
         downloads=_downloads(context.session_path, stills),
@@ -251,7 +240,7 @@ def _meaning(context: StageContext, *done: str) -> str:
     return f": measurements{stands} may be wrong."
 
 
-def _compared(folder: Path, stills: list[Any]) -> Comparison | None:
+def _compared(folder: Path, stills: list[Any]) -> report.Comparison | None:
     """Return original and result of the best frames of one state under a slider; None where nothing was changed."""
     edited = [one for one in stills if one["state"] != "photograph"]
     same = [one for one in edited if one["state"] == edited[0]["state"]][:MOST_COMPARED]
@@ -263,47 +252,42 @@ def _compared(folder: Path, stills: list[Any]) -> Comparison | None:
         pictures = [_smaller((folder / one[name]).read_bytes(), 1280) for name in ("original", "file")]
         tag = f"{after}: virtual" if after.startswith("Staged") else after
         shots = (
-            Shot("Original", pictures[0], f"View {number}: the room as photographed"),
-            Shot(after, pictures[1], f"View {number}: {one['statement']}", tag),
+            report.Shot("Original", pictures[0], f"View {number}: the room as photographed"),
+            report.Shot(after, pictures[1], f"View {number}: {one['statement']}", tag),
         )
-        scenes.append(Scene(f"View {number}", shots, 1280, 1280 * 2 // 3))
-    return Comparison(tuple(scenes), "Original", after)
+        scenes.append(report.Scene(f"View {number}", shots, 1280, 1280 * 2 // 3))
+    return report.Comparison(tuple(scenes), "Original", after)
 
 
-def _tour(lab: Viewer) -> Viewer:
+def _tour(lab: report.Viewer) -> report.Viewer:
     """Return the viewer with smaller panoramas and without the maps of its probe."""
     some = sorted(lab.states[:MOST_TOUR], key=lambda state: not state.staged)  # what was ordered comes first
     width = next(width for most, width in TOUR_PX if len(some) <= most)
     nothing, unknown = packed(np.zeros((1, 2), np.uint16)), packed(np.zeros((1, 2), np.uint8))
-    states = tuple(
-        replace(
-            state,
-            jpeg=_smaller(state.jpeg, width, TOUR_QUALITY),
-            luminance=nothing,
-            uncertainty=unknown,
-            validity=unknown,
-            map_px=(2, 1),
-        )
-        for state in some
-    )
-    return replace(lab, states=states)
+
+    def smaller(state: report.ViewerState) -> report.ViewerState:
+        jpeg = _smaller(state.jpeg, width, TOUR_QUALITY)
+        return replace(state, jpeg=jpeg, luminance=nothing, uncertainty=unknown, validity=unknown, map_px=(2, 1))
+
+    return replace(lab, states=tuple(map(smaller, some)))
 
 
-def _day(cards: Sequence[Card]) -> Cards:
+def _day(cards: Sequence[report.Card]) -> report.Cards:
     """Return the moments of one day and state of which there are most; a title is "2023-06-21 09:00, staged 1"."""
     days = Counter((one.title[:10], one.title[16:]) for one in cards)
     ((day, state), _), *_ = days.most_common(1)
-    return Cards(tuple(one for one in cards if (one.title[:10], one.title[16:]) == (day, state)), ("day.js",))
+    return report.Cards(tuple(one for one in cards if (one.title[:10], one.title[16:]) == (day, state)), ("day.js",))
 
 
-def _measures(room: RoomModel) -> tuple[Quantity, ...]:
+def _measures(room: RoomModel) -> tuple[report.Quantity, ...]:
     doubt = " (estimated from the picture)" if room.source == "estimated" else ""
+    scale = f"scale: camera {room.camera_height_m:g} m high"
     lengths = " · ".join(f"{room.wall_length_m(k):.2f}" for k in range(len(room.floor)))
     return (
-        Quantity("Floor", round(floor_area_m2(room), 1), "m²", note=f"scale: camera {room.camera_height_m:g} m high"),
-        Quantity("Ceiling", round(room.ceiling_height_m, 2), "m", note=f"height{doubt}"),
-        Quantity("Walls", len(room.floor), "", note=f"{lengths} m"),
-        Quantity("Windows and doors", len(room.openings), ""),
+        report.Quantity("Floor", round(floor_area_m2(room), 1), "m²", note=scale),
+        report.Quantity("Ceiling", round(room.ceiling_height_m, 2), "m", note=f"height{doubt}"),
+        report.Quantity("Walls", len(room.floor), "", note=f"{lengths} m"),
+        report.Quantity("Windows and doors", len(room.openings), ""),
     )
 
 

@@ -168,19 +168,13 @@ def _tables(room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, st
         (f"wall {i}", f"{room.wall_length_m(i):.2f} m", f"{sure[i]:.2f}" if i < len(sure) else "-")
         for i in range(len(room.floor))
     )
-    openings = tuple(
-        (
-            o.kind.value,
-            f"wall {o.wall}",
-            f"{o.start_m:.2f} to {o.end_m:.2f} m",
-            f"{o.sill_m:.2f} to {o.head_m:.2f} m",
-            f"{o.confidence:.2f}",
-        )
-        for o in room.openings
-    )
+    openings = []
+    for o in room.openings:
+        along, height = f"{o.start_m:.2f} to {o.end_m:.2f} m", f"{o.sill_m:.2f} to {o.head_m:.2f} m"
+        openings.append((o.kind.value, f"wall {o.wall}", along, height, f"{o.confidence:.2f}"))
     found = [Table("Walls", ("wall", "length", "confidence"), walls)]
     if openings:
-        found.append(Table("Openings", ("kind", "wall", "along it", "height", "confidence"), openings))
+        found.append(Table("Openings", ("kind", "wall", "along it", "height", "confidence"), tuple(openings)))
     if left_out:
         found.append(Table("Not done", ("what", "why"), tuple((str(k), str(v)) for k, v in left_out.items())))
     return tuple(found)

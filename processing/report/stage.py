@@ -11,12 +11,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.tables import table_of
 from processing.pictures.display import Display
 from processing.pictures.writing import write_bytes
-from processing.report.calibration_sections import (
-    camera_section,
-    indoor_section,
-    light_figures_section,
-    outdoor_section,
-)
+from processing.report import calibration_sections
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.page import build_client_page, build_page, client_data
 from processing.report.room_states import display_in
@@ -146,19 +141,25 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     metrics = context.summary("merge").get("metrics", {})
     indoor = context.artifact("calibrate", "indoor")
     display = display_in(context, indoor.rgb)
-    found = [indoor_section(indoor, facts["indoor"], display)]
+    found = [calibration_sections.indoor_section(indoor, facts["indoor"], display)]
     if context.has("calibrate", "outdoor"):
-        found.append(outdoor_section(context.artifact("calibrate", "outdoor"), facts["outdoor"], display))
+        found.append(
+            calibration_sections.outdoor_section(context.artifact("calibrate", "outdoor"), facts["outdoor"], display)
+        )
     figures = context.optional_artifact("figures", "light_figures")
     if figures is not None:
-        found.append(light_figures_section(figures))
+        found.append(calibration_sections.light_figures_section(figures))
     found += _room(context, display)
     found += _detect(context, display)
     found += _remove(context, display)
     for side in Side:
         if side.value in response:
             shots = context.session.pictures(side)
-            found.append(camera_section(side, response[side.value], metrics[side.value], (context.session_path, shots)))
+            found.append(
+                calibration_sections.camera_section(
+                    side, response[side.value], metrics[side.value], (context.session_path, shots)
+                )
+            )
     return tuple(found)
 
 

@@ -42,28 +42,15 @@ def alternatives_section(
     every = arranged.arrangements
     facts: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
     pictures = {one.name: one.small for one in cuts if one.staged}
-    views = [
-        Card(
-            f"Alternative {number}",
-            pictures[f"Staged {number}"],
-            f"virtually staged room, alternative {number}",
-            _pieces_text(facts.get(number, {})),
-            _figures(facts.get(number, {})),
-        )
-        for number in range(1, len(every) + 1)
-        if f"Staged {number}" in pictures
-    ]
-    drawn = [
-        Card(
-            f"Plan {number}",
-            plans[number],
-            f"floor plan of alternative {number}",
-            one.differs_by,
-            (Quantity("Score", round(one.score, 2), "of 1"),),
-        )
-        for number, one in enumerate(every, 1)
-        if number in plans
-    ]
+    views, drawn = list[Card](), list[Card]()
+    for number, one in enumerate(every, 1):
+        what, made = f"alternative {number}", facts.get(number, {})
+        if (view := pictures.get(f"Staged {number}")) is not None:
+            alt = f"virtually staged room, {what}"
+            views.append(Card(what.capitalize(), view, alt, _pieces_text(made), _figures(made)))
+        if number in plans:
+            score = (Quantity("Score", round(one.score, 2), "of 1"),)
+            drawn.append(Card(f"Plan {number}", plans[number], f"floor plan of {what}", one.differs_by, score))
     method = (staged or {}).get("method", "")
     text = f"Rules: {every[0].rule_set}."
     if method:
