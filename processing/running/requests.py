@@ -12,19 +12,11 @@ from pydantic import ValidationError
 from processing.errors import ParameterError
 from processing.ground.finished import digest
 from processing.pipeline import Stage, Trade, options, selected, stage_named
-from processing.running.fingerprint import (
-    FOLDER,
-    RELIGHT,
-    DigestMemory,
-    Ingredients,
-    changes,
-    session_ingredients,
-    visible_part,
-)
-from processing.running.reads import Reads
+from processing.running import fingerprint
+from processing.running.fingerprint import DigestMemory, Ingredients
 from processing.running.result_store import Stored
 from processing.running.results import Change, StageResult
-from processing.stages.contract import Fetch, KeepsParts, Progress, Quality, StageContext
+from processing.stages.contract import Quality
 from processing.stages.parameters import Option, OptionKind, StageParameters
 from station.errors import IntegrityError
 from station.session.folder import Folder, file_sha256
@@ -178,43 +170,40 @@ class StageInputs:
         self._root = root
         self.memory = memory
 
-    def answers(self, stage: Stage) -> dict[str, Path]:
-        """Return the files that take the place of the stage's artifacts."""
-        return given_answers(stage, self.request)
-
     def ingredients(self, stage: Stage) -> Ingredients:
         """Return what the stage's result depends on, whatever the stage reads of parameters and earlier results."""
-        answers = self.answers(stage)
+        answers = given_answers(stage, self.request)
         if answers:
             return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
+        seen = fingerprint.visible_part(self.manifest, stage.reads)
         found: Ingredients = {
             "stage": stage.name,
             "version": stage.version,
             "trades": trade_values(stage, self.request),
-            "session": session_ingredients(visible_part(self.manifest, stage.reads), stage.reads),
+            "session": fingerprint.session_ingredients(seen, stage.reads),
             "files": _digests(given_files(stage, self.request)),
         }
         if stage.data:
             found["data"] = _digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
-        if FOLDER in stage.reads:
+        if fingerprint.FOLDER in stage.reads:
             # The digest of each file of the session on disk; "" where it is missing
             names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
             for side in Side:
                 if self._root.lstat(side.value) is not None:
                     with self._root.sub(side.value) as folder:
                         names |= {f"{side.value}/{name}" for name in folder.names()}
-            found[FOLDER] = {name: self._digest(name) for name in sorted(names)}
-        if RELIGHT in stage.reads and (relit := self._relight_digests()):
-            found[RELIGHT] = relit
+            found[fingerprint.FOLDER] = {name: self._digest(name) for name in sorted(names)}
+        if fingerprint.RELIGHT in stage.reads and (relit := self._relight_digests()):
+            found[fingerprint.RELIGHT] = relit
         return found
 
     def _relight_digests(self) -> dict[str, str]:
         """Return the digests of what was relit: summaries and pictures, not the basis of the light."""
-        if self._root.lstat(RELIGHT) is None:
+        if self._root.lstat(fingerprint.RELIGHT) is None:
             return {}
-        with self._root.sub(RELIGHT) as folder:
+        with self._root.sub(fingerprint.RELIGHT) as folder:
             names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
-        return {name: self._digest(f"{RELIGHT}/{name}") for name in sorted(names)}
+        return {name: self._digest(f"{fingerprint.RELIGHT}/{name}") for name in sorted(names)}
 
     def _digest(self, name: str) -> str:
         parent, _, leaf = name.rpartition("/")
@@ -225,35 +214,6 @@ class StageInputs:
                 return self.memory.sha256(folder, leaf, name)
             except IntegrityError as error:
                 return error.message
-
-
-def make_context(
-    inputs: StageInputs,
-    stage: Stage,
-    folder: Path,
-    *,
-    fetch: Fetch,
-    summary: Callable[[str], Mapping[str, Any]],
-    progress: Progress,
-    reads: Reads,
-    parts: KeepsParts | None = None,
-) -> StageContext:
-    """Return what the stage's function gets."""
-    request = inputs.request
-    trades = trade_values(stage, request)
-    return StageContext(
-        session=visible_part(inputs.manifest, stage.reads),
-        session_path=inputs.path,
-        folder=folder,
-        parameters=parameters(stage, request).noting(reads.note_parameter),
-        fetch=fetch,
-        summary=summary,
-        quality=quality_of(stage, request),
-        max_error=request.max_error if "max_error" in trades else None,
-        time_budget_s=request.time_budget_s if "time_budget" in trades else None,
-        progress=progress,
-        parts=parts,
-    )
 
 
 def _digests(files: Mapping[str, Path]) -> dict[str, str]:
@@ -296,7 +256,7 @@ def decide(stored: Stored, now: Callable[[Ingredients], Ingredients], *, forced:
     ingredients = now(result.ingredients)
     if result.fingerprint == digest(ingredients):
         return Decision(result, _why_kept(result))
-    found = tuple(changes(result.ingredients, ingredients))
+    found = tuple(fingerprint.changes(result.ingredients, ingredients))
     if not found:
         return Decision(None, "changed: made by another version of daylit")
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""

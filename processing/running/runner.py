@@ -12,12 +12,13 @@ from processing.ground.threads import give_back, limit_libraries
 from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running import requests
 from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
-from processing.running.fingerprint import DigestMemory
+from processing.running.fingerprint import DigestMemory, visible_part
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
 from processing.running.reads import SUMMARY, Earlier, Parts, Reads, unread
 from processing.running.requests import Decision, RunRequest, StageInputs
 from processing.running.result_store import ResultStore, Stored, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
+from processing.stages.contract import Progress, StageContext
 from station.session.durable import SessionLock
 from station.session.folder import Folder
 from station.session.store import load_manifest
@@ -193,21 +194,12 @@ class PipelineRun:
     ) -> StageResult:
         """Make a result, put it in its place and keep in memory what later stages want."""
         limit_libraries()
-        answers, static, reads = self._inputs.answers(stage), self._inputs.ingredients(stage), self._reads(stage)
+        answers = requests.given_answers(stage, self._request)
+        static, reads = self._inputs.ingredients(stage), self._reads(stage)
         with self._store.building(stage.name) as building:
             folder, common = building.folder.path, {key: static.get(key) for key in ("version", "files", "data")}
             parts = Parts(former, self._store.path(stage.name), folder, common, reads, first_only)
-            context = requests.make_context(
-                self._inputs,
-                stage,
-                folder,
-                fetch=partial(self._fetch, stage, reads),
-                summary=partial(self._summary, stage, reads),
-                progress=self._progress(stage, later, meter),
-                reads=reads,
-                parts=parts,
-            )
-            context = replace(context, let_go=self._shelf.let_go)
+            context = self._context(stage, folder, reads, parts, self._progress(stage, later, meter))
             work = Work(static, reads, parts, building, self._memory)
             made = answer_result(stage, answers, context, work) if answers else make_result(stage, context, work)
             if made.unfinished:
@@ -220,6 +212,24 @@ class PipelineRun:
             for name, value in made.in_memory.items():
                 self._shelf.put(stage.name, name, value)
         return result
+
+    def _context(self, stage: Stage, folder: Path, reads: Reads, parts: Parts, progress: Progress) -> StageContext:
+        request = self._request
+        trades = requests.trade_values(stage, request)
+        return StageContext(
+            session=visible_part(self._inputs.manifest, stage.reads),
+            session_path=self._inputs.path,
+            folder=folder,
+            parameters=requests.parameters(stage, request).noting(reads.note_parameter),
+            fetch=partial(self._fetch, stage, reads),
+            summary=partial(self._summary, stage, reads),
+            quality=requests.quality_of(stage, request),
+            max_error=request.max_error if "max_error" in trades else None,
+            time_budget_s=request.time_budget_s if "time_budget" in trades else None,
+            progress=progress,
+            parts=parts,
+            let_go=self._shelf.let_go,
+        )
 
     def _kept(self, stage: Stage, decision: Decision, result: StageResult) -> StageReport:
         self._earlier.put(result)
