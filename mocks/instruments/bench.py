@@ -62,6 +62,9 @@ class BenchOptions:
     meter_faults: tuple[MeterFault, ...] = ()
     measuring_s: float = MEASURING_S
     shots: Mapping[str, ShotSource] = field(default_factory=dict)
+    times_s: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """By camera kind, when each stop is planned to begin (at once, where it does not say): what the light does until
+    then shows in the frames."""
     theta: ThetaOptions | None = None
     canon: CanonOptions | None = None
     on_progress: Progress | None = None
@@ -95,25 +98,19 @@ class SimulatedBench:
 
 
 def make_bench(
-    world: World | str,
-    cameras: Sequence[WantedCamera],
-    stops_s: Sequence[float],
-    options: BenchOptions | None = None,
-    *,
-    times_s: Mapping[str, Sequence[float]] | None = None,
+    world: World | str, cameras: Sequence[WantedCamera], stops_s: Sequence[float], options: BenchOptions | None = None
 ) -> SimulatedBench:
     """Return simulated instruments that look at a world, or at the one of that name (see
     `mocks.worlds.world.open_world`).
 
     The pictures of ``stops_s`` are rendered here, before anything is captured, and kept for next time. The world's
-    time begins when this returns; ``times_s`` says, by camera kind, when each stop is planned to begin (at once, where
-    it does not say): what the light does until then shows in the frames.
+    time begins when this returns.
 
     Raises `WorldFileError`: no such world.
     """
     options = options or BenchOptions()
     world = open_world(world) if isinstance(world, str) else world
-    shots = render_shots(world, cameras, stops_s, options, times_s=times_s)
+    shots = render_shots(world, cameras, stops_s, options)
     devices = {wanted.kind: _camera(wanted, shots[wanted.kind], options) for wanted in cameras}
     direction = _meter_direction(world)
     meter = SimulatedMeter(
@@ -129,12 +126,7 @@ def make_bench(
 
 
 def render_shots(
-    world: World,
-    cameras: Sequence[WantedCamera],
-    stops_s: Sequence[float],
-    options: BenchOptions,
-    *,
-    times_s: Mapping[str, Sequence[float]] | None = None,
+    world: World, cameras: Sequence[WantedCamera], stops_s: Sequence[float], options: BenchOptions
 ) -> dict[str, ShotSource]:
     """Return the pictures of each camera, rendered unless they are kept from before.
 
@@ -146,7 +138,7 @@ def render_shots(
     report("light", 1, 1)
     found: dict[str, ShotSource] = {}
     for wanted in cameras:
-        starts_s = (times_s or {}).get(wanted.kind) or [0.0] * len(stops_s)
+        starts_s = options.times_s.get(wanted.kind) or [0.0] * len(stops_s)
         given = options.shots.get(wanted.kind)
         found[wanted.kind] = given or _rendered(world, wanted, dict(zip(stops_s, starts_s, strict=True)), options)
     return found

@@ -216,10 +216,10 @@ def open_named_rig(
     cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
     world, times_s = open_world(simulate), planned_times_s(file)
     # Rendering takes minutes, in which the sun must not move on: time begins when all pictures are there.
-    shots = render_shots(world, cameras, stops_s, BenchOptions(on_progress=on_progress, fresh=fresh), times_s=times_s)
+    shots = render_shots(world, cameras, stops_s, BenchOptions(on_progress=on_progress, fresh=fresh, times_s=times_s))
     as_lived = rate == 1.0 and start_utc is None
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
-    bench = make_bench(world, cameras, stops_s, BenchOptions(clock=clock, shots=shots), times_s=times_s)
+    bench = make_bench(world, cameras, stops_s, BenchOptions(clock=clock, shots=shots))
     links = open_links(record, file, clock, simulated=True)
     rig = open_simulated_rig(file, bench, links, world=simulate)
     rig.on_close.append(links.close)

@@ -196,7 +196,7 @@ def _rig(plan: Planned, request: DatasetRequest, rate: float, report: Listener) 
     file = simulated_rig_file(rig_file(plan), request.size)
     cameras, stops_s, times_s = wanted_cameras(file), file.bracket.stops_s(), planned_times_s(file)
     world, seed = room_world(plan, request), plan.room.seed + plan.index
-    shots = render_shots(world, cameras, stops_s, BenchOptions(seed=seed, on_progress=on_progress), times_s=times_s)
+    shots = render_shots(world, cameras, stops_s, BenchOptions(seed=seed, on_progress=on_progress, times_s=times_s))
     clock = ScaledClock(rate, plan.room.moment.utc)
     return open_simulated_rig(file, make_bench(world, cameras, stops_s, BenchOptions(seed, clock, shots=shots)))
 

@@ -14,7 +14,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from mocks.instruments import bench as bench_module
-from mocks.instruments.bench import WantedCamera, make_bench
+from mocks.instruments.bench import BenchOptions, WantedCamera, make_bench
 from mocks.instruments.exposures import ShotRequest
 from mocks.optics import pictures as pictures_module
 from mocks.optics.camera import CANON_5D2, THETA_Z1
@@ -221,8 +221,8 @@ def test_the_bench_passes_the_planned_times_on(monkeypatch, tmp_path):
     monkeypatch.setattr(bench_module, "open_world", lambda name: CloudyWorld())
     wanted = [WantedCamera("theta_z1", 100, 5.6, 6500, (160, 80))]
     lower = []
-    for times_s in (None, {"theta_z1": [30.0, 16.0]}):
-        bench = make_bench("clouds", wanted, [1.0, 1 / 60], times_s=times_s)
+    for options in (BenchOptions(), BenchOptions(times_s={"theta_z1": [30.0, 16.0]})):
+        bench = make_bench("clouds", wanted, [1.0, 1 / 60], options)
         picture = decoded(bench.cameras["theta_z1"].darkroom.jpeg(request_for(THETA_Z1), ()))
         lower.append(THETA_Z1.sensor.tone[1].decode(picture[44:, :, 1] / 255).mean())
         bench.close()
