@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocks.rooms.materials import a_seed, linear, pick
+from mocks.rooms.finish import a_seed, linear, pick
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, clouds, generator, mixed, noise
 from processing.ground.arrays import Floats

@@ -7,8 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from mocks.rooms.finish import draw_finish, draw_floor
-from mocks.rooms.materials import STYLES, linear, plain, scaled, turned, veneer
+from mocks.rooms.finish import STYLES, draw_finish, draw_floor, linear, plain, scaled, turned, veneer
 from mocks.rooms.model import Finish, Material, Use
 from mocks.rooms.textures.catalogue import tile
 from tests.conftest import LONG
