@@ -19,6 +19,7 @@ from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import SEAM_KEY
 from processing.pictures.mosaic import FULL, PEDESTAL, CameraColours
 from processing.sphere import Equirectangular
+from tests.conftest import LONG
 
 COLOURS = CameraColours(np.eye(3), np.array([[0, 1], [1, 2]]))
 HEIGHT, SIDE = 256, 272
@@ -83,7 +84,11 @@ def test_exposures_are_tied_in_the_overlap_though_the_jpeg_hides_them(pair: Lens
     assert 0.002 <= pair.seam_sigma < 0.01
 
 
-@pytest.mark.parametrize("turned", ["quarters", "swapped", "smaller circles", "circles cut by the border", "tilted"])
+BODIES = ("swapped", "circles cut by the border", "tilted", "quarters", "smaller circles")
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("turned", BODIES if LONG else BODIES[:3])
 def test_any_body_is_placed(turned: str) -> None:
     optics = {
         "quarters": replace(BODY, rolls_rad=(math.pi + 0.02, 0.03)),
