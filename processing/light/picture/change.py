@@ -85,25 +85,23 @@ def _rays_of(places, out):  # type: ignore[no-untyped-def]
         out[i, 0], out[i, 1], out[i, 2] = math.sin(longitude) * level, math.cos(longitude) * level, math.sin(latitude)
 
 
-def in_bands(
-    change: Change, photograph: Floats, sunless: np.ndarray | None
-) -> tuple[Floats, np.ndarray, np.ndarray, Floats]:
-    """Return the picture (H, W, 3), where furniture is seen, which pixels are kept, and the change of luminance."""
+def in_bands(change: Change, photograph: Floats, sunless: np.ndarray | None) -> tuple[Floats, np.ndarray, np.ndarray]:
+    """Return the picture (H, W, 3), where furniture is seen, and which pixels are kept."""
     high, wide = photograph.shape[:2]
     step = block_px(math.pi / high)
     job = _Job(change, photograph, sunless, furniture_blocks(change.full, (high, wide), step, change.eye_m), step)
-    rgb, ratio = photograph.copy(), np.ones((high, wide), np.float32)
+    rgb = photograph.copy()
     furniture, kept = np.zeros((high, wide), bool), np.ones((high, wide), bool)
 
     def work(start: int) -> None:
         rows = slice(start, min(start + band_rows, high))
         if change.full is change.bare and not (sunless is not None and sunless[rows].any()):
             return  # nothing was put in, and no sun comes back
-        rgb[rows], furniture[rows], kept[rows], ratio[rows] = _band(job, rows)
+        rgb[rows], furniture[rows], kept[rows] = _band(job, rows)
 
     band_rows = max(1, ROWS_AT_ONCE_PX // wide // step) * step
     side_by_side(work, range(0, high, band_rows), MOST_BANDS)
-    return rgb, furniture, kept, ratio
+    return rgb, furniture, kept
 
 
 @dataclass(frozen=True)
@@ -119,8 +117,8 @@ class _Job:
     """Pixels a block."""
 
 
-def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray, Floats]:
-    """Return a band's picture, where furniture is seen, which pixels are kept, and the change of luminance."""
+def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray]:
+    """Return a band's picture, where furniture is seen, and which pixels are kept."""
     high, wide, step = *job.photograph.shape[:2], job.step
     # A block more above and below, of furniture alone: its edges look at their neighbours.
     top, bottom = max(0, rows.start - step), min(high, rows.stop + step)
@@ -128,9 +126,9 @@ def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray, Float
     near = job.near[top // step : -(-bottom // step)]
     todo = np.repeat(np.repeat(near, step, axis=0), step, axis=1)[: bottom - top, :wide]
     photo = job.photograph[top:bottom]
-    band = Band(photo.copy(), np.ones(todo.shape, np.float32), np.ones(todo.shape, bool), np.array(todo))
+    band = Band(photo.copy(), np.ones(todo.shape, bool), np.array(todo))
     if step > 1:
-        own = Band(band.shown[inner], band.gain[inner], band.kept[inner], band.todo[inner])
+        own = Band(band.shown[inner], band.kept[inner], band.todo[inner])
         blocks = job.near[rows.start // step : -(-rows.stop // step)]
         fill_plain(_nodes(job, rows), step, blocks, photo[inner], _WEIGHTS, own)
     else:
@@ -138,7 +136,7 @@ def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray, Float
     seen = _looked_at(job, top, photo, band)
     smooth = smooth_edges(job.change.full, seen, top, high, job.change.eye_m, photo, band.shown)[inner]
     kept = band.kept[inner] & _all_three(smooth == photo[inner])
-    return smooth, (seen.label >= FIRST_PART).reshape(seen.shape)[inner], kept, band.gain[inner]
+    return smooth, (seen.label >= FIRST_PART).reshape(seen.shape)[inner], kept
 
 
 def _nodes(job: _Job, rows: slice) -> Nodes:
@@ -266,7 +264,7 @@ def _shade(job: _Job, seen: tuple[Sight, _Lit, Floats, Flags | None], mine: Indi
     empty = np.zeros(len(mine), bool) if sunless is None else sunless
     given = _Given(mine, sight.label, *lit, albedo, emission, matte, mirror, empty)
     shape = photo.shape
-    _shade_all(given, _WEIGHTS, photo, Band(band.shown.reshape(shape), band.gain, band.kept, band.todo))
+    _shade_all(given, _WEIGHTS, photo, Band(band.shown.reshape(shape), band.kept, band.todo))
 
 
 class _Given(NamedTuple):
@@ -292,7 +290,6 @@ def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
     for n in range(given.at.shape[0]):
         i, j = given.at[n] // wide, given.at[n] % wide
         furniture, solid = given.label[n] >= FIRST_PART, given.label[n] >= 0
-        band.gain[i, j] = np.float32(1)
         band.kept[i, j] = False
         if furniture:
             for c in range(3):
@@ -312,8 +309,6 @@ def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
             band.kept[i, j] = True
             for c in range(3):
                 band.shown[i, j, c] = photo[i, j, c]
-        else:
-            band.gain[i, j] = weights[0] * gain[0] + weights[1] * gain[1] + weights[2] * gain[2]
 
 
 @inlined

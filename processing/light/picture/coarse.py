@@ -75,10 +75,9 @@ class Nodes(NamedTuple):
 
 
 class Band(NamedTuple):
-    """What is filled (h, w, ...): the picture, change of luminance, and which pixels are kept."""
+    """What is filled (h, w, ...): the picture, and which pixels are kept."""
 
     shown: Floats
-    gain: Floats
     kept: Flags
     todo: Flags
     """Pixels that must be looked at."""
@@ -209,7 +208,6 @@ def _one_block(block, values, count, photo, weights, band):  # type: ignore[no-u
                 x, y, z = band.shown[r, k, 0], band.shown[r, k, 1], band.shown[r, k, 2]
             if much(x, p) or much(y, q) or much(z, t):
                 band.kept[r, k] = False
-                band.gain[r, k] = weights[0] * gain[0] + weights[1] * gain[1] + weights[2] * gain[2]
             else:
                 x, y, z = p, q, t
             band.shown[r, k, 0], band.shown[r, k, 1], band.shown[r, k, 2] = x, y, z

@@ -50,8 +50,6 @@ class Staged:
     """(H, W): where furniture is seen."""
     kept: np.ndarray
     """(H, W): where the photograph is kept bit by bit."""
-    ratio: Floats
-    """(H, W): the change of luminance in the rest."""
     error: float
     """Relative standard error of the furnished room's irradiance."""
 
@@ -103,13 +101,12 @@ def differential(
     pair = (bare.lights[first], lights[first])
     mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
     change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)
-    rgb, furniture, kept, ratio = in_bands(change, photograph, sunless)
-    return Staged(rgb, furniture, kept, ratio, after.error)
+    return Staged(*in_bands(change, photograph, sunless), after.error)
 
 
 def _untouched(photograph: Floats) -> Staged:
     none = np.zeros(photograph.shape[:2], bool)
-    return Staged(photograph.copy(), none, ~none, np.ones(photograph.shape[:2], np.float32), 0.0)
+    return Staged(photograph.copy(), none, ~none, 0.0)
 
 
 def _panorama(photograph: Floats) -> Equirectangular:
@@ -155,7 +152,7 @@ def ibl(
         band = rgb[rows].reshape(-1, 3)
         band[there] = shown[there]
         rgb[rows], mask[rows] = band.reshape(rgb[rows].shape), there.reshape(large.shape)
-    return Staged(rgb, mask, ~mask, np.ones(mask.shape, np.float32), 0.0)
+    return Staged(rgb, mask, ~mask, 0.0)
 
 
 def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, samples: int, seed: int) -> Floats:
