@@ -6,13 +6,17 @@ and not negative everywhere, those of invalid pixels too (the best bound known: 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS as LUMINANCE_WEIGHTS
 from processing.ground.colour import luminance_cd_m2 as luminance_cd_m2
-from processing.sphere import Geometry
+from processing.sphere import Geometry, in_pixels
 
 ABSOLUTE_UNITS = "cd/m2"
 RELATIVE_UNITS = "relative units"
@@ -89,6 +93,29 @@ class LuminanceImage:
 
     def _repr_html_(self) -> str:
         return _shown(self)
+
+
+P = TypeVar("P", bound=RelativeImage | LuminanceImage)
+
+
+def in_blocks(image: P, factor: int) -> P:
+    """Return a picture a ``factor`` smaller, that divides its sides: means of blocks, with the worst validity of each.
+
+    What moved is not known of it.
+    """
+    import cv2
+
+    size = image.rgb.shape[1] // factor, image.rgb.shape[0] // factor
+    means = (cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in (image.rgb, image.uncertainty))
+    rgb, uncertainty = (np.asarray(one, np.float32) for one in means)
+    geometry, validity = in_pixels(image.geometry, *size), worst_in_blocks(image.validity, factor)
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=geometry, ghost=None)
+
+
+def worst_in_blocks(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+    """Return the greatest of each block of codes or flags (H, W): (H / factor, W / factor), of their type."""
+    height, width = values.shape
+    return np.ascontiguousarray(values.reshape(height // factor, factor, width // factor, factor).max(axis=(1, 3)))
 
 
 def _shown(image: RelativeImage | LuminanceImage) -> str:

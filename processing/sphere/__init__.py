@@ -9,7 +9,7 @@ This is the front of `geometry` (types and lenses), `maps` (pixels and direction
 """
 
 from processing.sphere.area import projected_solid_angles, solid_angles
-from processing.sphere.geometry import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
+from processing.sphere.geometry import Equirectangular, Fisheye, Geometry, LensMapping, Perspective, in_pixels
 from processing.sphere.maps import directions, pixels, point_directions, view_axes
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "LensMapping",
     "Perspective",
     "directions",
+    "in_pixels",
     "pixels",
     "point_directions",
     "projected_solid_angles",

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Indices, Vector
 from processing.ground.kernels import compiled
+from processing.ground.threads import side_by_side
 from processing.sphere.geometry import (
     Equirectangular,
     Fisheye,
@@ -41,7 +42,7 @@ LARGE_RADIUS_PX, VERY_LARGE_RADIUS_PX = 256, 1024
 """In pixels; chosen: from here Gauss's rule of 2 points, of 1 point will do."""
 RIM_PX, STEEP_RIM_PX = 2, 20
 """Cells this near are integrated along their edges; of orthographic lenses more: Gauss's rule misses 1.5e-3 / n^4."""
-CELLS_AT_ONCE = 1 << 18  # for memory
+CELLS_AT_ONCE, ROWS = 1 << 18, 64  # for memory, and for threads
 
 
 @functools.lru_cache(maxsize=1)
@@ -97,17 +98,17 @@ def _cells(lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles],
     column, row = lens.axis_px
     rim_px = STEEP_RIM_PX if lens.mapping is LensMapping.ORTHOGRAPHIC else RIM_PX
     u = _relative(np.arange(lens.width_px) + 0.5 - column, lens)
-    for y in range(0, lens.height_px, band := max(1, CELLS_AT_ONCE // lens.width_px)):
-        v = _relative(row - (np.arange(y, min(y + band, lens.height_px)) + 0.5), lens)
-        radius = np.hypot(u[None, :], v[:, None])
-        inner = radius < 1 - rim_px / lens.radius_px
-        if lens.radius_px < LARGE_RADIUS_PX:
-            inner[:] = False
-        part = out[y : y + band]
-        at_y, at_x = np.nonzero(inner)
-        part[at_y, at_x] = _by_gauss(lens, u[at_x], v[at_y], normal)
-        at_y, at_x = np.nonzero(~inner & (radius < 1 + 1 / lens.radius_px))
-        part[at_y, at_x] = _by_edges(lens, at_y + y, at_x, integral)
+    v = _relative(row - (np.arange(lens.height_px) + 0.5), lens)
+    inner = 1 - rim_px / lens.radius_px if lens.radius_px >= LARGE_RADIUS_PX else 0.0
+    shift = 0.5 / math.sqrt(3) / lens.radius_px  # an orthographic density bends most
+    once = lens.radius_px >= VERY_LARGE_RADIUS_PX and lens.mapping is not LensMapping.ORTHOGRAPHIC
+    shifts = np.array([0.0]) if once else np.array([-shift, shift])
+    which = np.array([*(normal or (0.0, 0.0, 0.0)), normal is not None], np.float64)
+    limits, table = (inner, 1 + 1 / lens.radius_px, 1 / (len(shifts) ** 2 * lens.radius_px**2)), _by_radius(lens)
+    bands = range(0, lens.height_px, ROWS)
+    side_by_side(lambda y: _gauss_sums(u, v[y : y + ROWS], shifts, table, which, limits, out[y : y + ROWS]), bands)
+    at_y, at_x = np.nonzero(np.isnan(out))
+    out[at_y, at_x] = _by_edges(lens, at_y, at_x, integral)
     _add_arcs(lens, out, rim)
     return out
 
@@ -124,33 +125,34 @@ def _by_radius(lens: Fisheye) -> Doubles:
     return np.stack([radial_density(lens, radius), sine / radius, cosine])
 
 
-def _by_gauss(lens: Fisheye, u: Doubles, v: Doubles, normal: Vector | None) -> Doubles:
-    shift = 0.5 / math.sqrt(3) / lens.radius_px  # an orthographic density bends most
-    once = lens.radius_px >= VERY_LARGE_RADIUS_PX and lens.mapping is not LensMapping.ORTHOGRAPHIC
-    shifts = np.array([0.0]) if once else np.array([-shift, shift])
-    total = np.empty_like(u)
-    _gauss_sums(u, v, shifts, _by_radius(lens), np.array(normal or (0.0, 0.0, 0.0)), normal is not None, total)
-    return total / (len(shifts) ** 2 * lens.radius_px**2)
-
-
 @compiled
-def _gauss_sums(u: Any, v: Any, shifts: Any, table: Any, normal: Any, projected: bool, total: Any) -> None:
-    """Fill the sums over Gauss's points of cells with middles ``u``, ``v`` (N,), in radii."""
+def _gauss_sums(u: Any, v: Any, shifts: Any, table: Any, which: Any, limits: Any, out: Any) -> None:
+    """Fill sums over Gauss's points, times a cell's area, of cells (h, w) with middles ``u`` (w,), ``v`` (h,): radii.
+
+    ``which`` (4,): the plane's normal, and whether one is asked for. ``limits``: radii up to which it is done, and up
+    to which NaN says that it is not; that area.
+    """
     last = table.shape[1] - 1
-    for n in range(u.shape[0]):
-        total[n] = 0.0
-        for du in shifts:
-            for dv in shifts:
-                x, y = u[n] + du, v[n] + dv
-                step = np.sqrt(x * x + y * y) * last
-                k = min(int(step), last - 1)
-                share = step - k
-                value = table[0, k] + share * (table[0, k + 1] - table[0, k])
-                if projected:
-                    flat = table[1, k] + share * (table[1, k + 1] - table[1, k])
-                    along = table[2, k] + share * (table[2, k + 1] - table[2, k])
-                    value *= flat * (x * normal[0] + y * normal[1]) + along * normal[2]
-                total[n] += value
+    for j in range(v.shape[0]):
+        for i in range(u.shape[0]):
+            middle = np.sqrt(u[i] * u[i] + v[j] * v[j])
+            if middle >= limits[0]:
+                out[j, i] = np.nan if middle < limits[1] else 0.0
+                continue
+            total = 0.0
+            for du in shifts:
+                for dv in shifts:
+                    x, y = u[i] + du, v[j] + dv
+                    step = np.sqrt(x * x + y * y) * last
+                    k = min(int(step), last - 1)
+                    share = step - k
+                    value = table[0, k] + share * (table[0, k + 1] - table[0, k])
+                    if which[3] > 0:
+                        flat = table[1, k] + share * (table[1, k + 1] - table[1, k])
+                        along = table[2, k] + share * (table[2, k + 1] - table[2, k])
+                        value *= flat * (x * which[0] + y * which[1]) + along * which[2]
+                    total += value
+            out[j, i] = total * limits[2]
 
 
 def _by_edges(lens: Fisheye, row: Indices, column: Indices, integral: Integral) -> Doubles:

@@ -115,6 +115,15 @@ class Fisheye:
 Geometry = Equirectangular | Perspective | Fisheye
 
 
+def in_pixels(geometry: Geometry, width_px: int, height_px: int) -> Geometry:
+    """Return the same field in a picture of another size, and, but for rounding of the width, of the same shape."""
+    size: dict[str, Any] = {"width_px": width_px, "height_px": height_px}
+    if isinstance(geometry, Fisheye):
+        scale, (x, y) = height_px / geometry.height_px, geometry.axis_px
+        size |= {"radius_px": geometry.radius_px * scale, "centre_px": (x * scale, y * scale)}
+    return dataclasses.replace(geometry, **size)
+
+
 def _check_size(width_px: int, height_px: int) -> None:
     if width_px < 1 or height_px < 1:
         raise ParameterError(f"a picture of {width_px} x {height_px} px", advice="give at least 1 x 1")

@@ -7,7 +7,6 @@ negative, a constant stays that constant, and sums of radiance times solid angle
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,7 +15,7 @@ from processing.ground.arrays import Doubles, Flags, Floats, Int8s
 from processing.ground.threads import side_by_side
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, point_directions, solid_angles
 from processing.sphere.area import fisheye_areas
-from processing.sphere.geometry import FIELD_TOLERANCE_RAD, LensMapping, polar_of_radius, radius_of_polar
+from processing.sphere.geometry import FIELD_TOLERANCE_RAD, LensMapping, in_pixels, polar_of_radius, radius_of_polar
 from processing.sphere.maps import places
 from processing.sphere.overlap import CLEAR, CUT, HIDDEN, Net, finish, gather, interval_means, scatter, turned_corners
 
@@ -66,10 +65,10 @@ def _scattered(picture: Floats, source: Geometry, target: Geometry, weights: Flo
 def _gathered(
     picture: Floats, source: Geometry, target: Geometry, weights: Floats, near: Flags
 ) -> tuple[Floats, Floats]:
-    out = np.zeros((target.height_px, target.width_px, picture.shape[2]), dtype=np.float32)
-    share = np.zeros(out.shape[:2], dtype=np.float32)
     net, parts = _net(target)
     density, solid = _density(source), solid_angles(target)
+    out = np.zeros((*solid.shape, picture.shape[2]), dtype=np.float32)
+    share = np.zeros(solid.shape, dtype=np.float32)
     band, plane = _band(net, parts), (picture, density, weights)
     # Marks and the like may be 0 wherever nothing is near.
     live = max((c + 1 for c in range(picture.shape[2]) if np.any(picture[..., c], where=~near)), default=0)
@@ -98,11 +97,7 @@ def _net(geometry: Geometry) -> tuple[Geometry, int]:
     else:
         widest = geometry.half_field_rad / geometry.radius_px
     parts = max(1, math.ceil(widest / CELL_RAD))
-    finer = replace(geometry, width_px=geometry.width_px * parts, height_px=geometry.height_px * parts)
-    if isinstance(finer, Fisheye) and isinstance(geometry, Fisheye):
-        column, row = geometry.axis_px
-        finer = replace(finer, radius_px=geometry.radius_px * parts, centre_px=(column * parts, row * parts))
-    return finer, parts
+    return in_pixels(geometry, geometry.width_px * parts, geometry.height_px * parts), parts
 
 
 def _corners(net: Geometry, plane: Geometry, start: int, stop: int) -> tuple[Doubles, Doubles, Int8s]:
@@ -138,7 +133,10 @@ def _density(plane: Geometry) -> Doubles:
     if not isinstance(plane, Fisheye):
         return solid
     inside = fisheye_areas(plane)
-    return np.where(inside > 1e-9, solid / np.maximum(inside, 1e-9), 0.0)
+    some = inside > 1e-9
+    np.divide(solid, inside, out=inside, where=some)
+    inside[~some] = 0.0
+    return inside
 
 
 def _by_intervals(

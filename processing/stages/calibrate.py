@@ -5,7 +5,6 @@ One panorama instead of brackets stays in relative units unless its file says mo
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +24,7 @@ from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, carrying, falloff_mo
 from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.sphere import Equirectangular, Fisheye
 from processing.stages.brackets import is_panorama_camera
-from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
 
@@ -42,38 +41,53 @@ def run(context: StageContext) -> StageOutput:
     by_raw = {Side(name): one["source"] == "linear" for name, one in merged.items()}
     profile = None if asked.calibration is None else load_profile(asked.calibration).of(by_raw)
     left_out: dict[str, str] = {}
-    room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
+    # Each is handed over: nothing here holds it while what is made of it takes as much memory.
+    pictures: dict[str, Any] = {side: context.optional_artifact("merge", side) for side in ("indoor", "outdoor")}
+    context.let_go()
     sides: dict[str, Calibrated] = {}
-    if room is None:
+    if pictures["indoor"] is None:
         left_out["indoor"] = _without_room(asked)
     else:
-        sides["indoor"], room = calibrate_indoor(room, context.session, asked, profile), None
-    context.let_go()
+        sides["indoor"] = calibrate_indoor(pictures.pop("indoor"), context.session, asked, profile)
     k1 = sides["indoor"].scale if sides else given_scale("k1", asked.k1 or 1.0)
-    if sky is None:
-        left_out["outdoor"] = "the stage merge made no outdoor picture"
-    elif reason := why_no_scale(context.session, asked, profile, sky):
-        left_out["outdoor"] = reason
+    found = _sky(context, profile, k1, pictures)
+    if isinstance(found, Calibrated):
+        sides["outdoor"] = found
     else:
-        context.progress(0.3, "outdoor chain")
-        try:
-            sides["outdoor"] = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(merged))
-        except LensError as error:
-            left_out["outdoor"] = str(error)
+        left_out["outdoor"] = found or "the stage merge made no outdoor picture"
     if not sides:
         raise ScaleError(f"no picture can be calibrated: {'; '.join(left_out.values())}", advice="give what is missing")
     mismatches = chart_mismatches(profile, context.session)
     facts = {name: side.facts | {"spectral_mismatch": mismatches.get(Side(name))} for name, side in sides.items()}
+    sizes = (f"{name} {side.image.rgb.shape[1]} pixels wide" for name, side in sides.items())
     warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
     warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
-    if sky is not None and "outdoor" not in sides:
-        warnings.append(("outdoor", f"no outdoor picture in cd/m2: {left_out['outdoor']}"))
+    if isinstance(found, str):
+        warnings.append(("outdoor", f"no outdoor picture in cd/m2: {found}"))
     return StageOutput(
         artifacts={name: side.image for name, side in sides.items()} | {"calibration": facts},
         metrics={"k1": k1.value, "k1_relative_uncertainty": k1.relative_uncertainty} | _outdoor_metrics(sides),
         warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
         left_out=left_out,
+        honoured={"quality": f"{context.quality.value}: {', '.join(sizes)}"},
     )
+
+
+def _sky(
+    context: StageContext, profile: RigProfile | None, k1: ScaleFactor, pictures: dict[str, Any]
+) -> Calibrated | str | None:
+    """Return the outdoor picture in cd/m2, taken out of those merged, or why there is none; None: none was merged."""
+    session, asked, curves = context.session, context.parameters_of(CalibrateParameters), _responses(context)
+    if pictures["outdoor"] is None:
+        return None
+    if reason := why_no_scale(session, asked, profile, pictures["outdoor"]):
+        return reason
+    context.progress(0.3, "outdoor chain")
+    draft = context.quality is Quality.DRAFT
+    try:  # without a tuple of arguments, which would hold the picture
+        return calibrate_outdoor(pictures.pop("outdoor"), session, asked, profile, k1, curves, draft=draft)
+    except LensError as error:
+        return str(error)
 
 
 def _without_room(asked: CalibrateParameters) -> str:
@@ -83,8 +97,9 @@ def _without_room(asked: CalibrateParameters) -> str:
     return "the stage merge made no indoor picture"
 
 
-def _responses(merged: Mapping[str, Any]) -> dict[Side, ResponseRecord]:
+def _responses(context: StageContext) -> dict[Side, ResponseRecord]:
     """Return the curves that the brackets were merged with."""
+    merged = context.optional_artifact("merge", "response") or {}
     return {
         Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"], default=dict))
         for name, one in merged.items()
@@ -178,17 +193,18 @@ def calibrate_indoor(
         return calibrate_eye(merged, session, asked, profile)
     falloff, source = indoor_falloff(session, asked, profile)
     kernel = None if asked.glare == "keep" else lamp_kernel(profile, Side.INDOOR)
-    clean = merged if kernel is None else without_glare(merged, kernel)
-    image = clean if falloff is None else correct_panorama(clean, falloff)
+    image, tied = merged if kernel is None else without_glare(merged, kernel), merged.attributes.get(SEAM_KEY)
+    del merged
+    image = image if falloff is None else correct_panorama(image, falloff)
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
+    del image
     lenses = any(is_panorama_camera(device) for device in session.devices if device.role == "indoor")
     spot = None
     if scale.measured:
         spot = (scale.measured, math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
-    tied = merged.attributes.get(SEAM_KEY, SEAM_SIGMA)
-    assert isinstance(tied, float)
-    seam = [seam_mode(spot[1] if spot else None, tied)] if lenses else []
+    sigma = tied if isinstance(tied, float) else SEAM_SIGMA
+    seam = [seam_mode(spot[1] if spot else None, sigma)] if lenses else []
     level = scale.measured or None
     stray = kernel_modes(picture, kernel, measured=level) if kernel else unmeasured_modes(picture, spot)
     picture = widened(picture, [*stray, *seam])

@@ -1,18 +1,13 @@
 """What stages after the room begin with: the upright panorama and the room."""
 
 import math
-from dataclasses import replace
 from typing import Any
-
-import cv2
-import numpy as np
-import numpy.typing as npt
 
 from processing.calibration.outdoor.sun_place import Place, shortest_taken, sun_place
 from processing.errors import ParameterError
 from processing.ground.arrays import Flags
 from processing.ground.room_model import RoomModel
-from processing.pictures.images import LuminanceImage
+from processing.pictures.images import LuminanceImage, in_blocks, worst_in_blocks
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR
@@ -43,29 +38,13 @@ def draft_width_px(width_px: int) -> int:
 
 def in_size(image: LuminanceImage, width_px: int) -> LuminanceImage:
     """Return a panorama in a width that divides its own: means of whole blocks, with the worst validity in each."""
-    geometry = image.geometry
     factor = image.rgb.shape[1] // width_px
-    if factor <= 1 or not isinstance(geometry, Equirectangular):
-        return image
-    size = (width_px, image.rgb.shape[0] // factor)
-    return replace(
-        image,
-        rgb=np.asarray(cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA), np.float32),
-        uncertainty=np.asarray(cv2.resize(image.uncertainty, size, interpolation=cv2.INTER_AREA), np.float32),
-        validity=_worst(image.validity, factor),
-        geometry=Equirectangular(*size, geometry.yaw_rad),
-        ghost=None,
-    )
+    return image if factor <= 1 or not isinstance(image.geometry, Equirectangular) else in_blocks(image, factor)
 
 
 def mask_in_size(mask: Flags, width_px: int) -> Flags:
     """Return a mask (H, W) in a width that divides its own: a block is in it where any of its pixels is."""
-    return mask if mask.shape[1] == width_px else _worst(mask, mask.shape[1] // width_px)
-
-
-def _worst(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
-    height, width = values.shape
-    return np.ascontiguousarray(values.reshape(height // factor, factor, width // factor, factor).max(axis=(1, 3)))
+    return mask if mask.shape[1] == width_px else worst_in_blocks(mask, mask.shape[1] // width_px)
 
 
 def known_room(context: StageContext) -> RoomModel:

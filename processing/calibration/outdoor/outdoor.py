@@ -17,7 +17,7 @@ from processing.calibration.outdoor.nd_filter import NdFilter, without_negatives
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import LensError
 from processing.ground.arrays import Bytes, Flags, Floats
-from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.images import P, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, projected_solid_angles
 from processing.sphere.resampling import resample, resample_labels
 
@@ -58,23 +58,40 @@ def with_lens(image: RelativeImage, optics: OutdoorOptics, top_azimuth_rad: floa
     height, width = image.rgb.shape[:2]
     if top_azimuth_rad is None:
         top_azimuth_rad = image.geometry.top_azimuth_rad if isinstance(image.geometry, Fisheye) else 0.0
-    geometry = optics.lens.fisheye((width, height), top_azimuth_rad)
-    outside = _beyond(geometry, 1 - _EDGE_PX / geometry.radius_px)
-    rgb, uncertainty, validity = image.rgb.copy(), image.uncertainty.copy(), image.validity.copy()
+    return _part(image, optics.lens.fisheye((width, height), top_azimuth_rad))
+
+
+def _part(image: RelativeImage, lens: Fisheye, top: int = 0, left: int = 0) -> RelativeImage:
+    """Return the part of a picture from a row and column on that ``lens`` is of, black where not wholly inside."""
+    part = slice(top, top + lens.height_px), slice(left, left + lens.width_px)
+    rgb, uncertainty, validity = image.rgb[part].copy(), image.uncertainty[part].copy(), image.validity[part].copy()
+    outside = _beyond(lens, 1 - _EDGE_PX / lens.radius_px)
     rgb[outside], uncertainty[outside], validity[outside] = 0, np.inf, Validity.OUTSIDE
-    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=geometry)
+    ghost = None if image.ghost is None else image.ghost[part]
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=lens, ghost=ghost)
 
 
-def cut_to_circle(image: RelativeImage) -> RelativeImage:
-    """Return the part of a fisheye picture that holds its image circle: a full frame's other 40 % only cost time."""
-    lens = _fisheye(image)
+LEAST_DRAFT_PX = 400  # of the image circle's radius, that a draft keeps: what is made of a sky has 2.8 pixels a degree
+
+
+def draft_factor(lens: Geometry) -> int:
+    """Return by how much a draft's sky is smaller: 4, 2, or 1 where it is small already or has no such part."""
+    assert isinstance(lens, Fisheye)
+    sides = math.gcd(lens.width_px, lens.height_px)
+    return next((n for n in (4, 2) if sides % n == 0 and lens.radius_px >= n * LEAST_DRAFT_PX), 1)
+
+
+def cut_to_circle(image: RelativeImage, lens: Fisheye, step_px: int = 1) -> RelativeImage:
+    """Return the part that holds the lens's image circle, as `with_lens` does: a full frame's other 40 % cost time.
+
+    ``step_px`` divides the picture's sides, and then the part's.
+    """
     (x, y), reach = lens.axis_px, lens.radius_px + 2
-    left, right = max(math.floor(x - reach), 0), min(math.ceil(x + reach), lens.width_px)
-    top, bottom = max(math.floor(y - reach), 0), min(math.ceil(y + reach), lens.height_px)
-    part = slice(top, bottom), slice(left, right)
-    geometry = replace(lens, width_px=right - left, height_px=bottom - top, centre_px=(x - left, y - top))
-    planes = {name: getattr(image, name)[part] for name in ("rgb", "uncertainty", "validity")}
-    return replace(image, **planes, ghost=None if image.ghost is None else image.ghost[part], geometry=geometry)
+    left, top = (max(math.floor((at - reach) / step_px) * step_px, 0) for at in (x, y))
+    right, bottom = (math.ceil((at + reach) / step_px) * step_px for at in (x, y))
+    right, bottom = min(right, lens.width_px), min(bottom, lens.height_px)
+    own = replace(lens, width_px=right - left, height_px=bottom - top, centre_px=(x - left, y - top))
+    return _part(image, own, top, left)
 
 
 def correct_vignetting(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage:
@@ -100,7 +117,7 @@ def correct_colour(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage
     return replace(image, rgb=rgb, uncertainty=uncertainty, attributes=attributes)
 
 
-def project(image: RelativeImage, target: Geometry) -> RelativeImage:
+def project(image: P, target: Geometry) -> P:
     """Return step (3), and its inverse with the first geometry as target: resampled by area, energy kept.
 
     The relative uncertainty of a target pixel is the light-weighted mean of its parts': their errors may be shared
@@ -109,11 +126,10 @@ def project(image: RelativeImage, target: Geometry) -> RelativeImage:
     """
     source, weights = image.geometry, (image.validity != Validity.OUTSIDE).astype(np.float32)
     light = luminance_cd_m2(image.rgb)
-    planes = _planes(image, light)
     near = _uneven(light, image.validity)
-    done, coverage = resample(planes, source, target, method="area", weights=weights, near=near)
+    done, coverage = resample(_planes(image, light), source, target, method="area", weights=weights, near=near)
     if isinstance(target, Fisheye) and not _same_level(light * weights, source, done[..., :3], coverage, target):
-        done, coverage = resample(planes, source, target, method="area", weights=weights)
+        done, coverage = resample(_planes(image, light), source, target, method="area", weights=weights)
     rgb = np.maximum(done[..., :3], 0)
     outside = coverage <= 0
     bright = luminance_cd_m2(rgb)
@@ -129,7 +145,7 @@ def project(image: RelativeImage, target: Geometry) -> RelativeImage:
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=target, ghost=ghost)
 
 
-def _planes(image: RelativeImage, light: Floats) -> Floats:
+def _planes(image: P, light: Floats) -> Floats:
     """Return all that goes along (H, W, 7): light, light times its uncertainty, and three marks."""
     planes = np.empty((*light.shape, 7), np.float32)
     planes[..., :3] = image.rgb

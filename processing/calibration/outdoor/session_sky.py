@@ -20,7 +20,7 @@ from processing.calibration.scale.photometry import READING_KEY, UP, compare_ill
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
-from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+from processing.pictures.images import LuminanceImage, P, RelativeImage, Validity, in_blocks
 from processing.pictures.modes import SharedMode, colour_mode, falloff_mode, less_by_sum, modes_of, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye, projected_solid_angles
 from station.session.session import SessionManifest, Side
@@ -57,7 +57,7 @@ class SkyChoice(OpticsChoice, Protocol):
 
 @dataclass(frozen=True)
 class _Sky:
-    """The sky picture in its lens's geometry, corrected, not yet scaled; its sun if it has one."""
+    """The sky picture, corrected, not yet scaled; its sun if it has one."""
 
     image: RelativeImage
     sun: Sun | None
@@ -86,10 +86,13 @@ def calibrate_outdoor(
     profile: RigProfile | None,
     k1: ScaleFactor,
     responses: Mapping[Side, ResponseRecord] | None = None,
+    *,
+    draft: bool = False,
 ) -> Calibrated:
     """Return the sky in cd/m2, north known, in the geometry asked for; energy is kept throughout.
 
-    ``responses``: the curves that the session was merged with, to be those of k2. Raises `ProfileError` for a k2 of
+    ``responses``: the curves that the session was merged with, to be those of k2. ``draft``: lens, sun and north are
+    found, and the sun is repaired, in the whole picture, which is then made smaller. Raises `ProfileError` for a k2 of
     other settings, `LensError` where no image circle is seen, `ScaleError` where a lux reading gives no scale,
     `SunError` where a repair is asked that cannot be made.
     """
@@ -97,25 +100,24 @@ def calibrate_outdoor(
         return _through_glass(merged, session, asked, profile, k1)
     k2 = require_k2(profile, states_of(session), session.name) if profile and profile.k2 and asked.k2 is None else None
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
-    sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR))
+    sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR), step_px=4 if draft else 1)
+    del merged
     north, north_warnings = _north(sky, session, asked)
-    image = _turned(sky.image, north, session, asked)
-    if k2 is not None:
-        # Cameras merged with another curve than k2 was measured with: each has a scale of its own.
-        warnings += [
-            f"{side}: k2 was measured with another response curve than the session was merged with: k2 may not hold"
-            for side, digest in k2.responses.items()
-            if responses and side in responses and responses[side].digest() != digest
-        ]
+    if not draft:
+        sky = replace(sky, image=_turned(sky.image, north, session, asked))
     drift = session.repeat_drift(Side.OUTDOOR)
-    scale, scale_facts = _scale(image, asked, k2, combined(k1, ScaleFactor(1.0, drift / math.sqrt(12))), sky.sun)
+    scale, scale_facts = _scale(sky.image, asked, k2, combined(k1, ScaleFactor(1.0, drift / math.sqrt(12))), sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
-    if scale_facts["k2_source"] == FROM_LUX:
-        factors[READING_KEY] = (asked.outdoor_lux, LUX_METER_UNCERTAINTY)
-    picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **factors)
-    picture = with_shared_modes(picture, optics, sky.kernel, k2.light if k2 else 0.0)
-    mended, repair = _repaired(picture, asked, session, sky)
-    lux, low = illuminances(mended, {"up": UP})
+    factors |= {READING_KEY: (asked.outdoor_lux, LUX_METER_UNCERTAINTY)} if scale_facts["k2_source"] == FROM_LUX else {}
+    picture = scaled(sky.image, scale, side="outdoor", session_id=session.session_id, **factors)
+    shared = optics, sky.kernel, k2.light if k2 else 0.0
+    if draft:  # only in the whole picture is a clipped sun's disc sharp
+        picture, repair = _repaired(picture, asked, session, sky)
+        picture = in_blocks(picture, outdoor.draft_factor(picture.geometry))
+        picture = with_shared_modes(_turned(picture, north, session, asked), *shared)
+    else:
+        picture, repair = _repaired(with_shared_modes(picture, *shared), asked, session, sky)
+    lux, low = illuminances(picture, {"up": UP})
     facts |= scale_facts | {
         "repeat_drift_frac": drift or None,
         "veil": veil,
@@ -124,14 +126,24 @@ def calibrate_outdoor(
         "illuminance_lx": lux,
     }
     warnings += [
+        *_other_curves(k2, responses or {}),
         *north_warnings,
         *_unturned(north, session),
         *_sun_warnings(sky, asked),
         *low,
-        *_compared(mended, asked, facts),
+        *_compared(picture, asked, facts),
     ]
     warnings += [text for text in scale.warnings if text.startswith("k2")]
-    return Calibrated(mended, scale, facts, tuple(warnings))
+    return Calibrated(picture, scale, facts, tuple(warnings))
+
+
+def _other_curves(k2: K2Record | None, responses: Mapping[Side, ResponseRecord]) -> list[str]:
+    """Return warnings of cameras merged with another curve than k2 was measured with: each has a scale of its own."""
+    return [
+        f"{side}: k2 was measured with another response curve than the session was merged with: k2 may not hold"
+        for side, digest in (k2.responses.items() if k2 else ())
+        if side in responses and responses[side].digest() != digest
+    ]
 
 
 def with_shared_modes(
@@ -190,21 +202,25 @@ def _through_glass(
 
 
 def _corrected(
-    merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice, lamps: GlareKernel | None
+    merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice, lamps: GlareKernel | None, *, step_px: int
 ) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the glare taken off before."""
-    bare, kernel, veil = bare_light(merged, optics, asked, lamps)
+    bare, kernel, veil = bare_light(merged, optics, asked, lamps, step_px=step_px)
     return replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel), veil
 
 
 def bare_light(
-    merged: RelativeImage, optics: OutdoorOptics, asked: OpticsChoice, lamps: GlareKernel | None
+    merged: RelativeImage, optics: OutdoorOptics, asked: OpticsChoice, lamps: GlareKernel | None, *, step_px: int = 1
 ) -> tuple[RelativeImage, GlareKernel | None, dict[str, Any]]:
-    """Return a fisheye picture cut to its circle, without glare and fall-off; the glare's kernel, and what was done."""
+    """Return a fisheye picture cut to its circle, without glare and fall-off; the glare's kernel, and what was done.
+
+    ``step_px`` divides the sides of the picture, and then those of the part.
+    """
     height, width = merged.validity.shape
     keep = asked.glare == "keep"
-    image, kernel, veil = glare_taken_off(merged, optics.lens.fisheye((width, height)), keep=keep, lamps=lamps)
-    return outdoor.correct_vignetting(outdoor.cut_to_circle(outdoor.with_lens(image, optics)), optics), kernel, veil
+    lens = optics.lens.fisheye((width, height))
+    image, kernel, veil = glare_taken_off(merged, lens, keep=keep, lamps=lamps)
+    return outdoor.correct_vignetting(outdoor.cut_to_circle(image, lens, step_px), optics), kernel, veil
 
 
 def _with_sun(image: RelativeImage) -> _Sky:
@@ -249,7 +265,7 @@ def _unturned(north: North, session: SessionManifest) -> list[str]:
     ]
 
 
-def _turned(image: RelativeImage, north: North, session: SessionManifest, asked: SkyChoice) -> RelativeImage:
+def _turned(image: P, north: North, session: SessionManifest, asked: SkyChoice) -> P:
     """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
     heading = session.heading_rad if session.heading_rad is not None else 0.0
     assert isinstance(image.geometry, Fisheye)

@@ -20,7 +20,7 @@ from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import ROWS_AT_ONCE, SharedMode, between
-from processing.sphere import Fisheye, Geometry, directions, solid_angles
+from processing.sphere import Fisheye, Geometry, directions, in_pixels, solid_angles
 
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
@@ -248,13 +248,8 @@ def _plane(lens: Fisheye) -> Cells:
 
 def cells_around(geometry: Geometry, rows: int, two_lenses: bool = False) -> Cells:
     """Return cells of a picture by direction: as many rows, and columns as it is wide; apart by lens if asked."""
-    columns, scale = max(round(rows * geometry.width_px / geometry.height_px), 1), rows / geometry.height_px
-    small: Geometry
-    if isinstance(geometry, Fisheye):
-        centre, radius = (geometry.axis_px[0] * scale, geometry.axis_px[1] * scale), geometry.radius_px * scale
-        small = replace(geometry, width_px=columns, height_px=rows, radius_px=radius, centre_px=centre)
-    else:
-        small = replace(geometry, width_px=columns, height_px=rows)
+    columns = max(round(rows * geometry.width_px / geometry.height_px), 1)
+    small = in_pixels(geometry, columns, rows)
     rays, seen = directions(small)
     area = np.where(seen, solid_angles(small), 0)
     places, side = rays.reshape(-1, 3).astype(np.float64), rays.reshape(-1, 3)[:, 1] > 0 if two_lenses else None

@@ -173,13 +173,11 @@ def correct_panorama(image: RelativeImage, vignetting: Vignetting) -> RelativeIm
     r = np.arccos(knots) / (np.pi / 2) if vignetting.in_angle else np.sqrt(1 - knots)
     values = vignetting.evaluate(r)
     cosine = np.abs(np.cos(longitude)).astype(np.float32)
-    out = np.empty((image.geometry.height_px, image.geometry.width_px), dtype=np.float32)
-    uncertainty = np.empty_like(out)
+    rgb, uncertainty = np.empty_like(image.rgb), np.empty_like(image.uncertainty)
     for row, flat in enumerate(np.cos(latitude)):
         towards = cosine * np.float32(flat)
-        out[row] = np.interp(towards, knots, values)
+        rgb[row] = image.rgb[row] / np.interp(towards, knots, values).astype(np.float32)[:, None]
         # On the axis nothing falls off; at the stitch the doubt is whole.
         doubt = np.float32(vignetting.relative_uncertainty) * np.sqrt(np.maximum(1 - towards**2, 0))
         uncertainty[row] = np.hypot(image.uncertainty[row], doubt)
-    rgb = image.rgb / out[..., None]
-    return replace(image, rgb=np.asarray(rgb, dtype=np.float32), uncertainty=uncertainty)
+    return replace(image, rgb=rgb, uncertainty=uncertainty)

@@ -8,6 +8,7 @@ import pytest
 
 from mocks.worlds.sky import SimpleSky
 from processing.calibration.optics import corrections_unlike, find_optics, glare_taken_off, stated_circle
+from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.session_sky import calibrate_outdoor
 from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
@@ -82,6 +83,19 @@ def test_the_sun_stands_where_it_is_in_the_world_of_the_panorama(picture, view):
     expected = SimpleSky().sun_azimuth_rad + np.radians(40.0)
     assert find_sun(out.image).azimuth_rad == pytest.approx(expected, abs=0.01)
     assert not any("heading" in text for text in out.warnings)
+
+
+@pytest.mark.parametrize("least_px", [20, 1000])
+def test_a_drafts_sky_is_smaller_and_keeps_its_light_and_its_north(monkeypatch, picture, in_units, least_px):
+    monkeypatch.setattr(outdoor, "LEAST_DRAFT_PX", least_px)
+    asked = CalibrateParameters(k2=1.0)
+    small = calibrate_outdoor(picture, manifest(), asked, profile(), K1, draft=True)
+    assert small.image.rgb.shape[1] * (2 if least_px == 20 else 1) == pytest.approx(in_units.image.rgb.shape[1], abs=4)
+    assert small.facts["north"] == in_units.facts["north"]
+    assert small.facts["sun"] == in_units.facts["sun"]
+    whole, part = (one.facts["illuminance_lx"]["up"] for one in (in_units, small))
+    assert part["value"] == pytest.approx(whole["value"], rel=0.01)
+    assert find_sun(small.image).azimuth_rad == pytest.approx(find_sun(in_units.image).azimuth_rad, abs=0.02)
 
 
 def test_north_without_the_panoramas_heading_is_reported(picture):

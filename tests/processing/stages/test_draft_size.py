@@ -36,7 +36,7 @@ def test_what_a_draft_shares_with_standard_is_the_same_work() -> None:
     draft = RunRequest(quality=Quality.DRAFT)
     same = {
         name
-        for name in ("merge", "room", "detect", "remove", "materials", "render")
+        for name in ("merge", "calibrate", "room", "detect", "remove", "materials", "render")
         if quality_of(stage_named(name), draft) is Quality.STANDARD
     }
     assert same == {"merge", "room", "detect"}
