@@ -272,24 +272,28 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
 
 
 def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting | None) -> FilledPlane:
-    geometry, room, masked = seen.geometry, seen.room, seen.masked
+    geometry, room = seen.geometry, seen.room
     px_per_m = texture_density(plane, room, geometry, quality)
-    whole = unwrap(seen.light, geometry, room, plane, px_per_m, mask=masked, marks=seen.marks)
-    texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
-    mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
+    texture = unwrap(seen.light, geometry, room, plane, px_per_m, mask=seen.masked, marks=seen.marks)
+    limits = (MIXED_SHARE, 0.5, 0.5)
+    mixed, sunny, other = (texture.known & (texture.values[..., 3 + k] > limit) for k, limit in enumerate(limits))
+    texture = replace(texture, values=np.ascontiguousarray(texture.values[..., :3]))
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
-    like = (seen.planes >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
-    bare = like & ~masked if (like & ~masked).any() else ~masked
-    # A few thousand pixels are enough for a median.
-    among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
-    elsewhere = np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
     fill = fill_plane if isinstance(quality, str) else quality.fill
-    done = fill(texture, hole, (mixed, texture.known & (whole.values[..., 5] > 0.5)), room, elsewhere, skirting)
+    done = fill(texture, hole, (mixed, other), room, _usual(seen, plane), skirting)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
     done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
-    values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
+    values, lit = sunlit(done.values, texture.known, hole, sunny)
     return replace(done, values=values, confidence=done.confidence * (1 - UNSURE_SUN * lit)) if lit.any() else done
+
+
+def _usual(seen: _Seen, plane: Plane) -> Floats:
+    """Return the median light (3,) of what is seen: of walls for a wall. A few thousand pixels are enough for it."""
+    bare = ~seen.masked & (seen.planes >= FIRST_WALL if plane.index >= FIRST_WALL else True)
+    bare = bare if bare.any() else ~seen.masked
+    among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
+    return np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
 
 
 def _draw(
