@@ -74,11 +74,10 @@ def _part(image: RelativeImage, lens: Fisheye, top: int = 0, left: int = 0) -> R
 LEAST_DRAFT_PX = 400  # of the image circle's radius, that a draft keeps: what is made of a sky has 2.8 pixels a degree
 
 
-def draft_factor(lens: Geometry) -> int:
+def draft_factor(lens: LensModel, size_px: tuple[int, int]) -> int:
     """Return by how much a draft's sky is smaller: 4, 2, or 1 where it is small already or has no such part."""
-    assert isinstance(lens, Fisheye)
-    sides = math.gcd(lens.width_px, lens.height_px)
-    return next((n for n in (4, 2) if sides % n == 0 and lens.radius_px >= n * LEAST_DRAFT_PX), 1)
+    sides, radius_px = math.gcd(*size_px), lens.fisheye(size_px).radius_px
+    return next((n for n in (4, 2) if sides % n == 0 and radius_px >= n * LEAST_DRAFT_PX), 1)
 
 
 def cut_to_circle(image: RelativeImage, lens: Fisheye, step_px: int = 1) -> RelativeImage:

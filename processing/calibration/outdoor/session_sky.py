@@ -100,10 +100,11 @@ def calibrate_outdoor(
         return _through_glass(merged, session, asked, profile, k1)
     k2 = require_k2(profile, states_of(session), session.name) if profile and profile.k2 and asked.k2 is None else None
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
-    sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR), step_px=4 if draft else 1)
+    smaller = outdoor.draft_factor(optics.lens, merged.validity.shape[::-1]) if draft else 1
+    sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR), step_px=smaller)
     del merged
     north, north_warnings = _north(sky, session, asked)
-    if not draft:
+    if smaller == 1:
         sky = replace(sky, image=_turned(sky.image, north, session, asked))
     drift = session.repeat_drift(Side.OUTDOOR)
     scale, scale_facts = _scale(sky.image, asked, k2, combined(k1, ScaleFactor(1.0, drift / math.sqrt(12))), sky.sun)
@@ -111,12 +112,11 @@ def calibrate_outdoor(
     factors |= {READING_KEY: (asked.outdoor_lux, LUX_METER_UNCERTAINTY)} if scale_facts["k2_source"] == FROM_LUX else {}
     picture = scaled(sky.image, scale, side="outdoor", session_id=session.session_id, **factors)
     shared = optics, sky.kernel, k2.light if k2 else 0.0
-    if draft:  # only in the whole picture is a clipped sun's disc sharp
-        picture, repair = _repaired(picture, asked, session, sky)
-        picture = in_blocks(picture, outdoor.draft_factor(picture.geometry))
-        picture = with_shared_modes(_turned(picture, north, session, asked), *shared)
-    else:
+    if smaller == 1:
         picture, repair = _repaired(with_shared_modes(picture, *shared), asked, session, sky)
+    else:  # only in the whole picture is a clipped sun's disc sharp
+        picture, repair = _repaired(picture, asked, session, sky)
+        picture = with_shared_modes(_turned(in_blocks(picture, smaller), north, session, asked), *shared)
     lux, low = illuminances(picture, {"up": UP})
     facts |= scale_facts | {
         "repeat_drift_frac": drift or None,
@@ -216,10 +216,8 @@ def bare_light(
 
     ``step_px`` divides the sides of the picture, and then those of the part.
     """
-    height, width = merged.validity.shape
-    keep = asked.glare == "keep"
-    lens = optics.lens.fisheye((width, height))
-    image, kernel, veil = glare_taken_off(merged, lens, keep=keep, lamps=lamps)
+    lens = optics.lens.fisheye((merged.validity.shape[1], merged.validity.shape[0]))
+    image, kernel, veil = glare_taken_off(merged, lens, keep=asked.glare == "keep", lamps=lamps)
     return outdoor.correct_vignetting(outdoor.cut_to_circle(image, lens, step_px), optics), kernel, veil
 
 
