@@ -15,20 +15,9 @@ from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
+from processing.removal import furniture as pieces
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import (
-    ISLAND_SR,
-    SILL_RAD,
-    TOUCH_RAD,
-    FurnitureFound,
-    boards_between,
-    completed,
-    doors_in,
-    find_furniture,
-    islands_in,
-    lower_ends,
-    torn_boards,
-)
+from processing.removal.furniture import FurnitureFound
 from processing.removal.rests import crumbs_on_walls, rests_beside, torn_glare, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.skirting import SEEN_SHARE
@@ -146,12 +135,12 @@ def _find(
     tripod = find_tripod(chances, shown, maps.plane == FLOOR)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(tripod, mask=tripod.mask | board)
-    furniture = find_furniture(chances, maps, shown, whole=known.two_networks, reach_m=seen[0])
+    furniture = pieces.find_furniture(chances, maps, shown, whole=known.two_networks, reach_m=seen[0])
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > BLOCKED
     likely = chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     hall = _next_floor(chances, maps, shown)
-    openings = others | (maps.opening >= 0) | (known.two_networks & doors_in(chances, maps)) | hall
+    openings = others | (maps.opening >= 0) | (known.two_networks & pieces.doors_in(chances, maps)) | hall
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
     furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
@@ -162,9 +151,9 @@ def _find(
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     # Twice the margin: crumbs of furniture stayed on skirting and frames.
-    hangs |= (boards | grown(openings, SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
-    hangs |= completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
-    hangs &= ~(torn := boards_between(boards, furniture.mask | plain) & ~openings)
+    hangs |= (boards | grown(openings, pieces.SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
+    hangs |= pieces.completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
+    hangs &= ~(torn := pieces.boards_between(boards, furniture.mask | plain) & ~openings)
     stays = hangs | tripod.mask | sunlight.mask
     if seen[0] is not None:
         stays |= seen[0] > BEYOND * maps.depth_m
@@ -173,7 +162,7 @@ def _find(
     bar = stays | openings | fixtures
     rests = rests_beside(gone, chances, luminance, maps, bar)
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
-    rests |= crumbs_on_walls(gone | rests, rgb, maps, boards | other | grown(openings, 2 * SILL_RAD))
+    rests |= crumbs_on_walls(gone | rests, rgb, maps, boards | other | grown(openings, 2 * pieces.SILL_RAD))
     plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~bar), hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow)
@@ -185,7 +174,7 @@ def _find(
 def _next_floor(chances: Floats, maps: SurfaceMaps, shown: Bytes) -> Flags:
     """Return where (H, W) the next room's floor is seen, as far as it is likelier than furniture there."""
     floor = chances[SceneClass.FLOOR] * (maps.plane >= FIRST_WALL)
-    return completed(floor > BLOCKED, floor * (floor > chances[SceneClass.FURNITURE]), shown)
+    return pieces.completed(floor > BLOCKED, floor * (floor > chances[SceneClass.FURNITURE]), shown)
 
 
 def _sun(
@@ -218,7 +207,7 @@ def _rests(furniture: Flags, contact: Flags, torn: Flags, shown: Bytes, maps: Su
 
 def _beside_boards(found: FurnitureFound, boards: Flags, openings: Flags) -> tuple[FurnitureFound, Flags]:
     """Return furniture without the ``boards`` of skirting (H, W), but with torn ones; and the boards that stay."""
-    torn = torn_boards(boards, found.mask & ~boards, BELOW_RAD) & ~openings
+    torn = pieces.torn_boards(boards, found.mask & ~boards, BELOW_RAD) & ~openings
     stays = boards & ~torn
     found = replace(found, mask=found.mask & ~stays, probability=np.where(stays, np.float32(0), found.probability))
     return _with(found, torn), stays
@@ -240,7 +229,7 @@ def _with_things(
     """
     count, labels = components(things[0])
     touches, beside = np.zeros(count + 1, bool), grown(openings, CURTAIN_RAD)
-    touches[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = True
+    touches[np.unique(labels[grown(found.mask, pieces.TOUCH_RAD)])] = True
     lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
     size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
     # What hangs on a wall stays, unless it is small and touches furniture itself (a framed photograph on a chest).
@@ -249,7 +238,7 @@ def _with_things(
     free = np.ones(count + 1, bool)
     free[np.unique(labels[beside])] = free[0] = False
     # What stands on furniture, such as a picture on a chest, goes whole with it.
-    near, ends = lower_ends(labels, grown(found.mask, BELOW_RAD), count)
+    near, ends = pieces.lower_ends(labels, grown(found.mask, BELOW_RAD), count)
     stands = free & (near > MOST_ENDS * ends) & (size < STANDING_SR)
     on, stays = stands[labels] & ~rugs, (stays | ~free) & ~stands
     stays[0] = False
@@ -327,10 +316,10 @@ def target_of(things: tuple[Flags, Flags], sunlight: Flags, openings: Flags, mar
     return with_islands(grown(things[0], margin_rad) | things[1], openings) | grown(sunlight, margin_rad)
 
 
-def with_islands(target: Flags, openings: Flags, most_sr: float = ISLAND_SR) -> Flags:
+def with_islands(target: Flags, openings: Flags, most_sr: float = pieces.ISLAND_SR) -> Flags:
     """Return a target (H, W) with the small parts that it goes all round, but for windows and doors (h, w)."""
     small = resized(target.astype(np.float32), (openings.shape[0], openings.shape[1])) > 0.5
-    islands = islands_in(small, openings, most_sr)
+    islands = pieces.islands_in(small, openings, most_sr)
     if not islands.any():
         return target
     # One pixel more, as the edge of the smaller mask is that coarse.
@@ -338,9 +327,8 @@ def with_islands(target: Flags, openings: Flags, most_sr: float = ISLAND_SR) -> 
 
 
 def _nothing(shape: tuple[int, int], why: str) -> Masks:
-    none = np.zeros(shape, bool)
-    names = ("furniture", "tripod", "sunlight", "shadow", "target")
-    return Masks(none, none.copy(), none.copy(), none.copy(), none.copy(), (why,), None, dict.fromkeys(names, 0.0))
+    none = {name: np.zeros(shape, bool) for name in ("furniture", "tripod", "sunlight", "shadow", "target")}
+    return Masks(**none, notes=(why,), sun=None, shares=dict.fromkeys(none, 0.0))
 
 
 def _checked(image: LuminanceImage | RelativeImage, evidence: SceneEvidence, margin_rad: float) -> Equirectangular:

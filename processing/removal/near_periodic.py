@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal import near_periodic_lattice
+from processing.removal import near_periodic_lattice as shifts
 from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
 from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights, window_around
 from processing.removal.near_periodic_lattice import Lattice, Line, SelfCorrelation
@@ -88,7 +88,7 @@ def complete(
     filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, manner_of(repeat, cell))
     if left.any() and repeat is not Repeat.NONE:
         rest = _Job(filled, known | (hole & ~left), left, density)
-        loose = near_periodic_lattice.loose_offsets(found.correlation) / found.factor
+        loose = shifts.loose_offsets(found.correlation) / found.factor
         filled, more, left = rest.filled(loose, manner_of(Repeat.NONE, LOOSE_CELL * max(known.shape)))
         confidence = np.where(rest.known, confidence, 0.5 * more)
     if left.any():
@@ -122,18 +122,14 @@ def analyse(values: Floats, known: Flags) -> Analysis:
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
     smooth = 0.1 * min(small.shape[:2])
-    alike = near_periodic_lattice.self_correlation(near_periodic_lattice.high_passed(small[..., 0], seen, smooth), seen)
-    lattice = near_periodic_lattice.find_lattice(alike)
-    field, inner = near_periodic_lattice.oriented(
-        near_periodic_lattice.high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX
-    )
+    alike = shifts.self_correlation(shifts.high_passed(small[..., 0], seen, smooth), seen)
+    lattice = shifts.find_lattice(alike)
+    field, inner = shifts.oriented(shifts.high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX)
     if lattice is None:
-        lattice = near_periodic_lattice.find_lattice(
-            near_periodic_lattice.self_correlation(field, inner), near_periodic_lattice.ORIENTED_NCC
-        )
+        lattice = shifts.find_lattice(shifts.self_correlation(field, inner), shifts.ORIENTED_NCC)
     if lattice is not None:
         return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None, alike, factor)
-    return Analysis(None, near_periodic_lattice.find_line(field, inner), alike, factor)
+    return Analysis(None, shifts.find_line(field, inner), alike, factor)
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
@@ -151,11 +147,11 @@ def _offsets(found: Analysis, known: Flags) -> tuple[Doubles, float]:
     """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
     if found.lattice is not None:
         cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
-        return near_periodic_lattice.lattice_offsets(found.lattice, known.shape[:2]), cell
+        return shifts.lattice_offsets(found.lattice, known.shape[:2]), cell
     cell = LOOSE_CELL * max(known.shape)
     if found.line is not None:
-        return near_periodic_lattice.line_offsets(found.line, found.correlation) / found.factor, cell
-    return near_periodic_lattice.loose_offsets(found.correlation) / found.factor, cell
+        return shifts.line_offsets(found.line, found.correlation) / found.factor, cell
+    return shifts.loose_offsets(found.correlation) / found.factor, cell
 
 
 def manner_of(repeat: Repeat, cell_px: float) -> Manner:
@@ -209,20 +205,13 @@ class _Job:
         seen = share > 0.99
         lack = _smaller(self.hole[..., None].astype(np.float32), np.ones_like(self.hole), scale)[0][..., 0] > 0
         small = np.where(seen[..., None], small, 0).astype(np.float32)
-        inside = tuple(
+        rows, columns = (
             slice(int(s.start * scale), min(max(int(s.start * scale) + 2, int(np.ceil(s.stop * scale))), n))
             for s, n in zip(window, seen.shape, strict=True)
         )
         density = None
         if self.density is not None:
             density = np.asarray(cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
-        return solve_weights(
-            small,
-            seen,
-            lack & ~seen,
-            offsets * scale,
-            (inside[0], inside[1]),
-            box_px=max(7, round(manner.box_px * scale)),
-            guesses=manner.guesses,
-            density=density,
-        )
+        given = small, seen, lack & ~seen, offsets * scale, (rows, columns)
+        box_px = max(7, round(manner.box_px * scale))
+        return solve_weights(*given, box_px=box_px, guesses=manner.guesses, density=density)

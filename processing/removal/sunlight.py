@@ -15,15 +15,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components
-from processing.surfaces.sun import (
-    AZIMUTH_SLACK_RAD,
-    ELEVATION_SLACK_RAD,
-    LEAST_RATIO,
-    glazed,
-    sun_vector,
-    wall_between,
-    window_depth,
-)
+from processing.surfaces import sun as beams
 
 SURE_RATIO = 2.5  # the same, where no window is known that could confirm it
 # Without time and site nothing says that there is a sun. Only what looks like nothing else is then taken for its light.
@@ -96,20 +88,20 @@ def find_sunlight(
     if usable.sum() < LEAST_PX:
         return SunFound(none, None, False, "hardly any floor or wall is visible")
     relative = relative_log2(luminance, plane, usable)
-    if not glazed(room) and sun is None:
+    if not beams.glazed(room) and sun is None:
         return SunFound(none, None, False, "neither a window nor the sun's position is known: no sunlight assumed")
-    if not glazed(room):
+    if not beams.glazed(room):
         bright = usable & (relative > math.log2(SURE_RATIO))
         reason = "the room has no window to confirm it: bright areas found by luminance alone"
         return SunFound(bright, None, False, reason if bright.any() else "no area is bright enough for direct sun")
-    if not (usable & (relative > math.log2(LEAST_RATIO))).any():
+    if not (usable & (relative > math.log2(beams.LEAST_RATIO))).any():
         return SunFound(none, None, False, "no area is bright enough for direct sun: overcast, or the sun is elsewhere")
     scene = Scene(points_m[usable], plane[usable], relative[usable], weight[usable])
     direction, score = best_direction(thinned(scene), room, sun)
     if direction is None or score <= 0:
         why = "no window's beam explains the bright areas: overcast, or the sun is elsewhere"
         return SunFound(none, None, False, why)
-    lit = _in_beams(scene, room, sun_vector(*direction))
+    lit = _in_beams(scene, room, beams.sun_vector(*direction))
     mask = none.copy()
     mask[usable] = lit
     if sun is None and not seen:
@@ -193,13 +185,13 @@ def best_direction(
         azimuths = np.linspace(-math.pi, math.pi, SEARCH_AZIMUTHS, endpoint=False)
         ways = [(float(a), float(e)) for a in azimuths for e in np.linspace(LOWEST_RAD, HIGHEST_RAD, SEARCH_ELEVATIONS)]
     else:
-        azimuths = sun[0] + np.linspace(-AZIMUTH_SLACK_RAD, AZIMUTH_SLACK_RAD, 7)
-        heights = sun[1] + np.linspace(-ELEVATION_SLACK_RAD, ELEVATION_SLACK_RAD, 3)
+        azimuths = sun[0] + np.linspace(-beams.AZIMUTH_SLACK_RAD, beams.AZIMUTH_SLACK_RAD, 7)
+        heights = sun[1] + np.linspace(-beams.ELEVATION_SLACK_RAD, beams.ELEVATION_SLACK_RAD, 3)
         ways = [(float(a), max(0.01, float(e))) for a in azimuths for e in heights]
     best: tuple[float, float] | None = None
     score = 0.0
     for direction in ways:
-        value = explained(scene, room, sun_vector(*direction))
+        value = explained(scene, room, beams.sun_vector(*direction))
         if value > score:
             best, score = direction, value
     for step in FINE_STEPS_RAD:
@@ -207,7 +199,7 @@ def best_direction(
             break
         around = [(best[0] + i * step, max(0.01, best[1] + j * step)) for i in range(-2, 3) for j in range(-2, 3)]
         around = [one for one in around if _within_slack(one, sun)]
-        values = [explained(scene, room, sun_vector(*one)) for one in around]
+        values = [explained(scene, room, beams.sun_vector(*one)) for one in around]
         best, score = around[int(np.argmax(values))], max(values)
     return best, score
 
@@ -218,17 +210,17 @@ def _within_slack(direction: tuple[float, float], given: tuple[float, float] | N
         return True
     turned = abs((direction[0] - given[0] + math.pi) % (2 * math.pi) - math.pi)
     risen = abs(direction[1] - max(0.01, given[1]))
-    return turned <= AZIMUTH_SLACK_RAD + 1e-9 and risen <= ELEVATION_SLACK_RAD + 1e-9
+    return turned <= beams.AZIMUTH_SLACK_RAD + 1e-9 and risen <= beams.ELEVATION_SLACK_RAD + 1e-9
 
 
 def explained(scene: Scene, room: RoomModel, sun: Doubles) -> float:
     """Return how well beams along ``sun`` (unit, of shape (3,)) fit: brightness inside less bright places outside."""
-    depth, _ = window_depth(room, scene.points_m, sun)
+    depth, _ = beams.window_depth(room, scene.points_m, sun)
     inside = depth > 0
     if not inside.any():
         return 0.0
-    inside[inside] &= ~wall_between(room, scene.points_m[inside], sun)
-    bright = np.clip(scene.log2_luminance - math.log2(LEAST_RATIO), -1.0, 2.0)
+    inside[inside] &= ~beams.wall_between(room, scene.points_m[inside], sun)
+    bright = np.clip(scene.log2_luminance - math.log2(beams.LEAST_RATIO), -1.0, 2.0)
     return float((scene.weight * np.where(inside, bright, -np.maximum(bright, 0.0))).sum()) + float(
         (scene.weight * np.maximum(bright, 0.0)).sum()
     )
@@ -236,10 +228,10 @@ def explained(scene: Scene, room: RoomModel, sun: Doubles) -> float:
 
 def _in_beams(scene: Scene, room: RoomModel, sun: Doubles) -> Flags:
     """Return which pixels are sunlit, window by window: brighter than half-way to the shade beside the beam."""
-    depth, which = window_depth(room, scene.points_m, sun)
+    depth, which = beams.window_depth(room, scene.points_m, sun)
     near = depth > -SLACK_M
     hidden = np.zeros(near.shape, bool)
-    hidden[near] = wall_between(room, scene.points_m[near], sun)
+    hidden[near] = beams.wall_between(room, scene.points_m[near], sun)
     lit = np.zeros(near.shape, bool)
     for window in np.unique(which[near]):
         for plane in np.unique(scene.plane[near & (which == window)]):
@@ -255,8 +247,8 @@ def _one_beam(log2_luminance: Floats, depth: Floats, here: Flags) -> Flags:
     if core.sum() < LEAST_PX // 4:
         core = beam
     shade = 0.0 if ring.sum() < LEAST_PX // 4 else float(np.median(log2_luminance[ring]))
-    bright = log2_luminance[core & (log2_luminance > shade + math.log2(LEAST_RATIO))]
+    bright = log2_luminance[core & (log2_luminance > shade + math.log2(beams.LEAST_RATIO))]
     if bright.size < LEAST_PX // 8:
         return np.zeros(here.shape, bool)
     threshold = (shade + float(np.median(bright))) / 2
-    return beam & (log2_luminance > max(threshold, shade + math.log2(LEAST_RATIO) / 2))
+    return beam & (log2_luminance > max(threshold, shade + math.log2(beams.LEAST_RATIO) / 2))

@@ -6,19 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.ground.arrays import Doubles
+from processing.room import outline as outlines
 from processing.room.columns import Columns
-from processing.room.outline import (
-    ALONG_X,
-    ALONG_Y,
-    FREE,
-    Outline,
-    divide,
-    outline_of,
-    polygon_of,
-    stretch_costs,
-    values_of,
-    with_values,
-)
+from processing.room.outline import ALONG_X, ALONG_Y, FREE, Outline
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.maps import wall_ranges
 
@@ -66,12 +56,12 @@ def fitted(outline: Outline, columns: Columns, *, rounds: int = MOST_ROUNDS) -> 
 
     Steps that break the room (walls that cross, a camera outside) are shortened.
     """
-    values = values_of(outline)
+    values = outlines.values_of(outline)
     count = len(outline.walls)
     distances = np.maximum(np.abs(values[2 : 2 + count]), 0.3) * CHANGE_SIGMA
     free = np.full(len(values) - 2 - count, 0.3)
     start, scale = values.copy(), np.concatenate([[AZIMUTH_SIGMA_RAD, columns.ratio_sigma], distances, free])
-    polygon = polygon_of(outline)
+    polygon = outlines.polygon_of(outline)
     if polygon is None:
         return None
     best = _objective(outline, values, start, scale, columns)
@@ -91,8 +81,8 @@ def fitted(outline: Outline, columns: Columns, *, rounds: int = MOST_ROUNDS) -> 
         gain, best = best - tried, tried
         if gain < 1e-3 * max(best, 1.0):
             break
-    found = with_values(outline, values)
-    polygon = polygon_of(found)
+    found = outlines.with_values(outline, values)
+    polygon = outlines.polygon_of(found)
     if polygon is None:
         return None
     cost, unexplained = cost_of(polygon, found.ratio, columns)
@@ -100,8 +90,8 @@ def fitted(outline: Outline, columns: Columns, *, rounds: int = MOST_ROUNDS) -> 
 
 
 def _plain(outline: Outline, values: Doubles, columns: Columns) -> Doubles | None:
-    moved = with_values(outline, values)
-    polygon = polygon_of(moved)
+    moved = outlines.with_values(outline, values)
+    polygon = outlines.polygon_of(moved)
     return None if polygon is None else residuals(polygon, moved.ratio, columns).ravel()
 
 
@@ -223,7 +213,7 @@ class Hypothesis:
 
 def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> list[Hypothesis]:
     """Return rooms that the columns may mean, the cheapest first, each fitted; the same outline once."""
-    costs = stretch_costs(columns, turned_rad, (ALONG_X, ALONG_Y, FREE) if slanted else (ALONG_X, ALONG_Y))
+    costs = outlines.stretch_costs(columns, turned_rad, (ALONG_X, ALONG_Y, FREE) if slanted else (ALONG_X, ALONG_Y))
     menus: dict[str, dict[int, float]] = {"rectilinear": {ALONG_X: 0.0, ALONG_Y: 0.0}}
     if slanted:
         menus["slanted"] = {ALONG_X: 0.0, ALONG_Y: 0.0, FREE: FREE_EXTRA}
@@ -231,8 +221,8 @@ def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> 
     found: dict[tuple[object, ...], Hypothesis] = {}
     for name, kinds in menus.items():
         for price in PRICES:
-            _, stretches = divide(costs, columns.corner, price, kinds)
-            outline = outline_of(stretches, columns.azimuth_rad, turned_rad, columns.ratio) if stretches else None
+            _, stretches = outlines.divide(costs, columns.corner, price, kinds)
+            outline = outlines.outline_of(stretches, columns.azimuth_rad, turned_rad, columns.ratio)
             if outline is None or len(outline.walls) > MOST_WALLS:
                 continue
             key = _key(outline)

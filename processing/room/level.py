@@ -107,8 +107,8 @@ def make_upright(image: Image, rotation: Doubles) -> Image:
     """Return a picture turned by a rotation of shape (3, 3); the same object where that is the identity.
 
     Light is sampled cubic, held within the 16 pixels around (linear beside what lies outside the picture, of the rest
-    alone); validity, uncertainty and
-    ghosts are those of the nearest pixel. The turn is kept in the attributes (``level_rotation``).
+    alone); validity, uncertainty and ghosts are those of the nearest pixel. The turn is kept in the attributes
+    (``level_rotation``).
 
     Raises `ParameterError` for a picture that is not equirectangular or a matrix that is no rotation.
     """

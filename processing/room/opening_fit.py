@@ -312,13 +312,12 @@ def fitted(field: Field, recess_m: float, start: Box, weights: Sequence[float] |
     sides = list(start)
     step = 1 / view.px_per_m
     moves = np.arange(-math.ceil(REACH_M / step), math.ceil(REACH_M / step) + 1) * step
-    limits = (view.plane.width_m, view.plane.height_m)
     best = -math.inf
     for _ in range(PASSES):
         for which in (0, 2, 1) if field.kind.to_floor else (0, 2, 1, 3):
             tried = start[which] + moves
             low = 0.0 if which < 2 else sides[which - 2] + LEAST_SIDE_M
-            high = sides[which + 2] - LEAST_SIDE_M if which < 2 else limits[which % 2]
+            high = sides[which + 2] - LEAST_SIDE_M if which < 2 else (width, height)[which % 2]
             tried = tried[(tried >= low - 1e-9) & (tried <= high + 1e-9)]
             if not tried.size:
                 continue

@@ -16,16 +16,8 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.room.openings import find_openings
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
+from processing.surfaces import sun as beams
 from processing.surfaces.maps import CEILING, FIRST_WALL, SurfaceMaps, surface_maps
-from processing.surfaces.sun import (
-    AZIMUTH_SLACK_RAD,
-    ELEVATION_SLACK_RAD,
-    LEAST_RATIO,
-    coloured_as_behind,
-    sun_vector,
-    wall_between,
-    window_depth,
-)
 
 ROWS = 512  # 0.35 degrees each; chosen, never swept
 AZIMUTHS, ELEVATIONS = 5, 3  # directions tried within which the given one may be off
@@ -80,17 +72,18 @@ def sun_patches(
     rays, _ = directions(geometry)
     points = rays[asked] * maps.depth_m[asked][:, None] + np.array([0.0, 0.0, room.camera_height_m])
     reached = np.zeros(len(points), bool)
-    for turn in np.linspace(-AZIMUTH_SLACK_RAD, AZIMUTH_SLACK_RAD, AZIMUTHS):
-        for rise in np.linspace(-ELEVATION_SLACK_RAD, ELEVATION_SLACK_RAD, ELEVATIONS):
-            way = sun_vector(sun[0] + float(turn), max(0.01, sun[1] + float(rise)))
-            depth, _ = window_depth(room, points, way)
+    for turn in np.linspace(-beams.AZIMUTH_SLACK_RAD, beams.AZIMUTH_SLACK_RAD, AZIMUTHS):
+        for rise in np.linspace(-beams.ELEVATION_SLACK_RAD, beams.ELEVATION_SLACK_RAD, ELEVATIONS):
+            way = beams.sun_vector(sun[0] + float(turn), max(0.01, sun[1] + float(rise)))
+            depth, _ = beams.window_depth(room, points, way)
             near = (depth > -EDGE_M) & ~reached
-            reached[near] = ~wall_between(room, points[near], way)
+            reached[near] = ~beams.wall_between(room, points[near], way)
     found = np.zeros(asked.shape, bool)
     found[asked] = reached
     asked &= found
     asked &= _bright(small, maps, asked) & _even(small)
-    return asked & coloured_as_behind(small, maps.plane, asked, (maps.opening >= 0) | (maps.plane == CEILING)), maps
+    hidden = (maps.opening >= 0) | (maps.plane == CEILING)
+    return asked & beams.coloured_as_behind(small, maps.plane, asked, hidden), maps
 
 
 def _bright(rgb: Floats, maps: SurfaceMaps, asked: Flags) -> Flags:
@@ -99,7 +92,7 @@ def _bright(rgb: Floats, maps: SurfaceMaps, asked: Flags) -> Flags:
     for plane in np.unique(maps.plane[asked]):
         shade = luminance[(maps.plane == plane) & (maps.opening < 0) & (luminance > 0)]
         if shade.size:
-            found |= (maps.plane == plane) & (luminance > LEAST_RATIO * float(np.median(shade)))
+            found |= (maps.plane == plane) & (luminance > beams.LEAST_RATIO * float(np.median(shade)))
     return found
 
 

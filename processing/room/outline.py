@@ -188,11 +188,6 @@ class Outline:
     ratio: float
     """Ceiling over camera to camera over floor."""
 
-    @property
-    def kinds(self) -> tuple[int, ...]:
-        """Return the kinds of the walls."""
-        return tuple(wall.kind for wall in self.walls)
-
 
 def corners_of(outline: Outline) -> Doubles:
     """Return corner i, where wall i - 1 meets wall i, (N, 2) in the world's axes, clockwise; NaN if parallel."""
