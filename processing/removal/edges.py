@@ -12,9 +12,8 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats, Reals
 from processing.ground.seam import resized
 from processing.ground.threads import side_by_side
 from processing.segmentation.evidence import SceneClass
@@ -118,11 +117,9 @@ def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS
     He, Sun, Tang 2013, eq. 14 to 16; ``guide`` in 0..1.
     """
 
-    def _mean(picture: npt.NDArray[np.floating]) -> Floats:
-        side = 2 * radius_px + 1
-        return np.asarray(
-            cv2.boxFilter(np.asarray(picture, np.float32), -1, (side, side), borderType=cv2.BORDER_REFLECT), np.float32
-        )
+    def _mean(picture: Reals) -> Floats:
+        flat, side = np.asarray(picture, np.float32), (2 * radius_px + 1,) * 2
+        return np.asarray(cv2.boxFilter(flat, -1, side, borderType=cv2.BORDER_REFLECT), np.float32)
 
     colour, value = _mean(guide), _mean(values)
     covariance = [_mean(guide[..., i] * values) - colour[..., i] * value for i in range(3)]

@@ -8,6 +8,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -111,18 +112,12 @@ class Quick:
         self._kept: dict[bytes, FilledPlane] = {}
 
     def fill(
-        self,
-        texture: Texture,
-        hole: Flags,
-        apart: tuple[Flags, Flags],
-        room: RoomModel,
-        elsewhere: Floats,
-        skirting: Skirting | None,
+        self, texture: Texture, hole: Flags, apart: tuple[Flags, Flags], work: Callable[[], FilledPlane]
     ) -> FilledPlane:
-        """Return `fill_plane` of a texture (H, W), worked out or remembered."""
+        """Return the `fill_plane` of a texture (H, W) with its hole and what lies apart, by ``work`` or remembered."""
         parts = (texture.values, texture.known, hole, *apart)
         key = hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest() + bytes([texture.plane.index % 256])
-        found = self._kept.pop(key, None) or fill_plane(texture, hole, apart, room, elsewhere, skirting)
+        found = self._kept.pop(key, None) or work()
         self._kept = {**dict([*self._kept.items()][1 - MOST_KEPT :]), key: found}
         return found
 
@@ -202,12 +197,12 @@ def empty_room(
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
 
     seen = _Seen(rgb, np.stack([unfit, kept, foreign], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
-    filled = _filled(seen, hidden, foreign, quality, skirting, filler)
+    filled = _filled(seen, hidden, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
     out, notes = image.rgb if own else image.rgb.copy(), []
     for plane, done in zip(hidden, filled, strict=True):
         where = target & (shown == plane.index)
-        _draw(done, room, (geometry, shown), where, (out, provenance, confidence))
+        _draw(done, seen, where, (out, provenance, confidence))
         notes.append(f"{plane.name}: {where.sum()} px, {done.how}")
         if (done.confidence[done.hole] < 0.06).all():
             notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
@@ -221,14 +216,9 @@ def _blank(shape: tuple[int, ...]) -> tuple[Bytes, Floats]:
 
 
 def _filled(
-    seen: _Seen,
-    hidden: list[Plane],
-    foreign: Flags,
-    quality: str | Quick,
-    skirting: Skirting | None,
-    filler: PlaneFiller | None,
+    seen: _Seen, hidden: list[Plane], quality: str | Quick, skirting: Skirting | None, filler: PlaneFiller | None
 ) -> list[FilledPlane]:
-    """Return the filled textures of planes, in their order; of all, the floor alone takes nothing from ``foreign``."""
+    """Return the filled textures of planes, in their order; the floor alone takes nothing from what is foreign."""
 
     def fill(plane: Plane) -> FilledPlane:
         done = _plane(seen, plane, quality, skirting)
@@ -237,7 +227,7 @@ def _filled(
         return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
 
     filled = side_by_side(fill, [plane for plane in hidden if plane.index != FLOOR], PLANES_AT_ONCE)
-    seen.marks[..., 0] |= foreign
+    seen.marks[..., 0] |= seen.marks[..., 2]
     filled += [fill(plane) for plane in hidden if plane.index == FLOOR]
     return sorted(filled, key=lambda done: done.texture.plane.index)
 
@@ -280,8 +270,9 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     texture = replace(texture, values=np.ascontiguousarray(texture.values[..., :3]))
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
-    fill = fill_plane if isinstance(quality, str) else quality.fill
-    done = fill(texture, hole, (mixed, other), room, _usual(seen, plane), skirting)
+    given = texture, hole, (mixed, other)
+    work = partial(fill_plane, *given, room, _usual(seen, plane), skirting)
+    done = work() if isinstance(quality, str) else quality.fill(*given, work)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
     done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
     values, lit = sunlit(done.values, texture.known, hole, sunny)
@@ -296,18 +287,13 @@ def _usual(seen: _Seen, plane: Plane) -> Floats:
     return np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
 
 
-def _draw(
-    done: FilledPlane,
-    room: RoomModel,
-    seen: tuple[Equirectangular, Int16s],
-    where: Flags,
-    into: tuple[Floats, Bytes, Floats],
-) -> None:
-    """Draw a plane's filling into the panorama, its provenance and its confidence; ``seen``: what pixels look at."""
+def _draw(done: FilledPlane, seen: _Seen, where: Flags, into: tuple[Floats, Bytes, Floats]) -> None:
+    """Draw a plane's filling into the panorama, its provenance and its confidence."""
     out, provenance, confidence = into
     layers = np.concatenate([done.values, done.confidence[..., None], done.continued[..., None].astype(np.float32)], -1)
     # Texels outside the outline are never right: `wrap` leaves them out.
-    values, mask = wrap(layers, done.texture.plane, done.texture.px_per_m, room, seen[0], where, seen[1])
+    shown = done.texture.plane, done.texture.px_per_m, seen.room, seen.geometry
+    values, mask = wrap(layers, *shown, where, seen.planes)
     out[mask] = np.maximum(values[:, :3], 0)
     sure = np.clip(values[:, 3], 0, 1)
     confidence[mask] = sure

@@ -101,7 +101,8 @@ def lifted(
     unlit = replace(image, rgb=reflectance)
     done = empty_room(unlit, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
     rgb, stays = done.image.rgb, ~target & (image.validity == Validity.VALID)
-    _in_bands(partial(_lit_again, (image.rgb, rgb), change, target, stays), planes, plane, glass)
+    changed = target | (stays & (change != 0))
+    _in_bands(partial(_lit_again, image.rgb, rgb, change, changed), planes, plane, glass)
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
@@ -129,20 +130,11 @@ def _unlit(rgb: Floats, albedo: Floats, change: Floats, rows: slice, lift: Float
 
 
 def _lit_again(
-    pictures: tuple[Floats, Floats],
-    change: Floats,
-    target: Flags,
-    stays: Flags,
-    rows: slice,
-    lift: Floats,
-    light: Floats,
-    much: Floats,
+    before: Floats, rgb: Floats, change: Floats, changed: Flags, rows: slice, lift: Floats, light: Floats, much: Floats
 ) -> None:
-    """Light a band of the second of two pictures (H, W, 3), reflectance so far; what has not changed is the first's."""
-    before, rgb = pictures
-    changed = target[rows] | (stays[rows] & (change[rows] != 0))
+    """Light a band of ``rgb`` (H, W, 3), reflectance so far, where ``changed`` (H, W); else it is as ``before``."""
     lit = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
-    rgb[rows] = np.where(changed[..., None], lit, before[rows])
+    rgb[rows] = np.where(changed[rows][..., None], lit, before[rows])
     change[rows] *= much[..., 0]
 
 

@@ -164,24 +164,21 @@ def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Fl
     shade colours it, but little (far from what is seen, the channels' surfaces drift apart).
     """
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
+    gain, floor = np.ones(rgb.shape, np.float32), planes_of(room)[FLOOR]
+    shade = unwrap(shadow.astype(np.float32), geometry, room, floor, PX_PER_M).values > 0.5
     log2 = np.log2(np.maximum(rgb, 1e-6)).astype(np.float32)
-    gain = np.ones(rgb.shape, np.float32)
-    for plane in planes_of(room):
-        shade = unwrap(shadow.astype(np.float32), geometry, room, plane, PX_PER_M).values > 0.5
-        if plane.index != FLOOR or not shade.any():
-            continue
-        texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=hidden)
-        far = texture.known & ~_by(shade, 2 * CONTACT_M)
-        # Where most of a floor lies in what may be shade, nobody knows its light without.
-        if far.sum() < max(LEAST_FAR, LEAST_FAR_SHARE * texture.known.sum()):
-            continue
-        spread = cv2.GaussianBlur((shade | ~texture.known).astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
-        lifts = [_lift(texture.values[..., channel], texture.known, far) * spread for channel in range(3)]
-        lift = np.stack(lifts, axis=-1)
-        grey = lift.mean(axis=-1, keepdims=True)
-        lift = grey + np.clip(lift - grey, -MOST_TINT, MOST_TINT)
-        values, where = wrap(lift, plane, PX_PER_M, room, geometry, np.ones_like(hidden))
-        gain[where] = np.exp2(values)
+    texture = unwrap(log2, geometry, room, floor, PX_PER_M, mask=hidden)
+    far = texture.known & ~_by(shade, 2 * CONTACT_M)
+    # Where most of a floor lies in what may be shade, nobody knows its light without.
+    if not shade.any() or far.sum() < max(LEAST_FAR, LEAST_FAR_SHARE * texture.known.sum()):
+        return gain
+    spread = cv2.GaussianBlur((shade | ~texture.known).astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
+    lifts = [_lift(texture.values[..., channel], texture.known, far) * spread for channel in range(3)]
+    lift = np.stack(lifts, axis=-1)
+    grey = lift.mean(axis=-1, keepdims=True)
+    lift = grey + np.clip(lift - grey, -MOST_TINT, MOST_TINT)
+    values, where = wrap(lift, floor, PX_PER_M, room, geometry, np.ones_like(hidden))
+    gain[where] = np.exp2(values)
     return gain
 
 

@@ -7,13 +7,11 @@ must hang together with the nadir, or the evidence must be strong.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags, Floats, Indices
+from processing.ground.arrays import AnyArray, Bytes, Flags, Floats, Indices
 from processing.ground.board import MOST_LATITUDE_RAD
 from processing.ground.known_board import board_around
 from processing.ground.seam import components, row_latitudes, wrapped
@@ -32,14 +30,14 @@ def radius_map() -> Floats:
     return np.asarray(np.hypot(at[None, :], at[:, None]), dtype=np.float32)
 
 
-def nadir_picture(picture: npt.NDArray[np.generic], *, nearest: bool = False) -> npt.NDArray[np.generic]:
+def nadir_picture(picture: AnyArray, *, nearest: bool = False) -> AnyArray:
     """Return what lies within `REACH_RAD` of the nadir of a panorama (H, W) or (H, W, C): equidistant, ahead up."""
     height, width = picture.shape[:2]
     at = (np.arange(SIZE_PX) + 0.5 - SIZE_PX / 2) * (2 * REACH_RAD / SIZE_PX)
     longitude = np.arctan2(at[None, :], -at[:, None])
     latitude = radius_map() - math.pi / 2
     pad = 2
-    wide: npt.NDArray[Any] = wrapped(picture, pad)
+    wide: AnyArray = wrapped(picture, pad)
     x = ((longitude / (2 * math.pi) + 0.5) * width - 0.5 + pad).astype(np.float32)
     y = ((0.5 - latitude / math.pi) * height - 0.5).astype(np.float32)
     how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
