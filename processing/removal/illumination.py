@@ -33,9 +33,8 @@ def blurred(picture: Floats, sigma_px: float) -> Floats:
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     scale = (size[0] / picture.shape[1], size[1] / picture.shape[0])
     small = cv2.GaussianBlur(small, (0, 0), sigmaX=max(sigma_px * scale[0], 0.3), sigmaY=max(sigma_px * scale[1], 0.3))
-    return np.asarray(
-        cv2.resize(small, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR).reshape(picture.shape), np.float32
-    )
+    wide = cv2.resize(small, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(wide.reshape(picture.shape), np.float32)
 
 
 def known_mean(values: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Floats]:
@@ -178,18 +177,18 @@ class _Grid:
     def bending(self) -> Doubles:
         """Return (K, NODES): the rows of all second differences of the nodes, and of slopes and twists."""
         index = np.arange(self.rows * self.columns).reshape(self.rows, self.columns)
-        rows = []
-        for triple in (
-            *zip(index[:-2].ravel(), index[1:-1].ravel(), index[2:].ravel(), strict=True),
-            *zip(index[:, :-2].ravel(), index[:, 1:-1].ravel(), index[:, 2:].ravel(), strict=True),
-        ):
-            rows.append(_row(index.size, triple, (1, -2, 1)))
-        flat = [*zip(index[:-1].ravel(), index[1:].ravel(), strict=True)]
-        flat += [*zip(index[:, :-1].ravel(), index[:, 1:].ravel(), strict=True)]
-        rows += [_row(index.size, pair, (-SLOPE, SLOPE)) for pair in flat]
-        quads = zip(*(index[a, b].ravel() for a, b in _CORNERS), strict=True)
-        rows += [_row(index.size, quad, (1.4, -1.4, -1.4, 1.4)) for quad in quads]
-        return np.array(rows) if rows else np.zeros((0, index.size))
+        stencils = (
+            ((1, -2, 1), (index[:-2], index[1:-1], index[2:])),
+            ((1, -2, 1), (index[:, :-2], index[:, 1:-1], index[:, 2:])),
+            ((-SLOPE, SLOPE), (index[:-1], index[1:])),
+            ((-SLOPE, SLOPE), (index[:, :-1], index[:, 1:])),
+            ((1.4, -1.4, -1.4, 1.4), (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:])),
+        )
+        found = [np.zeros((nodes[0].size, index.size)) for _, nodes in stencils]
+        for rows, (weights, nodes) in zip(found, stencils, strict=True):
+            for weight, node in zip(weights, nodes, strict=True):
+                rows[np.arange(len(rows)), node.ravel()] = weight
+        return np.concatenate(found)
 
     def image(self, nodes: Doubles, shape: tuple[int, int]) -> Floats:
         """Return the values (H, W, C) of all pixels, smoothly between the nodes."""
@@ -198,20 +197,6 @@ class _Grid:
         at = (x / np.float32(self.step_px), y / np.float32(self.step_px))
         out = cv2.remap(grid, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return blurred(np.asarray(out.reshape(*shape, -1), np.float32), 0.35 * self.step_px)
-
-
-_CORNERS = (
-    (slice(None, -1), slice(None, -1)),
-    (slice(None, -1), slice(1, None)),
-    (slice(1, None), slice(None, -1)),
-    (slice(1, None), slice(1, None)),
-)
-
-
-def _row(size: int, places: tuple[np.intp | int, ...], values: tuple[float, ...]) -> Doubles:
-    row = np.zeros(size)
-    row[np.asarray(places, np.intp)] = values
-    return row
 
 
 def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles | None, *, bend: float = 1.0) -> Floats:

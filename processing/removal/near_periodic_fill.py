@@ -60,11 +60,10 @@ def shifted(
     rows, columns = window
     size = (columns.stop - columns.start, rows.stop - rows.start)
     move = np.array([[1, 0, columns.start + offset[0]], [0, 1, rows.start + offset[1]]], np.float64)
-    flags = (cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP
+    linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP if cubic else linear
     copy = cv2.warpAffine(tone, move, size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-    share = cv2.warpAffine(
-        known.astype(np.float32), move, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=0
-    )
+    share = cv2.warpAffine(known.astype(np.float32), move, size, flags=linear, borderValue=0)
     return np.asarray(copy.reshape(size[1], size[0], -1), np.float32), np.asarray(share > 0.999)
 
 
@@ -254,17 +253,12 @@ def blend(
         if not given.any():
             continue
         part = window_around(given)
-        place = (
-            slice(rows.start + part[0].start, rows.start + part[0].stop),
-            slice(columns.start + part[1].start, columns.start + part[1].stop),
-        )
-        copy, some = shifted(tone, inner, offset / scale, place, cubic=True)
-        w = share[part] * some
-        h = hard[part] * some
-        mean[part] += copy * w[..., None]
-        total[part] += w
-        sharp[part] += copy * h[..., None]
-        sharp_total[part] += h
+        down, across = (slice(s.start + p.start, s.start + p.stop) for s, p in zip(window, part, strict=True))
+        copy, some = shifted(tone, inner, offset / scale, (down, across), cubic=True)
+        for weight, into, whole in ((share, mean, total), (hard, sharp, sharp_total)):
+            own = weight[part] * some
+            into[part] += copy * own[..., None]
+            whole[part] += own
     offered = total > 1e-3
     mean /= np.maximum(total, 1e-6)[..., None]
     sharp = np.where((sharp_total > 1e-3)[..., None], sharp / np.maximum(sharp_total, 1e-6)[..., None], mean)
