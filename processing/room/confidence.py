@@ -102,16 +102,12 @@ class Diagnostics:
 
 
 def diagnose(
-    columns: Columns,
-    among: tuple[list[Hypothesis], Hypothesis],
-    refined: Refined,
-    *,
-    overhead: float,
-    blank: float,
-    loss: float,
-    entropy: float,
+    columns: Columns, among: tuple[list[Hypothesis], Hypothesis], refined: Refined, **seen: float
 ) -> Diagnostics:
-    """Return the diagnostics of the room chosen; ``among``: all hypotheses, the best first, and that one."""
+    """Return the diagnostics of the room chosen; ``among``: all hypotheses, the best first, and that one.
+
+    ``seen``: the loss, entropy, overhead and blank of `Diagnostics`, which other evidence gives.
+    """
     found = np.minimum(np.abs(residuals(refined.polygon, refined.outline.ratio, columns)), CAP)
     return Diagnostics(
         misfit=float(np.sqrt((found**2).mean())),
@@ -119,13 +115,10 @@ def diagnose(
         sigma_deg=float(_sigmas_deg(columns).mean()),
         ratio_spread=columns.ratio_spread,
         rival=_rival(*among, refined.polygon),
-        loss=loss,
-        entropy=entropy,
-        overhead=overhead,
-        blank=blank,
         nearest=float(shapely.LinearRing(refined.polygon).distance(shapely.Point(0, 0))),
         edges=(refined.floor_share + refined.ceiling_share) / 2,
         corners=float(len(refined.polygon)),
+        **seen,
     )
 
 

@@ -75,10 +75,10 @@ def segment_around(
             for phi in (math.pi / 2, -math.pi / 2)
         ]
         wide_views = [*view_ring(4, size_px=half_px, fov_rad=COARSE_FOV_RAD), *ends]
-        segmented = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in wide_views]
+        segmented = [(v, segmenter.probabilities(cut_view(panorama, v)), COARSE_WORTH) for v in wide_views]
         coarse = _stitched(segmented, target, None)
     chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else views
-    segmented += [(view, *_asked(panorama, segmenter, view, 1.0)) for view in chosen]
+    segmented += [(view, segmenter.probabilities(cut_view(panorama, view)), 1.0) for view in chosen]
     wide = len(segmented) - len(chosen)
     skipped = len(views) - len(chosen)
     note = f"{skipped} of {len(views)} views show neither floor nor furniture and were covered by {wide} wide views"
@@ -128,10 +128,6 @@ def _srgb(image: LuminanceImage | RelativeImage | Bytes) -> Bytes:
     if not isinstance(image.geometry, Equirectangular):
         raise ParameterError("views are cut from whole panoramas", advice="give an equirectangular picture")
     return preview_rgb8(image.rgb)
-
-
-def _asked(panorama: Panorama, segmenter: Segmenter, view: Perspective, worth: float) -> tuple[Floats, float]:
-    return segmenter.probabilities(cut_view(panorama, view)), worth
 
 
 def _worth_a_look(coarse: Floats, view: Perspective) -> bool:

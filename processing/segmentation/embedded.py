@@ -146,7 +146,8 @@ def scene_evidence(
     network = _network(model or SHIPPED)
     picture = network_picture(image.rgb)
     if float(np.ptp(picture)) < LEAST_CONTRAST:
-        return _nothing(network.name)
+        even = np.full((len(SceneClass), HEIGHT_PX, WIDTH_PX), 1 / len(SceneClass), dtype=np.float32)
+        return SceneEvidence(even, network.name, notes=("the picture is black or uniform: nothing can be recognised",))
     turns = TURNS_PX[quality]
     probabilities, columns, details = _run(network, _turned(picture, turns))
     return SceneEvidence(
@@ -199,11 +200,6 @@ def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> Bound
         floor_sigma,
         np.clip(columns[:, 4].mean(axis=0), 0, 1).astype(np.float32),
     )
-
-
-def _nothing(name: str) -> SceneEvidence:
-    even = np.full((len(SceneClass), HEIGHT_PX, WIDTH_PX), 1 / len(SceneClass), dtype=np.float32)
-    return SceneEvidence(even, name, None, notes=("the picture is black or uniform: nothing can be recognised",))
 
 
 def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats, Floats]:

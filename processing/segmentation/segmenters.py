@@ -76,8 +76,12 @@ class _ByContract(ABC):
 
     def _check(self, path: Path, inputs: list[str], outputs: list[str]) -> None:
         """Raise `SegmenterError` unless the network has what its contract names, and keeps it."""
-        _check_names(path, self.contract, inputs, "input")
-        _check_names(path, self.contract, outputs, "outputs")
+        asked = {"input": ((self.contract.input,), inputs), "outputs": (self.contract.outputs, outputs)}
+        for key, (names, there) in asked.items():
+            missing = [name for name in names if name not in there]
+            if missing:
+                text, advice = f"{key}: the network has no {', '.join(missing)}", f"it has: {', '.join(there)}"
+                raise SegmenterError(text, where=str(path), advice=advice)
         side = self.size_px
         grey = np.random.default_rng(0).integers(96, 160, (side, side, 3)).astype(np.uint8)
         try:
@@ -199,14 +203,6 @@ def open_segmenter(
     if ending == ".onnx":
         return OnnxSegmenter(path, declared, threads=threads)
     return TfliteSegmenter(path, declared, threads=threads)
-
-
-def _check_names(path: Path, contract: NetworkContract, there: list[str], key: str) -> None:
-    asked = (contract.input,) if key == "input" else contract.outputs
-    missing = [name for name in asked if name not in there]
-    if missing:
-        advice = f"it has: {', '.join(there)}"
-        raise SegmenterError(f"{key}: the network has no {', '.join(missing)}", where=str(path), advice=advice)
 
 
 def _unreadable(path: Path, what: str) -> SegmenterError:
