@@ -111,6 +111,8 @@ class ShutterRecord(Model):
 
     rule: ShutterRule = ShutterRule.NOMINAL
     times: tuple[ShutterTime, ...] = ()
+    scatter_stops: NonNegative = RULE_SIGMA_STOPS
+    """Standard deviation of single exposures about the rule."""
 
     def true_s(self, nominal_s: float) -> float:
         """Return the true time of a nominal one: the measured one within 1 % of it, else the rule's."""
@@ -118,7 +120,7 @@ class ShutterRecord(Model):
 
     def sigma_stops(self, nominal_s: float) -> float:
         """Return the uncertainty of `true_s`."""
-        return next((t.sigma_stops for t in self._measured(nominal_s)), RULE_SIGMA_STOPS)
+        return next((t.sigma_stops for t in self._measured(nominal_s)), self.scatter_stops)
 
     def _measured(self, nominal_s: float) -> list[ShutterTime]:
         return [t for t in self.times if abs(t.nominal_s / nominal_s - 1) < _SAME_TIME_FRAC]

@@ -22,7 +22,7 @@ from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError, ProcessingError
 from processing.ground.arrays import Bytes
-from processing.pictures.modes import blueness
+from processing.pictures.modes import blueness, modes_of
 from processing.rig.camera_fit import (
     CameraFit,
     SessionSide,
@@ -227,8 +227,12 @@ def one_colour(inside: chart_patches.FoundChart, seen: ChartView) -> tuple[NdFil
 def _k2(
     cameras: Mapping[Side, CameraFit], views: Mapping[Side, ChartView], charts: Mapping[Side, SessionSide]
 ) -> tuple[K2Record, ChartScale]:
-    found = scale_from_charts(views[Side.INDOOR].chart, views[Side.OUTDOOR].chart)
     indoor, outdoor = cameras[Side.INDOOR], cameras[Side.OUTDOOR]
+    inside, outside = (
+        (views[side].chart, [mode for mode in modes_of(views[side].view) if mode.kind == "level"]) for side in Side
+    )
+    tint_frac = outdoor.filter.relative_uncertainty if outdoor.filter else 0.0
+    found = scale_from_charts(inside[0], outside[0], shared=(inside[1], outside[1]), colour_frac=tint_frac)
     done: dict[Correction, object]
     done = {"panorama": indoor.vignetting, "vignetting": outdoor.vignetting, "nd": outdoor.filter}
     chart = charts[Side.INDOOR]

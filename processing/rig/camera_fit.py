@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from processing.calibration import profile_records
-from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.merge.merge import MergeOptions
 from processing.calibration.optics import stated_circle
 from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
@@ -121,14 +121,14 @@ class CameraFit:
     warnings: tuple[str, ...] = field(default_factory=tuple)
 
     def merged(self, taken: SessionSide) -> RelativeImage:
-        """Return a session's bracket merged, in this camera's geometry, nothing corrected."""
+        """Return a session's bracket merged as the stage does it, in this camera's geometry, nothing corrected.
+
+        Frames that the curve does not fit well are no other camera's here: their doubt is stated.
+        """
         geometry: Geometry = self.lens.fisheye(taken.size_px) if self.lens else Equirectangular(*taken.size_px)
-        fit = self.response
-        if fit is None:  # as the stage does it
-            now = taken.created_utc
-            profile = RigProfile(created_utc=now, cameras={self.side: self.profile(taken, now)})
-            return merged_bracket(taken, profile, geometry, MergeOptions())[1].image
-        return merge(taken.frames, taken.true_times_s(self.shutter), fit.curve, fit.noise, geometry=geometry).image
+        now = taken.created_utc
+        profile = RigProfile(created_utc=now, cameras={self.side: self.profile(taken, now)})
+        return merged_bracket(taken, profile, geometry, MergeOptions(own_curve=True))[1].image
 
     def corrected(self, image: RelativeImage) -> RelativeImage:
         """Return a merged picture with fall-off and the filter's tint undone, in its own geometry."""
@@ -168,7 +168,7 @@ def fit_camera(
     return CameraFit(
         side=takes[0].side,
         response=response,
-        shutter=profile_records.ShutterRecord(rule=rule),
+        shutter=profile_records.ShutterRecord(rule=rule, scatter_stops=response.scatter_stops),
         lens=outdoor_lens(circle_of, half_field_rad) if circle_of.side is Side.OUTDOOR else None,
         sessions=tuple(t.session_id for t in takes),
         warnings=(*doubts, *(f"{takes[0].side}: {w}" for w in response.warnings)),
@@ -241,8 +241,11 @@ def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
 def _best_rule(
     takes: Sequence[SessionSide], rules: Sequence[ShutterRule]
 ) -> tuple[ResponseFit, ShutterRule, list[str]]:
-    """Return the fit and rule whose curve leaves the least residual, and a doubt where that is hardly less."""
-    tried: list[tuple[float, int, ResponseFit, ShutterRule]] = []
+    """Return the fit and rule that calls the fewest times wrong, then whose curve leaves the least residual.
+
+    And a doubt where that is hardly less than another's.
+    """
+    tried: list[tuple[int, float, int, ResponseFit, ShutterRule]] = []
     failed: ResponseError | None = None
     for number, rule in enumerate(rules):
         shutter = profile_records.ShutterRecord(rule=rule)
@@ -251,16 +254,16 @@ def _best_rule(
         except ResponseError as error:
             failed = error
             continue
-        tried.append((fit.curve.residual_stops, number, fit, rule))
+        tried.append((len(fit.wrong_times), fit.curve.residual_stops, number, fit, rule))
     if not tried:
         assert failed is not None
         raise failed
-    tried.sort(key=lambda one: one[:2])
-    best = tried[0]
-    close = [one for one in tried[1:] if best[0] > _CLEAR_RATIO * one[0]]
+    tried.sort(key=lambda one: one[:3])
+    wrong, residual, _, fit, rule = tried[0]
     doubt = [
-        f"{takes[0].side}: the frames do not show whether shutter times are {best[3]} or {one[3]} "
-        f"(residuals {best[0]:.4f} and {one[0]:.4f} stops): {best[3]} is used"
-        for one in close
+        f"{takes[0].side}: the frames do not show whether shutter times are {rule} or {one[4]} "
+        f"(residuals {residual:.4f} and {one[1]:.4f} stops): {rule} is used"
+        for one in tried[1:]
+        if one[0] == wrong and residual > _CLEAR_RATIO * one[1]
     ]
-    return best[2], best[3], doubt
+    return fit, rule, doubt

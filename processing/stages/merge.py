@@ -172,7 +172,7 @@ def merged_bracket(
         None if bracket.linear else response.curve,
         response.noise,
         geometry=geometry,
-        options=replace(options, own_curve=response.source != "profile", colours=colours),
+        options=replace(options, own_curve=options.own_curve or response.source != "profile", colours=colours),
         time_sigma=response.time_sigma,
         given_s=bracket.nominal_s,
     )

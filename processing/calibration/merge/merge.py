@@ -27,6 +27,7 @@ from processing.calibration.merge.tables import (
     merge_tables,
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.samples import TOP_CODE
 from processing.errors import BracketError, ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats, Int64s
 from processing.ground.colour import LUMINANCE_WEIGHTS
@@ -59,7 +60,6 @@ WELL_GAIN_SIGMA = 0.005
 LINEAR_BELOW = 0.01  # of full scale in the longest raw frame; chosen: photons still give 6 % of noise there
 JUDGED_CODES = (16, 240)
 """Codes of coded frames that can show movement: nearer the ends coding, its chroma above all, moves them as much."""
-JPEG_TOP_CODE = 249  # above it, a code may be a clipped one after coding, chroma at half resolution above all
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class _Job:
             order.times_s,
             order.time_sigma,
             self.options.error_bound(),
-            JPEG_TOP_CODE if self.coded else 254,
+            TOP_CODE if self.coded else 254,
         )
 
     def samples(self) -> MergeTables | LinearSamples:
@@ -249,7 +249,7 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     if job.options.allow_contradiction:
         return named
     beyond = np.max(np.abs(agreement.firm) - 2 * job.order.time_sigma / math.log(2))
-    if apart > REFUSE_STOPS and (beyond > REFUSE_OWN_STOPS or not job.options.own_curve):
+    if apart > REFUSE_STOPS and beyond > (REFUSE_OWN_STOPS if job.options.own_curve else REFUSE_STOPS):
         raise BracketError(
             f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
             where=job.order.frames[place].name,

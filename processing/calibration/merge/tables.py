@@ -204,7 +204,7 @@ class Consistency:
     offset: Doubles
     """(F,): how much brighter each frame is than the frames together say; 0 where it cannot be measured."""
     curve_error: float
-    """How far the offsets of different codes of one pair are apart, at most."""
+    """How far the offsets of different codes of one firm pair are apart, at most."""
     noise_factor: float = 1.0
     """Variance of the scatter over what the noise model expects."""
     correlation: float = 0.0
@@ -238,7 +238,7 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
     down, firm = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, steps * shared))
     return Consistency(
         np.asarray(down - np.median(down)),
-        max((p.curve_error for p in pairs), default=0.0),
+        max((p.curve_error for p, firm in zip(pairs, shared, strict=True) if firm), default=0.0),
         found,
         correlation,
         _neighbours(frames, tables, (sparse[0], slice(step // 2, -1, step)), assumed),

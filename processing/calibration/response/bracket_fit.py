@@ -19,7 +19,7 @@ from processing.calibration.response.fit import (
     spline_basis,
     weigh,
 )
-from processing.calibration.response.prior import CurvePrior, published_prior
+from processing.calibration.response.prior import LEAST_CODES, CurvePrior, published_prior
 from processing.calibration.response.samples import CHANNELS, PATCH_PX, ChannelSamples, Samples
 from processing.calibration.response.shutter import TimeEstimate, TimeEvidence
 from processing.errors import ResponseError
@@ -40,7 +40,6 @@ _MOST_ROUNDS, _SETTLED_STOPS = 8, 1e-3  # chosen: most brackets settle within fo
 _BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
 _OUTLIER = 5.0  # standard deviations beyond which a patch has moved
 _LEAST_SAMPLES = 40  # patches; chosen: more than unknowns
-_LEAST_CODES = 24  # of 256; chosen: with 42 and 47 two brackets of a hard film keep their intervals
 _LEAST_NEAR = 5  # patches within two codes; chosen
 _LEAST_SLOPE = 1e-4  # stops a code, so that curves rise strictly
 _PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005  # squared codes: rounding; of means it averages out
@@ -207,7 +206,7 @@ def fit_round(
     weight, kept = _robust(data, found, final=final)
     if final:
         weight = weight / dispersion(data, found, weight)
-    low, high = support(found.predicted[weight > 0], CHANNELS[channel])
+    low, high = support(found.predicted[weight > 0], CHANNELS[channel], prior.least_codes)
     # Of a patch's nine pixels: noise that processing has spread over them is not averaged out by them.
     alone = min(1.0, noise.pixel.code / (PATCH_PX**2 * noise.mean.code))
     solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients, prior, alone)
@@ -321,11 +320,11 @@ def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubl
     return np.where(still, found.weight, 0.0), still
 
 
-def support(predicted: Doubles, name: str) -> tuple[int, int]:
+def support(predicted: Doubles, name: str, least_codes: int = LEAST_CODES) -> tuple[int, int]:
     """Return the lowest and highest code near which the data say enough. ``predicted``: (N,) codes, 0..255."""
     count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
     seen = np.flatnonzero(np.convolve(count, np.ones(5), mode="same") >= _LEAST_NEAR)
-    if seen.size < _LEAST_CODES:
+    if seen.size < least_codes:
         raise ResponseError(
             f"the frames show only {seen.size} different codes",
             where=f"response, {name}",

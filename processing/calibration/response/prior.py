@@ -24,7 +24,13 @@ LOG_STRENGTHS = tuple(np.arange(3.5, 6.1, 0.5))
 """Of 1 / stops2, of the smooth rest: curves that were left out of the fit are most probable from 3.5 to 6."""
 DRIFT_LOG_STRENGTHS = tuple(np.arange(3.5, 5.1, 0.25))
 """Of a change of a known curve: second differences between knots of 0.018 to 0.003 stop."""
-_FREE2 = 100.0  # squared stops: what a line over the root of the code may be
+TIED_AMPLITUDES = (0.1, 0.3, 1.0)
+"""Of the published curves' spread, of the difference of one camera's channels: digital cameras' are at most at the
+first, films' at the last; chosen on their published curves."""
+_FREE2, _TIED_FREE2 = 100.0, 0.1  # squared stops: what a line over the root of the code may be
+LEAST_CODES, FEW_CODES = 24, 8
+"""Of 256, that a fit needs, and one beside a channel that is known; chosen: with 42 and 47 two brackets of a hard film
+keep their intervals."""
 
 
 class Candidate(NamedTuple):
@@ -45,6 +51,7 @@ class CurvePrior:
     start: Doubles
     """(256,) stops: the most probable curve."""
     candidates: tuple[Candidate, ...]
+    least_codes: int = LEAST_CODES
 
 
 @dataclass(frozen=True)
@@ -59,16 +66,31 @@ class PrincipalCurves:
     def prior(self) -> CurvePrior:
         """Return the prior that they make."""
         start = srgb_log2_exposure() + spline_basis().codes @ self.mean
-        spread = self.components.T @ self.components
-        return CurvePrior(start - start[255], _candidates(spread, AMPLITUDES, LOG_STRENGTHS))
+        return CurvePrior(start - start[255], _candidates(self.spread, AMPLITUDES, LOG_STRENGTHS))
+
+    @property
+    def spread(self) -> Doubles:
+        """Return the coefficients' covariance, of shape (K, K)."""
+        return np.asarray(self.components.T @ self.components)
+
+
+@lru_cache(maxsize=1)
+def _published() -> PrincipalCurves:
+    with TABLE.open("rb") as file:
+        table = tomllib.load(file)
+    return PrincipalCurves(np.array(table["mean"]), np.array(table["components"]))
 
 
 @lru_cache(maxsize=1)
 def published_prior() -> CurvePrior:
     """Return the prior of any camera, from the table."""
-    with TABLE.open("rb") as file:
-        table = tomllib.load(file)
-    return PrincipalCurves(np.array(table["mean"]), np.array(table["components"])).prior()
+    return _published().prior()
+
+
+def tied_prior(other: Doubles) -> CurvePrior:
+    """Return the prior of a channel that shows few codes: about as another one. ``other``: of shape (256,), stops."""
+    candidates = _candidates(_published().spread, TIED_AMPLITUDES, LOG_STRENGTHS, _TIED_FREE2)
+    return CurvePrior(other, candidates, FEW_CODES)
 
 
 def drift_prior(known: Doubles) -> CurvePrior:
@@ -76,11 +98,13 @@ def drift_prior(known: Doubles) -> CurvePrior:
     return CurvePrior(known, _candidates(np.zeros_like(spline_basis().penalty), (0.0,), DRIFT_LOG_STRENGTHS))
 
 
-def _candidates(spread: Doubles, amplitudes: Sequence[float], log_strengths: Sequence[float]) -> tuple[Candidate, ...]:
+def _candidates(
+    spread: Doubles, amplitudes: Sequence[float], log_strengths: Sequence[float], free2: float = _FREE2
+) -> tuple[Candidate, ...]:
     penalty = spline_basis().penalty
     found = []
     for strength in log_strengths:
-        rest = np.linalg.inv(10.0**strength * penalty + np.eye(len(penalty)) / _FREE2)
+        rest = np.linalg.inv(10.0**strength * penalty + np.eye(len(penalty)) / free2)
         for amplitude in amplitudes:
             precision = np.asarray(np.linalg.inv(amplitude**2 * spread + rest), dtype=np.float64)
             found.append(Candidate(amplitude, float(strength), precision, float(np.linalg.slogdet(precision)[1])))

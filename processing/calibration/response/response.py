@@ -1,5 +1,6 @@
 """A camera's response curve and noise from one bracket or several, and whether those of its profile still hold."""
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -17,9 +18,16 @@ from processing.calibration.response.curve import (
     three,
 )
 from processing.calibration.response.fit import spline_basis, weigh
-from processing.calibration.response.prior import CurvePrior, drift_prior
+from processing.calibration.response.prior import (
+    FEW_CODES,
+    LEAST_CODES,
+    CurvePrior,
+    drift_prior,
+    published_prior,
+    tied_prior,
+)
 from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
-from processing.calibration.response.shutter import ShutterRule
+from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule
 from processing.errors import ResponseError
 from processing.ground.arrays import Doubles, Int64s
 
@@ -43,9 +51,12 @@ BIN_CODES = 8  # codes a bin of the residuals; chosen
 FIRST, LAST = 20, 235  # codes over which two curves are compared; chosen: clear of black and of white
 LEAST_DRIFT_STOPS = 0.02  # a drift below is of no consequence: 1.4 % of light
 CLIP_CELLS, CLIP_PATCHES = 16, 20  # of the code, and patches of either kind that a cell needs; chosen
-CLIP_STOPS, CLIP_SIGMAS, CLIP_SHARE = 0.012, 4.0, 0.2
-"""Stops and standard deviations by which the two kinds are apart in such a share of the patches; chosen on simulated
-cameras with and without a 5D Mark II's matrix."""
+CLIP_STOPS, CLIP_SIGMAS, CLIP_SHARE = 0.02, 4.0, 0.2
+"""Stops and standard deviations by which the two kinds are apart in such a share of what can be compared; chosen on
+simulated cameras with and without a 5D Mark II's matrix, as what follows."""
+CLIP_MANY, CLIP_KNOWN = 0.05, 0.15
+"""Share of all samples that can bend the curve, and what share of them must be comparable to be believed."""
+LEAST_SCATTER_STOPS = 0.01  # of a shutter; chosen: half the tolerance, however well it kept to it in a few sessions
 _SIGNIFICANT = 3.0  # standard deviations that a drift must exceed; chosen
 
 
@@ -63,6 +74,8 @@ class ResponseFit:
     warnings: tuple[str, ...] = ()
     wrong_times: dict[int, float] = field(default_factory=dict)
     """Frame: stops by which the time given for it is off."""
+    scatter_stops: float = RULE_SIGMA_STOPS
+    """Standard deviation of the frames' times about their rule, as far as the frames show it."""
 
 
 def recover_response(
@@ -105,48 +118,81 @@ def recover_response(
         fit.estimate.sigma if estimate_times else tuple(0.0 for _ in times),
         _warnings(samples, fit, gauge, free_times=estimate_times),
         fit.wrong_times,
+        _scatter_stops(samples, fit),
     )
+
+
+def _scatter_stops(samples: Samples, fit: DaylitFit) -> float:
+    """Return by how much the shutter scatters about the times given, or may: what frames leave open counts too."""
+    if fit.estimate.off_rule:
+        return float(np.std(np.log2(fit.estimate.times_s) - samples.log2_times))
+    known = [sigma for sigma in fit.estimate.sigma if sigma > 0]
+    return max(float(np.median(known)) / math.log(2.0), LEAST_SCATTER_STOPS) if known else RULE_SIGMA_STOPS
 
 
 def _fitted(
     samples: Samples, priors: Sequence[CurvePrior] | None, *, free_times: bool
 ) -> tuple[Samples, DaylitFit, bool]:
     """Return the samples that count, their fit, and whether those with any clipped channel are left out."""
-    fit = fit_daylit(samples, free_times=free_times, priors=priors)
-    if clip_together(samples, fit):
-        red, green, blue = (data.only(data.clear) for data in samples.channels)
-        clear = replace(samples, channels=(red, green, blue))
-        # Where too little is clear of the end, a curve that some samples bend is better than none.
-        with suppress(ResponseError):
-            return clear, fit_daylit(clear, free_times=free_times, priors=priors), True
-    return samples, fit, False
+    red, green, blue = (data.only(data.clear) for data in samples.channels)
+    clear = replace(samples, channels=(red, green, blue))
+    priors = priors or [published_prior()] * 3
+    # Where too little is clear of the end, a curve that some samples bend is better than none.
+    with suppress(ResponseError):
+        few = [replace(prior, least_codes=FEW_CODES) for prior in priors]
+        fit = fit_daylit(clear, free_times=free_times, priors=few)
+        if clip_together(samples, fit):
+            return clear, _tied(clear, fit, priors, free_times=free_times), True
+    return samples, fit_daylit(samples, free_times=free_times, priors=priors), False
+
+
+def _tied(samples: Samples, fit: DaylitFit, priors: Sequence[CurvePrior], *, free_times: bool) -> DaylitFit:
+    """Return the fit with channels that are not seen near white held to the one that is seen farthest up.
+
+    Under coloured light the weaker channels' upper codes are seen only where another channel is clipped.
+    """
+    best = max(fit.channels, key=lambda one: one.high)
+    if best.high - best.low < LEAST_CODES:
+        raise ResponseError("no channel shows enough codes where no other is clipped", where="response")
+    short = [one.high < min(LEAST_HIGH, best.high) for one in fit.channels]
+    if not any(short):
+        return fit
+    held = [tied_prior(best.log2) if tie else prior for tie, prior in zip(short, priors, strict=True)]
+    fit = fit_daylit(samples, free_times=free_times, priors=held)
+    highs = [best.high if tie else one.high for tie, one in zip(short, fit.channels, strict=True)]
+    red, green, blue = (replace(one, high=high) for one, high in zip(fit.channels, highs, strict=True))
+    return replace(fit, channels=(red, green, blue))
 
 
 def clip_together(samples: Samples, fit: DaylitFit) -> bool:
-    """Return whether a channel's codes are others where another channel is clipped: the camera mixes its channels.
+    """Return whether a channel's codes may be others where another channel is clipped: the camera mixes its channels.
 
-    Cameras bring their own colours to sRGB by a matrix after their wells have saturated. Patches of one frame and like
-    code are compared, those with a clipped channel against those without.
+    Cameras bring their own colours to sRGB by a matrix after their wells have saturated. Samples with a clipped channel
+    must agree with ``fit``, to those without, about the light of the same patches; where they are many and too few
+    can be compared, they are not believed.
     """
-    rows = []
+    rows, every = [], 0
     for data, one in zip(samples.channels, fit.channels, strict=True):
-        seen = one.weighed
+        seen = weigh(data, FineCurve.of(one.log2), fit.log2_times, one.noise)
+        weight = np.where(data.clear, seen.weight, 0.0)
+        total = np.maximum(np.add.reduceat(weight, data.starts), 1e-300)
+        light = (np.add.reduceat(weight * seen.residual, data.starts) / total)[data.sample]
+        share = weight / total[data.sample]  # of a sample in its own patch's light, which is no comparison
+        off = (seen.residual - light) / np.maximum(1 - share, 1e-3)
+        known = (seen.weight > 0) & (total[data.sample] > weight) & (data.mean >= one.low) & (data.mean <= one.high)
         cell = data.frame * CLIP_CELLS + (seen.predicted * (CLIP_CELLS / 256)).astype(np.int64)
-        for k in np.unique(cell):
-            both = [seen.residual[(seen.weight > 0) & (cell == k) & (data.clear == clear)] for clear in (True, False)]
-            if min(len(part) for part in both) >= CLIP_PATCHES:
-                middle = [float(np.median(part)) for part in both]
-                # Of a median: 1.253 times the mean's.
-                doubt = [
-                    1.253 * 1.4826 * float(np.median(np.abs(part - m))) / len(part) ** 0.5
-                    for part, m in zip(both, middle, strict=True)
-                ]
-                rows.append((abs(middle[1] - middle[0]), float(np.hypot(*doubt)), len(both[1])))
-    if not rows:
-        return False
-    apart, sigma, count = np.array(rows).T
+        every += int(np.count_nonzero(~data.clear))
+        for k in np.unique(cell[known & ~data.clear]):
+            part = off[known & ~data.clear & (cell == k)]
+            beside = off[known & data.clear & (data.frame == k // CLIP_CELLS)]
+            if min(part.size, beside.size) >= CLIP_PATCHES:
+                middle = float(np.median(part))
+                doubt = 1.253 * 1.4826 * float(np.median(np.abs(part - middle))) / part.size**0.5  # of a median
+                rows.append((abs(middle - float(np.median(beside))), doubt, part.size))
+    apart, sigma, count = np.array(rows or [(0.0, 0.0, 0)]).T
     clear = (apart > CLIP_STOPS) & (apart > CLIP_SIGMAS * sigma)
-    return bool(count[clear].sum() > CLIP_SHARE * count.sum())
+    doubtful = every > CLIP_MANY * sum(data.mean.size for data in samples.channels) and count.sum() < CLIP_KNOWN * every
+    return bool(doubtful or count[clear].sum() > CLIP_SHARE * count.sum())
 
 
 def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:
@@ -183,7 +229,7 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
         )
     estimate = fit.estimate
     if free_times and estimate.off_rule:
-        off = float(np.std(fit.log2_times - np.log2(samples.given_s)))
+        off = _scatter_stops(samples, fit)
         found.append(f"the shutter scatters about its times by {off:.2f} stops: all are estimated from the frames")
     if not free_times and estimate.decided and estimate.rule is not ShutterRule.NOMINAL:
         chi2 = estimate.chi2[ShutterRule.NOMINAL]

@@ -26,6 +26,7 @@ _CLEAR_BELOW, _CLEAR_ABOVE = 1.5, 2.5
 _SPREAD_BINS = 12  # over the code; chosen
 _NOISY, _NOISE_CODES = 1.8, 6.0
 """Times the usual spread of equally bright patches, and codes at most, that still pass as noise."""
+TOP_CODE = 249  # of files: a code above it may be a clipped one after coding, chroma at half resolution above all
 TIME_RANGE_S = (1e-7, 1e5)  # chosen: beyond any shutter, and squares of times stay within float32
 _LEAST_SHARE = 0.25  # of the patches are kept, the smoothest, however rough the scene
 
@@ -84,7 +85,7 @@ class ChannelSamples:
     starts: Int64s
     """(n_samples,) first observation of each sample."""
     clear: Flags
-    """(n,) whether no channel of the patch is clipped in that frame."""
+    """(n,) whether no other channel of the patch is, or may be, clipped in that frame."""
 
     @property
     def n_samples(self) -> int:
@@ -188,7 +189,8 @@ def _channel(brackets: Sequence[tuple[Bytes, int]], channel: int, left_out: froz
         kept = _spread_over_codes(mean, usable, share)
         sample, frame = np.nonzero(usable[:, kept].T)
         which = (frame, kept[sample])
-        clear = np.all([_unclipped(*_moments(patches[..., c]))[which] for c in range(3)], axis=0)
+        others = [_unclipped(*_moments(patches[..., c]), TOP_CODE)[which] for c in range(3) if c != channel]
+        clear = np.logical_and(*others)
         parts.append((sample + count, frame + first_frame, mean[which], codes[which], spread2[which], clear))
         count += kept.size
     sample = np.concatenate([p[0] for p in parts])
@@ -207,8 +209,8 @@ def _moments(codes: Bytes) -> tuple[Doubles, Doubles]:
     return total / count, np.maximum(square - total * total / count, 0.0) / (count - 1)
 
 
-def _unclipped(mean: Doubles, spread2: Doubles) -> Flags:
-    return np.asarray(mean + _CLEAR_ABOVE * np.sqrt(spread2) < 254.5)
+def _unclipped(mean: Doubles, spread2: Doubles, top: float = 254.0) -> Flags:
+    return np.asarray(mean + _CLEAR_ABOVE * np.sqrt(spread2) < top + 0.5)
 
 
 def _usable(mean: Doubles, spread2: Doubles) -> Flags:

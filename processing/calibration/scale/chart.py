@@ -7,7 +7,7 @@ slope and the difference of both veils as its offset. The chart is looked for in
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -20,7 +20,8 @@ from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
 from processing.ground.arrays import Doubles, Flags
 from processing.ground.colour import lab_of_linear
-from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.images import LUMINANCE_WEIGHTS, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import SharedMode
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions, pixels, point_directions
 
 MAX_MISMATCH = 0.25  # right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5.
@@ -91,8 +92,18 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
     return _sure(best, "what was found does not have the chart's colours")
 
 
-def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: float = CURVE_FRAC) -> ChartScale:
-    """Return k2 from the same chart in both pictures; ``curve_frac``: relative uncertainty by each response curve.
+def scale_from_charts(
+    indoor: FoundChart,
+    outdoor: FoundChart,
+    *,
+    curve_frac: float = CURVE_FRAC,
+    shared: tuple[Sequence[SharedMode], Sequence[SharedMode]] = ((), ()),
+    colour_frac: float = 0.0,
+) -> ChartScale:
+    """Return k2 from the same chart in both pictures.
+
+    ``curve_frac``: least relative uncertainty by each response curve; ``shared``: modes by level of both pictures;
+    ``colour_frac``: relative uncertainty of the outdoor luminance by a filter's tint.
 
     Raises `ChartError`: fewer than three neutral patches are neither clipped nor dark in both.
     """
@@ -104,15 +115,30 @@ def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: fl
             advice="capture it with all nine stops, under light that suits both cameras",
         )
     y_in, y_out = indoor.luminance, outdoor.luminance
-    fit = _line(y_out[numbers], y_in[numbers], np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers])
+    doubt = np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers]
+    fit = _line(y_out[numbers], y_in[numbers], doubt)
     white = chart_patches.WHITE if chart_patches.WHITE in numbers else numbers[0]
     ratio = float(y_in[white] / y_out[white])
     patches = _pairs(indoor, outdoor, fit, white)
     spread = 1.4826 * float(np.median(np.abs(np.array([p.residual_stops for p in patches if p.fitted]))))
+    # What a mode adds to all patches of one picture moves the line as a whole.
+    moved = [
+        _line(y_out[numbers] * (1 + off * (side is outdoor)), y_in[numbers] * (1 + off * (side is indoor)), doubt)
+        for side, modes in zip((indoor, outdoor), shared, strict=True)
+        for mode in modes
+        for off in [mode.of_levels(side.luminance[numbers].astype(np.float32)).astype(np.float64)]
+    ]
+    # Channels that are balanced differently in both cameras give neutral light another k2 than the lamp.
+    balance = outdoor.rgb[numbers].sum(axis=0) / indoor.rgb[numbers].sum(axis=0) * fit.slope
+    parts = {
+        "fit": fit.sigma,
+        "curves": max(math.hypot(*(one.slope / fit.slope - 1 for one in moved)), math.sqrt(2) * curve_frac),
+        "colour": math.hypot(colour_frac, float(balance @ LUMINANCE_WEIGHTS) / sum(LUMINANCE_WEIGHTS) - 1),
+    }
     scale = ScaleFactor(
         value=fit.slope,
-        relative_uncertainty=math.sqrt(fit.sigma**2 + 2 * curve_frac**2),
-        parts={"fit": fit.sigma, "curves": math.sqrt(2) * curve_frac},
+        relative_uncertainty=math.hypot(*parts.values()),
+        parts=parts,
         n_pixels=float(min(indoor.n_pixels[white], outdoor.n_pixels[white])),
         displayed=float(y_out[white]),
         measured=float(y_in[white]),
@@ -240,6 +266,7 @@ def cut(image: RelativeImage, view: Perspective) -> RelativeImage:
         uncertainty=np.where(seen, image.uncertainty[row, column], np.float32(np.inf)),
         validity=np.where(seen, image.validity[row, column], np.uint8(Validity.OUTSIDE)).astype(np.uint8),
         geometry=view,
+        attributes=image.attributes,
     )
 
 
