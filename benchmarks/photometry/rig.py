@@ -80,7 +80,11 @@ def calibrated_rig(folder: Path, divisor: int, seed: int, bodies: Mapping[Side, 
 
 
 def _gain(result: RigResult, side: Side, body: Body) -> float:
-    """Return the merged luminance of 1 cd/m2 of neutral light in the middle of the field, by the body's true curve."""
+    """Return the corrected luminance of 1 cd/m2 of neutral light in the middle of the field, by the body's true curve.
+
+    Corrected as the product does it: k2 is of pictures whose filter's tint is undone, and makes up for what that
+    leaves wrong of white.
+    """
     optics = body.optics
     curve = result.cameras[side].response.curve
     exposure = optics.sensor.exposure_gain(optics.usual_settings) / optics.sensor.true_shutter.seconds(1.0)
@@ -90,7 +94,10 @@ def _gain(result: RigResult, side: Side, body: Body) -> float:
     # The simulated cameras' channels have one gauge within 0.009 stop; published curves' differ by up to half a stop.
     gauges = 2 ** np.median(off, axis=None if body.known else 1, keepdims=True).ravel()
     gauges = np.broadcast_to(gauges, 3)
-    return exposure * 10**-optics.filter.density * float(np.array(LUMINANCE_WEIGHTS) @ (1 / gauges))
+    shown = np.ones(3) @ np.array(optics.filter.tint) / gauges
+    if (found := result.cameras[side].filter) is not None:
+        shown = shown @ found.correction
+    return exposure * 10**-optics.filter.density * float(shown @ np.array(LUMINANCE_WEIGHTS))
 
 
 @dataclass(frozen=True)

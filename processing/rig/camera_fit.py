@@ -101,6 +101,8 @@ def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _LEAST_DENSITY = 0.05  # of a filter that sessions with and without it show; chosen: the weakest made is ND 0.15
+_DARK_CODE, _FEW_PATCHES = 8, 6  # chosen: clear of cut-off noise; as many as a tint needs
+_BLACK = "a channel is all but black in {}: the filter's tint is unsure; use longer exposures, or a whiter lamp"
 _CLEAR_RATIO = 0.8  # of the residuals of two rules: nearer to 1 the frames do not distinguish them
 
 
@@ -194,7 +196,7 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
 
     Raises `ParameterError`: the two sessions are one, or exchanged.
     """
-    (dim, dim_u), (full, full_u) = (_patches(camera, taken) for taken in (filtered, plain))
+    (dim, dim_u, doubts), (full, full_u, _) = (_patches(camera, taken) for taken in (filtered, plain))
     found = fit_nd_filter(dim, full, np.hypot(dim_u, full_u), source="chart with and without the filter")
     if found.density < _LEAST_DENSITY:
         raise ParameterError(
@@ -203,7 +205,7 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
             likely="the two sessions are swapped, or one session was given twice",
             advice="--nd WITH WITHOUT",
         )
-    return replace(camera, filter=found)
+    return replace(camera, filter=found, warnings=(*camera.warnings, *doubts))
 
 
 def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide]]) -> CameraFit:
@@ -225,8 +227,8 @@ def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide
     return replace(camera, glare=glare, warnings=(*camera.warnings, *doubts))
 
 
-def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
-    """Return the chart's patches (24, 3) at equal exposure, not finite where clipped or dark, and their uncertainty."""
+def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles, list[str]]:
+    """Return the chart's patches (24, 3) at equal exposure, not finite where clipped or dark; uncertainty, doubts."""
     image = replace(camera, filter=None).corrected(camera.merged(taken))
     chart = find_chart_around(image).chart
     state = taken.state
@@ -235,7 +237,16 @@ def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
         raise ProfileError(text, where=str(taken.path), advice="use sessions whose frames record them")
     rgb = chart.rgb / (state.iso / state.f_number**2)
     rgb[~chart.usable] = np.nan
-    return np.asarray(rgb), chart.uncertainty
+    doubts = []
+    if camera.response is not None:
+        # A channel that is all but black in the longest frame is what coding makes of it: under warm light, blue.
+        black = camera.response.curve.exposure[:, _DARK_CODE] / max(taken.true_times_s(camera.shutter))
+        dark = (chart.rgb < black).any(axis=1)
+        if np.count_nonzero(chart.usable & ~dark) >= _FEW_PATCHES:
+            rgb[dark] = np.nan
+        else:
+            doubts.append(f"{camera.side}: {_BLACK.format(taken.path.name)}")
+    return np.asarray(rgb), chart.uncertainty, doubts
 
 
 def _best_rule(

@@ -40,7 +40,7 @@ def test_a_slightly_wrong_time_is_warned_of_and_its_doubt_is_stated(place: int, 
     assert errors(result, shot.luminance).covered(1.96) > 0.9
 
 
-def test_with_a_curve_of_its_own_a_bracket_is_refused_only_for_what_it_shows_much_of_beyond_its_times_doubt() -> None:
+def test_a_bracket_is_refused_only_for_what_it_shows_much_of_and_with_its_own_curve_beyond_its_times_doubt() -> None:
     shot = bracket()
     times = list(shot.true_s)
     times[4] *= 2.0
@@ -55,12 +55,13 @@ def test_with_a_curve_of_its_own_a_bracket_is_refused_only_for_what_it_shows_muc
         scene[80 : 80 + rows, 100:160] = np.geomspace(5e3, 8e4, 60)[:, None]
         frames = [expose(scene, t, REFERENCE_SENSOR, k) for k, t in enumerate(shot.nominal_s)]
         times = [*shot.true_s[:8], 2 * shot.true_s[8]]
-        if refused:
-            with pytest.raises(BracketError, match="frame 8 is"):
-                merged(frames, times, own_curve=True, quality="reference")
-        else:
-            result = merged(frames, times, own_curve=True, quality="reference")
-            assert any(w.startswith("frame 8 is") for w in result.report.warnings)
+        for own in (True, False):
+            if refused:
+                with pytest.raises(BracketError, match="frame 8 is"):
+                    merged(frames, times, own_curve=own, quality="reference")
+            else:
+                result = merged(frames, times, own_curve=own, quality="reference")
+                assert any(w.startswith("frame 8 is") for w in result.report.warnings)
 
 
 def test_nominal_times_of_a_camera_that_keeps_others_are_noticed() -> None:

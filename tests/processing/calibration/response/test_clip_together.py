@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hostile.worlds import (
+    ENCODERS,
     MATRIX_5D2,
     TIMES_S,
     HostileBracket,
@@ -69,3 +70,23 @@ def test_a_camera_without_one_keeps_all_its_samples() -> None:
     bracket, fit = taken(matrix=False)
     assert not fit.curve.clip_together
     assert np.median(red_off(bracket, fit, fit.curve)) < 0.01
+
+
+def test_a_channel_that_warm_light_shows_only_beside_clipped_ones_is_held_to_the_others() -> None:
+    """Where all samples count, blue's upper codes are 0.9 stop off, with 0.02 stated."""
+    codes = np.linspace(0, 1, 256)
+    camera = HostileCamera(
+        codes, np.stack([codes ** (1 / g) for g in (2.0, 2.2, 2.3)]), matrix=MATRIX_5D2, jpeg=ENCODERS[0], seed=3
+    )
+    level = np.geomspace(1, 20_000, WIDTH)[None, :, None] * np.linspace(1, 0.3, HEIGHT)[:, None, None]
+    warm = np.asarray(level * (1.9, 0.85, 0.17), dtype=np.float32)
+    bracket = hostile_bracket(HostileWorld("warm", camera), warm, 20.0, 800_003)
+    curve = recover_response([Bracket8(bracket.frames, bracket.nominal_s)]).curve
+    seen = np.arange(32, 241)
+    off = curve.log2_exposure[:, seen] - np.array([2.0, 2.2, 2.3])[:, None] * np.log2(seen / 255)
+    off -= off[:, 128 - 32, None]
+    assert curve.clip_together
+    assert np.abs(off).max() < 0.4
+    assert (np.abs(off) < 2 * curve.sigma_log2[:, seen] + 0.02).mean() > 0.95
+    assert curve.sigma_log2[2, 224] > 3 * curve.sigma_log2[0, 224]
+    assert min(curve.high) > 235

@@ -51,6 +51,13 @@ def test_stated_uncertainty_covers_the_error() -> None:
     assert two > 0.9
 
 
+def test_a_shutter_is_as_sure_as_the_frames_show_it() -> None:
+    shot = bracket(31)
+    times = np.array(shot.times_s) * 2 ** np.random.default_rng(800_004).normal(0, 0.05, len(shot.times_s))
+    assert fitted(31).scatter_stops < 0.012
+    assert 0.02 < recover_response([Bracket8(shot.frames, times.tolist())]).scatter_stops < 0.1
+
+
 def test_two_brackets_agree_and_together_are_no_worse() -> None:
     first, second = (fitted(seed).curve for seed in (31, 32))
     difference = first.log2_exposure - second.log2_exposure

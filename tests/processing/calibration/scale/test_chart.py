@@ -14,6 +14,7 @@ from processing.calibration.scale.chart import find_chart, scale_from_charts, sp
 from processing.calibration.scale.chart_patches import WHITE, reflectances
 from processing.errors import ChartError
 from processing.pictures.images import Validity, luminance_cd_m2
+from processing.pictures.modes import SharedMode
 from processing.sphere import pixels
 from tests.processing.calibration.scale.chart_scenes import chart_view
 
@@ -95,6 +96,21 @@ def test_k2_is_the_ratio_of_the_cameras() -> None:
     assert found.scale.value == pytest.approx(2.117, rel=3 * found.scale.relative_uncertainty)
     assert found.scale.warnings == ()
     assert max(p.color_difference for p in found.patches) < 2
+
+
+def test_k2_is_as_unsure_as_curves_times_and_the_channels_balance() -> None:
+    indoor, outdoor = find_chart(chart_view()), find_chart(chart_view(site=Site.OUTDOOR))
+    plain = scale_from_charts(indoor, outdoor).scale
+    places = tuple(np.linspace(-10, 20, 40).tolist())
+    off = SharedMode("curve and times 1", "level", places, (0.03,) * 40)
+    shaken = scale_from_charts(indoor, outdoor, shared=((off,), (off,)), colour_frac=0.02).scale
+    assert plain.relative_uncertainty < 0.01
+    assert shaken.parts["curves"] == pytest.approx(0.03 * 2**0.5, rel=0.05)
+    assert shaken.parts["colour"] == pytest.approx(0.02, rel=0.1)
+    assert shaken.value == plain.value
+    # Outdoor blue of half the gain: neutral light shows less there than the lamp's white by blue's part of luminance.
+    dim = replace(outdoor, rgb=outdoor.rgb * (1, 1, 0.5))
+    assert scale_from_charts(indoor, dim).scale.parts["colour"] > plain.parts["colour"]
 
 
 def test_stray_light_moves_the_white_patch_and_not_k2() -> None:
