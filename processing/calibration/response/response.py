@@ -54,8 +54,8 @@ CLIP_CELLS, CLIP_PATCHES = 16, 20  # of the code, and patches of either kind tha
 CLIP_STOPS, CLIP_SIGMAS, CLIP_SHARE = 0.02, 4.0, 0.2
 """Stops and standard deviations by which the two kinds are apart in such a share of what can be compared; chosen on
 simulated cameras with and without a 5D Mark II's matrix, as what follows."""
-CLIP_MANY, CLIP_KNOWN = 0.05, 0.15
-"""Share of all samples that can bend the curve, and what share of them must be comparable to be believed."""
+CLIP_MANY, CLIP_KNOWN = 0.05, 0.1
+"""Share of all samples that bends the curve, and what share of them must be comparable to be believed."""
 LEAST_SCATTER_STOPS = 0.01  # of a shutter; chosen: half the tolerance, however well it kept to it in a few sessions
 _SIGNIFICANT = 3.0  # standard deviations that a drift must exceed; chosen
 
@@ -191,8 +191,8 @@ def clip_together(samples: Samples, fit: DaylitFit) -> bool:
                 rows.append((abs(middle - float(np.median(beside))), doubt, part.size))
     apart, sigma, count = np.array(rows or [(0.0, 0.0, 0)]).T
     clear = (apart > CLIP_STOPS) & (apart > CLIP_SIGMAS * sigma)
-    doubtful = every > CLIP_MANY * sum(data.mean.size for data in samples.channels) and count.sum() < CLIP_KNOWN * every
-    return bool(doubtful or count[clear].sum() > CLIP_SHARE * count.sum())
+    many = every > CLIP_MANY * sum(data.mean.size for data in samples.channels)
+    return bool((many and count.sum() < CLIP_KNOWN * every) or count[clear].sum() > CLIP_SHARE * count.sum())
 
 
 def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:
