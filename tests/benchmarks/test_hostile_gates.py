@@ -85,8 +85,8 @@ def test_published_curves_are_recovered_from_lossless_frames_and_from_jpeg(monke
 def test_a_rig_of_hostile_cameras_is_calibrated(tmp_path: Path) -> None:
     """Measured at this seed: k1 0.4, k2 2.9 % (1.6 sigmas), indoor luminance 2.2 %, sky's median 6.2 %.
 
-    Of the sky 1.9 % when k2 was 4.7 % off (3.9 of its sigmas) and blue 15 %: errors of opposite sign. Why the rest is left
-    was not traced.
+    Of the sky 1.9 % when k2 was 4.7 % off (3.9 of its sigmas) and blue 15 %: errors of opposite sign. Why the rest is
+    left was not traced.
     """
     seed = seeds("validation", 3)[2]
     found = rig_errors(tmp_path, hostile_bodies(hostile.published_cameras(), seed), hostile.RIG_DIVISOR, seed)
