@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -25,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT_S = 7 * 86_400
 """Worlds of other sources (chosen: somebody who goes back to yesterday's branch finds them)."""
 
+RIGS = "tests/processing/commands/test_rig_"
 os.environ["DAYLIT_MODELS"] = os.devnull
 """No network of others, whatever is installed here."""
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
@@ -67,6 +69,21 @@ def pytest_configure(config: pytest.Config) -> None:
             if time.time() - other.stat().st_mtime > KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
     os.environ["DAYLIT_CACHE"] = str(folder)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """With ``--dist loadfile`` keep the files of rigs on one worker, too: their cameras are the same ones (`once`)."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Files(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return RIGS if file.startswith(RIGS) else file
+
+    return Files(config, log)
 
 
 def pytest_collection_finish() -> None:
