@@ -24,7 +24,7 @@ PURE = {
     "processing.calibration.outdoor.outdoor": ("project",),
     "processing.sphere.area": ("fisheye_projected",),
     "processing.stages.detect": ("find_masks",),
-    "processing.rig.camera_fit": ("recover_response", "find_chart_around", "merge"),
+    "processing.rig.camera_fit": ("recover_response", "find_chart_around", "merged_bracket"),
     "processing.rig.calibrate": ("find_chart_around",),
     "processing.report.stills": ("frames_of",),
     "processing.report.calibration_sections": ("illuminance_rose",),
