@@ -50,7 +50,7 @@ class Counting(durable.OsCalls):
         self.at("fsync", lambda: os.fsync(fd))
 
     def fdatasync(self, fd: int) -> None:
-        self.at("fdatasync", lambda: durable.OsCalls.fdatasync(self, fd))
+        self.at("fdatasync", lambda: durable.OsCalls.fdatasync(fd))
 
     def fchmod(self, fd: int, mode: int) -> None:
         self.at("fchmod", lambda: os.fchmod(fd, mode))

@@ -110,7 +110,7 @@ def test_basis_on_disk(view, tmp_path) -> None:
     assert np.array_equal(again.relit(light).rgb, view.relit(light).rgb)
     assert path.stat().st_size < 2 * view.basis.bytes
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(RelightError, match="not a basis"):
+    with pytest.raises(RelightError, match="not a light basis"):
         read_basis(path)
     other = Stage.of(scene_of(box_room(), DARK, 0.4), SMALL.texel_m)
     with pytest.raises(RelightError, match="another scene"):

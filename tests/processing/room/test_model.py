@@ -161,7 +161,7 @@ def test_the_command_makes_checks_and_never_overwrites(tmp_path: Path, capsys: p
     path.write_text(room_text(mine))
     assert daylit.main(["room", str(session), "--edit"]) == 0
     assert daylit.open_session(session).choices == {"room": session / "room.json"}
-    assert "6 walls, 19.00 m2, openings: 1; can be used" in capsys.readouterr().out
+    assert "6 walls, 19.00 m2, openings: 1; valid" in capsys.readouterr().out
     assert read_room(path) == mine
     other = tmp_path / "other.json"
     write_room(other, l_room(openings=[]))
