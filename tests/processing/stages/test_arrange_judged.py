@@ -55,7 +55,7 @@ def test_a_broken_rule_is_named_with_its_pieces(tmp_path: Path, fitting) -> None
 
 
 def test_an_arrangement_of_another_room_is_refused(tmp_path: Path, fitting) -> None:
-    with pytest.raises(LayoutError, match="wardrobe would stand outside"):
+    with pytest.raises(LayoutError, match="wardrobe would be outside"):
         in_room(tmp_path, moved(fitting, wardrobe=(7.0, 0.0)))
     strange = json.loads(json.dumps(fitting).replace('"category": "wardrobe"', '"category": "piano"'))
     with pytest.raises(LayoutError, match="piano"):
