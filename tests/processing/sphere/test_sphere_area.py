@@ -11,6 +11,7 @@ from processing.sphere import (
     Fisheye,
     LensMapping,
     Perspective,
+    cube_views,
     directions,
     projected_solid_angles,
     solid_angles,
@@ -18,13 +19,6 @@ from processing.sphere import (
 from tests.processing.sphere.sphere_pictures import fisheye, geometries, one_of_each
 
 SIZES = (16, 17, 33)
-
-
-def cube_views(size_px: int) -> list[Perspective]:
-    """Return six square views of 90 degrees; together they see everything once."""
-    quarter = math.pi / 2
-    level = [Perspective(size_px, size_px, quarter, yaw_rad=yaw) for yaw in (0.0, quarter, math.pi, -quarter)]
-    return [*level, *(Perspective(size_px, size_px, quarter, pitch_rad=pitch) for pitch in (quarter, -quarter))]
 
 
 @pytest.mark.parametrize("rows", SIZES)
