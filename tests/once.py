@@ -72,3 +72,17 @@ def all_anew() -> Iterator[None]:
     _anew.append(True)
     yield
     _anew.pop()
+
+
+@pytest.fixture(scope="package", autouse=True)
+def each_pure_once() -> Iterator[None]:
+    """For the tests of a package whose conftest takes it in: `PURE`, once each."""
+    with each_once(PURE):
+        yield
+
+
+@pytest.fixture
+def anew() -> Iterator[None]:
+    """For a test that must not be given what was worked out before."""
+    with all_anew():
+        yield

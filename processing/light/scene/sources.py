@@ -276,7 +276,8 @@ SUN_TIMES = 2.0  # what its surface gives in the shade, from which a place near 
 MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on ten sunny rooms
 ABOVE_AIR_LX = 133e3  # the sun's normal illuminance outside the atmosphere (IES): no overexposed disc hides more
 SUN_SURE = (0.75, 1.75)
-"""Of a share that was found, within which the true one lies in nine rooms of ten (docs/measurements/emptying.md)."""
+"""Times a strength that was found, within which the true one lies; chosen on five rooms, all of which it holds for
+(docs/measurements/emptying.md)."""
 
 
 def most_sun(sun: Sun | None) -> float:

@@ -1,15 +1,5 @@
-"""What is made of equal frames is made once (`tests.once`)."""
+"""What is made of equal frames is made once."""
 
-from __future__ import annotations
+from tests.once import each_pure_once
 
-from collections.abc import Iterator
-
-import pytest
-
-from tests.once import PURE, each_once
-
-
-@pytest.fixture(scope="package", autouse=True)
-def _each_once() -> Iterator[None]:
-    with each_once(PURE):
-        yield
+__all__ = ["each_pure_once"]

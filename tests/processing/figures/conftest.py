@@ -1,15 +1,5 @@
-"""How wide the cells of equal pictures are is worked out once (`tests.once`)."""
+"""How wide the cells of equal pictures are is worked out once."""
 
-from __future__ import annotations
+from tests.once import each_pure_once
 
-from collections.abc import Iterator
-
-import pytest
-
-from tests.once import PURE, each_once
-
-
-@pytest.fixture(scope="package", autouse=True)
-def _each_once() -> Iterator[None]:
-    with each_once(PURE):
-        yield
+__all__ = ["each_pure_once"]
