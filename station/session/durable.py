@@ -27,6 +27,7 @@ IS_FOLDER = "is a folder"
 _RENAME_EXCHANGE = 2  # of Linux's renameat2(2)
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _EXHAUSTED = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
+_UNSUPPORTED = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP}
 
 
 class OsCalls:
@@ -56,7 +57,7 @@ class OsCalls:
         if call(dir_fd, os.fsencode(source), dir_fd, os.fsencode(target), ctypes.c_uint(_RENAME_EXCHANGE)) == 0:
             return True
         number = ctypes.get_errno()
-        if number in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+        if number in _UNSUPPORTED:
             return False
         raise OSError(number, os.strerror(number), target)
 
@@ -92,6 +93,16 @@ def disk_errors(path: Path, doing: str) -> Iterator[None]:
         yield
     except OSError as exc:
         raise disk_error(exc, path, doing) from exc
+
+
+@contextmanager
+def where_possible() -> Iterator[None]:
+    """Let pass that a file system has no such thing: shared folders and network disks may sync no folder."""
+    try:
+        yield
+    except OSError as exc:
+        if exc.errno not in _UNSUPPORTED:
+            raise
 
 
 def irregular(info: os.stat_result) -> str | None:

@@ -137,7 +137,7 @@ class Folder(AbstractContextManager["Folder"]):
 
     def sync(self) -> None:
         """Make the names in the folder durable."""
-        with durable.disk_errors(self.path, "syncing the folder"):
+        with durable.disk_errors(self.path, "syncing the folder"), durable.where_possible():
             durable.os_calls.fsync(self.fd)
 
     def close(self) -> None:
@@ -196,7 +196,7 @@ def make_folders(path: Path) -> None:
             with suppress(FileExistsError):
                 durable.os_calls.mkdir(str(new))
             with Folder.open(new.parent) as parent:
-                durable.os_calls.fsync(parent.fd)
+                parent.sync()
 
 
 FRAME_CAP_BYTES = 256 << 20  # no frame of either camera comes near (a raw file of the Z1: about 45 MB)
@@ -311,7 +311,7 @@ class FramePart:
         self._need("open")
         self._state = "failed"
         with durable.disk_errors(self.path, "syncing"):
-            with suppress(PermissionError):  # some file systems have no modes; it is a courtesy, not a promise
+            with suppress(PermissionError), durable.where_possible():  # it is a courtesy, not a promise
                 durable.os_calls.fchmod(self._fd, 0o444)
             durable.os_calls.fsync(self._fd)
             durable.check_size(self._fd, self.size_bytes)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from station.session import durable
 from station.session.folder import Folder, make_folders, write_file
 from station.session.session import Side
 from station.session.store import SessionStore
-from tests.station.session.sessions import frame_record, manifest
+from station.session.verify import verify_session
+from tests.station.session.sessions import frame_record, manifest, put
 
 
 @pytest.mark.parametrize(
@@ -107,6 +109,35 @@ def test_what_was_not_journalled_is_not_in_the_manifest(tmp_path: Path, monkeypa
                 assert store.manifest == before
         store.add_frame(record)
         assert store.manifest.frames == (record,)
+
+
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP, errno.ENOSYS], ids=errno.errorcode.get)
+def test_a_disk_that_syncs_no_folder_and_has_no_modes_takes_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """As Linux answers for /proc, VirtualBox's shared folders and some network disks; files are synced all the same."""
+    synced: list[int] = []
+
+    def sync(fd: int) -> None:
+        if stat.S_ISDIR(os.fstat(fd).st_mode):
+            raise OSError(number, os.strerror(number))
+        synced.append(fd)
+        os.fsync(fd)
+
+    def no_modes(_fd: int, _mode: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(durable.os_calls, "fsync", sync)
+    monkeypatch.setattr(durable.os_calls, "fchmod", no_modes)
+    with SessionStore.create(tmp_path / "new" / "sessions", manifest()) as store:
+        synced.clear()
+        put(store, 0, b"abc")
+        assert len(synced) == 1
+        path = store.path
+        store.finish()
+    assert verify_session(path).intact
+    with pytest.raises(OSError, match="Input/output"), durable.where_possible():
+        raise OSError(errno.EIO, "Input/output error")
 
 
 def test_parents_are_made(tmp_path: Path) -> None:
