@@ -344,6 +344,7 @@ class Canon5D2:
         """Let go of the button, give the camera back to its own controls, close the session; never raises."""
         self._exposure = None
         with suppress(DeviceError):  # it is gone or out of step; closing the link is all that is left
-            self._remote.let_go()
+            with suppress(DeviceBusyError):
+                self._remote.let_go()
             self._remote.stop()
         self._link.close()

@@ -83,9 +83,10 @@ class CanonRemote:
 
     def stop(self) -> None:
         """Give the camera back to its own buttons."""
-        self.do(CanonOperation.KEEP_DEVICE_ON)
-        self.poll()
-        self.do(CanonOperation.SET_REMOTE_MODE, 0)
+        with suppress(DeviceBusyError):  # it still exposes or writes: its own buttons count for more
+            self.do(CanonOperation.KEEP_DEVICE_ON)
+            self.poll()
+        self.patiently(lambda: self.do(CanonOperation.SET_REMOTE_MODE, 0))
         self.do(CanonOperation.SET_EVENT_MODE, 0)
 
     def do(self, operation: int, *params: int, timeout_s: float | None = None) -> tuple[int, ...]:

@@ -14,6 +14,8 @@ from drivers.ptp.pipes import BulkPipe, EventPipe, PtpTransport
 # What a camera's refusal means, in words: response codes to typed errors.
 
 
+BUSY_CODES = frozenset({Response.DEVICE_BUSY, 0xA102, 0xA106})
+"""And an EOS's "object not ready" (libgphoto2 waits as for a busy camera) and "memory status not ready"."""
 STORE_CODES = frozenset({Response.STORE_FULL, Response.STORE_READ_ONLY, Response.STORE_NOT_AVAILABLE})
 
 _LIKELY: dict[int, tuple[str, str]] = {
@@ -49,7 +51,7 @@ def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: s
     likely, advice = _LIKELY.get(code, ("", ""))
     message = f"{operation_name(operation)} was answered with: {response_name(code)}"
     facts: dict[str, Any] = {"response_code": code, "operation": operation, "params": list(params)}
-    busy, store = code == Response.DEVICE_BUSY, code in STORE_CODES
+    busy, store = code in BUSY_CODES, code in STORE_CODES
     kind = errors.DeviceBusyError if busy else errors.StoreFullError if store else errors.OperationRefusedError
     return kind(message, where=where, likely=likely, advice=advice, **facts)
 

@@ -397,3 +397,22 @@ def test_canon_stays_on_through_a_long_pause(make: Make) -> None:
         setup.clock.sleep(5.0)
         setup.camera.keep_alive()
     assert setup.expose(1 / 60)
+
+
+@pytest.mark.parametrize("make", ["canon_5d2"], indirect=True)
+@pytest.mark.parametrize(("busy_s", "released"), [(2.0, False), (7.0, True)], ids=["writing", "exposing"])
+def test_a_canon_that_is_closed_while_it_is_busy_gets_its_own_buttons_back(
+    make: Make, busy_s: float, released: bool
+) -> None:
+    """As after Ctrl-C, twice: recorded bodies answer busy while they expose."""
+    setup = make()
+    setup.camera.connect()
+    setup.camera.prepare(setup.settings())
+    if released:
+        setup.camera.set_shutter(1)
+        setup.camera.arm()
+        setup.camera.release()
+    setup.device._held_until_s = setup.clock.monotonic_s() + busy_s
+    setup.camera.close()
+    last = [o for o in setup.device.stats.operations if o.operation == canon_codes.CanonOperation.SET_REMOTE_MODE][-1]
+    assert (last.params, last.code) == ((0,), 0x2001)

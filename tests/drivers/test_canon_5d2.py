@@ -537,6 +537,20 @@ def test_busy_transfer_during_an_exposure_is_not_tried_again() -> None:
     transport.assert_finished()
 
 
+@pytest.mark.parametrize("answer", [0xA102, 0xA106])
+def test_a_picture_that_is_not_ready_yet_is_asked_for_later(answer: int) -> None:
+    """libgphoto2 on A102: "not there yet ... so wait"."""
+    frame = FrameRef(0x91000001, "IMG_0001.JPG", FrameFormat.JPEG, 1000)
+    dialogue = CanonDialogue().connect().ask(0x101B, 0x91000001, 0, 1000, answer=answer)
+    dialogue.ask(0x101B, 0x91000001, 0, 1000, gives=b"d" * 1000, results=(1000,))
+    camera, transport = dialogue.start()
+    camera.connect()
+    with pytest.raises(DeviceBusyError):
+        camera.read_chunk(frame, 0, 1000)
+    assert camera.read_chunk(frame, 0, 1000) == b"d" * 1000
+    transport.assert_finished()
+
+
 def test_poll_does_not_wait_between_two_chunks() -> None:
     dialogue = armed().press().let_go().poll()
     dialogue.ask(0x101B, 0x91000001, 0, 1000, gives=b"d" * 1000, results=(1000,))
