@@ -52,6 +52,7 @@ READY_LIMIT_S = 15.0  # chosen: writing a raw frame takes 10 s (Ricoh)
 READY_PAUSE_S = 0.05  # chosen
 EVENT_DRAIN_WAIT_S = 0.001  # chosen: takes what is there, waits for nothing
 MAX_DRAINED_EVENTS = 256  # chosen: a bound on a camera that never stops
+RELEASE_LIMIT_S = 8.0  # on top of the exposure time, should the camera answer only when the shutter has closed
 RELEASE_LAG_S = 0.12  # assumed: Ricoh gives no figure. Measure it and put it into the rig file.
 USB_SHOOTING_POSSIBLE = 0  # Ricoh's USB API
 WITNESSES = (
@@ -257,7 +258,7 @@ class ThetaZ1:
         """Start the exposure; `DeviceBusyError` where the camera is still saving."""
         session, earlier_ids = self._link.session, frozenset(self._past_captures)
         try:
-            session.transact(Operation.INITIATE_CAPTURE, (0, 0))
+            session.transact(Operation.INITIATE_CAPTURE, (0, 0), timeout_s=self._shutter_s + RELEASE_LIMIT_S)
         finally:
             self._past_captures.add(session.last_transaction_id)
         shot = ThetaShot(self._shutter_s, self._formats, session.last_transaction_id, earlier_ids)
@@ -311,8 +312,8 @@ class ThetaZ1:
     def close(self) -> None:
         """Give the camera its own sleep times back and close the session; never raises."""
         with suppress(DeviceError):  # it is gone or out of step; it keeps awake until switched off
-            for prop, value in self._sleep_before.items():
-                self._properties.write(prop, value)
-        self._sleep_before.clear()
+            for prop in tuple(self._sleep_before):  # what it did not take is given back when it has been found again
+                self._properties.write(prop, self._sleep_before[prop])
+                del self._sleep_before[prop]
         self._exposure = None
         self._link.close()

@@ -98,8 +98,11 @@ class ThetaExposure:
                 frame = self._store.look_at(self._pending[0])
             except DeviceBusyError:
                 return
-            self._store.known.add(self._pending.pop(0))
-            if frame is not None and self._expected.add(frame) and self._expected.complete:
+            handle = self._pending.pop(0)
+            if frame is None:
+                continue  # a folder; or a picture that is not written yet, which the store shows later
+            self._store.known.add(handle)
+            if self._expected.add(frame) and self._expected.complete:
                 self._ask_by(COMPLETE_GRACE_S)
 
     def _ask_the_camera(self) -> None:

@@ -178,7 +178,7 @@ class ThetaProperties:
 
     def require(self, name: str, prop: int, value: int | str) -> None:
         """Check that a property still has the value it was given; `SettingRefusedError` where not."""
-        got = self.read(prop)
+        got = self._link.session.retry_busy(lambda: self.read(prop), BUSY_LIMIT_S)
         if got != value:
             error = self._refused(name, prop, value, str(got))
             error.likely = "the camera slept or was switched off and on, or somebody changed it by hand"

@@ -17,8 +17,10 @@ from drivers.canon_5d2 import codes as canon_codes
 from drivers.canon_5d2.camera import Canon5D2
 from drivers.clock import Deadline
 from drivers.errors import DeviceBusyError, DeviceError, SettingRefusedError
+from drivers.ptp.codes import Operation
 from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.camera import ThetaZ1
+from drivers.theta_z1.codes import RicohProp
 from drivers.usb_link import UsbLink
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
 from mocks.instruments.canon_records import CanonOptions
@@ -416,3 +418,33 @@ def test_a_canon_that_is_closed_while_it_is_busy_gets_its_own_buttons_back(
     setup.camera.close()
     last = [o for o in setup.device.stats.operations if o.operation == canon_codes.CanonOperation.SET_REMOTE_MODE][-1]
     assert (last.params, last.code) == ((0,), 0x2001)
+
+
+@pytest.mark.parametrize("make", ["theta_z1"], indirect=True)
+def test_a_theta_that_was_away_when_it_was_closed_gets_its_sleep_back_later(make: Make) -> None:
+    setup = make()
+    properties = setup.device.properties
+    asleep_after = [properties.number(p) for p in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY)]
+    setup.camera.connect()
+    setup.camera.prepare(setup.settings())
+    setup.device.unplug()
+    setup.camera.close()
+    setup.device.replug()
+    assert properties.number(RicohProp.SLEEP_DELAY) == 0
+    setup.camera.connect()
+    setup.camera.prepare(setup.settings())
+    setup.camera.close()
+    assert [properties.number(p) for p in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY)] == asleep_after
+
+
+@pytest.mark.parametrize("make", ["theta_z1"], indirect=True)
+def test_a_release_that_is_answered_when_the_shutter_has_closed_counts(make: Make) -> None:
+    """Ricoh gives no figure; libgphoto2 waits 100 s for the answer to a capture."""
+    setup = make()
+    rule = setup.device.rules[Operation.INITIATE_CAPTURE]
+    late = dataclasses.replace(rule, handler=lambda r: dataclasses.replace(rule.handler(r), delay_s=30.5))
+    setup.device.rules[Operation.INITIATE_CAPTURE] = late
+    setup.camera.connect()
+    setup.camera.prepare(setup.settings())
+    assert len(setup.expose(30)) == 1
+    assert len(setup.device.exposure_log) == 1

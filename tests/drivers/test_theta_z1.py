@@ -458,6 +458,32 @@ def test_busy_camera_is_asked_for_the_frame_again(start: Start, armed: ThetaDial
     transport.assert_finished()
 
 
+@pytest.mark.parametrize("answer", [OK, 0x2009, 0x2015], ids=["no bytes yet", "no such object", "no information"])
+def test_a_picture_announced_before_it_is_written_is_looked_at_again(
+    start: Start, armed: ThetaDialogue, answer: int
+) -> None:
+    armed.release().event(0x4002, 0x66).event(0x400D)
+    armed.looks_at(0x66, size=0) if answer == OK else armed.ask(0x1008, 0x66, answer=answer)
+    armed.handles(*OLD, 0x66).looks_at(0x66)
+    camera, transport = start(armed)
+    ready_to_fire(camera)
+    camera.release()
+    frames, took_s = poll_until_done(camera, transport)
+    assert [(f.handle, f.size_bytes) for f in frames] == [(0x66, 9000)]
+    assert took_s < 2.0
+    transport.assert_finished()
+
+
+def test_a_camera_that_still_saves_is_waited_for_before_the_next_stop(start: Start, armed: ThetaDialogue) -> None:
+    armed.get(0xD80E, 0).ready().ask(0x1015, 0x500E, answer=BUSY).witnesses().set(0xD00F, 60 << 32 | 1)
+    camera, transport = start(armed)
+    camera.connect()
+    camera.prepare(PAPER)
+    camera.set_shutter(1 / 60)
+    camera.set_shutter(1 / 60)
+    transport.assert_finished()
+
+
 def test_no_picture_at_all_fails_within_its_limit(start: Start, armed: ThetaDialogue) -> None:
     armed.release()
     for _ in range(18):
