@@ -33,6 +33,7 @@ class CameraLink:
         self._model = model
         self._session: PtpSession | None = None
         self._info: DeviceInfo | None = None
+        self._generation = 0  # of the session in which the camera has last said who it is
 
     @property
     def name(self) -> str:
@@ -71,7 +72,7 @@ class CameraLink:
         except BaseException:
             transport.close()
             raise
-        self._session, self._info = session, info
+        self._session, self._info, self._generation = session, info, session.generation
         return info
 
     def _check(self, info: DeviceInfo) -> None:
@@ -105,11 +106,11 @@ class CameraLink:
             self.open()
             self._require_same(before)
             return True
-        generation = self._session.generation
         self._session.resynchronise(from_port_reset=from_port_reset)
-        if self._session.generation == generation:
+        if self._session.generation == self._generation:
             return False
         before, self._info = self._info, self._session.device_info()
+        self._generation = self._session.generation
         self._require_same(before)
         return True
 

@@ -16,7 +16,13 @@ from drivers.camera import CameraSettings, FrameFormat, FrameRef
 from drivers.canon_5d2 import codes as canon_codes
 from drivers.canon_5d2.camera import Canon5D2
 from drivers.clock import Deadline
-from drivers.errors import DeviceBusyError, DeviceError, SettingRefusedError
+from drivers.errors import (
+    DeviceBusyError,
+    DeviceError,
+    DeviceNotFoundError,
+    DeviceTimeoutError,
+    SettingRefusedError,
+)
 from drivers.ptp.codes import Operation
 from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.camera import ThetaZ1
@@ -448,3 +454,17 @@ def test_a_release_that_is_answered_when_the_shutter_has_closed_counts(make: Mak
     setup.camera.prepare(setup.settings())
     assert len(setup.expose(30)) == 1
     assert len(setup.device.exposure_log) == 1
+
+
+def test_another_camera_is_found_out_though_it_was_silent_when_first_asked(make: Make) -> None:
+    setup = make(Fault(FaultKind.NO_ANSWER, code=Operation.GET_DEVICE_INFO, nth=2))
+    setup.camera.connect()
+    setup.device.unplug(replug_after_s=1.0)
+    setup.device.identity = dataclasses.replace(setup.device.identity, serial="another body")
+    with pytest.raises(DeviceError):
+        setup.camera.keep_alive()
+        setup.camera.arm()
+    with pytest.raises(DeviceTimeoutError):
+        setup.camera.recover()
+    with pytest.raises(DeviceNotFoundError, match="another camera answers"):
+        setup.camera.recover()
