@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Self
 from uuid import uuid4
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DeviceNotFoundError
 from station.capture.bracket import BracketPlan, Mode, plan_bracket, plan_of, typical_cost, unavailable_stops
 from station.capture.camera_worker import CameraWorker
 from station.capture.conductor import Conductor, Doubts, Hooks
@@ -206,8 +206,8 @@ class Capture:
             self._store = SessionStore.create(self._request.into, self._manifest(findings), clock=self._rig.clock)
             yield from self._opening_warnings()
         else:
+            self._store.update(devices=_merged(self._store.manifest, findings.devices))
             yield from self._withdraw_damaged(self._store)
-            self._store.update(devices=_merged(self._store.manifest.devices, findings.devices))
             yield self._warn("resumed", "the session was completed later: the light may have changed in between")
         for check in findings.checks:
             if check.level is Level.WARN:
@@ -382,7 +382,16 @@ def _in_words(record: ReadingRecord) -> str:
     return f"{record.status}{number} {record.detail}".rstrip()
 
 
-def _merged(earlier: tuple[DeviceRecord, ...], now: tuple[DeviceRecord, ...]) -> tuple[DeviceRecord, ...]:
-    """Return the devices of the session with those of this run in place of earlier ones of the same role."""
-    roles = {d.role for d in now}
-    return (*(d for d in earlier if d.role not in roles), *now)
+def _merged(manifest: SessionManifest, now: tuple[DeviceRecord, ...]) -> tuple[DeviceRecord, ...]:
+    """Return the devices of the session with those of this run in place of earlier ones of the same role.
+
+    Raises `DeviceNotFoundError`: another body than the one whose frames the session has; no two have the same curve.
+    """
+    roles, taken = {d.role: d for d in now}, {f.side for f in manifest.frames}
+    for was in manifest.devices:
+        other = roles.get(was.role, was).serial
+        if was.role in taken and was.serial not in ("", other):
+            text = f"another camera answers: serial number {other}, the session has frames of {was.serial}"
+            advice = "plug the first camera in, or start a new session with this one"
+            raise DeviceNotFoundError(text, where=was.role, advice=advice)
+    return (*(d for d in manifest.devices if d.role not in roles), *now)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from drivers.camera import CameraSettings, ExposureProgress, SettingReadback
+from drivers.camera import CameraIdentity, CameraSettings, ExposureProgress, SettingReadback
 from drivers.clock import SteadyClock, SystemClock
 from drivers.errors import (
     BatteryLowError,
@@ -20,6 +20,7 @@ from drivers.errors import (
     DeviceBusyError,
     DeviceError,
     DeviceLostError,
+    DeviceNotFoundError,
     DeviceTimeoutError,
     ExposureFailedError,
     ProtocolViolationError,
@@ -362,6 +363,26 @@ def test_resume_with_other_settings_is_refused(tmp_path: Path) -> None:
     other = make_rig(FakeCamera(SystemClock()), indoor=TABLE.model_copy(update={"iso": 200}))
     with SessionStore.open(path, writable=True) as store, pytest.raises(SessionError, match="iso was 100, is 200"):
         Capture.resume(other, store)
+
+
+def test_resume_with_another_body_is_refused(tmp_path: Path) -> None:
+    class Twin(FakeCamera):
+        def connect(self) -> CameraIdentity:
+            return dataclasses.replace(super().connect(), serial="43")
+
+    with pytest.raises(StoreFullError):
+        run(make_rig(FakeCamera(SystemClock(), failures={("release", 2): StoreFullError("full")})), tmp_path)
+    (path,) = tmp_path.iterdir()
+    twin = Twin(SystemClock())
+    with (
+        SessionStore.open(path, writable=True) as store,
+        pytest.raises(DeviceNotFoundError, match="serial number 43, the session has frames of 42"),
+    ):
+        list(Capture.resume(make_rig(twin), store).events())
+    assert not twin.opened_s
+    with SessionStore.open(path, writable=True) as store:
+        list(Capture.resume(make_rig(FakeCamera(SystemClock())), store).events())
+        assert store.manifest.status is SessionStatus.COMPLETE
 
 
 def test_long_texts_of_a_device_are_cut_and_a_long_room_is_refused(tmp_path: Path, camera: FakeCamera) -> None:
