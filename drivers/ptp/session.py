@@ -24,7 +24,7 @@ from drivers.ptp.datasets import (
     encode_value,
 )
 from drivers.ptp.pipes import MIN_CALL_S, PtpTransport
-from drivers.ptp.resync import CANCEL_LIMIT_S, DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
+from drivers.ptp.resync import DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
 from drivers.ptp.transactions import USUAL_TIMEOUT_S, PtpEvent, Reply, Transactions, refusal
 
 __all__ = ["PtpEvent", "PtpSession", "Reply"]
@@ -74,14 +74,6 @@ class PtpSession(Transactions):
                 self.transact(Operation.CLOSE_SESSION, timeout_s=PROOF_LIMIT_S, accept=ANY_RESPONSE)
         self.session_id = None
         self._transport.close()
-
-    def cancel(self) -> None:
-        """Give up the last operation: cancel it at the camera, wait until it is ready, drop what it still sends.
-
-        `DeviceTimeoutError` where it goes on sending; then `resynchronise`.
-        """
-        self._ladder.cancel(self._last_id, Deadline.after(self._clock, CANCEL_LIMIT_S))
-        self.broken = None
 
     def resynchronise(self, *, from_port_reset: bool = False) -> None:
         """Bring the camera back into step, within `drivers.ptp.resync.RESYNC_LIMIT_S`.

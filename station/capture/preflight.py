@@ -16,6 +16,7 @@ from typing import Any
 from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraStatus, SettingReadback, Verdict
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
+from drivers.link_errors import COMM_CHARACTERS
 from station.capture.rig import Rig
 from station.capture.rig_file import LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
@@ -222,8 +223,7 @@ def check_computer(folder: Path) -> Iterator[Check]:
                 name = process.read_text().strip()
             except OSError:
                 continue
-            # The kernel keeps 15 characters of a name.
-            if any(g.startswith(name) for g in GRABBERS if len(name) >= 10):
+            if name in {grabber[:COMM_CHARACTERS] for grabber in GRABBERS}:
                 advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
                 yield Check(Level.WARN, "desktop", f"{name} is running and claims cameras", advice)
     yield check_disk(folder, LimitsTable(), SESSION_BYTES)

@@ -462,7 +462,6 @@ def test_another_camera_is_found_out_though_it_was_silent_when_first_asked(make:
     setup.device.unplug(replug_after_s=1.0)
     setup.device.identity = dataclasses.replace(setup.device.identity, serial="another body")
     with pytest.raises(DeviceError):
-        setup.camera.keep_alive()
         setup.camera.arm()
     with pytest.raises(DeviceTimeoutError):
         setup.camera.recover()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+import shutil
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from drivers.canon_5d2.codes import CanonProp
 from mocks.instruments.theta_z1 import ThetaOptions
-from station.capture.preflight import Check, Findings, Level, check_rig
+from station.capture.preflight import GRABBERS, Check, Findings, Level, check_computer, check_rig
 from station.capture.rig import Rig
 from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR, RigFile
 from station.session.session import Side
@@ -114,3 +119,20 @@ def test_firmware_of_the_theta(tmp_path: Path, firmware: str, refused: str) -> N
     settings = {s.name: s.got for d in findings.devices for s in d.settings}
     assert settings["function"] == "normal"
     camera.close()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
+@pytest.mark.parametrize("name", GRABBERS)
+def test_a_program_that_grabs_cameras_is_named(name: str, tmp_path: Path) -> None:
+    program = tmp_path / name
+    shutil.copy("/bin/sleep", program)
+    with subprocess.Popen([program, "60"]) as process:
+        try:
+            while Path(f"/proc/{process.pid}/comm").read_text().strip() != name[:15]:
+                time.sleep(0.01)  # its name comes a moment after it has been started
+            checks = itertools.takewhile(lambda check: check.name != "disk", check_computer(tmp_path))
+            found = [c.text for c in checks if c.name == "desktop" and f"kill {process.pid} " in c.advice]
+        finally:
+            process.kill()
+    assert len(found) == 1
+    assert found[0].startswith(name[:15])
