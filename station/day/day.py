@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from drivers.camera import CameraStatus
@@ -136,7 +136,8 @@ def parse_until(text: str, now_utc: datetime) -> datetime:
     match = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", text.strip())
     if match is None:
         raise UsageError(f"{text!r} is not a time of day", where="--until", advice="write HH:MM, e.g. 18:00")
-    until = now_utc.astimezone().replace(hour=int(match[1]), minute=int(match[2]), second=0, microsecond=0)
+    today = now_utc.astimezone().replace(tzinfo=None, second=0, microsecond=0)  # its offset may be another by then
+    until = today.replace(hour=int(match[1]), minute=int(match[2])).astimezone(UTC)
     if until <= now_utc:
         raise UsageError(f"{text} is already past", where="--until", advice="give a later time of today")
     return until

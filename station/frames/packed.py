@@ -13,13 +13,13 @@ from station.frames.importer import ImportRequest, import_session
 from station.session import durable
 from station.session.session import MANIFEST_NAME, Side
 from station.session.store import load_manifest
+from station.session.verify import JUNK
 
 MOST_FILES, MOST_BYTES, MOST_DEEP = 10_000, 32 << 30, 8
 """Chosen: a day of full-size brackets with their results."""
 MOST_RATIO, FREE_BYTES = 50, 1 << 26
 """By which more than so much is packed at most; chosen: frames hardly shrink, journals to a tenth, bombs to nothing."""
 _NAME = re.compile(r"[^\x00-\x1f\\:]{1,200}")
-_JUNK = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|\._)")
 
 
 def take_packed(archive: Path, into: Path) -> Path:
@@ -47,7 +47,7 @@ def take_packed(archive: Path, into: Path) -> Path:
 def _unpack(archive: Path, into: Path) -> None:
     try:
         with zipfile.ZipFile(archive) as packed:
-            files = [one for one in packed.infolist() if not one.is_dir() and not _JUNK.search(one.filename)]
+            files = [one for one in packed.infolist() if not one.is_dir() and not JUNK.search(one.filename)]
             most = min(MOST_BYTES, max(FREE_BYTES, MOST_RATIO * archive.stat().st_size))
             if len(files) > MOST_FILES or sum(one.file_size for one in files) > most:
                 raise IntegrityError(f"more than {MOST_FILES} files, or {most >> 20} MiB", where=archive.name)

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -85,6 +86,8 @@ class VerifyReport:
 
 __all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
 
+JUNK = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)")
+"""What file browsers leave behind in folders."""
 WORTH_NOTING = ("moving_light", "clock_step", "paused")
 """Codes of warnings about the light or the times of a session, which no file shows."""
 CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
@@ -234,6 +237,8 @@ def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyRepor
             report.add("irregular", file, reason)
         elif inside.startswith(PART_PREFIX):
             report.notes.append(f"{file!r} was left by an interrupted run; it is harmless")
+        elif JUNK.search(file):
+            report.notes.append(f"{file!r} was left by a file browser; it is harmless")
         elif name in _CAPTURED:
             report.add("extra", file, "is not recorded in the manifest")
     folder.close()

@@ -6,6 +6,7 @@ import itertools
 import json
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -85,6 +86,17 @@ def test_until_is_a_time_of_today() -> None:
     for text in ((now - timedelta(minutes=2)).strftime("%H:%M"), "24:00", "6 pm"):
         with pytest.raises(UsageError):
             parse_until(text, NOON)
+
+
+def test_until_is_what_clocks_show_after_they_were_put_forward(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "America/New_York")
+    time.tzset()
+    try:
+        midnight = datetime(2023, 3, 12, 5, 0, tzinfo=UTC)  # clocks go forward two hours later
+        assert parse_until("18:00", midnight) == datetime(2023, 3, 12, 22, 0, tzinfo=UTC)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_rooms_of_a_file(tmp_path: Path) -> None:

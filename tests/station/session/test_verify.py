@@ -194,6 +194,16 @@ def test_results_and_leftovers_are_no_problem(path: Path) -> None:
     assert len(report.notes) == 1
 
 
+@pytest.mark.parametrize("name", [".DS_Store", "._00_4s.jpg", "Thumbs.db", "desktop.ini"])
+def test_what_a_file_browser_leaves_is_no_problem(path: Path, name: str) -> None:
+    (path / "indoor" / name).write_bytes(b"x")
+    report = verify_session(path)
+    assert report.intact
+    assert any(name in note for note in report.notes)
+    (path / "indoor" / f"{name}.jpg").write_bytes(b"x")
+    assert verify_session(path).intact is name.startswith("._")
+
+
 def test_a_session_without_a_journal_is_vouched_for_by_its_manifest(path: Path) -> None:
     (path / "journal.jsonl").unlink()
     report = verify_session(path)
