@@ -31,8 +31,8 @@ from station.capture.rig import Rig, require_same_camera
 from station.errors import ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
 from station.session.folder import file_sha256
+from station.session.manifest import require_names
 from station.session.session import (
-    MAX_ROOM_CHARACTERS,
     BracketRecord,
     DeviceRecord,
     MeterTarget,
@@ -86,11 +86,9 @@ class Capture:
     def new(cls, rig: Rig, request: CaptureRequest) -> Self:
         """Return the capture of a new session.
 
-        Raises `UsageError`: no camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed
-        readings.
+        Raises `UsageError`: no camera, stops out of range, names that no session can hold, or more than two readings.
         """
-        if len(request.room) > MAX_ROOM_CHARACTERS:
-            raise UsageError("the room's name is too long", where="capture", advice="use at most 60 characters")
+        require_names(request.room, request.address, where="capture")
         if not rig.cameras:
             raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
         plan = plan_of(rig.file, request.stops_s, request.mode, request.noise_frac)

@@ -158,16 +158,17 @@ def summarise(manifest: SessionManifest, path: Path, options: dict[str, Any], *,
 
 def verdict(manifest: SessionManifest) -> list[str]:
     """Return what to look at before leaving: both ends of the brackets, shutters apart, drift of the light."""
-    found, released = [], defaultdict[int, list[float]](list)
+    found, opened = [], defaultdict[int, list[float]](list)
     for side in manifest.bracket.sides:
         frames = sorted(manifest.pictures(side), key=lambda f: f.camera_s)
+        lag_s = manifest.rig.get(side.value, {}).get("release_lag_s") or 0.0
         for frame in frames:
-            if frame.release_monotonic_s is not None:
-                released[frame.stop].append(frame.release_monotonic_s)
+            if frame.taken_utc is not None and frame.release_monotonic_s is not None:  # that one ends with a restart
+                opened[frame.stop].append(frame.taken_utc.timestamp() + lag_s)
         if frames and (first := frames[0].statistics) and (last := frames[-1].statistics):
             clipped = f"{first.clipped_frac:.2%} clipped in the shortest frame"
             found.append(f"{side}: {clipped}, {last.dark_frac:.2%} dark in the longest")
-    apart = [max(times) - min(times) for times in released.values() if len(times) > 1]
+    apart = [max(times) - min(times) for times in opened.values() if len(times) > 1]
     found += [f"shutters opened at most {1000 * max(apart):.0f} ms apart"] if apart else []
     if manifest.drift_frac is not None:
         found.append(f"the light changed by {manifest.drift_frac:+.1%} from the first reading to the last")

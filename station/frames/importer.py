@@ -17,8 +17,8 @@ from station.frames.check import FrameChecker, picture_format
 from station.frames.facts import FrameFacts
 from station.frames.problems import Reason
 from station.frames.rules import rejection
+from station.session.manifest import require_names
 from station.session.session import (
-    MAX_ROOM_CHARACTERS,
     BracketRecord,
     DeviceRecord,
     FrameRecord,
@@ -136,8 +136,7 @@ def _nothing_error(found: _Sorted) -> IncompleteBracketError:
 def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
     if not request.folders:
         raise UsageError("nothing to import", where="import", advice="give --indoor FOLDER")
-    if len(request.room) > MAX_ROOM_CHARACTERS:
-        raise UsageError("the room's name is too long", where="import", advice="use at most 60 characters")
+    require_names(request.room, request.site.name, where="import")
     frames: dict[Side, Sequence[import_plan.Candidate]] = {}
     refused: list[import_plan.Refusal] = []
     ignored: list[str] = []

@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from station.errors import IntegrityError, ManifestError, SchemaTooNewError, SessionNotFoundError
+from station.errors import IntegrityError, ManifestError, SchemaTooNewError, SessionNotFoundError, UsageError
 from station.session import strict_json
 from station.session.folder import Folder, open_session
-from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManifest
+from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManifest, Site
 
 # Chosen: far above what 99 stops of two cameras need.
 MAX_MANIFEST_BYTES = 16 << 20
@@ -96,6 +96,16 @@ def load_manifest(path: Path) -> SessionManifest:
         advice = "name a session folder (one that holds session.json)"
         raise SessionNotFoundError(f"no {name} here", where=str(folder_path), advice=advice)
     return manifest
+
+
+def require_names(*names: str, where: str) -> None:
+    """Refuse, with `UsageError`, a room's name or address that no manifest can hold: too long, or not in UTF-8."""
+    try:
+        for name in names:
+            Site(name=name)
+    except ValueError as error:
+        text = "the room's name or its address is too long, or not in UTF-8"
+        raise UsageError(text, where=where, advice="use at most 60 characters, in UTF-8") from error
 
 
 def manifest_bytes(manifest: SessionManifest) -> bytes:

@@ -17,7 +17,6 @@ SCHEMA_VERSION = 1  # docs/schemas
 MANIFEST_NAME = "session.json"
 JOURNAL_NAME = "journal.jsonl"
 
-MAX_ROOM_CHARACTERS = 200  # of a room's name; its folder takes 60 of them
 SafeText = Annotated[str, StringConstraints(max_length=500)]
 FramePath = Annotated[
     str, StringConstraints(pattern=r"^(indoor|outdoor|rejected)/[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", max_length=120)

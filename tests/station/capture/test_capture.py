@@ -27,11 +27,13 @@ from drivers.errors import (
     StoreFullError,
 )
 from drivers.meter.interface import MeterIdentity, MeterReading, ReadingStatus
+from drivers.theta_z1.camera import RELEASE_LAG_S
 from station.capture.capture import Capture, CaptureRequest
 from station.capture.events import CaptureEvent, EventKind
 from station.capture.preflight import PreflightError
-from station.capture.rig import Rig
+from station.capture.rig import Rig, open_rig
 from station.capture.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
+from station.commands.following import verdict
 from station.errors import SessionError, UsageError
 from station.session.session import SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
@@ -79,7 +81,7 @@ def make_rig(*cameras: FakeCamera, meter: FakeMeter | None = None, **tables: obj
 
 
 def run(rig: Rig, into: Path, **request: object) -> tuple[SessionManifest, Path, list[CaptureEvent]]:
-    job = Capture.new(rig, CaptureRequest(room="Test Room", into=into, stops_s=STOPS_S, **request))
+    job = Capture.new(rig, CaptureRequest(**{"room": "Test Room", "into": into, "stops_s": STOPS_S, **request}))
     events = list(job.events())
     manifest, path = job.store.manifest, job.store.path
     job.store.close()
@@ -114,6 +116,17 @@ def test_release_lag_is_taken_off(tmp_path: Path) -> None:
     run(make_rig(*cameras), tmp_path)
     skews = [abs(a - b) for (a, _), (b, _) in zip(cameras[0].opened_s, cameras[1].opened_s, strict=True)]
     assert sorted(skews)[len(skews) // 2] < 0.04, "without the correction each would be 0.05"
+
+
+def test_the_verdict_is_of_shutters_not_of_releases(tmp_path: Path) -> None:
+    """Two cameras whose shutters open together are released as far apart as their lags are."""
+    cameras = [FakeCamera(SystemClock(), release_lag_s=lag_s) for lag_s in (0.0, 0.2)]
+    tables = [TABLE.model_copy(update={"release_lag_s": lag_s}) for lag_s in (0.0, 0.2)]
+    manifest, _, _ = run(make_rig(*cameras, indoor=tables[0], outdoor=tables[1]), tmp_path)
+    (apart,) = [line for line in verdict(manifest) if "apart" in line]
+    assert int(apart.split()[-3]) < 100, apart
+    rig = open_rig(RigFile(indoor=TABLE, outdoor=tables[1].model_copy(update={"kind": "canon_5d2"})))
+    assert [t.release_lag_s for t in rig.file.cameras().values()] == [RELEASE_LAG_S, 0.2]
 
 
 def test_device_names_never_become_paths(tmp_path: Path, camera: FakeCamera) -> None:
@@ -395,6 +408,17 @@ def test_long_texts_of_a_device_are_cut_and_a_long_room_is_refused(tmp_path: Pat
     assert len(manifest.devices[0].settings[0].raw) == 500
     with pytest.raises(UsageError, match="room"):
         Capture.new(make_rig(camera), CaptureRequest(room="x" * 600, into=tmp_path))
+
+
+@pytest.mark.parametrize("asked", [{"room": "caf\udce9"}, {"address": "caf\udce9"}, {"address": "x" * 600}])
+def test_names_that_no_session_can_hold_are_refused_before_anything_is_exposed(
+    tmp_path: Path, camera: FakeCamera, asked: dict[str, str]
+) -> None:
+    """A name typed in Latin-1 comes with a lone surrogate, which JSON in UTF-8 has no bytes for."""
+    with pytest.raises(UsageError, match="address"):
+        run(make_rig(camera), tmp_path, **asked)
+    assert not camera.calls
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_frame_announced_larger_than_any_is_not_fetched(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def state(folder: Path) -> dict[str, tuple[str, int, int]]:
 
 def run(tmp_path: Path, checker: FrameChecker, **options: object) -> ImportReport:
     """Import and check what holds for every import: folders unchanged, session sound."""
-    request = ImportRequest(room="A room", into=tmp_path / "sessions", **options)
+    request = ImportRequest(**{"room": "A room", "into": tmp_path / "sessions", **options})
     before = {side: state(folder) for side, folder in request.folders.items()}
     report = import_session(request, checker=checker)
     assert {side: state(folder) for side, folder in request.folders.items()} == before
@@ -68,6 +68,17 @@ def run(tmp_path: Path, checker: FrameChecker, **options: object) -> ImportRepor
 
 def refusals(report: ImportReport) -> dict[str, str]:
     return {r.name: r.reason for r in report.refused}
+
+
+def test_names_that_are_no_text(tmp_path: Path, checker: FrameChecker, room: Path) -> None:
+    """A room's name in Latin-1 is refused; files with such names are not."""
+    with pytest.raises(UsageError, match="not in UTF-8"):
+        run(tmp_path, checker, folders={Side.INDOOR: room}, room="caf\udce9")
+    (room / "IMG_0.JPG").rename(room / "caf\udce9.JPG")
+    (room / "notes\udce9.txt").touch()
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert len(report.manifest.frames) == len(TIMES_S)
+    assert report.ignored == ("indoor/notes?.txt",)
 
 
 def test_a_whole_bracket(tmp_path, checker, room):
