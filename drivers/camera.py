@@ -14,10 +14,14 @@ the owner can put transfers of earlier frames behind a running exposure::
     camera.finish_frame(frame)                # the camera may forget the frame: it is safe with us
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
+
+T = TypeVar("T")
 
 
 class FrameFormat(StrEnum):
@@ -102,6 +106,16 @@ class ShutterReadback:
     asked_s: float
     nominal_s: float
     raw: str
+
+
+def nearest_time(shutter_s: float, times_s: Mapping[T, float]) -> T:
+    """Return the key whose time, seconds, is nearest to ``shutter_s`` (> 0 s) on the scale of stops.
+
+    Raises `ValueError`: ``shutter_s`` is no positive time, or there is nothing to choose from.
+    """
+    if not times_s or not (shutter_s > 0 and math.isfinite(shutter_s)):
+        raise ValueError(f"no shutter time for {shutter_s!r} s among {len(times_s)}")
+    return min(times_s, key=lambda key: abs(math.log2(times_s[key] / shutter_s)))
 
 
 @dataclass(frozen=True)

@@ -219,7 +219,7 @@ class Canon5D2:
         for setting in self._kept:
             canon_settings.require_kept(self._remote, setting)
         try:
-            code = canon_settings.nearest_shutter_code(shutter_s, self._shutter_codes())
+            code = camera.nearest_time(shutter_s, {c: canon_settings.SHUTTER_S[c] for c in self._shutter_codes()})
         except ValueError as error:
             raise canon_settings.refused("shutter", shutter_s, error) from error
         words = canon_settings.shutter_words

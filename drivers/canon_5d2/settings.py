@@ -1,7 +1,7 @@
 """The fixed settings of a bracket on an EOS camera: as codes, checked against the camera's own lists, read back."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -39,17 +39,6 @@ _RELEASE_ERROR_MASK, _RELEASE_ERROR = 0x7000, 0x2000
 def shutter_codes_known(codes: Iterable[int]) -> tuple[int, ...]:
     """Return those of ``codes`` that stand for an exposure time (bulb and unknown ones left out), longest first."""
     return tuple(sorted(code for code in set(codes) if code in SHUTTER_S))
-
-
-def nearest_shutter_code(shutter_s: float, codes: Collection[int]) -> int:
-    """Return the code whose nominal time is nearest to ``shutter_s`` (> 0 s) on the scale of stops.
-
-    Raises `ValueError`: ``shutter_s`` is no positive time, or no code is known.
-    """
-    known = shutter_codes_known(codes)
-    if not known or not (shutter_s > 0 and math.isfinite(shutter_s)):
-        raise ValueError(f"no shutter code for {shutter_s!r} s among {len(known)} known ones")
-    return min(known, key=lambda code: abs(math.log2(SHUTTER_S[code] / shutter_s)))
 
 
 def aperture_code(f_number: float) -> int | None:

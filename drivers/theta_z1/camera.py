@@ -238,7 +238,7 @@ class ThetaZ1:
             # What the camera forgets, it forgets all at once: these few witnesses are enough.
             self._properties.require(setting.name, setting.prop, setting.value)
         try:
-            fraction = theta_settings.nearest_shutter(shutter_s, self._fractions)
+            fraction = camera.nearest_time(shutter_s, {f: f.seconds for f in self._fractions})
         except ValueError as error:
             raise SettingRefusedError(f"no exposure time: {error}", where=self._link.name, asked=shutter_s) from error
         self._properties.write_and_compare("shutter", RicohProp.SHUTTER_SPEED, fraction.to_u64())

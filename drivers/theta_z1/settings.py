@@ -1,7 +1,7 @@
 """The Theta Z1's properties: how each is written and read back, and the fixed settings of a bracket as a table."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -44,16 +44,6 @@ class Fraction32:
 
     def __str__(self) -> str:
         return f"{self.numerator}/{self.denominator}"
-
-
-def nearest_shutter(shutter_s: float, fractions: Collection[Fraction32]) -> Fraction32:
-    """Return the fraction nearest to ``shutter_s`` (> 0 s) on the scale of stops.
-
-    Raises `ValueError`: ``shutter_s`` is no positive time, or there is nothing to choose from.
-    """
-    if not fractions or not (shutter_s > 0 and math.isfinite(shutter_s)):
-        raise ValueError(f"no shutter time for {shutter_s!r} s among {len(fractions)}")
-    return min(fractions, key=lambda f: abs(math.log2(f.seconds / shutter_s)))
 
 
 def f_number_codes(enumeration: Iterable[int]) -> Mapping[int, str] | None:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.camera import nearest_time
 from drivers.canon_5d2.codes import (
     APERTURE_CODES,
     ISO_CODES,
@@ -35,13 +36,13 @@ from drivers.canon_5d2.operations import (
     encode_property,
 )
 from drivers.canon_5d2.settings import (
+    SHUTTER_S,
     aperture_code,
     aperture_text,
     camera_time_utc,
     image_format_text,
     iso_code,
     iso_text,
-    nearest_shutter_code,
     release_problem,
     shutter_codes_known,
 )
@@ -240,25 +241,26 @@ def test_codes_sorted_are_times_sorted_longest_first() -> None:
 def test_every_shutter_code_round_trips(table: dict[int, float]) -> None:
     assert len(table) >= 14
     for code, seconds in table.items():
-        assert nearest_shutter_code(seconds, table) == code
+        assert nearest_time(seconds, table) == code
 
 
 def test_paper_stops_have_exact_codes() -> None:
     for seconds, code in PAPER_STOPS.items():
-        assert nearest_shutter_code(seconds, SHUTTER_CODES) == code
+        assert nearest_time(seconds, SHUTTER_CODES) == code
 
 
 def test_nearest_is_by_stops_and_skips_what_is_no_time() -> None:
     available = [0x0C, 0x04, 0x28, 0x30, 0x60, 0xFFFF]
     assert shutter_codes_known(available) == (0x28, 0x30, 0x60)
-    assert nearest_shutter_code(2.9, available) == 0x28
-    assert nearest_shutter_code(2.7, available) == 0x30
-    assert nearest_shutter_code(1e-9, available) == 0x60
+    times_s = {code: SHUTTER_S[code] for code in shutter_codes_known(available)}
+    assert nearest_time(2.9, times_s) == 0x28
+    assert nearest_time(2.7, times_s) == 0x30
+    assert nearest_time(1e-9, times_s) == 0x60
     for wrong in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match="no shutter code"):
-            nearest_shutter_code(wrong, available)
+        with pytest.raises(ValueError, match="no shutter time"):
+            nearest_time(wrong, times_s)
     with pytest.raises(ValueError, match="among 0"):
-        nearest_shutter_code(1.0, [0x0C])
+        nearest_time(1.0, {})
 
 
 def test_iso_and_aperture_codes_round_trip() -> None:

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.camera import nearest_time
 from drivers.theta_z1.codes import ERROR_INFO_BITS, SHUTTER_FRACTIONS
-from drivers.theta_z1.settings import Fraction32, error_texts, f_number_code, f_number_codes, nearest_shutter
+from drivers.theta_z1.settings import Fraction32, error_texts, f_number_code, f_number_codes
 
 PAPER_STOPS = {
     4: (4, 1),
@@ -23,6 +24,7 @@ PAPER_STOPS = {
     1 / 8000: (1, 8000),
 }
 LEGAL = tuple(Fraction32(*pair) for pair in SHUTTER_FRACTIONS)
+TIMES_S = {fraction: fraction.seconds for fraction in LEGAL}
 
 
 @pytest.mark.parametrize(
@@ -60,15 +62,15 @@ def test_every_fraction_round_trips(numerator: int, denominator: int) -> None:
 def test_every_legal_time_is_its_own_nearest() -> None:
     assert len(LEGAL) == 61
     for fraction in LEGAL:
-        assert nearest_shutter(fraction.seconds, LEGAL) == fraction
+        assert nearest_time(fraction.seconds, TIMES_S) == fraction
     for seconds, pair in PAPER_STOPS.items():
-        assert nearest_shutter(seconds, LEGAL) == Fraction32(*pair)
+        assert nearest_time(seconds, TIMES_S) == Fraction32(*pair)
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf")])
 def test_no_time_has_no_nearest(wrong: float) -> None:
     with pytest.raises(ValueError, match="no shutter time"):
-        nearest_shutter(wrong, LEGAL)
+        nearest_time(wrong, TIMES_S)
 
 
 def test_f_number_encoding_is_decided_by_the_cameras_list() -> None:
