@@ -46,6 +46,8 @@ class Transcript:
         self._clock = clock
         self._start_s = clock.monotonic_s()
         self._lock = threading.Lock()
+        self.problem: OSError | None = None
+        """Why nothing more is written: a full disk costs the transcript, and not what the instruments do."""
 
     def write(
         self, who: str, way: str, data: bytes = b"", *, error: str = "", info: dict[str, Any] | None = None
@@ -55,8 +57,12 @@ class Transcript:
         line |= {k: v for k, v in (("hex", data.hex()), ("error", error), ("info", info)) if v}
         with self._lock:
             line["t"] = round(self._clock.monotonic_s() - self._start_s, 6)
-            self._file.write(json.dumps(line) + "\n")
-            self._file.flush()
+            try:
+                if self.problem is None:
+                    self._file.write(json.dumps(line) + "\n")
+                    self._file.flush()
+            except OSError as error:
+                self.problem = error
 
     def call(self, who: str, way: str, call: Callable[[], T], *, sent: bytes = b"") -> T:
         """Make a call on a link and write what was sent, or what came, or how it failed."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import gzip
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, cast
+from typing import IO, TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import ProtocolViolationError
 from station.capture.rig_file import RigFile
-from station.errors import ResourceError
+from station.session import durable
 from station.session.session import Side
 
 if TYPE_CHECKING:
@@ -77,26 +76,24 @@ class Links:
         return line if self._transcript is None else RecordedLine(line, self._transcript, METER, settings)
 
     def close(self) -> None:
-        """Close the transcript."""
-        if self._file is not None:
-            self._file.close()
+        """Close the transcript; `ResourceError` where not all of it was written."""
+        if self._file is not None and self._transcript is not None:
+            with durable.disk_errors(Path(self._file.name), "recording"):
+                self._file.close()
+                if self._transcript.problem is not None:
+                    raise self._transcript.problem
 
 
 def open_links(record: Path | None, rig: RigFile, clock: Clock, *, simulated: bool) -> Links:
     """Return links that write a new transcript (none without ``record``); it begins with the rig, less its place.
 
-    Raises `ResourceError`: the file is there already, or cannot be written.
+    Raises `UsageError, ResourceError`: the file is there already, or cannot be written.
     """
     if record is None:
         return Links(clock, simulated=simulated)
     from drivers.transcript import Transcript
 
-    try:
-        opened = gzip.open if record.suffix == ".gz" else open
-        file = cast("IO[str]", opened(record, "xt", encoding="utf-8"))  # closed with the links
-    except OSError as error:
-        advice = "choose a new name in a folder you can write to"
-        raise ResourceError(f"cannot be written: {error.strerror}", where=str(record), advice=advice) from error
+    file = durable.new_file(record)  # closed with the links
     transcript = Transcript(file, clock)
     table = rig.model_dump(mode="json", exclude={"site", "heading_deg"})
     transcript.write(RIG, "open", info={"rig": table, "simulated": simulated})

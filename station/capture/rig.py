@@ -44,7 +44,7 @@ class Rig:
     """The meter's last reading: it may still run when the capture that began it has failed."""
 
     def close(self) -> None:
-        """Leave every instrument usable; never raises."""
+        """Leave every instrument usable; raises only where a transcript is not whole (`Links.close`)."""
         for camera in self.cameras.values():
             camera.close()
         if self.meter is not None:

@@ -68,16 +68,10 @@ def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[
 
 def _write_example(path: Path) -> int:
     from station.capture.rig_file import example_text
-    from station.errors import ResourceError, UsageError
+    from station.session import durable
 
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(example_text())
-    except FileExistsError as error:
-        raise UsageError("is already there", where=str(path), advice="choose another name") from error
-    except OSError as error:
-        advice = "choose a folder you can write to"
-        raise ResourceError(f"cannot be written: {error.strerror}", where=str(path), advice=advice) from error
+    with durable.disk_errors(path, "writing"), durable.new_file(path) as file:
+        file.write(example_text())
     click.echo(f"wrote {path}: edit it, then run daylit doctor --rig {path}")
     return 0
 
@@ -213,15 +207,13 @@ def probe(transcript: Path, port: str, *, as_json: bool) -> int:
     from drivers.meter.probe import probe as ask
     from drivers.serial_link import find_port
     from drivers.transcript import Transcript
-    from station.errors import UsageError
+    from station.session import durable
 
     clock = SystemClock()
     dialects = tuple(load_dialect(name) for name in SHIPPED)
     where = find_port({ids for d in dialects for ids in d.usb_ids}) if port == "auto" else port
-    if transcript.exists():
-        raise UsageError("is already there", where=str(transcript), advice="choose another name")
     exchanges: list[Exchange] = []
-    with transcript.open("x", encoding="utf-8") as file:
+    with durable.disk_errors(transcript, "recording"), durable.new_file(transcript) as file:
         open_line = _recorded_port(where, Transcript(file, clock), clock)
         for exchange in ask(open_line, clock):
             exchanges.append(exchange)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import gzip
 import json
 import os
 import socket
@@ -14,11 +15,11 @@ import stat
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, cast
 
 from filelock import FileLock, Timeout
 
-from station.errors import DiskError, DiskFullError, IntegrityError, ResourceError, SessionLockedError
+from station.errors import DiskError, DiskFullError, IntegrityError, ResourceError, SessionLockedError, UsageError
 
 if TYPE_CHECKING:
     from station.session.folder import Folder
@@ -124,6 +125,19 @@ def write_all(fd: int, data: bytes | memoryview) -> None:
         if written <= 0:
             raise OSError(errno.EIO, "no progress")
         rest = rest[written:]
+
+
+def new_file(path: Path) -> IO[str]:
+    """Open a new text file for writing, compressed where its name ends in ``.gz``.
+
+    Raises `UsageError`: it is there; `ResourceError`: it cannot be made.
+    """
+    try:
+        return cast("IO[str]", (gzip.open if path.suffix == ".gz" else open)(path, "xt", encoding="utf-8"))
+    except FileExistsError as exc:
+        raise UsageError("is already there", where=str(path), advice="choose another name") from exc
+    except OSError as exc:
+        raise disk_error(exc, path, "creating") from exc
 
 
 def check_size(fd: int, size_bytes: int) -> None:

@@ -23,7 +23,9 @@ from mocks.instruments.usb.bus import SimulatedUsbBackend
 from station.capture.conform import CameraBench, Outcome, run_camera
 from station.capture.links import open_links, replayed_links
 from station.capture.rig_file import PAPER_RIG
-from station.errors import ResourceError
+from station.errors import DiskFullError, ResourceError, UsageError
+from station.session import durable
+from station.session.session import Side
 from tests.mocks.instruments.test_recorded_bodies import PAPER, THETA
 from tests.mocks.optics.shot_sources import TinyShots
 from tests.virtual_clock import VirtualClock
@@ -114,8 +116,27 @@ def test_a_transcript_knows_its_rig_but_not_its_place(tmp_path: Path) -> None:
     assert (rig.indoor, rig.outdoor, rig.meter) == (None, None, None), "none of them is in it"
     assert rig.heading_deg is None
     assert not again.simulated
-    with pytest.raises(ResourceError, match="cannot be written"):
+    with pytest.raises(UsageError, match="is already there"):
         open_links(path, PAPER_RIG, clock, simulated=False)
+    with pytest.raises(ResourceError, match="creating failed"):
+        open_links(tmp_path / "no folder" / "t.jsonl", PAPER_RIG, clock, simulated=False)
     (tmp_path / "other.jsonl").write_text('{"t": 0, "who": "meter", "way": "open"}\n')
     with pytest.raises(ProtocolViolationError, match="does not start with the rig"):
         replayed_links(tmp_path / "other.jsonl")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_disk_costs_the_transcript_and_not_the_capture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(durable, "new_file", lambda _path: open("/dev/full", "w"))  # noqa: SIM115
+    clock = VirtualClock()
+    links = open_links(Path("t.jsonl"), PAPER_RIG, clock, simulated=False)
+    device = SimulatedThetaZ1(TinyShots(), clock)
+    backend = SimulatedUsbBackend([device], clock)
+    usb_id = device.identity.usb_id
+    camera = ThetaZ1(
+        lambda: links.camera(Side.INDOOR, lambda: UsbLink.open(*usb_id, backend=backend, clock=clock)), clock
+    )
+    outcomes = list(run_camera(CameraBench(camera, THETA, clock)))
+    assert all(o.passed for o in outcomes), outcomes
+    with pytest.raises(DiskFullError, match="recording failed"):
+        links.close()
