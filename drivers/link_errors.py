@@ -57,12 +57,9 @@ def find_holder(node: str, proc: Path = PROC, *, suspects: tuple[str, ...] = ())
     Elsewhere nobody is named.
     """
     target, perhaps = os.path.realpath(node), ""
-    try:
-        others = [path for path in proc.iterdir() if path.name.isdigit() and path.name != str(os.getpid())]
-    except OSError:
-        others = []
+    others = (path for path in proc.glob("[0-9]*") if path.name != str(os.getpid()))
     for process in sorted(others, key=lambda path: int(path.name)):
-        name = _name(process)
+        name = process_name(process)
         if _has_open(process, target):
             return f"{name} (pid {process.name})"
         if not perhaps and name in {suspect[:COMM_CHARACTERS] for suspect in suspects}:
@@ -70,7 +67,8 @@ def find_holder(node: str, proc: Path = PROC, *, suspects: tuple[str, ...] = ())
     return perhaps
 
 
-def _name(process: Path) -> str:
+def process_name(process: Path) -> str:
+    """Return the name of a process (of its folder under /proc), at most `COMM_CHARACTERS` of it."""
     try:
         return (process / "comm").read_text("utf-8", "replace").strip()
     except OSError:

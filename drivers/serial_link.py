@@ -290,14 +290,9 @@ class PortOpener:
         raise DeviceNotFoundError(text, where=self._port, likely="it is unplugged or off", advice=advice)
 
 
-def find_port(
-    usb_ids: Collection[tuple[int, int]], serial_number: str = "", *, ports: Callable[[], list[PortInfo]] = list_ports
-) -> str:
-    """Return the port of the instrument with one of these USB ids (and serial number), whatever its number now.
-
-    Raises `DeviceNotFoundError`: none, or several without a serial number to choose by.
-    """
-    found = [p for p in ports() if (p.vendor_id, p.product_id) in usb_ids and serial_number in ("", p.serial)]
+def find_port(usb_ids: Collection[tuple[int, int]], *, ports: Callable[[], list[PortInfo]] = list_ports) -> str:
+    """Return the port of the instrument with one of these USB ids; `DeviceNotFoundError`: none, or several."""
+    found = [p for p in ports() if (p.vendor_id, p.product_id) in usb_ids]
     if len(found) == 1:
         return found[0].stable_name
     what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"

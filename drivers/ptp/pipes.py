@@ -156,11 +156,6 @@ class EventPipe:
         self.lost = 0
         """Events dropped because nobody fetched them."""
 
-    @property
-    def garbled(self) -> int:
-        """Stretches of bytes dropped because they were no event."""
-        return self._assembler.garbled
-
     def poll(self, timeout_s: float) -> Container | None:
         """Return the next event, or None where none came within ``timeout_s``."""
         deadline = Deadline.after(self._clock, timeout_s)

@@ -16,7 +16,7 @@ from typing import Any
 from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraStatus, SettingReadback, Verdict
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
-from drivers.link_errors import COMM_CHARACTERS
+from drivers.link_errors import COMM_CHARACTERS, PROC, process_name
 from station.capture.rig import Rig
 from station.capture.rig_file import LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
@@ -218,13 +218,9 @@ def check_computer(folder: Path) -> Iterator[Check]:
     if sys.platform.startswith("linux"):
         yield _check_udev()
         yield _check_serial_group()
-        for process in Path("/proc").glob("[0-9]*/comm"):
-            try:
-                name = process.read_text().strip()
-            except OSError:
-                continue
-            if name in {grabber[:COMM_CHARACTERS] for grabber in GRABBERS}:
-                advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
+        for process in PROC.glob("[0-9]*"):
+            if (name := process_name(process)) in {grabber[:COMM_CHARACTERS] for grabber in GRABBERS}:
+                advice = f"stop it while you capture: kill {process.name} (or: gio mount -s gphoto2)"
                 yield Check(Level.WARN, "desktop", f"{name} is running and claims cameras", advice)
     yield check_disk(folder, LimitsTable(), SESSION_BYTES)
     yield _check_isolation()

@@ -183,7 +183,8 @@ def test_halted_command_is_sent_once_more() -> None:
         (0x2013, StoreFullError),
         (0x200F, OperationRefusedError),
         (0x2003, OperationRefusedError),
-        (0xA102, OperationRefusedError),
+        (0xA005, OperationRefusedError),
+        (0xA102, DeviceBusyError),
     ],
 )
 def test_refusals_are_typed_and_leave_the_session_in_step(code: int, kind: type[DeviceError]) -> None:
@@ -424,7 +425,7 @@ def test_garbled_event_is_dropped_and_counted() -> None:
     session, transport = session_on()
     transport.interrupt.extend([b"\xff" * 16, event(0x4002, 1, 1)])
     assert session.poll_event(0.05) == PtpEvent(0x4002, 1, (1,))
-    assert session._events.garbled == 1
+    assert session._events._assembler.garbled == 1
 
 
 def test_halted_event_endpoint_is_cleared_and_read_once_more() -> None:

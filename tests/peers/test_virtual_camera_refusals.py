@@ -188,7 +188,7 @@ def test_ids_stay_in_step_over_many_operations(session: PtpSession) -> None:
     for _ in range(300):
         session.get_storage_ids()
     assert session.last_transaction_id == 300
-    assert session.late_answers == session._events.garbled == 0
+    assert session.late_answers == session._events._assembler.garbled == 0
 
 
 def test_silence_is_a_timeout_that_breaks_nothing(session: PtpSession) -> None:
