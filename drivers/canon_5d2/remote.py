@@ -13,7 +13,7 @@ from drivers.canon_5d2 import operations
 from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
 from drivers.canon_5d2.operations import AvailableValues, NumberRecord, ObjectRecord, PropValue, Record
 from drivers.clock import Clock, Deadline
-from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError, OperationRefusedError
+from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError, OperationRefusedError, StoreFullError
 
 MAX_STREAM_BYTES = 256 * 1024  # the first answer of a 60D is 7.5 kB
 # Bounds of draining and of waiting for a busy camera: chosen.
@@ -263,7 +263,7 @@ class CanonRemote:
         self._pressed = [HALF, FULL]
         try:
             self.do(CanonOperation.REMOTE_RELEASE_ON, FULL, 0, timeout_s=limit_s)
-        except (OperationRefusedError, DeviceBusyError):
+        except (OperationRefusedError, DeviceBusyError, StoreFullError, BatteryLowError):
             self._pressed = [HALF]
             self._poll_unless_busy()
             self.let_go()

@@ -85,7 +85,7 @@ class CameraBench:
         while len(data) < frame.size_bytes:
             deadline.check("frame", "conform")
             try:
-                data += self.camera.read_chunk(frame, len(data), chunk_bytes)
+                data += self.camera.read_chunk(frame, len(data), min(chunk_bytes, frame.size_bytes - len(data)))
             except DeviceBusyError:
                 self.clock.sleep(0.05)
         return bytes(data)
@@ -221,7 +221,7 @@ def transfers_while_exposing_or_says_busy(bench: CameraBench) -> str:
         deadline.check("picture", "conform")
         try:
             if bench.camera.can_transfer_while_exposing and got < earlier.size_bytes:
-                got += len(bench.camera.read_chunk(earlier, got, 1 << 18))
+                got += len(bench.camera.read_chunk(earlier, got, min(1 << 18, earlier.size_bytes - got)))
         except DeviceBusyError:
             busy += 1
         progress = bench.camera.poll_exposure()

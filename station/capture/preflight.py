@@ -94,7 +94,8 @@ def require(findings: Findings) -> None:
 
 def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
     """Check that the folder's disk has room for the session and the margin of the rig file."""
-    free = shutil.disk_usage(next(p for p in (folder, *folder.absolute().parents) if p.exists())).free
+    seen = next(p for p in (folder, *folder.absolute().parents) if os.path.exists(p))  # noqa: PTH110 (see make_folders)
+    free = shutil.disk_usage(seen).free
     needed = bytes_needed + int(limits.min_free_disk_mb * 1e6)
     text = f"{free / 1e9:.1f} GB free, {needed / 1e9:.1f} GB needed with margin"
     if free >= needed:

@@ -191,7 +191,7 @@ def write_file(folder: Folder, name: str, data: bytes) -> None:
 
 def make_folders(path: Path) -> None:
     """Create a folder and its missing parents durably (each new name is synced in its parent)."""
-    for new in reversed([p for p in (path, *path.parents) if not p.exists()]):
+    for new in reversed([p for p in (path, *path.parents) if not os.path.exists(p)]):  # noqa: PTH110 (Path.exists raises)
         with durable.disk_errors(new, "creating the folder"):
             with suppress(FileExistsError):
                 durable.os_calls.mkdir(str(new))

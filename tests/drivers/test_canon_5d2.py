@@ -13,6 +13,7 @@ from drivers.camera import Camera, CameraSettings, FrameFormat, FrameRef
 from drivers.canon_5d2.camera import Canon5D2
 from drivers.canon_5d2.codes import SHUTTER_CODES
 from drivers.errors import (
+    BatteryLowError,
     DeviceBusyError,
     DeviceError,
     DeviceLostError,
@@ -415,7 +416,15 @@ def test_idle_that_was_never_reported_is_found_by_asking() -> None:
     transport.assert_finished()
 
 
-@pytest.mark.parametrize(("answer", "error"), [(0x2002, OperationRefusedError), (BUSY, DeviceBusyError)])
+@pytest.mark.parametrize(
+    ("answer", "error"),
+    [
+        (0x2002, OperationRefusedError),
+        (BUSY, DeviceBusyError),
+        (0x200C, StoreFullError),
+        (0xA101, BatteryLowError),
+    ],
+)
 def test_refused_full_press_lets_go_of_the_button(answer: int, error: type[DeviceError]) -> None:
     dialogue = armed().press(answer).poll().ask(0x9129, 1)
     camera, transport = dialogue.start()

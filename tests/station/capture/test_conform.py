@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.camera import CameraSettings
+from drivers.camera import CameraSettings, FrameRef
 from drivers.canon_5d2 import codes as canon_codes
 from drivers.canon_5d2.camera import Canon5D2
 from drivers.clock import Clock
@@ -68,6 +68,20 @@ CAMERAS: dict[str, Callable[[Clock], CameraBench]] = {
 
 def failures(outcomes: list[Outcome]) -> list[str]:
     return [f"{o.name}: {o.detail}" for o in outcomes if not o.passed]
+
+
+@pytest.mark.parametrize("name", ["theta", "canon"])
+def test_no_more_is_asked_of_a_picture_than_it_has(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a capture asks, and libgphoto2: what a camera answers beyond the end is not known."""
+    bench = CAMERAS[name](VirtualClock())
+    read = bench.camera.read_chunk
+
+    def strict(frame: FrameRef, offset: int, max_bytes: int) -> bytes:
+        assert offset + max_bytes <= frame.size_bytes
+        return read(frame, offset, max_bytes)
+
+    monkeypatch.setattr(bench.camera, "read_chunk", strict)
+    assert failures(list(run_camera(bench))) == []
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -3,10 +3,13 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from station.capture.preflight import check_disk
+from station.capture.rig_file import LimitsTable
 from station.errors import DiskError, DiskFullError, IntegrityError, ResourceError
 from station.session import durable
 from station.session.folder import Folder, make_folders, write_file
@@ -147,6 +150,28 @@ def test_parents_are_made(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(DiskError, match="creating"):
         make_folders(tmp_path / "file" / "below")
+
+
+@pytest.fixture
+def forbidden(tmp_path: Path) -> Iterator[Path]:
+    """A folder in one that we may not enter; as root by being nobody meanwhile."""
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o700 if os.geteuid() == 0 else 0)
+    if os.geteuid() == 0:
+        os.seteuid(65534)
+        yield closed / "sessions"
+        os.seteuid(0)
+    else:
+        yield closed / "sessions"
+        closed.chmod(0o700)
+
+
+def test_a_folder_that_may_not_be_entered_is_named(forbidden: Path) -> None:
+    """As the disk of another user under /media; the check of the disk goes by what can be seen."""
+    assert check_disk(forbidden, LimitsTable(min_free_disk_mb=0), 0).level == "ok"
+    with pytest.raises(DiskError, match="Permission denied") as caught:
+        make_folders(forbidden)
+    assert "choose a folder you can write to" in caught.value.advice
 
 
 def test_a_file_is_read_only_up_to_its_limit(tmp_path: Path) -> None:
