@@ -172,10 +172,14 @@ class FrameStore:
         found = (self.look_at(handle) for handle in sorted(self._link.session.get_object_handles()))
         return tuple(frame for frame in found if frame is not None)
 
-    def delete(self, frame: FrameRef) -> None:
-        """Delete a picture; another one that has its handle now (they may change with a session) is left alone."""
+    def holds(self, frame: FrameRef) -> bool:
+        """Whether the store has this picture under its handle, and not another: handles may change with a session."""
         found = self.look_at(frame.handle)
-        if found is not None and (found.name, found.size_bytes) == (frame.name, frame.size_bytes):
+        return found is not None and (found.name, found.size_bytes) == (frame.name, frame.size_bytes)
+
+    def delete(self, frame: FrameRef) -> None:
+        """Delete a picture; another one that has its handle now is left alone."""
+        if self.holds(frame):
             self._link.session.delete_object(frame.handle)
 
 

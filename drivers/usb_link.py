@@ -267,17 +267,16 @@ class UsbLink:
 
     def control_out(self, request: int, data: bytes, timeout_s: float) -> None:
         """Send a class request to the interface."""
-        device, endpoints = self._require_open()
-        limit_ms = _milliseconds(timeout_s)
-        setup = (CLASS_OUT, request, 0, endpoints.interface)
-        self._guard(f"class request {request:02X}", device.ctrl_transfer, *setup, data, limit_ms)
+        self._control(CLASS_OUT, request, data, timeout_s)
 
     def control_in(self, request: int, length: int, timeout_s: float) -> bytes:
         """Return up to ``length`` bytes of a class request to the interface."""
+        return bytes(self._control(CLASS_IN, request, length, timeout_s))
+
+    def _control(self, way: int, request: int, data: bytes | int, timeout_s: float) -> Any:
         device, endpoints = self._require_open()
-        limit_ms = _milliseconds(timeout_s)
-        setup = (CLASS_IN, request, 0, endpoints.interface)
-        return bytes(self._guard(f"class request {request:02X}", device.ctrl_transfer, *setup, length, limit_ms))
+        setup = (way, request, 0, endpoints.interface, data, _milliseconds(timeout_s))
+        return self._guard(f"class request {request:02X}", device.ctrl_transfer, *setup)
 
     def clear_halt(self, pipe: Pipe) -> None:
         """Clear the halt of one endpoint; the kernel bounds the wait (5 s on Linux)."""

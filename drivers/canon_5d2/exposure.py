@@ -108,10 +108,9 @@ class CanonExposure:
     def _is_on_the_card(frame: FrameRef, store: FrameStore) -> bool:
         """Whether the card has under this handle what was announced: a picture of another exposure is never taken."""
         try:
-            found = store.look_at(frame.handle)
+            return store.holds(frame)
         except OperationRefusedError:
             return True  # a camera that does not describe its pictures; what comes is checked when it is here
-        return found is not None and (found.name, found.size_bytes) == (frame.name, frame.size_bytes)
 
     def _add(self, frame: FrameRef) -> None:
         self._seen.add(frame.handle)

@@ -31,19 +31,14 @@ _LIKELY: dict[int, tuple[str, str]] = {
 
 def operation_name(operation: int) -> str:
     """Return ``GetObject 1009`` style names for standard operations, hex for others."""
-    try:
-        words = Operation(operation).name.title().replace("_", "")
-    except ValueError:
-        return f"operation {operation:04X}"
+    words = Operation(operation).name.title().replace("_", "") if operation in set(Operation) else "operation"
     return f"{words} {operation:04X}"
 
 
 def response_name(code: int) -> str:
     """Return the name of a response code in words, with the code in hex."""
-    try:
-        return f"{Response(code).name.lower().replace('_', ' ')} ({code:04X})"
-    except ValueError:
-        return f"response {code:04X}"
+    known = code in set(Response)
+    return f"{Response(code).name.lower().replace('_', ' ')} ({code:04X})" if known else f"response {code:04X}"
 
 
 def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: str = "") -> errors.DeviceError:

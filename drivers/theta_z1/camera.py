@@ -184,7 +184,7 @@ class ThetaZ1:
 
     def _clock_utc(self) -> datetime | None:
         try:
-            date = decode_date(self._properties.text_or_none(Prop.DATE_TIME) or "")
+            date = decode_date(str(self._properties.read_or_none(Prop.DATE_TIME) or ""))
             return None if date is None else date.astimezone(UTC)
         except (ProtocolViolationError, OverflowError):
             return None  # a clock that was never set is no reason not to shoot; ErrorInfo reports it

@@ -133,15 +133,11 @@ class ThetaProperties:
 
     def number_or_none(self, prop: int) -> int | None:
         """Return the value of a numeric property, or None where the camera does not say just now."""
-        value = self._read_or_none(prop)
+        value = self.read_or_none(prop)
         return value if isinstance(value, int) else None
 
-    def text_or_none(self, prop: int) -> str | None:
-        """Return the value of a text property, or None where the camera does not say just now."""
-        value = self._read_or_none(prop)
-        return value if isinstance(value, str) else None
-
-    def _read_or_none(self, prop: int) -> int | str | None:
+    def read_or_none(self, prop: int) -> int | str | None:
+        """Return a property's value, or None where the camera does not say just now."""
         try:
             return self.read(prop) if self.has(prop) else None
         except (DeviceBusyError, OperationRefusedError):

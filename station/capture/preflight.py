@@ -16,7 +16,7 @@ from typing import Any
 from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraStatus, SettingReadback, Verdict
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
-from drivers.link_errors import COMM_CHARACTERS, PROC, process_name
+from drivers.link_errors import COMM_CHARACTERS, GRABBERS, PROC, process_name
 from station.capture.rig import Rig
 from station.capture.rig_file import LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
@@ -205,8 +205,6 @@ def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
 
 RULES_NAME = "70-daylit.rules"
 RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/lib/udev/rules.d"))
-GRABBERS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-monitor", "gvfsd-mtp")
-"""Desktop services that claim a camera as soon as it is plugged in."""
 
 
 def check_computer(folder: Path) -> Iterator[Check]:

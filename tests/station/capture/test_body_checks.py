@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from drivers.canon_5d2.codes import CanonProp
+from drivers.link_errors import GRABBERS
 from mocks.instruments.theta_z1 import ThetaOptions
-from station.capture.preflight import GRABBERS, Check, Findings, Level, check_computer, check_rig
+from station.capture.preflight import Check, Findings, Level, check_computer, check_rig
 from station.capture.rig import Rig
 from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR, RigFile
 from station.session.session import Side
