@@ -83,6 +83,12 @@ def _request(data: bytes) -> tuple[int, tuple[int, ...], int]:
     return operation, struct.unpack(f"<{(len(data) - HEADER_BYTES) // 4}I", data[HEADER_BYTES:]), transaction_id
 
 
+def _giving(key: Key, data: bytes) -> Exchange:
+    """Return a transaction that gives data, under no id of the transcript."""
+    done = Container(ContainerType.RESPONSE, Response.OK, 0, struct.pack("<I", len(data)))
+    return Exchange(0.0, key, -1, [encode(Container(ContainerType.DATA, key[0], 0, data)), encode(done)])
+
+
 class ReplayedTransport:
     """A `drivers.ptp.pipes.PtpTransport` that answers from a transcript. ``unknown`` counts what it does not have."""
 
@@ -116,10 +122,6 @@ class ReplayedTransport:
         operation, params, number = self._asked
         found = self._find((operation, params, sent))
         if found is None:
-            if operation == GET_EVENT:
-                self._answers.append(encode(Container(ContainerType.DATA, operation, number, NO_RECORDS)))
-                self._answers.append(encode(Container(ContainerType.RESPONSE, Response.OK, number)))
-                return
             self.unknown += 1
             self._answers.append(encode(Container(ContainerType.RESPONSE, Response.INVALID_PARAMETER, number)))
             return
@@ -140,9 +142,24 @@ class ReplayedTransport:
         before = self._exchanges[: self._next]
         window = here[: next((n for n, e in enumerate(here) if not e.is_question), len(here))]
         if key[0] == GET_EVENT:  # none may be lost, none comes twice
-            return next((e for e in (*before, *window) if e.key == key and not e.used), None)
+            unheard = (e for e in (*before, *window) if e.key == key and not e.used)
+            return next(unheard, _giving(key, NO_RECORDS))
         places = ([e for e in window if not e.used], [*before, *window][::-1], here)
-        return next((e for place in places for e in place if e.key == key), None)
+        found = next((e for place in places for e in place if e.key == key), None)
+        return self._part(key) if found is None and key[0] in (Operation.GET_PARTIAL_OBJECT, 0x9107) else found
+
+    def _part(self, key: Key) -> Exchange | None:
+        """Return a part of a picture, put together from the pieces in which it was fetched: those go by the moment."""
+        operation, (handle, offset, size), _ = key
+        picture = bytearray()
+        pieces = (e for e in self._exchanges if e.key[0] == operation and e.key[1][0] == handle)
+        for piece in sorted(pieces, key=lambda e: e.key[1][1]):
+            at, raw = piece.key[1][1], b"".join(piece.transfers)
+            data = raw[HEADER_BYTES : int.from_bytes(raw[:4], "little")]  # none where it was refused
+            if at <= len(picture) < at + len(data):
+                picture[at:] = data
+        part = bytes(picture[offset : offset + size])
+        return _giving(key, part) if part else None
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Return the next transfer of the answer."""

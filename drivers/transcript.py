@@ -9,6 +9,7 @@ open, out, in, drain, close. A call that failed has ``"error"`` with its code; w
 import gzip
 import json
 import threading
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -77,14 +78,16 @@ class Transcript:
 
 
 def read_transcript(path: Path) -> Iterator[Entry]:
-    """Yield the entries of a transcript; `ProtocolViolationError` names the line that is none."""
+    """Yield the entries of a transcript, as far as it goes; `ProtocolViolationError` names the line that is none."""
     number = 0
     try:
         with gzip.open(path, "rt", encoding="utf-8") if path.suffix == ".gz" else path.open(encoding="utf-8") as file:
             while line := file.readline(MAX_LINE_BYTES):
                 number += 1
                 yield _entry(line)
-    except (OSError, EOFError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except EOFError:
+        return  # compressed, and the program was killed: every line before was flushed
+    except (OSError, zlib.error, ValueError, KeyError, TypeError, RecursionError) as error:
         text = f"line {number} is not a transcript line: {error}"
         advice = "record it again with --record, or repair the line"
         raise ProtocolViolationError(text, where=str(path), advice=advice) from error

@@ -1,7 +1,7 @@
 """Containers over a transport: deadlines, halted endpoints, draining. Knows bytes and time, no transactions."""
 
 from collections import deque
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 from drivers.clock import Clock, Deadline
 from drivers.errors import DeviceTimeoutError, LinkStallError
@@ -56,7 +56,7 @@ MIN_CALL_S = 0.001  # shortest limit given to a link: libusb takes zero for "for
 DRAIN_QUIET_S = 0.05  # chosen: the line is quiet
 # Bounds against a camera that never stops: chosen.
 MAX_DRAIN_READS = 4096
-MAX_WAITING_EVENTS = 256  # chosen: a bracket makes about 50
+MAX_WAITING_EVENTS = 256  # chosen: a bracket makes about 50; of more that nobody fetches, the oldest go
 MAX_EVENT_PIECES = 8  # chosen: an event has 24 bytes
 
 
@@ -138,10 +138,10 @@ class BulkPipe:
         """Forget a container in pieces."""
         self._assembler.reset()
 
-    def clear_halts(self, pipes: tuple[Pipe, ...] = ("in", "out")) -> None:
-        """Clear endpoints, halted or not, and forget a container in pieces."""
+    def clear_halts(self) -> None:
+        """Clear all endpoints, halted or not, and forget a container in pieces."""
         self._assembler.reset()
-        for pipe in pipes:
+        for pipe in get_args(Pipe):
             self._transport.clear_halt(pipe)
 
 
@@ -152,9 +152,7 @@ class EventPipe:
         self._transport = transport
         self._clock = clock
         self._assembler = EventAssembler()
-        self._waiting: deque[Container] = deque()
-        self.lost = 0
-        """Events dropped because nobody fetched them."""
+        self._waiting: deque[Container] = deque(maxlen=MAX_WAITING_EVENTS)
 
     def poll(self, timeout_s: float) -> Container | None:
         """Return the next event, or None where none came within ``timeout_s``."""
@@ -165,7 +163,7 @@ class EventPipe:
             piece = self._read(deadline)
             if piece is None:
                 return None
-            self._keep(self._assembler.feed(piece))
+            self._waiting.extend(self._assembler.feed(piece))
             if deadline.expired and not self._waiting:
                 return None
         return self._waiting.popleft() if self._waiting else None
@@ -177,13 +175,6 @@ class EventPipe:
             self._transport.clear_halt("event")
         return self._transport.read_event(max(deadline.remaining_s, MIN_CALL_S))
 
-    def _keep(self, events: list[Container]) -> None:
-        for event in events:
-            if len(self._waiting) >= MAX_WAITING_EVENTS:
-                self._waiting.popleft()
-                self.lost += 1
-            self._waiting.append(event)
-
     def rescue(self, limit_s: float) -> None:
         """Take over what the camera has ready, before a reset throws it away; never raises for an ill pipe."""
         deadline = Deadline.after(self._clock, limit_s)
@@ -194,5 +185,5 @@ class EventPipe:
                 break
             if piece is None or deadline.expired:
                 break
-            self._keep(self._assembler.feed(piece))
+            self._waiting.extend(self._assembler.feed(piece))
         self._assembler.reset()

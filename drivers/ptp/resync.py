@@ -90,7 +90,7 @@ class Ladder:
         halted = self._wait_until_ready(deadline)
         self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))
         if halted:
-            self._bulk.clear_halts(("in", "out", "event"))
+            self._bulk.clear_halts()
 
     def class_reset(self, deadline: Deadline) -> bool:
         """Send the class's reset and wait until the camera is ready; return whether it took the request."""
@@ -98,7 +98,7 @@ class Ladder:
         if taken:
             self._wait_until_ready(deadline)
             self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))
-            self._bulk.clear_halts(("in", "out", "event"))
+            self._bulk.clear_halts()
         return taken
 
     def _cancel_and_prove(self, proof: Proof, transaction_id: int, deadline: Deadline) -> None:

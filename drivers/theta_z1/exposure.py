@@ -99,11 +99,10 @@ class ThetaExposure:
             except DeviceBusyError:
                 return
             handle = self._pending.pop(0)
-            if frame is None:
-                continue  # a folder; or a picture that is not written yet, which the store shows later
-            self._store.known.add(handle)
-            if self._expected.add(frame) and self._expected.complete:
-                self._ask_by(COMPLETE_GRACE_S)
+            if frame is not None:  # no folder, nor a picture that is not written yet: that one the store shows later
+                self._store.known.add(handle)
+                if self._expected.add(frame) and self._expected.complete:
+                    self._ask_by(COMPLETE_GRACE_S)
 
     def _ask_the_camera(self) -> None:
         now_s = self._clock.monotonic_s()

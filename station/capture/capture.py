@@ -390,6 +390,5 @@ def _merged(manifest: SessionManifest, now: tuple[DeviceRecord, ...]) -> tuple[D
         other = roles.get(was.role, was).serial
         if was.role in taken and was.serial not in ("", other):
             text = f"another camera answers: serial number {other}, the session has frames of {was.serial}"
-            advice = "plug the first camera in, or start a new session with this one"
-            raise DeviceNotFoundError(text, where=was.role, advice=advice)
+            raise DeviceNotFoundError(text, where=was.role, advice="plug the first one in, or start a new session")
     return (*(d for d in manifest.devices if d.role not in roles), *now)

@@ -128,10 +128,7 @@ def write_all(fd: int, data: bytes | memoryview) -> None:
 
 
 def new_file(path: Path) -> IO[str]:
-    """Open a new text file for writing, compressed where its name ends in ``.gz``.
-
-    Raises `UsageError`: it is there; `ResourceError`: it cannot be made.
-    """
+    """Open a new text file (``.gz``: compressed); `UsageError`: it is there; `ResourceError`: it cannot be made."""
     try:
         return cast("IO[str]", (gzip.open if path.suffix == ".gz" else open)(path, "xt", encoding="utf-8"))
     except FileExistsError as exc:

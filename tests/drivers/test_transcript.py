@@ -62,3 +62,20 @@ def test_what_is_no_transcript_is_named(tmp_path: Path, text: str) -> None:
     assert next(entries) == Entry(0.0, "meter", "open")
     with pytest.raises(ProtocolViolationError, match="line 2 is not a transcript line"):
         next(entries)
+
+
+def test_a_compressed_transcript_of_a_program_that_was_killed_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    path, killed, damaged = (tmp_path / f"{name}.jsonl.gz" for name in ("whole", "killed", "damaged"))
+    with gzip.open(path, "wt") as file:
+        transcript = Transcript(file, FakeClock())
+        for number in range(100):
+            transcript.write("outdoor", "out", bytes([number]))
+        killed.write_bytes(path.read_bytes())
+    whole = list(read_transcript(path))
+    assert len(whole) == 100
+    assert list(read_transcript(killed)) == whole
+    raw = bytearray(path.read_bytes())
+    raw[200:230] = bytes(30)
+    damaged.write_bytes(raw)
+    with pytest.raises(ProtocolViolationError, match="not a transcript line"):
+        list(read_transcript(damaged))

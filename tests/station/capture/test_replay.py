@@ -9,9 +9,10 @@ import pytest
 
 from drivers.canon_5d2.camera import Canon5D2
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeoutError, ProtocolViolationError
+from drivers.errors import DeviceTimeoutError, OperationRefusedError, ProtocolViolationError
 from drivers.ptp.codes import Response
 from drivers.ptp.pipes import PtpTransport
+from drivers.ptp.session import PtpSession
 from drivers.replay import ReplayedLine, ReplayedTransport
 from drivers.theta_z1.camera import ThetaZ1
 from drivers.transcript import Entry, RecordedTransport, Transcript, read_transcript
@@ -26,6 +27,7 @@ from station.capture.rig_file import PAPER_RIG
 from station.errors import DiskFullError, ResourceError, UsageError
 from station.session import durable
 from station.session.session import Side
+from tests.drivers.scripted import command, data, response
 from tests.mocks.instruments.test_recorded_bodies import PAPER, THETA
 from tests.mocks.optics.shot_sources import TinyShots
 from tests.virtual_clock import VirtualClock
@@ -86,6 +88,27 @@ def test_what_the_transcript_has_not_is_refused_not_invented(tmp_path: Path) -> 
     with pytest.raises(DeviceTimeoutError):
         link.read(512, 1.0)
     assert link.read_event(0.1) is None
+
+
+def test_a_picture_may_be_fetched_in_other_pieces_than_then() -> None:
+    """A capture takes smaller ones while a camera exposes: which they are goes by the moment."""
+    picture, clock = bytes(range(250)) * 10, VirtualClock()
+    entries = [Entry(0, "it", "out", command(0x1002, 0, 1)), Entry(0, "it", "in", response(0x2001, 0))]
+    for number, (at, size) in enumerate([(0, 700), (700, 1000), (1700, 1000)], 1):
+        part = picture[at : at + size]
+        entries.append(Entry(number, "it", "out", command(0x101B, number, 5, at, size)))
+        entries.append(Entry(number, "it", "in", data(0x101B, number, part)))
+        entries.append(Entry(number, "it", "in", response(0x2001, number, len(part))))
+    entries.append(Entry(9, "it", "out", command(0x101B, 4, 6, 0, 100)))
+    entries.append(Entry(9, "it", "in", response(0x2019, 4)))
+    session = PtpSession(ReplayedTransport(entries, clock, "it"), clock, name="it")
+    session.open()
+    for size in (100, 700, 999, 2500):
+        found = b"".join(session.get_partial_object(5, at, size) for at in range(0, len(picture), size))
+        assert found == picture
+    for handle, at in ((5, len(picture)), (6, 10), (7, 0)):
+        with pytest.raises(OperationRefusedError):
+            session.get_partial_object(handle, at, 100)
 
 
 def test_a_line_answers_as_late_as_it_did() -> None:
