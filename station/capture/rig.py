@@ -79,13 +79,13 @@ def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = No
     steady, links = SteadyClock(clock or SystemClock()), links or Links()
     cameras = {side: _camera(side, table, None, steady, links) for side, table in file.cameras().items()}
     meter = meter_on_port(t.dialect, t.port, steady, links) if (t := file.meter) and t.is_read else None
-    return Rig(_with_lags(file, lambda side: cameras[side].release_lag_s), cameras, meter, steady)
+    return Rig(_with_lags(file, lambda side, _table: cameras[side].release_lag_s), cameras, meter, steady)
 
 
-def _with_lags(file: RigFile, lag_s: Callable[[Side], float]) -> RigFile:
+def _with_lags(file: RigFile, lag_s: Callable[[Side, CameraTable], float]) -> RigFile:
     """Return the rig file with the release lags that it does not give, seconds: a session is to keep what was used."""
     lacking = {side: table for side, table in file.cameras().items() if table.release_lag_s is None}
-    filled = {s.value: table.model_copy(update={"release_lag_s": lag_s(s)}) for s, table in lacking.items()}
+    filled = {s.value: table.model_copy(update={"release_lag_s": lag_s(s, table)}) for s, table in lacking.items()}
     return file.model_copy(update=filled)
 
 
@@ -100,8 +100,7 @@ def open_simulated_rig(
     steady = SteadyClock(clock or bench.clock)
     if file.meter is not None and file.meter.target_deg is None:
         file = file.model_copy(update={"meter": file.meter.model_copy(update={"target_deg": bench.meter_target_deg})})
-    kinds = {side: table.kind for side, table in file.cameras().items()}
-    file = _with_lags(file, lambda side: bench.cameras[kinds[side]].timing.release_lag_s)
+    file = _with_lags(file, lambda _side, table: bench.cameras[table.kind].timing.release_lag_s)
     backend, links = bench.usb_backend, links or Links(simulated=True)
     cameras = {side: _camera(side, table, backend, steady, links) for side, table in file.cameras().items()}
     meter = meter_on_port(t.dialect, bench.meter_port, steady, links) if (t := file.meter) and t.is_read else None

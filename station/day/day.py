@@ -3,6 +3,7 @@
 While no bracket runs, cameras are kept awake and found again, batteries and cards are watched.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import suppress
@@ -214,7 +215,7 @@ class Day:
         slot = 0
         while not self._stop_asked and not self._over(start_s + slot * every_s):
             yield self._plan.rooms[0], start_s + slot * every_s
-            slot = max(slot + 1, int((clock.monotonic_s() - start_s) // every_s))
+            slot = max(slot + 1, math.ceil((clock.monotonic_s() - start_s) / every_s))
 
     def _over(self, due_s: float) -> bool:
         clock, until = self._rig.clock, self._plan.until_utc

@@ -17,7 +17,7 @@ import pytest
 
 import station.day.day
 from drivers.camera import CameraStatus
-from drivers.clock import SystemClock
+from drivers.clock import SteadyClock, SystemClock
 from drivers.errors import DeviceLostError, DeviceNotFoundError
 from station.capture.capture import CaptureRequest
 from station.capture.events import CaptureEvent, EventKind
@@ -27,6 +27,7 @@ from station.errors import UsageError
 from station.session.session import SessionStatus
 from tests.station.capture.fake_camera import FakeCamera
 from tests.station.capture.test_capture import STOPS_S, make_rig
+from tests.virtual_clock import VirtualClock
 
 NOON = datetime(2023, 5, 19, 12, 0, tzinfo=UTC)
 
@@ -120,6 +121,19 @@ def test_a_room_by_the_hour(tmp_path: Path) -> None:
     assert all(
         abs((b - a).total_seconds() - 2 * round((b - a).total_seconds() / 2)) < 1 for a, b in itertools.pairwise(starts)
     )
+
+
+def test_a_slot_that_passes_during_a_bracket_is_left_out_and_not_taken_late(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    rig = make_rig(Powered(clock))
+    rig.clock = SteadyClock(clock)
+    day = Day(rig, DayPlan(("hall",), 60.0, clock.utc_now() + timedelta(hours=1)), CaptureRequest("", tmp_path))
+    slots, start_s = day._slots(), clock.monotonic_s()
+    due = []
+    for took_s in (20.0, 75.0, 130.0, 60.0, 20.0):
+        due.append(next(slots)[1] - start_s)
+        clock.sleep(max(0.0, due[-1] + start_s - clock.monotonic_s()) + took_s)
+    assert due == [0.0, 60.0, 180.0, 360.0, 420.0]
 
 
 def test_a_queue_of_rooms_waits_for_somebody_to_move_the_rig(tmp_path: Path) -> None:
