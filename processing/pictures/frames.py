@@ -282,6 +282,7 @@ def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of half of `MAX_PIXELS`
             with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 size = image.size
                 if image.mode in ("CMYK", "LAB"):
@@ -298,7 +299,13 @@ def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
 
 
 def check_strips(tags: Any, length: int, name: str) -> None:
-    """Refuse a TIFF of these tags whose strips or tiles reach beyond the file: libtiff would leave them black."""
+    """Refuse a TIFF of these tags whose strips or tiles reach beyond the file: libtiff would leave them black.
+
+    And one of more than 8 bits whose channels lie one after the other, or whose white is 0: OpenCV takes no notice.
+    """
+    if np.max(tags.get(258, 1)) > 8 and (tags.get(284) == 2 or tags.get(262) == 0):
+        what, advice = "its channels lie one after the other, or its white is 0", "save it interleaved (RGBRGB)"
+        raise PictureFileError(what, where=name, advice=advice)
     for offsets, sizes in ((273, 279), (324, 325)):
         starts, counts = tags.get(offsets, ()), tags.get(sizes, ())
         pairs = zip(np.atleast_1d(starts), np.atleast_1d(counts), strict=True)

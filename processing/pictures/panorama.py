@@ -16,9 +16,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import PanoramaError
+from processing.errors import PanoramaError, PictureFileError
 from processing.ground.arrays import Flags, Floats
-from processing.ground.colour import linear_of_srgb, luminance_cd_m2
+from processing.ground.colour import linear_of_srgb, luminance_cd_m2, srgb_encoded
 from processing.pictures.exr import read_exr, read_exr_rgb, read_header
 from processing.pictures.frames import Codes, check_strips, checked_size
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
@@ -32,8 +32,9 @@ from processing.sphere import Equirectangular
 
 MAX_XMP_BYTES = 1 << 20  # chosen
 MAX_PROFILE_BYTES = 4 << 20  # chosen
+SAME_CODES = 2  # chosen: by which profiles of one space differ after rounding
 _ORIENTATION = 274  # EXIF tag
-_TAG = re.compile(rb"GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")
+_TAG = re.compile(rb"(?<!/)GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ _SIZES = ("FullPano{}Pixels", "CroppedAreaImage{}Pixels")
 
 
 def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
-    """Return the codes in sRGB, and what there is to say: another profile is converted (8 bits) or reported.
+    """Return the codes in sRGB, and what there is to say: another profile is converted (16 bits by curve and matrix).
 
     ``codes``: (H, W, 3), uint8 or uint16.
     """
@@ -97,20 +98,31 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
         return codes, ()
     from PIL import Image, ImageCms
 
+    levels, srgb = np.arange(256, dtype=np.uint8), ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
     try:
         profile = ImageCms.ImageCmsProfile(io.BytesIO(tags.profile))
         name = ImageCms.getProfileDescription(profile).strip()[:80]
+        turn = ImageCms.buildTransform(profile, srgb, "RGB", "RGB")
     except (ImageCms.PyCMSError, OSError, ValueError):
-        return codes, ("its colour profile cannot be read: assumed to be sRGB",)
-    if "srgb" in name.lower():
+        return codes, ("its colour profile cannot be read as one of RGB: assumed to be sRGB",)
+
+    def turned(colours: Codes) -> Codes:
+        return np.asarray(ImageCms.applyTransform(Image.fromarray(colours), turn), np.uint8)
+
+    # By what it does, for names mislead: there are sRGB's primaries with a straight line for a curve
+    probe = np.stack(np.meshgrid(*[levels[::51]] * 3), axis=-1).reshape(-1, 6, 3)
+    if np.abs(turned(probe).astype(int) - probe).max() <= SAME_CODES:
         return codes, ()
-    if codes.dtype != np.uint8:
-        return codes, (f"its colour profile is {name!r}: assumed to be sRGB, so colours are slightly off",)
-    try:
-        turned = ImageCms.profileToProfile(Image.fromarray(codes), profile, ImageCms.createProfile("sRGB"))
-    except (ImageCms.PyCMSError, ValueError):
-        return codes, (f"its colour profile {name!r} is not for RGB: assumed to be sRGB",)
-    return np.asarray(turned, np.uint8), (f"converted from {name!r} to sRGB",)
+    if codes.dtype == np.uint8:
+        return turned(codes), (f"converted from {name!r} to sRGB",)
+    sides = [[getattr(one.profile, f"{of}_colorant") for of in ("red", "green", "blue")] for one in (profile, srgb)]
+    if None in sides[0]:
+        return codes, (f"its colour profile is {name!r}: assumed to be sRGB, so colours are off",)
+    own, ours = (np.array([xyz for xyz, _ in one]).T for one in sides)
+    grey = linear_of_srgb(turned(np.repeat(levels[:, None, None], 3, axis=2)))[:, 0, 1]
+    light = np.interp(np.arange(1 << 16) / 257, levels, grey).astype(np.float32)[codes]
+    light = np.clip(light @ np.linalg.solve(ours, own).T.astype(np.float32), 0, 1)
+    return np.rint(65535 * srgb_encoded(light)).astype(np.uint16), (f"converted from {name!r} to sRGB",)
 
 
 Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
@@ -215,6 +227,8 @@ def _photograph(path: Path) -> GivenPanorama:
 def _light(path: Path, kind: Format) -> GivenPanorama:
     if kind == "hdr":
         picture = read_radiance_hdr(path)
+        if picture.view:
+            raise PanoramaError(f"its VIEW is {picture.view[:60]!r}", where=path.name, advice="give the panorama")
         return _plain(picture.rgb, absolute=picture.absolute, source="Radiance picture")
     if kind == "tiff":
         import cv2
@@ -223,6 +237,7 @@ def _light(path: Path, kind: Format) -> GivenPanorama:
         if bgr is None or bgr.dtype.kind != "f":
             raise PanoramaError("its float values cannot be read", where=path.name, advice="save it as OpenEXR")
         rgb = np.atleast_3d(bgr)[..., 2::-1].astype(np.float32) * np.ones(3, np.float32)
+        check_light(rgb, path)
         return _plain(rgb, absolute=False, source="floating-point TIFF, assumed to be linear light")
     part = read_header(path)[0]
     _check_shape(part.width, part.height, path.name)
@@ -245,6 +260,8 @@ def _of_decimals(path: Path) -> bool:
             tags.load(file)
         check_strips(tags, path.stat().st_size, path.name)
         return 3 in tags.get(339, ()) and bool(checked_size(tags[256], tags[257], path.name))
+    except PictureFileError:
+        raise
     except Exception:  # noqa: BLE001 (as above; what is damaged is said when it is read)
         return False
 

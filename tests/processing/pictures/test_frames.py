@@ -12,10 +12,12 @@ import pytest
 import simplejpeg
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from mocks.instruments.exposures import ShotRequest
 from mocks.optics.picture_jobs import RawFrame, mosaic_file
 from processing.errors import ParameterError, PictureFileError
+from processing.pictures import frames
 from processing.pictures.frames import (
     FrameSource,
     array_frame,
@@ -177,3 +179,9 @@ def test_simulated_raw_doubles_with_the_time(tmp_path: Path) -> None:
     broken.write_bytes(os.urandom(4000))
     with pytest.raises(PictureFileError, match="c"):
         frame_of(broken)
+
+
+def test_a_large_png_is_no_damage(tmp_path: Path) -> None:
+    """Of 90 million pixels, where Pillow begins to warn of bombs."""
+    Image.new("1", (13_600, 6_800)).save(tmp_path / "p.png")
+    assert frames._lossless_size((tmp_path / "p.png").read_bytes(), "p.png") == (13_600, 6_800)

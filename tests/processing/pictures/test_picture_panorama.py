@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,15 +10,16 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
+import tifffile
 from PIL import Image, ImageCms
 
 from processing.errors import PanoramaError, PictureFileError
 from processing.ground.colour import linear_of_srgb
 from processing.pictures.exr import write_exr
 from processing.pictures.images import RelativeImage, Validity
-from processing.pictures.panorama import MIDDLE, WHITE, read_panorama
+from processing.pictures.panorama import MIDDLE, WHITE, read_panorama, read_tags
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Fisheye, LensMapping
+from processing.sphere import Fisheye, LensMapping, Perspective
 from tests.processing.pictures.picture_strategies import luminance_image
 
 HEIGHT, WIDTH = 64, 128
@@ -194,3 +196,99 @@ def test_damage_and_other_files_are_named(tmp_path: Path) -> None:
         read_panorama(tmp_path / "p.exr")
     with pytest.raises(PanoramaError, match="gif"):
         read_panorama(tmp_path / "p.gif")
+
+
+ELEMENTS = """<rdf:RDF><rdf:Description xmlns:GPano="http://ns.google.com/photos/1.0/panorama/">
+  <GPano:ProjectionType>equirectangular</GPano:ProjectionType>
+  <GPano:UsePanoramaViewer>True</GPano:UsePanoramaViewer>
+  <GPano:CroppedAreaImageWidthPixels>128</GPano:CroppedAreaImageWidthPixels>
+  <GPano:FullPanoWidthPixels>{whole}</GPano:FullPanoWidthPixels>
+</rdf:Description></rdf:RDF>"""
+
+
+def test_tags_written_as_elements_are_read(tmp_path: Path) -> None:
+    """As the Theta and many programs write them: what stands between two elements is no value."""
+    path = saved(tmp_path / "p.jpg", grey(), xmp=ELEMENTS.format(whole=WIDTH).encode())
+    assert read_tags(path).gpano["ProjectionType"] == "equirectangular"
+    assert read_panorama(path).image.rgb.shape == (HEIGHT, WIDTH, 3)
+    with pytest.raises(PanoramaError, match="128 of 256"):
+        read_panorama(saved(path, grey(), xmp=ELEMENTS.format(whole=2 * WIDTH).encode()))
+
+
+SRGB_XYZ = np.array([[0.4361, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7142]])
+ADOBE_XYZ = np.array([[0.6098, 0.2052, 0.1492], [0.3111, 0.6257, 0.0632], [0.0195, 0.0609, 0.7449]])
+
+
+def profile(name: str, xyz: np.ndarray, gamma: float) -> bytes:
+    """Return an ICC profile of three primaries (columns: their XYZ under D50) and a power for a curve."""
+
+    def fixed(*values: float) -> bytes:
+        return b"".join(struct.pack(">i", round(v * 65536)) for v in values)
+
+    def tag_of(values: np.ndarray) -> bytes:
+        return b"XYZ \0\0\0\0" + fixed(*values)
+
+    text = name.encode() + b"\0"
+    curve = b"curv\0\0\0\0" + struct.pack(">IH", 1, round(gamma * 256)) + b"\0\0"
+    tags = {b"desc": b"desc\0\0\0\0" + struct.pack(">I", len(text)) + text + bytes(78), b"wtpt": tag_of(D50)}
+    tags |= {of + b"XYZ": tag_of(column) for of, column in zip((b"r", b"g", b"b"), xyz.T, strict=True)}
+    tags |= {of + b"TRC": curve for of in (b"r", b"g", b"b")}
+    table, body = struct.pack(">I", len(tags)), b""
+    for key, value in tags.items():
+        table += key + struct.pack(">II", 132 + 12 * len(tags) + len(body), len(value))
+        body += value + bytes(-len(value) % 4)
+    head = b"lcms" + struct.pack(">I", 0x02100000) + b"mntrRGB XYZ " + bytes(12) + b"acsp" + bytes(28) + fixed(*D50)
+    whole = head.ljust(124, b"\0") + table + body
+    return struct.pack(">I", len(whole) + 4) + whole
+
+
+D50 = np.array([0.9642, 1.0, 0.8249])
+
+
+@pytest.mark.parametrize(
+    ("name", "xyz", "gamma"),
+    [("Linear sRGB", SRGB_XYZ, 1.0), ("Adobe RGB (1998)", ADOBE_XYZ, 2.2), ("sRGB of nobody", ADOBE_XYZ, 2.2)],
+)
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_profile_is_taken_by_what_it_does_not_by_its_name(
+    tmp_path: Path, name: str, xyz: np.ndarray, gamma: float, bits: int
+) -> None:
+    light = np.array([0.5, 0.3, 0.2])
+    own = np.linalg.solve(xyz, SRGB_XYZ @ light) ** (1 / gamma)
+    codes = np.rint(own * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    path = tmp_path / "p.tif"
+    rgb = np.broadcast_to(codes, (HEIGHT, WIDTH, 3))
+    tifffile.imwrite(path, rgb, photometric="rgb", iccprofile=profile(name, xyz, gamma))
+    found = read_panorama(path)
+    np.testing.assert_allclose(found.image.rgb[0, 0], WHITE * light, rtol=0.02)
+    assert found.notes == (f"converted from {name!r} to sRGB",)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+@pytest.mark.parametrize("options", [{"planarconfig": "separate"}, {"photometric": "miniswhite"}])
+def test_a_tiff_of_planes_or_of_white_as_0_is_refused(tmp_path: Path, dtype: type, options: dict[str, str]) -> None:
+    """OpenCV takes no notice of either in more than 8 bits; in 8 bits it does."""
+    planes, path = "planarconfig" in options, tmp_path / "p.tif"
+    values = np.linspace(20, 60, WIDTH, dtype=dtype) * np.ones((3, HEIGHT, 1) if planes else (HEIGHT, 1), dtype)
+    tifffile.imwrite(path, values, **{"photometric": "rgb", **options})
+    with pytest.raises(PictureFileError, match="one after the other"):
+        read_panorama(path)
+    codes = values.astype(np.uint8)
+    tifffile.imwrite(path, codes, **{"photometric": "rgb", **options})
+    shown = codes[0] if planes else 255 - codes
+    np.testing.assert_allclose(read_panorama(path).image.rgb[..., 0], WHITE * linear_of_srgb(shown), rtol=1e-5)
+
+
+def test_infinite_light_is_not_taken_for_circles(tmp_path: Path) -> None:
+    rgb = np.full((HEIGHT, WIDTH, 3), 0.4, np.float32)
+    rgb[5, 6] = np.inf
+    tifffile.imwrite(tmp_path / "p.tif", rgb, photometric="rgb")
+    with pytest.raises(PictureFileError, match="impossible light"):
+        read_panorama(tmp_path / "p.tif")
+
+
+def test_a_radiance_view_is_no_panorama(tmp_path: Path) -> None:
+    image = luminance_image(np.full((HEIGHT, WIDTH, 3), 30.0))
+    write_radiance_hdr(tmp_path / "p.hdr", replace(image, geometry=Perspective(WIDTH, HEIGHT, 1.2)))
+    with pytest.raises(PanoramaError, match="-vtv"):
+        read_panorama(tmp_path / "p.hdr")
