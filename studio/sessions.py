@@ -59,9 +59,12 @@ def _card(session: Path) -> dict[str, Any]:
 def brought(file: Path, folder: Path) -> Path:
     """Return the session that a file makes in the folder: a zip (`daylit import`), or a panorama's picture."""
     from processing.running.panorama_session import panorama_session
+    from station.frames.importer import ImportRequest
     from station.frames.packed import take_packed
 
-    return take_packed(file, folder) if file.suffix.lower() == ".zip" else panorama_session(file, folder)
+    if file.suffix.lower() == ".zip":
+        return take_packed(file, ImportRequest(file.stem, {}, folder))[0]
+    return panorama_session(file, folder)
 
 
 def stages(session: Path) -> list[str]:
@@ -115,13 +118,12 @@ def drop(session: Path, name: str) -> None:
 
 def captured(folder: Path) -> bool:
     """Return whether a session of the folder is being captured, by whichever program."""
-    for card in cards(folder):
-        if card["status"] == "partial":
-            try:
-                with open_session(folder / str(card["name"])) as root:
-                    SessionLock(root).release()
-            except SessionLockedError:
-                return True
+    for card in (one for one in cards(folder) if one["status"] == "partial"):
+        try:
+            with open_session(folder / str(card["name"])) as root:
+                SessionLock(root).release()
+        except SessionLockedError:
+            return True
     return False
 
 

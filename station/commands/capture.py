@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, answer
+from station.commands.views import FILE, FOLDER, Number, answer
 
 if TYPE_CHECKING:
     from station.capture.bracket import BracketPlan, Estimate
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _SIZE = click.Choice(["full", "half", "quarter", "small"])
-_RATE, _NOISE = click.FloatRange(0.1, 50), click.FloatRange(0.5, 50)
+_RATE, _NOISE = Number(0.1, 50), Number(0.5, 50)
 _READING = "Luminance read off the meter's display; give twice: before, after."
 _RESUME = "Complete a partial session with the rig it was started with (or another: --rig)."
 

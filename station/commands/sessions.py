@@ -11,7 +11,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 
-from station.commands.views import FILE, FOLDER, NO_FOLDER, answer
+from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer
 
 if TYPE_CHECKING:
     from station.frames.dataset import Pair
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from station.session.session import Site
     from station.session.verify import VerifyReport
 
-_FOLDER, _CD_M2 = click.Path(exists=True, file_okay=False, path_type=Path), click.FloatRange(min=0, max=1e10)
+_FOLDER, _CD_M2 = click.Path(exists=True, file_okay=False, path_type=Path), Number(min=0, max=1e10)
 _READING = "Luminance of the meter's target; give twice: before, after."
 
 
@@ -36,7 +36,7 @@ _READING = "Luminance of the meter's target; give twice: before, after."
 @click.option("--shutter", metavar="S,S,...", help="Exposure times, in file-name order (default: from EXIF).")
 @click.option("--reading", "readings", type=_CD_M2, multiple=True, metavar="CD_M2", help=_READING)
 @click.option("--target", metavar="LON,LAT", help="Where the meter pointed in the panorama, degrees.")
-@click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
+@click.option("--heading", type=Number(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
 @click.option("--address", metavar="TEXT", help="Address to show on the client's page.")
 @click.option(
@@ -62,23 +62,19 @@ def import_session(**options: Any) -> int:
     from station.errors import UsageError
     from station.frames.importer import ImportRequest
     from station.frames.importer import import_session as run_import
-    from station.session.session import SessionStatus, Side
+    from station.session.session import Side
 
     if options["dataset"] is not None:
         return import_tree(options)
     if options["room"] is None:
         raise UsageError("which room?", where="import", advice="daylit import ROOM --indoor FOLDER")
-    if options["room"].endswith(".zip"):
-        from station.frames.packed import take_packed
-
-        session = str(take_packed(Path(options["room"]), options["into"]))
-        return answer({"ok": True, "session": session}, [session], as_json=options["as_json"])
     if given := [name for name in ("table", "only", "dry_run") if options[name]]:
         raise UsageError(f"--{given[0].replace('_', '-')} needs --dataset", where="import", advice="leave it out")
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
-    heading_deg = options["heading"]
+    heading_deg, archive = options["heading"], Path(options["room"])
+    packed = archive.suffix.lower() == ".zip"
     request = ImportRequest(
-        room=options["room"],
+        room=archive.stem if packed else options["room"],
         folders={side: folder for side, folder in folders.items() if folder is not None},
         into=options["into"],
         shutter_s=parse_shutters(options["shutter"]),
@@ -90,12 +86,14 @@ def import_session(**options: Any) -> int:
         strict=options["strict"],
         raw=options["raw"],
     )
-    report = run_import(request)
-    if options["as_json"]:
-        click.echo(json.dumps(summary(report)))
-    else:
-        _show(report)
-    return 0 if report.manifest.status is SessionStatus.COMPLETE else 4
+    if not packed:
+        return _show(run_import(request), as_json=options["as_json"])
+    from station.frames.packed import take_packed
+
+    session, report = take_packed(archive, request)
+    if report is not None:
+        return _show(report, as_json=options["as_json"])
+    return answer({"ok": True, "session": str(session)}, [str(session)], as_json=options["as_json"])
 
 
 def parse_site(text: str | None, address: str | None = None) -> Site:
@@ -141,10 +139,13 @@ def summary(report: ImportReport) -> dict[str, Any]:
     }
 
 
-def _show(report: ImportReport) -> None:
+def _show(report: ImportReport, *, as_json: bool) -> int:
     from station.frames.rules import seconds_text
 
     manifest = report.manifest
+    if as_json:
+        click.echo(json.dumps(summary(report)))
+        return 4 if manifest.missing else 0
     for frame in manifest.frames:
         click.echo(f"  {frame.side:<8} {seconds_text(frame.camera_s):>9}  {frame.camera_name}")
     for refused in report.refused:
@@ -154,6 +155,7 @@ def _show(report: ImportReport) -> None:
     click.echo(f"{len(manifest.frames)} frames in {report.session}: {manifest.status}")
     if manifest.missing:
         click.echo("missing: " + "; ".join(manifest.missing))
+    return 4 if manifest.missing else 0
 
 
 @click.command()

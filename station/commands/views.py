@@ -19,6 +19,15 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
 
 
+class Number(click.FloatRange):
+    """A finite number, within ends where they are given."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number; what click takes for one but has no ends, such as nan, is refused."""
+        found = super().convert(value, param, ctx)
+        return found if math.isfinite(found) else self.fail(f"{value!r} is not a finite number.", param, ctx)
+
+
 def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:
     """Return the numbers of an option's text; `click.UsageError` says how many it takes, and of ``what``."""
     try:

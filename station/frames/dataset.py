@@ -239,6 +239,8 @@ def _row(line: int, cells: Mapping[str, str | None], path: Path) -> TableRow:
     day, (_, minute) = _day_of(text["date"]), room_and_minute(text["theta_time"])
     try:
         luminance, lux = (float(text[n]) if text.get(n) else None for n in ("luminance_cd_m2", "illuminance_lux"))
+        if not all(0 <= value <= 1e10 for value in (luminance or 0, lux or 0)):
+            raise ValueError(f"{luminance} cd/m2, {lux} lx")
     except ValueError as error:
         raise UsageError(f"line {line}: {error}", where=str(path), advice="correct the cell") from error
     if not day:

@@ -224,7 +224,8 @@ def parse_offset(text: str) -> int | None:
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16  # chosen: cameras write four to six
-_COLOURS, _NOT_RGB = 262, (5, 8, 9, 10)  # photometric interpretation: CMYK, three kinds of Lab; TIFF 6.0
+_BITS, _COLOURS, _PLANES = 258, 262, 284
+_NOT_RGB = (5, 8, 9, 10)  # photometric interpretation: CMYK, three kinds of Lab; TIFF 6.0
 _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612
 """TIFF 6.0; EP's SubIFDs; DNG specification."""
 
@@ -260,14 +261,18 @@ def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
 def check_tiff(data: bytes) -> bytes:
     """Return the bytes of a TIFF picture, in which EXIF is looked for, once its strips are found to lie inside.
 
-    Raises `FrameProblemError`: ``damaged``, ``truncated``, or ``unsupported`` for CMYK, CIELab and the like.
+    Raises `FrameProblemError`: ``damaged``, ``truncated``, or ``unsupported`` for CMYK, CIELab and the like, and for
+    more than 8 bits with the channels one after the other or 0 for white, of which the decoder takes no notice.
     """
     reader = TiffReader(data, Reason.DAMAGED)
     first = reader.directory(reader.first_at)
     _check_strips(reader, [first])
-    colours = first.entries.get(_COLOURS)
-    if colours is not None and reader.integers(colours, 1)[0] in _NOT_RGB:
+    wanted = [first.entries.get(tag) for tag in (_BITS, _COLOURS, _PLANES)]
+    bits, colours, planes = (None if one is None else reader.integers(one, 8)[0] for one in wanted)
+    if colours in _NOT_RGB:
         raise FrameProblemError(Reason.UNSUPPORTED, "its colours are neither grey nor RGB: save it as RGB")
+    if (bits or 1) > 8 and (planes == 2 or colours == 0):
+        raise FrameProblemError(Reason.UNSUPPORTED, "its channels lie one after the other, or its white is 0")
     return data
 
 

@@ -4,6 +4,7 @@ Whatever does not fit the rest (another size, another camera, a time that is the
 shorter frame) is refused by name, and the rest goes on.
 """
 
+import os
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
@@ -81,6 +82,10 @@ def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candida
             why = f"no exposure time: {candidate.facts.exif_problem or 'its EXIF has no exposure time'}"
             advice = "give the times with --shutter"
             sieve.refuse(candidate, rejection(candidate.facts.name, Reason.EXIF_MISSING, why, advice))
+        elif side is Side.INDOOR and (turn := candidate.exif.orientation or 1) != 1:  # a sky's has no meaning
+            why = f"its EXIF says that it must be rotated (orientation {turn})"
+            advice = "turn the files without loss (jpegtran -rotate), or remove the tag if they are upright"
+            sieve.refuse(candidate, rejection(candidate.facts.name, Reason.UNSUPPORTED, why, advice))
     _keep_most(sieve, Reason.WRONG_SIZE, lambda c: f"{c.facts.width_px}x{c.facts.height_px}", "pixels")
     _keep_most(sieve, Reason.WRONG_CAMERA, _camera, "taken by")
     _keep_most(sieve, Reason.WRONG_ISO, lambda c: c.exif.iso, "ISO")
@@ -202,7 +207,7 @@ def inspect_files(
     refused: list[Refusal] = []
     for path, typed_s in zip(files, times_s, strict=True):
         try:
-            facts = checker.inspect(path.resolve(), name=path.name)
+            facts = checker.inspect(Path(os.path.realpath(path)), name=path.name)  # resolve() stops at a loop of links
         except FrameRejectedError as error:
             refused.append(refusal(side, printable(path.name), error, typed_s))
             continue
@@ -221,7 +226,7 @@ def _companion(path: Path, checker: FrameChecker) -> RawCompanion | FrameRejecte
     """Return a raw file that is what its name says, or why it is not."""
     format_: RawFormat = "dng" if path.suffix.lower() == ".dng" else "cr2"
     try:
-        return RawCompanion(path, checker.check_raw(path.resolve(), format_, name=path.name))
+        return RawCompanion(path, checker.check_raw(Path(os.path.realpath(path)), format_, name=path.name))
     except FrameRejectedError as error:
         return error
 

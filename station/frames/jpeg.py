@@ -29,6 +29,7 @@ _NO_CAMERA_OF_OURS = {
 }
 _END_OF_SCAN = re.compile(rb"\xff+[\x01-\xcf\xd8-\xfe]")
 _EXIF_MARK = b"Exif\0\0"
+_SRGB = re.compile(rb"s\0?R\0?G\0?B")  # in descriptions of profiles, of one byte a letter or two
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,8 @@ def _take(marker: int, payload: bytes, walk: _Walk) -> None:
         walk.exif = payload[len(_EXIF_MARK) :]
     elif marker == _APP2 and payload.startswith(b"MPF\0"):
         walk.has_previews = True
+    elif marker == _APP2 and payload.startswith(b"ICC_PROFILE\0\1") and not _SRGB.search(payload):
+        walk.notes.append("its colour profile is not sRGB's, and is not applied: strong colours are somewhat off")
 
 
 def _frame_size(payload: bytes, *, progressive: bool) -> _FrameSize:
@@ -198,12 +201,14 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
             f"{walk.scan_bytes} bytes of picture data, where {walk.frame.width_px}x{walk.frame.height_px} pixels "
             f"need {least_bytes} or more",
         )
-    # Allow zero padding, and previews that a multi-picture (MPF) segment announces; nothing else
+    # Allow zero padding, previews that a multi-picture (MPF) segment announces, Samsung's trailer (SEF); nothing else
     tail = data[end:].strip(b"\0")
-    if tail and not (walk.has_previews and tail.startswith(b"\xff\xd8\xff")):
+    if tail and not ((walk.has_previews and tail.startswith(b"\xff\xd8\xff")) or tail.endswith(b"SEFT")):
         raise FrameProblemError(Reason.TRAILING_DATA, f"{len(data) - end} bytes after the end-of-image mark at {end}")
     if len(data) > end:
-        walk.notes.append(f"{len(data) - end} bytes of {'previews' if tail else 'padding'} after the picture")
+        walk.notes.append(
+            f"{len(data) - end} bytes of {'previews or a trailer' if tail else 'padding'} after the picture"
+        )
     frame = walk.frame
     return JpegHeader(frame.width_px, frame.height_px, frame.progressive, walk.exif, tuple(walk.notes))
 

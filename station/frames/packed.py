@@ -6,10 +6,11 @@ import shutil
 import tempfile
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
-from station.errors import IntegrityError, SessionExistsError
-from station.frames.importer import ImportRequest, import_session
+from station.errors import IntegrityError, SessionExistsError, UsageError
+from station.frames.importer import ImportReport, ImportRequest, import_session
 from station.session import durable
 from station.session.session import MANIFEST_NAME, Side
 from station.session.store import load_manifest
@@ -22,14 +23,16 @@ MOST_RATIO, FREE_BYTES = 50, 1 << 26
 _NAME = re.compile(r"[^\x00-\x1f\\:]{1,200}")
 
 
-def take_packed(archive: Path, into: Path) -> Path:
-    """Return the session in ``into`` that a zip file holds or, of frames alone, is made of them as by `import_session`.
+def take_packed(archive: Path, request: ImportRequest) -> tuple[Path, ImportReport | None]:
+    """Return the session that a zip file holds or, of frames alone, is made as ``request`` says, then with its report.
 
-    Frames lie in folders called indoor and outdoor, or are all of the room. Raises `IntegrityError` for an archive that
-    is damaged or would write elsewhere, `SessionExistsError`, and what reading a session or its frames raises; nothing
-    is then made.
+    Frames lie in folders called indoor and outdoor, or are all of the room; ``request`` names none. Raises
+    `IntegrityError` for an archive that is damaged or would write elsewhere, `SessionExistsError`, `UsageError` for a
+    session of which ``request`` says more, and what reading a session or its frames raises; nothing is then made.
     """
-    into.mkdir(parents=True, exist_ok=True)
+    if request.folders:
+        raise UsageError("a zip file and folders", where=archive.name, advice="give either")
+    (into := request.into).mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".import-", dir=into) as place:
         root = Path(place) / archive.stem
         _unpack(archive, root)
@@ -37,11 +40,14 @@ def take_packed(archive: Path, into: Path) -> Path:
             root = only[0]
         if not (root / MANIFEST_NAME).is_file():
             sides = {side: root / side.value for side in Side if (root / side.value).is_dir()} or {Side.INDOOR: root}
-            return import_session(ImportRequest(room=archive.stem[:80], folders=sides, into=into)).session
+            report = import_session(replace(request, folders=sides))
+            return report.session, report
+        if request != ImportRequest(request.room, {}, into):
+            raise UsageError("it holds a session, not frames", where=archive.name, advice="leave out all but --into")
         load_manifest(root)
         if (session := into / root.name).exists():
             raise SessionExistsError("a session of this name already exists", where=session.name)
-        return root.rename(session)
+        return root.rename(session), None
 
 
 def _unpack(archive: Path, into: Path) -> None:
@@ -54,14 +60,18 @@ def _unpack(archive: Path, into: Path) -> None:
             for one in files:
                 path = PurePosixPath(one.filename)
                 link = one.external_attr >> 28 not in (0, 8)  # the file's kind, where it was packed on Unix
-                strange = path.is_absolute() or ".." in path.parts or not all(map(_NAME.fullmatch, path.parts))
+                strange = one.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or path.is_absolute()
+                strange |= ".." in path.parts or not all(map(_NAME.fullmatch, path.parts))
                 if strange or link or len(path.parts) > MOST_DEEP or (target := into / path).exists():
-                    raise IntegrityError(f"it holds {one.filename[:80]!r}", where=archive.name, likely="not a session")
+                    raise IntegrityError(
+                        f"it holds {one.filename[:80]!r}", where=archive.name, likely="not by deflate, or no session"
+                    )
                 with durable.disk_errors(target, "unpacking"), packed.open(one) as source:
                     target.parent.mkdir(parents=True, exist_ok=True)
                     with target.open("xb") as file:
                         shutil.copyfileobj(source, file)
                         os.fsync(file.fileno())
         into.mkdir(exist_ok=True)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, FileExistsError) as error:
-        raise IntegrityError(f"cannot be unpacked: {str(error)[:100]}", where=archive.name, likely="damaged") from error
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        what, likely = f"cannot be unpacked: {str(error)[:100]}", "damaged, or not there"
+        raise IntegrityError(what, where=archive.name, likely=likely) from error

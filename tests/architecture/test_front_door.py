@@ -6,6 +6,7 @@ import importlib
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -85,3 +86,22 @@ def test_internal_error_leaves_a_report_without_personal_paths(
         report = file.read()
     assert "a fault of our own" in report
     assert str(__import__("pathlib").Path.home()) not in report
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["furniture", "export", "armchair/classic", "--into"],
+        ["furniture", "show", "armchair/classic", "--into"],
+        ["doctor", "--write-rig"],
+        ["import", "nothing.zip", "--into"],
+    ],
+)
+def test_what_cannot_be_written_is_the_computers_fault_not_ours(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 6 with the file's name, whichever command it is; no crash report."""
+    (tmp_path / "file").write_text("no folder")
+    assert daylit.main([*words, str(tmp_path / "file" / "x.png"), "--json"]) == 6
+    found = json.loads(capsys.readouterr().out)["error"]
+    assert (found["code"], found["where"]) == ("RES-002", str(tmp_path / "file" / "x.png"))

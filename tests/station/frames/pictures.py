@@ -14,7 +14,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 SIZE = (160, 120)
 TAKEN = datetime(2023, 5, 19, 15, 54, 10)
-MAKE, MODEL, DATE = 0x010F, 0x0110, 0x0132
+MAKE, MODEL, DATE, ORIENTATION = 0x010F, 0x0110, 0x0132, 0x0112
 EXPOSURE, F_NUMBER, ISO, TAKEN_TAG, OFFSET, WIDTH, HEIGHT, SERIAL = (
     0x829A,
     0x829D,
@@ -67,7 +67,7 @@ def exif(time_s: float, size: tuple[int, int] = SIZE, **changes: Any) -> Image.E
     sub[SERIAL] = "0123456789"
     for name, value in changes.items():
         tag = globals()[name]
-        where = block if tag in (MAKE, MODEL, DATE) else sub
+        where = block if tag in (MAKE, MODEL, DATE, ORIENTATION) else sub
         if value is None:
             del where[tag]
         else:

@@ -354,3 +354,39 @@ def test_real_brackets(tmp_path, checker, name, stops_s):
     assert report.manifest.status is SessionStatus.COMPLETE
     assert report.manifest.bracket.stops_s == pytest.approx(stops_s)
     assert report.refused == ()
+
+
+@pytest.mark.parametrize("words", [("--reading", "nan"), ("--heading", "nan"), ("--reading", "inf")])
+def test_a_number_that_is_none_makes_no_session(tmp_path: Path, room: Path, words: tuple[str, ...]) -> None:
+    into = tmp_path / "sessions"
+    assert daylit.main(["import", "r", "--indoor", str(room), "--into", str(into), *words]) == 2
+    assert not into.exists()
+
+
+def test_a_link_to_itself_is_refused_by_name(tmp_path, checker, room):
+    (room / "round.jpg").symlink_to("round.jpg")
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert refusals(report) == {"round.jpg": "not_a_file"}
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_frames_of_a_room_that_must_be_rotated_are_refused(tmp_path, checker, side):
+    """Frames are taken as they lie, so that a room would stand on its head; of a sky the tag says nothing."""
+    folder = fill(tmp_path / "turned")
+    (folder / "IMG_0.JPG").write_bytes(jpeg(TIMES_S[0], ORIENTATION=3))
+    report = run(tmp_path, checker, folders={side: folder})
+    assert refusals(report) == ({"IMG_0.JPG": "unsupported"} if side is Side.INDOOR else {})
+
+
+def test_what_phones_put_behind_a_picture_and_its_profile_are_noted(tmp_path, checker):
+    adobe = b"\0" * 128 + b"Adobe RGB (1998)"
+    folder = fill(tmp_path / "phone", icc_profile=adobe)
+    for path in folder.iterdir():
+        path.write_bytes(
+            path.read_bytes() + b"\0\0\1\x0a\x0e\0\0\0Image_UTC_Data1684511640000SEFH" + b"\1" * 20 + b"SEFT"
+        )
+    report = run(tmp_path, checker, folders={Side.INDOOR: folder})
+    assert not report.refused
+    said = [w.message for w in report.manifest.warnings if w.code == "frame_note"]
+    assert sum("profile is not sRGB's" in text for text in said) == len(TIMES_S)
+    assert sum("a trailer after the picture" in text for text in said) == len(TIMES_S)

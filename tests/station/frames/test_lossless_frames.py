@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 import daylit
@@ -165,3 +166,20 @@ def test_other_files_are_refused_with_the_reason(checker: FrameChecker, tmp_path
     path.write_bytes(jpeg(0.25))
     with pytest.raises(FrameRejectedError):
         checker.inspect(path)
+
+
+@pytest.mark.parametrize("options", [{"planarconfig": "separate"}, {"photometric": "miniswhite"}])
+def test_a_deep_tiff_that_the_decoder_misreads_is_refused(
+    checker: FrameChecker, tmp_path: Path, options: dict[str, str]
+) -> None:
+    """Its channels one after the other, or 0 for white: in 8 bits OpenCV turns both, in 16 neither."""
+    codes, path = pixels(0.25), tmp_path / "a.tif"
+    shown = np.moveaxis(codes, 2, 0) if "planarconfig" in options else 255 - codes[..., 0]
+    tifffile.imwrite(path, shown, **{"photometric": "rgb", **options})
+    assert checker.inspect(path).mean_frac == pytest.approx(
+        (codes if "planarconfig" in options else codes[..., 0]).mean() / 255, abs=1e-6
+    )
+    tifffile.imwrite(path, shown.astype(np.uint16) * 257, **{"photometric": "rgb", **options})
+    with pytest.raises(FrameRejectedError, match="one after the other") as caught:
+        checker.inspect(path)
+    assert caught.value.details["reason"] == "unsupported"

@@ -12,10 +12,11 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from daylit import main
 from drivers.errors import DaylitError
-from station.errors import IntegrityError, ManifestError, SessionExistsError
+from station.errors import IntegrityError, ManifestError, SessionExistsError, UsageError
 from station.frames import packed
-from station.frames.packed import take_packed
+from station.frames.importer import ImportReport, ImportRequest
 from station.session.session import Side
 from station.session.store import SessionStore, load_manifest
 from tests.station.session.sessions import STOPS_S, frame_record, manifest
@@ -26,6 +27,14 @@ def archive(path: Path, files: Mapping[str, bytes]) -> Path:
         for name, data in files.items():
             made.writestr(name, data)
     return path
+
+
+def take_packed(path: Path, into: Path, **said: object) -> Path:
+    return unpacked(path, into, **said)[0]
+
+
+def unpacked(path: Path, into: Path, **said: object) -> tuple[Path, ImportReport | None]:
+    return packed.take_packed(path, ImportRequest(path.stem, {}, into, **said))
 
 
 def frame(seconds: float) -> bytes:
@@ -105,3 +114,37 @@ def test_links_bombs_and_damage_are_refused(
     with pytest.raises(ManifestError):
         take_packed(archive(tmp_path / "wrong.zip", {"session.json": b"{}"}), tmp_path / "into")
     assert list((tmp_path / "into").iterdir()) == []
+
+
+def test_what_is_said_of_frames_in_an_archive_counts(tmp_path: Path, files: dict[str, bytes]) -> None:
+    frames = {f"{k}.jpg": frame(2.0**-k) for k in range(3)} | {"z.jpg": b""}
+    said = {"readings_cd_m2": (34.0,), "heading_rad": 2.0}
+    session, report = unpacked(archive(tmp_path / "den.zip", frames), tmp_path / "into", **said)
+    found = load_manifest(session)
+    assert ([one.luminance_cd_m2 for one in found.readings], found.heading_rad) == ([34.0], 2.0)
+    assert report is not None
+    assert [one.name for one in report.refused] == ["z.jpg"]
+    with pytest.raises(UsageError):
+        take_packed(archive(tmp_path / "kitchen.zip", files), tmp_path / "sessions", **said)
+    assert list((tmp_path / "sessions").iterdir()) == []
+
+
+def test_the_command_lists_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = archive(tmp_path / "den.ZIP", {"0.jpg": frame(1), "1.jpg": frame(0.25), "z.jpg": b""})
+    place = ["--into", str(tmp_path / "into")]
+    assert main(["import", str(path), *place]) == 4
+    assert "z.jpg: the file is empty" in capsys.readouterr().out
+    assert main(["import", str(path), *place, "--strict"]) == 4
+    assert main(["import", str(path), *place, "--indoor", str(tmp_path)]) == 2
+    assert main(["import", str(path), *place, "--shutter", "1,2"]) == 2
+    assert len(list((tmp_path / "into").iterdir())) == 1
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_what_is_no_archive_that_is_read_is_named(tmp_path: Path, packing: int) -> None:
+    with zipfile.ZipFile(tmp_path / "odd.zip", "w", packing) as made:
+        made.writestr("0.jpg", frame(1))
+    (tmp_path / "folder.zip").mkdir()
+    for name in ("odd", "folder", "none"):
+        with pytest.raises(IntegrityError):
+            take_packed(tmp_path / f"{name}.zip", tmp_path / "into")
