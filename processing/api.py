@@ -327,7 +327,7 @@ def floor_plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
     """Return the plan of a plan.json, a room.json, or a session's folder (its room corrected by hand goes first)."""
     from processing.ground.room_model import read_json, read_room
     from processing.layout.plan import from_room_model
-    from processing.layout.plan_files import read_plan
+    from processing.layout.plan_files import plan_from_mapping
 
     if path.is_dir():
         for inner in IN_A_SESSION:
@@ -338,4 +338,4 @@ def floor_plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
     data = read_json(path)
     if isinstance(data, dict) and "floor" in data:
         return from_room_model(read_room(path), keep_camera_free=keep_camera_free, name=path.stem)
-    return read_plan(path)
+    return plan_from_mapping(data, where=path.name)

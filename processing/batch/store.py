@@ -134,7 +134,9 @@ class Store:
         for number in range(TRIES):
             try:
                 return do()
-            except (OSError, RuntimeError) as error:  # fsspec and its stores raise both for what may pass
+            except StoreError:
+                raise
+            except Exception as error:
                 if number + 1 == TRIES:
                     raise StoreError(f"{what}: {error}"[:400], where=self.url) from error
                 self.sleep(PAUSE_S * 2**number)

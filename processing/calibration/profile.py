@@ -10,7 +10,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AwareDatetime, Field, ValidationError
@@ -19,7 +19,7 @@ from processing.calibration import profile_records
 from processing.calibration.scale.chart import spectral_mismatch
 from processing.calibration.scale.chart_patches import PATCH_NAMES
 from processing.errors import ProfileError
-from station.errors import IntegrityError
+from processing.ground.room_model import read_json
 from station.session import strict_json
 from station.session.folder import Folder, write_file
 from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, SessionManifest, Side
@@ -243,7 +243,11 @@ def load_profile(path: Path) -> RigProfile:
     file and the keys.
     """
     where = str(path)
-    data = _read(path)
+    if not path.is_file():
+        raise ProfileError("no such profile", where=where, advice="create one: daylit rig calibrate")
+    data = read_json(path, ProfileError, MAX_PROFILE_BYTES)
+    if not isinstance(data, dict):
+        raise ProfileError("not a JSON object", where=where, advice="name a calibration.json")
     version = data.get("schema_version", 1)
     if isinstance(version, int) and version > PROFILE_SCHEMA_VERSION:
         raise ProfileError(f"written with schema {version}, known are up to 1", where=where, advice="update daylit")
@@ -264,24 +268,6 @@ def save_profile(path: Path, profile: RigProfile) -> None:
         write_file(folder, path.name, profile.model_dump_json(indent=1).encode() + b"\n")
     finally:
         folder.close()
-
-
-def _read(path: Path) -> dict[str, Any]:
-    where = str(path)
-    try:
-        folder = Folder.open(path.parent)
-        try:
-            raw = folder.read_file(path.name, MAX_PROFILE_BYTES)
-        finally:
-            folder.close()
-        if raw is None:
-            raise ProfileError("no such profile", where=where, advice="create one: daylit rig calibrate")
-        data = strict_json.loads(raw)
-    except (OSError, IntegrityError, strict_json.StrictJsonError) as error:
-        raise ProfileError(f"cannot be read: {error}", where=where, advice="run daylit rig calibrate again") from error
-    if not isinstance(data, dict):
-        raise ProfileError("not a JSON object", where=where, advice="name a calibration.json")
-    return data
 
 
 def _equal(mine: object, theirs: object) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from processing.commands.process import ProcessCommand, given_now, run_request
-from station.commands.views import FILE, FOLDER, SilentView, answer, numbers, printable
+from station.commands.views import FILE, FOLDER, Number, SilentView, answer, numbers, printable
 
 if TYPE_CHECKING:
     from processing.batch.run import BatchReport
@@ -61,7 +61,7 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 @click.option("--cluster", metavar="ADDRESS", help="Use a Dask scheduler, e.g. tcp://10.0.0.5:8786.")
 @click.option(
     "--session-timeout",
-    type=click.FloatRange(1, 1e6),
+    type=Number(1, 1e6),
     default=7200.0,
     metavar="SECONDS",
     help="Stop a session that takes longer.",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, NO_FOLDER, answer, numbers
+from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer, numbers
 
 if TYPE_CHECKING:
     from processing.figures.glare import Task
@@ -24,7 +24,7 @@ _EXISTING = click.Path(path_type=Path, exists=True)
 @click.command()
 @click.argument("file", type=_EXISTING)
 @click.option("--view", help="panorama, or fisheye,MAPPING,DEGREES (default: from the file).")
-@click.option("--scale", type=click.FloatRange(min=0, min_open=True), help="Luminance of one unit of the file, cd/m2.")
+@click.option("--scale", type=Number(min=0, min_open=True), help="Luminance of one unit of the file, cd/m2.")
 @click.option("--reading", metavar="L@X,Y", help="Meter reading, cd/m2, at a column and row.")
 @click.option("--cal", type=_EXISTING, multiple=True, help="Apply a Radiance .cal file (repeatable).")
 @click.option("--response", type=_EXISTING, help="Response curve from hdrgen (.rsp), for a folder of frames.")
@@ -45,9 +45,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     image = _opened(file, asked)
     found = _figures(image, asked)
     if table is not None:
-        from station.session.durable import disk_errors
-
-        with disk_errors(table, "writing"), table.open("w", newline="", encoding="utf-8") as out:
+        with table.open("w", newline="", encoding="utf-8") as out:
             rows = csv.writer(out)
             rows.writerow(["figure", "value", "standard_uncertainty", "bound"])
             rows.writerows([name, one["value"], one["uncertainty"], one["bound"]] for name, one in found.items())
@@ -74,6 +72,10 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     from processing.figures.cal import read_cal
     from processing.sphere import Fisheye
 
+    if asked["scale"] is not None and asked["reading"] is not None:
+        raise ParameterError("--scale and --reading both set the scale", advice="give one of them")
+    if asked["response"] is not None and not file.is_dir():
+        raise ParameterError("--response is a camera's: it needs a folder of frames", advice="leave it out")
     cals = [read_cal(path) for path in asked["cal"]]
     if file.is_dir():
         lens = foreign.view_geometry(asked["view"] or "fisheye,equidistant,180", 2, 1)
@@ -86,7 +88,6 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
         image = foreign.picture_of(file, asked["view"])
     image = foreign.applied(image, cals)
     if asked["scale"] is not None:
-        numbers("--scale", str(asked["scale"]), 1, "cd/m2 of one unit of the file")
         return foreign.rescaled(image, asked["scale"], math.inf, f"{file.name}, --scale")
     if asked["reading"] is None:
         return image

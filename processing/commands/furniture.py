@@ -90,7 +90,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
         models = [found.mesh(model, _size(size))]
         picture, name = two_sides(models[0]), models[0].model_id.replace("/", "-").replace(" ", "-")
     path = output or Path(f"{name}.png")
-    picture.save(path)
+    picture.save(path, "PNG")
     return _report_written(path, models, as_json=as_json)
 
 

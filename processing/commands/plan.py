@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from station.commands.views import Number
+
 if TYPE_CHECKING:
     from processing.calibration.outdoor.sun_place import Place
 
@@ -31,10 +33,12 @@ class Moment(NamedTuple):
 
 @click.command()
 @click.option("--site", metavar="LAT,LON", required=True, help="Location of the room, degrees north and east.")
-@click.option("--heading", type=float, required=True, metavar="DEG", help="Compass azimuth of the panorama's middle.")
+@click.option(
+    "--heading", type=Number(-360, 360), required=True, metavar="DEG", help="Compass azimuth of the panorama's middle."
+)
 @click.option("--date", metavar="DATE", help="Date, e.g. 2023-06-21 (default: today).")
 @click.option(
-    "--window", "windows", type=float, multiple=True, metavar="DEG", help="Azimuth a window faces; repeatable."
+    "--window", "windows", type=Number(), multiple=True, metavar="DEG", help="Azimuth a window faces; repeatable."
 )
 @click.option("--zone", metavar="NAME", help="Time zone: America/New_York, or -04:00 (default: from the site).")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, answer, numbers
+from station.commands.views import FILE, FOLDER, Number, answer, numbers
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -38,7 +38,7 @@ KEPT = ("furniture", "site", "heading", "zone")
 @click.option("--empty", is_flag=True, help="Show the emptied room.  [default]")
 @click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured")
 @click.option("--site", metavar="LAT,LON", help="Latitude and longitude of the room, if the session has none.")
-@click.option("--heading", type=float, metavar="DEGREES", help="Compass azimuth of the panorama's centre.")
+@click.option("--heading", type=Number(-360, 360), metavar="DEGREES", help="Compass azimuth of the panorama's centre.")
 @click.option("--zone", metavar="NAME", help="Time zone: America/New_York, or -04:00 (default: from the site).")
 @click.option("--rows", type=click.IntRange(64, 2048), default=1024, help="Height of the pictures, pixels.")
 @click.option("--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard")
@@ -223,7 +223,7 @@ MOST_PX = 4096  # chosen: about the width of a 4K screen
 @click.argument("session", type=FILE)
 @click.option("--eye", required=True, metavar="X,Y,Z", help="Metres right, ahead, up of the floor below the camera.")
 @click.option("--look", metavar="AZ,EL", help="View direction, degrees right of ahead, and up.  [default: 0,0]")
-@click.option("--fov", type=click.FloatRange(10, 150), help="Horizontal field of view, degrees.  [default: 70]")
+@click.option("--fov", type=Number(10, 150), help="Horizontal field of view, degrees.  [default: 70]")
 @click.option("--panorama", is_flag=True, help="Render a panorama instead of a perspective view.")
 @click.option("--width", type=click.IntRange(64, MOST_PX), default=1280, help="Width of the picture, pixels.")
 @click.option("--staged", type=click.IntRange(min=1), metavar="N", help="Show staged alternative N.")

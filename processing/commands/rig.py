@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FOLDER, NO_FOLDER, answer, numbers
+from station.commands.views import FOLDER, NO_FOLDER, Number, answer, numbers
 
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
@@ -39,7 +39,7 @@ def rig() -> None:
 @click.option("--lens-data", multiple=True, metavar="NAME", help="Published vignetting: theta_z1, canon_8mm_f11 ...")
 @click.option("--corners", multiple=True, metavar="SIDE:X,Y,...", help="Corners of the chart in the frames, pixels.")
 @click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, exact thirds or halves.")
-@click.option("--half-field", type=click.FloatRange(45, 110), default=90.0, help="Half the field of view, degrees.")
+@click.option("--half-field", type=Number(45, 110), default=90.0, help="Half the field of view, degrees.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     """Find the rig's response curves, noise, lens data and k2 from SESSIONS; write a profile for `daylit process`.

@@ -93,6 +93,8 @@ class Taken:
     f_number: float
     iso: float
     model: str
+    turns: int = 0
+    """Quarters, counter-clockwise, by which EXIF wants it shown."""
 
 
 def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: str, field_deg: float) -> LuminanceImage:
@@ -103,7 +105,9 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     """
     sources = [frame_of(one.path, coded=True) for one in frames]
     reduce: Reduce = next((f for f in (8, 4, 2) if min(sources[0].size_px) // f >= ENOUGH_PX), 1)
-    codes = [np.asarray(source.decode(reduce), dtype=np.uint8) for source in sources]
+    # All as the first one: pointed upwards, a camera does not know how it is held
+    turned = (np.rot90(source.decode(reduce), frames[0].turns) for source in sources)
+    codes = [np.ascontiguousarray(one, dtype=np.uint8) for one in turned]
     rule = camera_rule(frames[0].model)
     times = [true_time_s(one.time_s, rule) if rule else one.time_s for one in frames]
     bracket = Bracket8(codes, times, [one.time_s for one in frames])
@@ -141,7 +145,8 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
 UNKNOWN_SIGMA = 0.1
 """Relative standard uncertainty of a scale that a file of another program implies; chosen: exposure settings' own."""
 _SPOT_PX = 2  # around a reading's pixel; chosen
-_EXIF, _TIME, _APERTURE, _SPEED, _MODEL = 0x8769, 0x829A, 0x829D, 0x8827, 0x0110  # tags of EXIF 2.32
+_EXIF, _TIME, _APERTURE, _SPEED, _MODEL, _ORIENTATION = 0x8769, 0x829A, 0x829D, 0x8827, 0x0110, 0x0112  # EXIF 2.32
+_TURNS = {3: 2, 6: 3, 8: 1}  # by orientation
 _FRAMES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 
@@ -150,6 +155,10 @@ def picture_of(path: Path, view: str | None) -> LuminanceImage:
     head = path.read_bytes()[:4]
     if head.startswith(b"#?"):
         picture = read_radiance_hdr(path)
+        if view is None and picture.view and picture.geometry is None:
+            raise ParameterError(
+                f"{path.name} states a view of another kind: {picture.view[:80]}", advice="give --view"
+            )
         return _plain(picture.rgb, picture.geometry, view, path, absolute=RELATIVE_MARK not in picture.header)
     if head != b"\x76\x2f\x31\x01":
         raise PictureFileError("is neither EXR nor Radiance HDR", where=path.name, advice="give an HDR picture")
@@ -238,7 +247,7 @@ def taken_frames(folder: Path) -> list[Taken]:
     from PIL import Image
 
     found = []
-    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in _FRAMES):
+    for path in sorted(p for p in folder.glob("[!.]*") if p.suffix.lower() in _FRAMES):
         try:
             with Image.open(path) as picture:
                 exif = picture.getexif()
@@ -249,7 +258,12 @@ def taken_frames(folder: Path) -> list[Taken]:
         if not (min(said) > 0 and all(map(math.isfinite, said))):
             raise BracketError("has no time, aperture or speed in EXIF", where=path.name)
         time_s, aperture, speed = said
-        found.append(Taken(path, time_s, aperture, speed, str(exif.get(_MODEL, "")).strip("\0 ")))
+        model, turns = str(exif.get(_MODEL, "")).strip("\0 "), _TURNS.get(exif.get(_ORIENTATION, 1), 0)
+        found.append(Taken(path, time_s, aperture, speed, model, turns))
     if len(found) < 2:
         raise BracketError("holds no bracket", where=folder.name, advice="give a folder with a camera's frames")
+    for name in ("f_number", "iso", "model"):
+        if len(different := {getattr(one, name) for one in found}) > 1:
+            what = f"frames of different {name}: {', '.join(sorted(map(str, different)))}"
+            raise BracketError(what, where=folder.name, advice="only the time may differ within a bracket")
     return found

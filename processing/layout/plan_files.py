@@ -1,14 +1,12 @@
-"""Floor plans from files: `plan.json` and the same object a line (`.jsonl`). docs/reference/arrangement.md lists the
-keys.
-"""
+"""Floor plans from `plan.json`; docs/reference/arrangement.md lists the keys."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from processing.errors import PlanError
+from processing.ground.room_model import read_json
 from processing.layout.plan import HEAD_M, HEIGHT_M, SILL_M, Door, FloorPlan, Hung, Window, make_plan
 
 MAX_BYTES = 4_000_000  # chosen: beyond any plan
@@ -22,7 +20,7 @@ def read_plan(path: Path) -> FloorPlan:
 
     Raises `PlanError` for a file that is absent, too large, no JSON, or no plan.
     """
-    return plan_from_mapping(_json(_text(path), str(path.name)), where=path.name)
+    return plan_from_mapping(read_json(path, PlanError, MAX_BYTES), where=path.name)
 
 
 def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
@@ -72,7 +70,7 @@ def _openings(items: Sequence[Any], where: str) -> tuple[list[Door], list[Window
     notes: list[str] = []
     for number, item in enumerate(items):
         at = f"{where}, opening {number}"
-        if not isinstance(item, Mapping) or item.get("kind") not in {"door", "window", "opening", "hung"}:
+        if not isinstance(item, Mapping) or item.get("kind") not in ("door", "window", "opening", "hung"):
             raise PlanError("its 'kind' is neither door nor window nor opening nor hung", where=at)
         edge = item.get("edge")
         if isinstance(edge, bool) or not isinstance(edge, int):
@@ -91,9 +89,9 @@ def _openings(items: Sequence[Any], where: str) -> tuple[list[Door], list[Window
 def _door(item: Mapping[str, Any], edge: int, start_m: float, end_m: float, where: str) -> Door:
     hinge = item.get("hinge", "unknown")
     swing = item.get("swing", "sliding" if item["kind"] == "opening" else "unknown")
-    if hinge not in {"left", "right", "unknown"}:
+    if hinge not in ("left", "right", "unknown"):
         raise PlanError("its 'hinge' is neither left nor right nor unknown", where=where)
-    if swing not in {"in", "out", "sliding", "unknown"}:
+    if swing not in ("in", "out", "sliding", "unknown"):
         raise PlanError("its 'swing' is neither in nor out nor sliding nor unknown", where=where)
     return Door(edge, start_m, end_m, hinge, swing, str(item.get("to") or ""))
 
@@ -121,19 +119,3 @@ def _point(value: Any, where: str) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise PlanError("a point of 'keep_free' is no pair of numbers", where=where) from None
     return x, y
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise PlanError(f"larger than {MAX_BYTES // 1_000_000} MB: not a plan", where=path.name)
-        return path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"cannot be read ({type(error).__name__})", where=path.name) from None
-
-
-def _json(text: str, where: str) -> object:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        raise PlanError("not JSON", where=where) from None

@@ -250,6 +250,8 @@ def parse_time(text: str, zone: tzinfo) -> datetime:
     """Return a time of ISO 8601 in UTC; one without a zone is as clocks in ``zone`` show it."""
     try:
         found = datetime.fromisoformat(text.strip())
+        if not 1 < found.year < 9999:  # in which any zone and any span of a day still have a date
+            raise ValueError(text)
     except ValueError as error:
         advice = 'write "2023-06-21 16:00", or with a zone: …T16:00+02:00'
         raise DaylightError(f"not a time: {text!r}", advice=advice) from error

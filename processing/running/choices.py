@@ -10,6 +10,7 @@ are networks, folders, and files of more than `COPIED_BYTES`.
 """
 
 import hashlib
+import math
 import os
 import re
 import tomllib
@@ -25,6 +26,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 import processing.pipeline
 from drivers.clock import Clock, SystemClock
+from processing.calibration.outdoor.sun_place import zone_named
 from processing.errors import ChoicesError, ParameterError, PictureFileError
 from processing.pipeline import options, selected
 from processing.running.requests import RunRequest, planned
@@ -135,6 +137,8 @@ def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Cloc
     """
     kinds = known()
     check_known(given, str(session))
+    if given.get("zone") is not None:
+        zone_named(str(given["zone"]))
 
     def changed(root: Folder, old: Choices, now: datetime) -> Choices:
         made = {name: _choice(root, kinds[name], v, now, by) for name, v in given.items() if v is not None}
@@ -181,7 +185,7 @@ def _choice(root: Folder, kind: type, value: object, at: datetime, by: str) -> C
     path, session = Path(str(value)).resolve(), root.path.resolve()
     if not path.exists():
         raise ParameterError(f"no such file: {path.name}", where=str(path))
-    if path.is_relative_to(session) and (inner := path.relative_to(session)).parts[0] != STAGES:
+    if path.is_relative_to(session) and (inner := path.relative_to(session)).parts[:1] != (STAGES,):
         return Choice(file=inner.as_posix(), at=at, by=by)
     if not path.is_file() or path.suffix.lower() in NETWORKS or path.stat().st_size > COPIED_BYTES:
         return Choice(file=str(path), at=at, by=by)
@@ -202,6 +206,8 @@ def _typed(kind: type, value: object) -> bool | float | str:
     word = str(value).strip().lower()
     try:
         found = kind(value) if kind is not bool else {"true": True, "yes": True, "false": False, "no": False}[word]
+        if not math.isfinite(float(found) if kind is not str else 0):
+            raise ValueError(word)
     except (ValueError, TypeError, KeyError):
         what = {bool: "yes or no", int: "a whole number", float: "a number"}[kind]
         raise ParameterError(f"{str(value)[:60]!r} is not {what}") from None

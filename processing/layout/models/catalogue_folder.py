@@ -134,7 +134,7 @@ def _listed(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
             raise CatalogueError("catalog.json is not a table of models", where=str(catalog))
         for key, row in rows.items():
             file = row.get("file") or row.get("obj") or row.get("model") or key
-            if isinstance(file, str) and "\0" not in file and len(file) < 500:
+            if isinstance(file, str) and file.isprintable() and len(file) < 500:
                 listed[(folder / file).resolve()] = row
     return listed
 

@@ -58,3 +58,18 @@ def test_what_a_store_does_wrong_is_listed(tmp_path: Path) -> None:
     assert not (tmp_path / DONE).exists()
     with pytest.raises(StoreError, match="cannot be opened"):
         Store.at("nothing://such")
+
+
+def test_what_a_store_raises_of_its_own_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as botocore's NoCredentialsError, which is neither an `OSError` nor a `RuntimeError`."""
+
+    class NoCredentialsError(Exception):
+        pass
+
+    def find(*_args: object, **_options: object) -> None:
+        raise NoCredentialsError("Unable to locate credentials")
+
+    store = Store.at(tmp_path.as_uri(), sleep=lambda _s: None)
+    monkeypatch.setattr(store.files, "find", find, raising=False)
+    with pytest.raises(StoreError, match="listing: Unable to locate credentials"):
+        store.sizes()

@@ -11,12 +11,16 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from daylit import main
+from processing.errors import BracketError
+from processing.figures.foreign import taken_frames
 from processing.pictures.exr import write_exr
 from processing.pictures.images import Validity
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Fisheye, LensMapping
+from processing.sphere import Fisheye, LensMapping, Perspective
 from tests.processing.pictures.picture_strategies import luminance_image
 
 FISHEYE = ("--view", "fisheye,equidistant,180")
@@ -205,3 +209,43 @@ def test_factors_of_a_lens_may_not_carry_it_too_far(tmp_path: Path, capsys: pyte
     cal.write_text("".join(f"{c}o={'9' * 38}*{c}i(1);" for c in "rgb"))
     path = exr(tmp_path / "p.exr", size=(32, 32))
     assert error(capsys, path, *FISHEYE, "--cal", str(cal))["where"] == "--cal"
+
+
+def test_options_that_would_do_nothing_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, response = exr(tmp_path / "p.exr", size=(32, 32)), tmp_path / "camera.rsp"
+    response.write_text("2 0.9 0.05 0.001\n" * 3)
+    assert "both" in error(capsys, path, *FISHEYE, "--scale", "2", "--reading", "80@16,16")["message"]
+    assert "folder" in error(capsys, path, *FISHEYE, "--response", str(response))["message"]
+
+
+def test_a_view_of_another_kind_is_no_panorama(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A picture of rpict that happens to be twice as wide as high."""
+    image = luminance_image(np.full((32, 64, 3), 30.0))
+    write_radiance_hdr(tmp_path / "p.hdr", replace(image, geometry=Perspective(64, 32, 1.2)))
+    assert "-vtv" in error(capsys, str(tmp_path / "p.hdr"))["message"]
+    assert said(capsys, str(tmp_path / "p.hdr"), "--view", "panorama")[0] == 0
+
+
+def frames(folder: Path, **said_of_last: object) -> Path:
+    """Return a folder of three frames with settings in EXIF, of which the last has others."""
+    folder.mkdir()
+    for k in range(3):
+        exif, more = Image.Exif(), said_of_last if k == 2 else {}
+        exif[0x0110], exif[0x0112] = more.get("model", "Cam"), more.get("orientation", 6)
+        times = {0x829A: IFDRational(1, 4**k), 0x829D: IFDRational(28, 10), 0x8827: more.get("iso", 100)}
+        exif.get_ifd(0x8769).update(times)
+        Image.new("RGB", (64, 32), (9 * k,) * 3).save(folder / f"{k}.jpg", exif=exif)
+    (folder / "._0.jpg").write_bytes(b"of the system")
+    return folder
+
+
+def test_only_the_time_differs_within_a_bracket(tmp_path: Path) -> None:
+    found = taken_frames(frames(tmp_path / "good", orientation=1))
+    assert [(one.time_s, one.f_number, one.iso, one.turns) for one in found] == [
+        (1.0, 2.8, 100.0, 3),
+        (0.25, 2.8, 100.0, 3),
+        (0.0625, 2.8, 100.0, 0),
+    ]
+    for number, said in enumerate(({"iso": 400}, {"model": "Another"})):
+        with pytest.raises(BracketError, match=f"different {next(iter(said))}"):
+            taken_frames(frames(tmp_path / f"bad{number}", **said))

@@ -62,3 +62,16 @@ def test_the_command_says_it_in_local_time(capsys: pytest.CaptureFixture[str]) -
 def test_a_polar_night_has_no_sun(capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["plan", "--site", "78.2,15.6", "--heading", "0", "--date", "2023-12-21"]) == 0
     assert "does not rise" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["--heading", "nan"], 2),
+        (["--heading", "0", "--window", "inf"], 2),
+        (["--heading", "0", "--date", "9999-12-31"], 5),
+        (["--heading", "0", "--date", "0001-01-01"], 5),
+    ],
+)
+def test_what_no_day_and_no_direction_is_is_refused(words: list[str], code: int) -> None:
+    assert daylit.main(["plan", "--site", "40.44,-79.99", *words]) == code

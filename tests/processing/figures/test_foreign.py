@@ -13,6 +13,7 @@ import pytest
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, PictureFileError
 from processing.figures.foreign import (
+    _TURNS,
     Taken,
     by_reading,
     light_figures,
@@ -137,3 +138,23 @@ def test_shared_errors_do_not_average_out() -> None:
     assert float(both.uncertainty[100, 100]) == pytest.approx(math.hypot(0.05, 0.03), rel=1e-3)
     anchored = whole.moved(1.0, anchor=5.0)
     assert np.allclose(anchored.values, 0)
+
+
+@pytest.mark.parametrize(("orientation", "quarters"), [(3, 2), (6, 3), (8, 1)])
+def test_a_bracket_is_turned_as_its_first_frame_says(tmp_path: Path, orientation: int, quarters: int) -> None:
+    """A camera held upright: without the turn, what is above would lie beside."""
+    rng, inside = np.random.default_rng(5), directions(eye(1.0, 240).geometry)[1]
+    light = np.repeat(np.repeat(2 ** rng.uniform(0, 9, (20, 20)), 12, axis=0), 12, axis=1) * inside
+    found = []
+    for name, turned in (("upright", 0), ("turned", quarters)):
+        taken = []
+        for k in range(7):
+            time_s, path = 4.0**-k, tmp_path / f"{name}{k}.png"
+            shown = srgb_of_linear(np.minimum(light * time_s * 100 / (120 * 5.6**2), 1)[..., None].repeat(3, axis=2))
+            assert cv2.imwrite(str(path), np.rot90(np.pad(shown, ((4, 4), (60, 60), (0, 0))), -turned))
+            taken.append(Taken(path, time_s, 5.6, 100, "", turned))
+        found.append(merged_bracket(taken, None, "equidistant", 180.0))
+    assert _TURNS[orientation] == quarters
+    assert found[0].rgb.shape == found[1].rgb.shape
+    both = (found[0].validity == 0) & (found[1].validity == 0)
+    assert np.median(np.abs(found[1].rgb / np.maximum(found[0].rgb, 1e-9) - 1)[both]) < 0.02

@@ -196,3 +196,9 @@ def test_shared_damaged_files_within_limits() -> None:
     lines = done.stdout.splitlines()
     assert len(lines) == len(files)
     assert all(line.startswith("refused") for line in lines), lines
+
+
+def test_a_list_that_names_no_possible_file_is_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "table.glb").write_bytes(glb(gltf()))
+    (tmp_path / "catalog.json").write_text(r'[{"file": "\ud800.glb", "unit": "cm"}, {"file": "a\u0000b"}]')
+    assert Catalogue.folder(tmp_path).mesh("table").triangles == 1

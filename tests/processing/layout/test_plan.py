@@ -102,3 +102,10 @@ def test_a_room_model_is_a_plan() -> None:
     plan = from_room_model(starter_room(1.6), keep_camera_free=True)
     assert plan.area_m2 == pytest.approx(20)
     assert (len(plan.doors), len(plan.windows), plan.keep_free) == (1, 1, ((0.0, 0.0),))
+
+
+@pytest.mark.parametrize("wrong", [{"kind": ["door"]}, {"hinge": ["left"]}, {"swing": {}}, {"kind": None}])
+def test_an_opening_of_another_type_is_refused(wrong: dict[str, object]) -> None:
+    opening = {"kind": "door", "edge": 0, "t0": 0.2, "t1": 1.0} | wrong
+    with pytest.raises(PlanError, match=f"its '{next(iter(wrong))}'"):
+        plan_from_mapping({"polygon": SQUARE, "openings": [opening]}, where="x")

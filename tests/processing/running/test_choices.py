@@ -184,7 +184,15 @@ def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="too small"):
         refused_at_work(session)
     assert set(read_choices(session).chosen) == {"set"}
-    for bad in ({"seed": "many"}, {"keep-sunlight": "perhaps"}, {"mask": tmp_path / "none.png"}, {"wings": 1}):
+    for bad in (
+        {"k1": "nan"},
+        {"max-error": "inf"},
+        {"zone": "Mars"},
+        {"seed": "many"},
+        {"keep-sunlight": "perhaps"},
+        {"mask": tmp_path / "none.png"},
+        {"wings": 1},
+    ):
         with pytest.raises(ParameterError):
             remember(session, bad, by="a test")
     with pytest.raises(ParameterError, match="no such saved option"):
@@ -328,3 +336,8 @@ def test_the_runner_s_table_decides_what_can_be_chosen(session: Path, monkeypatc
     monkeypatch.setattr(processing.pipeline.options, "__defaults__", (TOYS,))
     assert "scale" in choices.known()
     assert "set" not in choices.known()
+
+
+def test_the_session_itself_is_a_folder_like_another(session: Path) -> None:
+    chosen(session, mask=session)
+    assert read_choices(session).chosen["mask"].file == "."
