@@ -157,7 +157,7 @@ def load_dialect(name_or_path: str) -> Dialect:
     try:
         if path.stat().st_size > MAX_DIALECT_BYTES:
             raise DialectError("too large to be a dialect", where=name_or_path)
-        return Dialect.model_validate(tomllib.loads(path.read_text("utf-8")))
+        return Dialect.model_validate(tomllib.loads(path.read_text("utf-8-sig")))
     except FileNotFoundError as error:
         advice = f"shipped: {', '.join(SHIPPED)}"
         raise DialectError("no dialect of that name and no such file", where=name_or_path, advice=advice) from error

@@ -160,7 +160,7 @@ def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) 
 @click.option("--rules", default="standard", help="Rule set: comfort, standard, tight, accessible, or your own.")
 @click.option("--rules-file", type=FILE, help="Use your own edited copy of the rules.")
 @click.option("--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, help="Number of alternatives.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Random seed.")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, help="Random seed.")
 @click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="Place a piece by hand and keep it there.")
 @click.option(
     "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="As in the paper; see above."

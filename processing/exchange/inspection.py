@@ -95,7 +95,9 @@ def _eight_bit(path: Path) -> OpenPicture:
         if path.stat().st_size > MOST_8BIT_BYTES:
             raise OSError("it is too large")
         with Image.open(path, formats=("JPEG", "PNG")) as image:
-            codes = np.asarray(image.convert("RGB"), dtype=np.float32)
+            deep = image.mode.startswith("I")  # grey of 16 bits, which Pillow would cut off at 255
+            codes = np.asarray(image if deep else image.convert("RGB"), dtype=np.float32)
+            codes = np.repeat(codes[..., None] / 257, 3, axis=2) if deep else codes
             packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
     except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError) as error:
         raise PictureFileError(f"cannot be read: {error}", where=str(path)) from error

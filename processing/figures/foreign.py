@@ -46,11 +46,13 @@ _TIED = slice(30, 221)  # codes over which our curve and hdrgen's have the same 
 def read_rsp(path: Path) -> Doubles:
     """Return log2 exposure, of shape (3, 256), of hdrgen's response polynomials; 0 at code 255."""
     try:
-        rows = [[float(v) for v in line.split()[1:]] for line in text_of(path).splitlines() if line.strip()]
-        found = np.log2(np.maximum([np.polyval(row, np.arange(256) / 255) for row in rows], 1e-6))
+        rows = [[float(v) for v in line.split()] for line in text_of(path).splitlines() if line.strip()]
+        whole = all(len(row) == row[0] + 2 for row in rows)
+        found = np.log2(np.maximum([np.polyval(row[1:], np.arange(256) / 255) for row in rows], 1e-6))
     except ValueError:
-        found = np.zeros((0, 256))
-    if found.shape != (3, 256) or not np.isfinite(found).all():
+        found, whole = np.zeros((0, 256)), False
+    rises = whole and found.shape == (3, 256) and (found[:, 255] > found[:, _TIED.start]).all()
+    if not (rises and np.isfinite(found).all()):
         raise PictureFileError("is no response of hdrgen", where=path.name, advice="three lines: order, coefficients")
     return np.asarray(found - found[:, 255:])
 

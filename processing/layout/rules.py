@@ -72,7 +72,7 @@ def read_rules(path: Path) -> Rules:
     Raises `RulesError` naming file and key.
     """
     try:
-        data = tomllib.loads(path.read_text("utf-8"))
+        data = tomllib.loads(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise RulesError(f"cannot be read: {error}", where=path.name) from None
     return _rules(data, path.name, built_in_rules())

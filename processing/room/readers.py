@@ -218,7 +218,7 @@ def _text(path: Path) -> str:
             raw = file.read(MOST_BYTES + 1)
         if len(raw) > MOST_BYTES:
             raise LayoutFileError(f"larger than {MOST_BYTES} bytes")
-        return raw.decode("utf-8")
+        return raw.decode("utf-8-sig")
     except OSError as exc:
         raise LayoutFileError(f"cannot be read: {exc.strerror}") from exc
     except UnicodeDecodeError as exc:

@@ -250,7 +250,7 @@ def _read(root: Folder) -> Choices:
         return Choices()
     advice = "correct it, or move it away and give the options again; it was not changed"
     try:
-        found = tomllib.loads(raw.decode())
+        found = tomllib.loads(raw.decode("utf-8-sig"))
         version = found.get("schema_version")
         if isinstance(version, int) and version > SCHEMA:
             text = f"is of version {version}, this version of daylit supports {SCHEMA}"

@@ -129,7 +129,7 @@ def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
 
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 Profile = Annotated[Path | None, path_field("file", "Rig profile written by `daylit rig calibrate`.")]
-Seed = Annotated[int, Field(ge=0, description="Random seed of arrangements and rendering")]
+Seed = Annotated[int, Field(ge=0, lt=2**63, description="Random seed of arrangements and rendering")]
 FurnitureFolder = Annotated[
     Path | None, path_field("folder", "Folder of your own furniture models (glTF, OBJ, 3D-FUTURE).")
 ]

@@ -176,7 +176,7 @@ def load_rig(path: Path) -> RigFile:
     try:
         if path.stat().st_size > MAX_RIG_BYTES:
             raise RigError("too large for a rig file", where=str(path))
-        return RigFile.model_validate(tomllib.loads(path.read_text("utf-8")))
+        return RigFile.model_validate(tomllib.loads(path.read_text("utf-8-sig")))
     except FileNotFoundError as error:
         advice = "write one with: daylit doctor --write-rig rig.toml"
         raise RigError("no such rig file", where=str(path), advice=advice) from error

@@ -149,7 +149,7 @@ def read_rooms(path: Path) -> tuple[str, ...]:
     try:
         if path.stat().st_size > MAX_ROOMS_BYTES:
             raise UsageError("too large for a list of rooms", where=str(path), advice="one room per line")
-        lines = path.read_text("utf-8").splitlines()
+        lines = path.read_text("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"cannot be read: {error}", where=str(path), advice="one room per line, in UTF-8") from error
     rooms = tuple(name for line in lines if (name := line.partition("#")[0].strip()))

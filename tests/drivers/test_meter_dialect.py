@@ -180,3 +180,7 @@ def test_missing_too_large_and_not_text(tmp_path: Path) -> None:
         load_dialect(str(tmp_path / "mine.toml"))
     with pytest.raises(DaylitError):
         load_dialect(str(tmp_path))
+
+
+def test_a_file_saved_by_another_editor_is_read(tmp_path: Path) -> None:
+    assert load_dialect(write(tmp_path, "\ufeff" + MINE)) == load_dialect(write(tmp_path, MINE))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import daylit
 from processing.errors import ParameterError, PictureFileError
@@ -144,3 +145,9 @@ def test_as_a_user_meets_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     found = json.loads(capsys.readouterr().out)
     assert found["places"][0]["unit"] == "cd/m2"
     assert daylit.main(["inspect", path, "--at", "x"]) == 2
+
+
+def test_grey_of_sixteen_bits_is_not_cut_off(tmp_path: Path) -> None:
+    """As classes and instances of simulated rooms are written."""
+    Image.fromarray(np.full((32, 64), 100 * 257, np.uint16)).save(tmp_path / "p.png")
+    np.testing.assert_allclose(open_picture(tmp_path / "p.png").rgb, 100.0)

@@ -38,7 +38,9 @@ def eye(level: float = 500.0, size: int = 200) -> LuminanceImage:
     return LuminanceImage(rgb, np.full((size, size), 0.05, np.float32), validity, geometry, 0.02)
 
 
-@pytest.mark.parametrize("text", ["", "ro=ri(1);", "1 2 3"])
+@pytest.mark.parametrize(
+    "text", ["", "ro=ri(1);", "1 2 3", "3 0.9 0.05 0.001\n" * 3, "2 -1 -1 -1\n" * 3, "2 0 0 1\n" * 3, "2 nan 0 0\n" * 3]
+)
 def test_what_is_no_response_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "x.rsp"
     path.write_text(text)

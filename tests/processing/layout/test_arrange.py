@@ -332,7 +332,7 @@ def test_results_are_read_again_and_drawn(tmp_path: Path) -> None:
 
 def test_a_users_rules(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text("version = 1\n[sets.mine]\npath = 0.5\n[weights]\nbalance = 3\n")
+    path.write_text("version = 1\n[sets.mine]\npath = 0.5\n[weights]\nbalance = 3\n", "utf-8-sig")
     book = read_rules(path)
     assert (book.named("mine").path, book.named("mine").bed_side, book.weights["balance"]) == (0.5, 0.75, 3)
     for text in ("version = 2", "version = 1\n[sets.x]\npaht = 1", "version = 1\n[sets.x]\npath = 9", "x ="):
@@ -362,3 +362,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     write_room(tmp_path / "session" / "room.json", room)
     asked = ["--items", "desk", "--keep-camera", "--no-pictures", "-n", "1", "--rules", "tight"]
     assert daylit.main(["arrange", str(tmp_path / "session"), *asked]) == 0
+
+
+def test_a_seed_beyond_a_machines_numbers_is_a_usage_error(tmp_path: Path) -> None:
+    import daylit
+
+    path = tmp_path / "plan.json"
+    path.write_text('{"polygon": [[0, 0], [5, 0], [5, 4], [0, 4]]}')
+    assert (
+        daylit.main(["arrange", str(path), "--set", "office", "--seed", "9" * 30, "--into", str(tmp_path / "x")]) == 2
+    )

@@ -341,3 +341,10 @@ def test_the_runner_s_table_decides_what_can_be_chosen(session: Path, monkeypatc
 def test_the_session_itself_is_a_folder_like_another(session: Path) -> None:
     chosen(session, mask=session)
     assert read_choices(session).chosen["mask"].file == "."
+
+
+def test_a_file_saved_by_another_editor_is_read(session: Path) -> None:
+    chosen(session, set="living")
+    file = session / "choices.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert read_choices(session).chosen["set"].value == "living"

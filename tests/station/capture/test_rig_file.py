@@ -22,6 +22,7 @@ def write(folder: Path, text: str) -> Path:
 
 def test_example_is_the_papers_rig(tmp_path: Path) -> None:
     rig = load_rig(write(tmp_path, example_text()))
+    assert load_rig(write(tmp_path, "\ufeff" + example_text().replace("\n", "\r\n"))) == rig, "saved on Windows"
     assert rig.bracket.stops_s() == PAPER_STOPS_S
     assert rig.indoor == PAPER_RIG.indoor
     assert rig.outdoor == PAPER_RIG.outdoor

@@ -102,8 +102,9 @@ def test_until_is_what_clocks_show_after_they_were_put_forward(monkeypatch: pyte
 
 def test_rooms_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "rooms.txt"
-    path.write_text("hall  # first\n\n# later: cellar\nkitchen\n")
-    assert read_rooms(path) == ("hall", "kitchen")
+    for encoding in ("utf-8", "utf-8-sig"):  # as Windows' editor saves it
+        path.write_text("hall  # first\n\n# later: cellar\nkitchen\n", encoding)
+        assert read_rooms(path) == ("hall", "kitchen")
     path.write_text("# nothing\n")
     with pytest.raises(UsageError, match="0 rooms"):
         read_rooms(path)
