@@ -96,12 +96,12 @@ def read_signer(path: Path) -> Signer:
     from cryptography import x509
     from cryptography.hazmat.primitives import serialization as form
 
-    text = path.read_bytes()
     try:
+        text = path.read_bytes()
         certificates = x509.load_pem_x509_certificates(text)
         start = text.index(b"-----BEGIN", max(0, text.index(b"PRIVATE KEY-----") - 40))
         key = form.load_pem_private_key(text[start:], password=None)
-    except (ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError) as error:
         advice = "give one PEM file with the certificate, its chain, and the private key without a password"
         raise ParameterError(f"no certificate with a private key: {error}", where=str(path), advice=advice) from error
     return _signer(b"".join(one.public_bytes(form.Encoding.PEM) for one in certificates), key, self_made=False)

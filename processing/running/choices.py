@@ -27,7 +27,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 import processing.pipeline
 from drivers.clock import Clock, SystemClock
 from processing.calibration.outdoor.sun_place import zone_named
-from processing.errors import ChoicesError, ParameterError, PictureFileError
+from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError
 from processing.pipeline import options, selected
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import STAGES
@@ -301,7 +301,8 @@ def going_on(
     """Give the request of a run: what is given now over what was chosen before; it is then what is chosen.
 
     ``given``: values by name, of stages' options and `TRADES`; ``run``: the rest (until, force ...). A dry run chooses
-    nothing, and what makes the run end with a `UsageError` is chosen no longer. ``forgotten``: what is dropped first.
+    nothing; what ends the run as a `UsageError`, or is no picture or profile, is chosen no longer. ``forgotten``: what
+    is dropped first.
     """
     load_manifest(session)
     before = read_choices(session)
@@ -320,7 +321,7 @@ def going_on(
     after = before if run.dry_run or not given else remember(session, given, by=by, clock=clock)
     try:
         yield found
-    except (UsageError, PictureFileError):
+    except (UsageError, PictureFileError, ProfileError):
         new = [name for name in given if after.chosen.get(name) != before.chosen.get(name)]
         if new:  # as before, unless another writer has chosen since
             _edit(

@@ -163,8 +163,9 @@ def test_a_users_certificate_signs_and_what_is_none_is_refused(photographed: Pat
     body = json.loads((tmp_path / "p" / NAME).read_bytes())
     assert body["signed_by"] == {**made.facts, "self_made": False}
     (tmp_path / "bad.pem").write_bytes(made.chain)
-    with pytest.raises(ParameterError, match="no certificate with a private key"):
-        read_signer(tmp_path / "bad.pem")
+    for name in ("bad.pem", "none.pem"):
+        with pytest.raises(ParameterError, match="no certificate with a private key"):
+            read_signer(tmp_path / name)
     assert daylit.main(["proof", str(photographed), "--check", "--sign", "self"]) == 2
 
 

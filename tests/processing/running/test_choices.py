@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import processing.pipeline
-from processing.errors import ChoicesError, ParameterError
+from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError
 from processing.running import choices
 from processing.running.choices import forget, going_on, read_choices, remember
 from processing.running.requests import RunRequest
@@ -164,10 +164,10 @@ def test_what_went_with_another_value_goes_with_it(session: Path, tmp_path: Path
     assert found.notes == ("not used: --segmenter-contract: it was for another --segmenter",)
 
 
-def refused_at_work(session: Path) -> None:
+def refused_at_work(session: Path, error: Exception) -> None:
     with going_on(session, {"seed": 1}, RunRequest(), by="a test"):
         assert read_choices(session).chosen["seed"].value == 1
-        raise ParameterError("the mask is too small")
+        raise error
 
 
 def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
@@ -181,8 +181,9 @@ def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
     ):
         with pytest.raises(ParameterError, match=words):
             run(session, given)
-    with pytest.raises(ParameterError, match="too small"):
-        refused_at_work(session)
+    for error in (ParameterError("the mask is too small"), ProfileError("not JSON"), PictureFileError("no mask")):
+        with pytest.raises(type(error), match=error.message):
+            refused_at_work(session, error)
     assert set(read_choices(session).chosen) == {"set"}
     for bad in (
         {"k1": "nan"},
