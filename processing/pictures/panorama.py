@@ -23,7 +23,7 @@ from processing.pictures.exr import read_exr, read_exr_rgb, read_header
 from processing.pictures.frames import Codes, check_strips, checked_size
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.photographs import KINDS, pillow_formats, read_codes
-from processing.pictures.radiance import read_radiance_hdr
+from processing.pictures.radiance import WHITE_EFFICACY_LM_W, read_radiance_hdr
 from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular
 
@@ -174,7 +174,7 @@ def read_panorama(path: Path, *, k1: float | None = None) -> GivenPanorama:
     """
     kind = panorama_format(path)
     light = kind in ("exr", "hdr") or (kind == "tiff" and _of_decimals(path))
-    found = _light(path, kind) if light else _photograph(path)
+    found = _light(path, kind, stated=k1 is None) if light else _photograph(path)
     height, width = found.image.rgb.shape[:2]
     _check_shape(width, height, path.name)
     _check_not_two_circles(found.image.rgb, path.name)
@@ -224,12 +224,14 @@ def _photograph(path: Path) -> GivenPanorama:
     return GivenPanorama(image, source, WHITE, _share(validity == Validity.CLIPPED), (*said, *notes))
 
 
-def _light(path: Path, kind: Format) -> GivenPanorama:
+def _light(path: Path, kind: Format, *, stated: bool) -> GivenPanorama:
+    """Return the light of a file, ``stated``: times what the file says of its unit, or Radiance's convention does."""
     if kind == "hdr":
         picture = read_radiance_hdr(path)
         if picture.view:
             raise PanoramaError(f"its VIEW is {picture.view[:60]!r}", where=path.name, advice="give the panorama")
-        return _plain(picture.rgb, absolute=picture.absolute, source="Radiance picture")
+        rgb = picture.rgb if stated else picture.rgb / np.float32(WHITE_EFFICACY_LM_W)
+        return _plain(rgb, absolute=picture.absolute, source="Radiance picture")
     if kind == "tiff":
         import cv2
 
@@ -244,6 +246,7 @@ def _light(path: Path, kind: Format) -> GivenPanorama:
     if {"uncertainty", "validity"} <= set(part.channels):
         return _own(read_exr(path), path)
     rgb, white = read_exr_rgb(path)
+    white = white if stated else None
     said = "" if white is None else f", whiteLuminance {white:g} cd/m2"
     return _plain(rgb * np.float32(white or 1.0), absolute=white is not None, source=f"OpenEXR{said}")
 

@@ -194,7 +194,7 @@ def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tu
 
 
 def other_sky(path: Path) -> Outdoors:
-    """Return the light of a picture of the sky: one of ours, or anyone's OpenEXR panorama (2 : 1) in cd/m2."""
+    """Return the light of a picture of the sky: one of ours, or anyone's OpenEXR panorama (2 : 1) that states cd/m2."""
     image = read_any_exr(path)
     if isinstance(image, tuple):
         rgb, white = image
@@ -207,9 +207,10 @@ def other_sky(path: Path) -> Outdoors:
             validity=np.full(shape, int(Validity.VALID), np.uint8),
             geometry=Equirectangular(shape[1], shape[0]),
             scale_uncertainty=0.1,
+            absolute=white is not None,
         )
-    if not isinstance(image, LuminanceImage):
-        advice = "give one in cd/m2: stages/calibrate has it"
+    if not isinstance(image, LuminanceImage) or not image.absolute:
+        advice = "give one in cd/m2: stages/calibrate has it; others' pictures need whiteLuminance"
         raise RelightError("a sky without an absolute scale", where=path.name, advice=advice)
     return outdoors_of(image)
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from click.testing import CliRunner
 from PIL import Image
@@ -96,6 +98,17 @@ def test_another_sky(session, tmp_path) -> None:
     found = run(relight, session, "--sky", tmp_path / "cloudy.exr", "--rows", 64, "--quality", "draft")
     assert found["moments"][0]["sky_horizontal_lx"] == pytest.approx(math.pi * 3000, rel=0.01)
     assert found["moments"][0]["sunny_share"] == 0
+    # Without a scale of its own, or with none that is stated, a sky says nothing in lx.
+    write_exr(tmp_path / "relative.exr", replace(sky, absolute=False))
+    for name, white in (("nobody", {}), ("stated", {"whiteLuminance": 30.0})):
+        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, **white}, {"RGB": even / 30}).write(
+            str(tmp_path / f"{name}.exr")
+        )
+    for name in ("relative", "nobody"):
+        with pytest.raises(RelightError, match="without an absolute scale"):
+            run(relight, session, "--sky", tmp_path / f"{name}.exr", "--rows", 64, "--quality", "draft")
+    found = run(relight, session, "--sky", tmp_path / "stated.exr", "--rows", 64, "--quality", "draft")
+    assert found["moments"][0]["sky_horizontal_lx"] == pytest.approx(math.pi * 3000, rel=0.01)
 
 
 def test_from_another_place(session, monkeypatch) -> None:

@@ -18,7 +18,7 @@ from processing.ground.colour import linear_of_srgb
 from processing.pictures.exr import write_exr
 from processing.pictures.images import RelativeImage, Validity
 from processing.pictures.panorama import MIDDLE, WHITE, read_panorama, read_tags
-from processing.pictures.radiance import write_radiance_hdr
+from processing.pictures.radiance import encode_rows, to_rgbe, write_radiance_hdr
 from processing.sphere import Fisheye, LensMapping, Perspective
 from tests.processing.pictures.picture_strategies import luminance_image
 
@@ -73,6 +73,20 @@ def test_k1_makes_it_absolute(tmp_path: Path) -> None:
     found = read_panorama(saved(tmp_path / "p.png", grey(255)), k1=250.0)
     assert found.image.absolute
     np.testing.assert_allclose(found.image.rgb, 250.0)
+
+
+@pytest.mark.parametrize("ending", ["exr", "hdr"])
+def test_k1_is_of_the_files_own_values(tmp_path: Path, ending: str) -> None:
+    """Neither times whiteLuminance nor times Radiance's 179."""
+    path, ones = tmp_path / f"p.{ending}", np.ones((HEIGHT, WIDTH, 3), np.float32)
+    if ending == "exr":
+        OpenEXR.File({"whiteLuminance": 80.0}, {"RGB": ones}).write(str(path))
+    else:
+        head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y {HEIGHT} +X {WIDTH}\n".encode()
+        path.write_bytes(head + encode_rows(to_rgbe(2 * ones)))
+    found = read_panorama(path, k1=2.5)
+    assert (found.image.absolute, found.factor) == (True, 2.5)
+    np.testing.assert_allclose(found.image.rgb, 2.5, rtol=0.01)
 
 
 def test_light_without_a_scale_gets_a_middle(tmp_path: Path) -> None:
