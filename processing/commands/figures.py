@@ -85,7 +85,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
         frames = foreign.taken_frames(file)
         image = foreign.merged_bracket(frames, response, lens.mapping, math.degrees(2 * lens.half_field_rad))
     else:
-        image = foreign.picture_of(file, asked["view"])
+        image = foreign.picture_of(file, asked["view"], stated=asked["scale"] is None)
     image = foreign.applied(image, cals)
     if asked["scale"] is not None:
         return foreign.rescaled(image, asked["scale"], math.inf, f"{file.name}, --scale")

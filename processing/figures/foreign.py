@@ -29,7 +29,7 @@ from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.modes import falloff_mode, modes_of, widened, with_modes
-from processing.pictures.radiance import RELATIVE_MARK, read_radiance_hdr
+from processing.pictures.radiance import RELATIVE_MARK, WHITE_EFFICACY_LM_W, read_radiance_hdr
 from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, solid_angles
 
@@ -152,8 +152,11 @@ _TURNS = {3: 2, 6: 3, 8: 1}  # by orientation
 _FRAMES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 
-def picture_of(path: Path, view: str | None) -> LuminanceImage:
-    """Return an EXR or Radiance HDR picture; ``view`` overrides what the file says it shows."""
+def picture_of(path: Path, view: str | None, *, stated: bool = True) -> LuminanceImage:
+    """Return an EXR or Radiance HDR picture; ``view`` overrides what the file says it shows.
+
+    Without ``stated`` values are as they are in the file, whatever it or Radiance's convention says of their unit.
+    """
     head = path.read_bytes()[:4]
     if head.startswith(b"#?"):
         picture = read_radiance_hdr(path)
@@ -161,12 +164,13 @@ def picture_of(path: Path, view: str | None) -> LuminanceImage:
             raise ParameterError(
                 f"{path.name} states a view of another kind: {picture.view[:80]}", advice="give --view"
             )
-        return _plain(picture.rgb, picture.geometry, view, path, absolute=RELATIVE_MARK not in picture.header)
+        rgb = picture.rgb if stated else picture.rgb / np.float32(WHITE_EFFICACY_LM_W)
+        return _plain(rgb, picture.geometry, view, path, absolute=RELATIVE_MARK not in picture.header)
     if head != b"\x76\x2f\x31\x01":
         raise PictureFileError("is neither EXR nor Radiance HDR", where=path.name, advice="give an HDR picture")
     image = read_any_exr(path)
     if isinstance(image, tuple):
-        rgb, white = image
+        rgb, white = image if stated else (image[0], None)
         return _plain(rgb * np.float32(white or 1.0), None, view, path, absolute=white is not None)
     if isinstance(image, RelativeImage):
         image = LuminanceImage(**vars(image), scale_uncertainty=0.0, absolute=False)

@@ -74,6 +74,15 @@ def test_a_scale_makes_it_absolute(tmp_path: Path, capsys: pytest.CaptureFixture
     assert {"illuminance_lx", "dgp", "ugr"} <= set(found["figures"])
 
 
+def test_a_scale_is_of_the_files_own_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither times whiteLuminance nor times Radiance's 179."""
+    rows = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + bytes((127, 127, 127, 129)) * 32
+    (tmp_path / "p.hdr").write_bytes(rows)
+    for path in (str(tmp_path / "p.hdr"), exr(tmp_path / "p.exr", level=1.0, white=80.0)):
+        _, found = said(capsys, path, "--scale", "2.5")
+        assert found["figures"]["picture-mean_cd_m2"]["value"] == pytest.approx(2.5, rel=0.01)
+
+
 def test_a_factor_without_an_uncertainty_leaves_it_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, table = exr(tmp_path / "plain.exr", size=(32, 32)), tmp_path / "t.csv"
     _, found = said(capsys, path, *FISHEYE, "--scale", "2", "--csv", str(table))
