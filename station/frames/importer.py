@@ -2,6 +2,7 @@
 folders left as they are."""
 
 import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -16,7 +17,7 @@ from station.frames import import_plan
 from station.frames.check import FrameChecker, picture_format
 from station.frames.facts import FrameFacts
 from station.frames.problems import Reason
-from station.frames.rules import rejection
+from station.frames.rules import printable, rejection
 from station.session.manifest import require_names
 from station.session.session import (
     BracketRecord,
@@ -162,6 +163,10 @@ def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequenc
     if len(request.shutter_s) != len(files):
         text = f"{len(request.shutter_s)} exposure times for {len(files)} JPEGs ({side})"
         raise UsageError(text, where="--shutter", advice="give one time per file, in file-name order")
+    counted = sorted(files, key=lambda path: [int(w) if w.isdecimal() else w for w in re.split(r"(\d+)", path.name)])
+    if unclear := [(a.name, b.name) for a, b in zip(files, counted, strict=True) if a != b]:
+        text = f"is {' or '.join(map(printable, unclear[0]))} the earlier name ({side})?"
+        raise UsageError(text, where="--shutter", advice="give the numbers in the names as many digits")
     return request.shutter_s
 
 

@@ -363,6 +363,19 @@ def test_a_number_that_is_none_makes_no_session(tmp_path: Path, room: Path, word
     assert not into.exists()
 
 
+def test_typed_times_need_names_that_sort_in_one_way(tmp_path, checker):
+    """IMG_10 is before IMG_9 by letters, and behind it by number: the times would go to the wrong frames."""
+    folder = tmp_path / "counted"
+    folder.mkdir()
+    for number, time_s in zip(range(9, 12), (4.0, 1.0, 1 / 4), strict=True):
+        (folder / f"IMG_{number}.jpg").write_bytes(jpeg(time_s, with_exif=False))
+    with pytest.raises(UsageError, match=r"IMG_10\.jpg or IMG_9\.jpg"):
+        run(tmp_path, checker, folders={Side.INDOOR: folder}, shutter_s=(4.0, 1.0, 0.25))
+    (folder / "IMG_9.jpg").rename(folder / "IMG_09.jpg")
+    report = run(tmp_path, checker, folders={Side.INDOOR: folder}, shutter_s=(4.0, 1.0, 0.25))
+    assert not report.refused
+
+
 def test_a_link_to_itself_is_refused_by_name(tmp_path, checker, room):
     (room / "round.jpg").symlink_to("round.jpg")
     report = run(tmp_path, checker, folders={Side.INDOOR: room})
