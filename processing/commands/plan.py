@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from station.commands.views import Number
+from station.commands.views import Number, answer, numbers
 
 if TYPE_CHECKING:
     from processing.calibration.outdoor.sun_place import Place
@@ -54,7 +54,6 @@ def plan(*, as_json: bool, **asked: Any) -> int:
     """
     from processing.calibration.outdoor.sun_place import Place, zone_at
     from processing.relighting.weather import parse_time
-    from station.commands.views import answer, numbers
 
     latitude, longitude = numbers("--site", asked["site"], 2, "LAT,LON in degrees")
     place = Place(latitude, longitude)

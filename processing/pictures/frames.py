@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import simplejpeg
@@ -25,39 +25,19 @@ RAW_ENDINGS = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf")
 RAW_BORDER = 0.03  # of the sensor's side, that a camera's own picture may leave out; chosen
 
 
-@runtime_checkable
-class FrameSource(Protocol):
-    """One exposure that can be decoded, as often as needed, from any thread."""
-
-    @property
-    def name(self) -> str:
-        """What reports and errors call it."""
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height."""
-
-    @property
-    def depth_bits(self) -> int:
-        """8 or 16."""
-
-    @property
-    def linear(self) -> bool:
-        """Whether the codes are proportional to exposure (65535 at saturation); else a response curve is needed."""
-
-    def decode(self, reduce: Reduce = 1) -> Codes:
-        """Return RGB (H, W, 3), or every side divided by ``reduce`` and rounded up (averages of the codes)."""
-
-
 @dataclass(frozen=True)
 class ArrayFrame:
     """A frame that is in memory already; see `array_frame`."""
 
     array: Codes = field(repr=False)
     name: str
+    """What reports and errors call it."""
     size_px: tuple[int, int]
+    """Width and height."""
     depth_bits: int
+    """8 or 16."""
     linear: bool
+    """Whether the codes are proportional to exposure (65535 at saturation); else a response curve is needed."""
 
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Return the array itself, or reduced. The result is (H, W, 3), uint8 or uint16 as the frame has it."""
@@ -128,6 +108,10 @@ class RawFrame:
             codes = camera_rgb(raw)
         (width, height), (left, top) = self.size_px, _border((codes.shape[1], codes.shape[0]), self.size_px)
         return _reduced(np.ascontiguousarray(codes[top : top + height, left : left + width]), reduce)
+
+
+FrameSource: TypeAlias = ArrayFrame | JpegFrame | LosslessFrame | RawFrame
+"""One exposure that can be decoded, as often as needed, from any thread."""
 
 
 def array_frame(array: Codes, name: str = "array", *, linear: bool | None = None) -> ArrayFrame:

@@ -187,7 +187,7 @@ def _lens_pair(bracket: brackets.SideBracket, raws: Sequence[FrameSource]) -> Le
     """Return where a camera's two lenses look, by the raw frame (in memory) and panorama that show the most."""
     wells = [np.asarray(raw.decode(), np.uint16) for raw in raws]
     best = clearest(wells, brackets.decoded(bracket.panoramas, brackets.coarse(bracket.panoramas)))
-    colours = bracket.frames[best].colours  # type: ignore[attr-defined]
+    colours = bracket.frames[best].colours  # type: ignore[union-attr]
     return place_lenses(wells[best], colours, brackets.decoded(bracket.panoramas[best : best + 1])[0])
 
 
