@@ -33,6 +33,7 @@ KINDS: dict[str, Kind] = {
 }
 PILLOW = {"jpeg": "JPEG", "png": "PNG", "tiff": "TIFF", "webp": "WEBP", "avif": "AVIF", "heic": "HEIF"}
 """Pillow's names of the formats."""
+HDR_CURVES = (16, 18)  # of ITU-T H.273's transfer characteristics: PQ and HLG
 
 
 def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
@@ -46,6 +47,9 @@ def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
         try:
             with _opened(path, kind) as image:
                 checked_size(*image.size, path.name)
+                if (image.info.get("nclx_profile") or {}).get("transfer_characteristics") in HDR_CURVES:
+                    advice = "save it without HDR, or as OpenEXR"
+                    raise PictureFileError("its tone curve is HDR video's (PQ or HLG)", where=path.name, advice=advice)
                 notes = ("it holds several pictures: the first is used",) if getattr(image, "n_frames", 1) > 1 else ()
                 if kind in ("webp", "avif", "heic") or image.mode in ("CMYK", "LAB"):
                     codes, more, is_srgb = _rgb(image, path)

@@ -179,3 +179,12 @@ def test_a_session_keeps_the_file_as_it_is(tmp_path: Path, name: str) -> None:
     assert not verify_session(session).problems
     assert panorama_session(path, tmp_path / "sessions") == session
     assert daylit.main(["verify", str(session)]) == 0
+
+
+@pytest.mark.parametrize("curve", [16, 18])
+def test_hdr_videos_curves_are_not_taken_for_srgb(tmp_path: Path, curve: int) -> None:
+    pytest.importorskip("pillow_heif", reason="the extra heic is not installed").register_heif_opener()
+    bt2020 = {"color_primaries": 9, "transfer_characteristics": curve, "matrix_coefficients": 9}
+    Image.fromarray(np.full((64, 128, 3), 120, np.uint8)).save(tmp_path / "p.heic", save_nclx_profile=True, **bt2020)
+    with pytest.raises(PictureFileError, match="PQ or HLG"):
+        read_codes(tmp_path / "p.heic")
