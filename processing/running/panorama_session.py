@@ -35,7 +35,7 @@ def panorama_session(path: Path, into: Path, *, site: Site | None = None) -> Pat
         sha256=hashlib.sha256(data).hexdigest(),
         width_px=width,
         height_px=height,
-        given_name=path.name[:200],
+        given_name=path.name[:200].encode("utf-8", "replace").decode(),
     )
     clock = SystemClock()
     manifest = SessionManifest(
@@ -67,7 +67,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _name(path: Path) -> str:
-    return path.stem[:100] or "panorama"
+    return path.stem[:100].encode("utf-8", "replace").decode() or "panorama"
 
 
 def existing_session(path: Path, into: Path, *, site: Site | None = None) -> Path | None:

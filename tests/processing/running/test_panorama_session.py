@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from pathlib import Path
 
@@ -145,3 +146,12 @@ def test_a_dry_run_makes_no_session_and_finds_the_one_there_is(
     assert "on the new results of" in result
     assert " others" in result
     assert result.splitlines()[-1] == "--dry-run: nothing was run"
+
+
+def test_a_name_that_is_no_utf8_is_shown_with_question_marks(photo: Path, tmp_path: Path) -> None:
+    odd = photo.rename(tmp_path / os.fsdecode(b"caf\xe9.png"))
+    made = panorama_session(odd, tmp_path / "sessions")
+    manifest = load_manifest(made)
+    assert manifest.panorama is not None
+    assert (manifest.name, manifest.panorama.given_name) == ("caf?", "caf?.png")
+    assert panorama_session(odd, tmp_path / "sessions") == made
