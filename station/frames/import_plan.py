@@ -213,6 +213,10 @@ def inspect_files(
             continue
         time_s, raw = typed_s or facts.exif.exposure_s, raws.get(path.stem.lower())
         companion = _companion(raw, checker) if raw else None
+        said_s = companion.facts.exif.exposure_s if isinstance(companion, RawCompanion) else None
+        if raw and said_s and time_s and not same_stop(said_s, time_s):
+            why = f"its EXIF says {seconds_text(said_s)}, not {seconds_text(time_s)} as {printable(path.name)} has"
+            companion = rejection(raw.name, Reason.WRONG_EXPOSURE, why, "keep raw files beside their own pictures")
         if isinstance(companion, FrameRejectedError):
             refused.append(refusal(side, printable(str(companion.where)), companion, time_s))
             companion = None

@@ -20,7 +20,7 @@ from station.frames.importer import ImportReport, ImportRequest, import_session
 from station.session.session import SessionStatus, Side
 from station.session.store import load_manifest
 from station.session.verify import verify_session
-from tests.station.frames.pictures import jpeg
+from tests.station.frames.pictures import dng, jpeg
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "brackets"
 TIMES_S = (1 / 60, 4.0, 1.0, 1 / 15, 1 / 4)
@@ -380,6 +380,21 @@ def test_a_link_to_itself_is_refused_by_name(tmp_path, checker, room):
     (room / "round.jpg").symlink_to("round.jpg")
     report = run(tmp_path, checker, folders={Side.INDOOR: room})
     assert refusals(report) == {"round.jpg": "not_a_file"}
+
+
+@pytest.mark.parametrize(
+    ("with_exif", "typed", "raw_s", "wrong"),
+    [(True, (), 4.0, {"1.dng"}), (False, (4.0, 1.0), 0.25, {"0.dng", "1.dng"})],
+)
+def test_a_raw_file_of_another_exposure_is_not_taken_for_the_jpegs(tmp_path, checker, with_exif, typed, raw_s, wrong):
+    """It would be merged in its place, with its time; also where only the raw file still has EXIF."""
+    (folder := tmp_path / "both").mkdir()
+    for number, time_s in enumerate((4.0, 1.0)):
+        (folder / f"{number}.jpg").write_bytes(jpeg(time_s, with_exif=with_exif))
+        (folder / f"{number}.dng").write_bytes(dng(raw_s))
+    report = run(tmp_path, checker, folders={Side.INDOOR: folder}, shutter_s=typed)
+    assert refusals(report) == dict.fromkeys(wrong, "wrong_exposure")
+    assert {f.camera_name for f in report.manifest.frames} == {"0.jpg", "1.jpg", "0.dng", "1.dng"} - wrong
 
 
 @pytest.mark.parametrize("side", list(Side))
