@@ -261,6 +261,8 @@ def rig_figures(curves: Curves, draws: Sequence[int], divisor: int, wanted: int)
         values = [one[key] for one in found]
         figures[f"hostile_{key}"] = float(np.median(values))
         figures[f"hostile_{key.replace('_err_pct', '_worst_pct')}"] = max(values)
+    if found:
+        figures["hostile_lux_cover95_pct"] = 100 * float(np.mean([one["lux_sigmas"] <= 1.96 for one in found]))
     notes += [" ".join(f"{key} {value:.2f}" for key, value in one.items()) for one in found]
     return figures, notes
 
@@ -279,6 +281,7 @@ def rig_errors(folder: Path, bodies: dict[Side, Body], divisor: int, seed: int) 
         "indoor_median_err_pct": 100 * inside.median,
         "indoor_p95_err_pct": 100 * inside.p95,
         "outdoor_lux_err_pct": 100 * abs(outside.lux),
+        "lux_sigmas": abs(outside.lux) / outside.lux_stated,
         "sky_median_err_pct": 100 * outside.sky.median,
         "sky_p95_err_pct": 100 * outside.sky.p95,
         "sky_spot_p95_err_pct": 100 * outside.sky.spot_p95,

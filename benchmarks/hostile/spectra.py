@@ -147,7 +147,8 @@ def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float, f
     charts = [
         _chart(rgb * (1 + PATCH_NOISE * rng.standard_normal((24, 1)))) for rgb in (seen_in(chart), seen_out(chart))
     ]
-    tint, view = one_colour(charts[0], ChartView(_picture(np.ones((2, 4, 3), np.float32)), charts[1]))
+    doubt = np.hypot(charts[0].uncertainty, charts[1].uncertainty)
+    tint, view = one_colour(charts[0], ChartView(_picture(np.ones((2, 4, 3), np.float32)), charts[1]), doubt)
     k2 = scale_from_charts(charts[0], view.chart).scale
     copy = _Copy.drawn(rng)
     theta, rays = copy.directions()

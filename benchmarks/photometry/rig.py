@@ -19,6 +19,7 @@ from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, outdoor_view
+from processing.calibration.outdoor.session_sky import with_shared_modes
 from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.ground.arrays import Doubles, Floats
@@ -118,6 +119,8 @@ class Outdoor:
     """Errors of one outdoor session, relative."""
 
     lux: float
+    lux_stated: float
+    """Standard uncertainty of the illuminance, as the product states it."""
     sky: SkyErrors
     sky_floor: SkyErrors | None
     """Of the same frames with true curve, noise, veil, fall-off, tint and scale; None where it is not known."""
@@ -174,7 +177,7 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     scale = combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty))
     merged = camera.merged(side)
     assert isinstance(merged.geometry, Fisheye)
-    merged, _, _ = glare_taken_off(merged, merged.geometry)
+    merged, kernel, _ = glare_taken_off(merged, merged.geometry)
     sky = camera.corrected(merged)
     rows, scene = _truth(taken, Side.OUTDOOR)
     truth = luminance_cd_m2(scene).astype(np.float64)
@@ -191,11 +194,12 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     view = outdoor_view(OutdoorView.HEMISPHERICAL, max(64, round(2 * camera.lens.circle.radius_px)))
     lit = outdoor.correct_vignetting(outdoor.with_lens(merged, optics), optics)
     flat = scaled(outdoor.project(outdoor.correct_colour(lit, optics), view), scale)
-    lux = illuminance_lx(flat).value_lx
+    lux = illuminance_lx(with_shared_modes(flat, optics, kernel, k2.light))
     true_lux = _true_lux(taken.world)
     known = sky_all_known(camera, taken, side, rows, scene) if rig.bodies[Side.OUTDOOR].known else None
     return Outdoor(
-        lux=lux / true_lux - 1,
+        lux=lux.value_lx / true_lux - 1,
+        lux_stated=lux.uncertainty_lx / lux.value_lx,
         sky=sky_errors(shown, truth, use, rows, pixel_sr),
         sky_floor=None if known is None else sky_errors(known, truth, use, rows, pixel_sr),
         clipped_share=float(np.mean(sky.validity[rows][seen] == Validity.CLIPPED)),

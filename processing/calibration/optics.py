@@ -254,7 +254,9 @@ def _filter(
         # Not made here either, so that it is as it was for k2.
         warnings.append("k2 was measured without the filter's colour correction, so it is not applied here either")
         return None, "not corrected: k2 was measured without it"
-    return camera.nd.nd_filter(), "from the rig profile"
+    found = camera.nd.nd_filter()
+    warnings += [found.doubt] if found.doubt else []
+    return found, "from the rig profile"
 
 
 def _tint_of_sky(image: RelativeImage, lens: LensModel) -> NdFilter | None:

@@ -208,6 +208,7 @@ class NdRecord(_Record):
     tint: tuple[Rgb, Rgb, Rgb]
     density: float = 0.0
     relative_uncertainty: NonNegative = 0.0
+    colour_uncertainty: NonNegative = 0.0
     source: SafeText = ""
 
     def nd_filter(self) -> NdFilter:

@@ -21,23 +21,23 @@ from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, 
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError, ProcessingError
-from processing.ground.arrays import Bytes
+from processing.ground.arrays import Bytes, Doubles
 from processing.pictures.modes import blueness, modes_of
 from processing.rig.camera_fit import (
     CameraFit,
     SessionSide,
+    channel_doubt,
     fit_camera,
     read_side,
     with_filter,
     with_flat_field,
     with_lamps,
+    with_tint,
 )
 from station.session.session import Side
 
 _INDOOR_DATA = ("theta_z1",)
 """Published fall-offs that belong to the indoor camera."""
-_DARK_FRAC, _FEW_DARK = 0.04, 6  # chosen: with that noise in 12 patches colours came out 10 % off, in none 3 %
-_DARK_CHART = "outdoor: {} patches of the chart are dark, its colours unsure: capture it with longer exposures (30 s)"
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,9 @@ def _result(
     if len(charts) == 2 and cameras[Side.OUTDOOR].filter is None:
         camera = cameras[Side.OUTDOOR]
         try:
-            found, views[Side.OUTDOOR] = one_colour(views[Side.INDOOR].chart, views[Side.OUTDOOR])
-            dark = int(np.count_nonzero(views[Side.OUTDOOR].chart.pixel_noise > _DARK_FRAC))
-            doubts = (_DARK_CHART.format(dark),) if dark > _FEW_DARK else ()
-            cameras[Side.OUTDOOR] = replace(camera, filter=found, warnings=(*camera.warnings, *doubts))
+            doubts = (channel_doubt(fits[side], charts[side], views[side].chart) for side in Side)
+            found, views[Side.OUTDOOR] = one_colour(views[Side.INDOOR].chart, views[Side.OUTDOOR], np.hypot(*doubts))
+            cameras[Side.OUTDOOR] = with_tint(camera, found)
         except LensError as error:
             text = f"outdoor colours are not matched to the indoor camera: {error.message}"
             cameras[Side.OUTDOOR] = replace(camera, warnings=(*camera.warnings, text))
@@ -209,16 +208,16 @@ def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] 
         raise
 
 
-def one_colour(inside: chart_patches.FoundChart, seen: ChartView) -> tuple[NdFilter, ChartView]:
+def one_colour(inside: chart_patches.FoundChart, seen: ChartView, doubt: Doubles) -> tuple[NdFilter, ChartView]:
     """Return what brings the outdoor camera's chart to the indoor's colours (filter, sensor, white), and its view then.
 
-    Luminance of white is left to k2, of which the filter's density is a part here.
+    Luminance of white is left to k2, of which the filter's density is a part here. ``doubt``: of both charts' patches,
+    relative, of shape (24,) or (24, 3).
 
     Raises `LensError`: fewer than six patches are usable in both, or they hold too few colours.
     """
     good = inside.usable & seen.chart.usable
-    doubt = np.hypot(inside.uncertainty, seen.chart.uncertainty)[good]
-    found = fit_nd_filter(seen.chart.rgb[good], inside.rgb[good], doubt, source="the chart in both cameras")
+    found = fit_nd_filter(seen.chart.rgb[good], inside.rgb[good], doubt[good], source="the chart in both cameras")
     chart = replace(seen.chart, rgb=np.asarray(seen.chart.rgb @ found.correction))
     view = replace(seen.view, rgb=found.correct(seen.view.rgb))
     return replace(found, density=0.0), ChartView(view, chart)

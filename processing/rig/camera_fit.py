@@ -1,5 +1,6 @@
 """One camera from its brackets in rig sessions: shutter rule, response curve, noise, lens, fall-off, filter."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -19,6 +20,7 @@ from processing.calibration.response.response import ResponseFit, recover_respon
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, camera_rule
 from processing.calibration.scale.chart import find_chart_around
+from processing.calibration.scale.chart_patches import FoundChart
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
@@ -101,8 +103,8 @@ def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _LEAST_DENSITY = 0.05  # of a filter that sessions with and without it show; chosen: the weakest made is ND 0.15
-_DARK_CODE, _FEW_PATCHES = 8, 6  # chosen: clear of cut-off noise; as many as a tint needs
-_BLACK = "a channel is all but black in {}: the filter's tint is unsure; use longer exposures, or a whiter lamp"
+_CODES = 0.7  # that a patch's mean may be off; chosen on the charts of eight hostile rigs
+_WHITER = "photograph the chart by daylight or a white lamp, with exposures up to 30 s"
 _CLEAR_RATIO = 0.8  # of the residuals of two rules: nearer to 1 the frames do not distinguish them
 
 
@@ -196,7 +198,7 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
 
     Raises `ParameterError`: the two sessions are one, or exchanged.
     """
-    (dim, dim_u, doubts), (full, full_u, _) = (_patches(camera, taken) for taken in (filtered, plain))
+    (dim, dim_u), (full, full_u) = (_patches(camera, taken) for taken in (filtered, plain))
     found = fit_nd_filter(dim, full, np.hypot(dim_u, full_u), source="chart with and without the filter")
     if found.density < _LEAST_DENSITY:
         raise ParameterError(
@@ -205,7 +207,7 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
             likely="the two sessions are swapped, or one session was given twice",
             advice="--nd WITH WITHOUT",
         )
-    return replace(camera, filter=found, warnings=(*camera.warnings, *doubts))
+    return with_tint(camera, found)
 
 
 def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide]]) -> CameraFit:
@@ -227,8 +229,29 @@ def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide
     return replace(camera, glare=glare, warnings=(*camera.warnings, *doubts))
 
 
-def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles, list[str]]:
-    """Return the chart's patches (24, 3) at equal exposure, not finite where clipped or dark; uncertainty, doubts."""
+def with_tint(camera: CameraFit, found: NdFilter) -> CameraFit:
+    """Return the camera with a filter that a chart shows, with a warning where that leaves a sky uncertain."""
+    doubts = (f"{camera.side}: {found.doubt}: {_WHITER}",) if found.doubt else ()
+    return replace(camera, filter=found, warnings=(*camera.warnings, *doubts))
+
+
+def channel_doubt(camera: CameraFit, taken: SessionSide, chart: FoundChart) -> Doubles:
+    """Return the relative uncertainty (24, 3) of patches by photons, and by codes of the longest frame, if it has such.
+
+    Under warm light little of blue is left: a code more or less is then a tenth of it.
+    """
+    rgb = np.maximum(chart.rgb, 1e-30)
+    found = chart.uncertainty[:, None] * np.sqrt(np.maximum(chart.luminance[:, None] / rgb, 1))
+    if camera.response is None:
+        return np.asarray(found)
+    shown = np.log2(rgb * max(taken.true_times_s(camera.shutter)))
+    curves = zip(shown.T, camera.response.curve.log2_exposure, strict=True)
+    a_code = np.stack([np.interp(light, log2, np.gradient(log2)) for light, log2 in curves], axis=1)
+    return np.hypot(found, _CODES * math.log(2) * a_code)
+
+
+def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles]:
+    """Return the chart's patches (24, 3) at equal exposure, not finite where clipped or dark; and their uncertainty."""
     image = replace(camera, filter=None).corrected(camera.merged(taken))
     chart = find_chart_around(image).chart
     state = taken.state
@@ -237,16 +260,7 @@ def _patches(camera: CameraFit, taken: SessionSide) -> tuple[Doubles, Doubles, l
         raise ProfileError(text, where=str(taken.path), advice="use sessions whose frames record them")
     rgb = chart.rgb / (state.iso / state.f_number**2)
     rgb[~chart.usable] = np.nan
-    doubts = []
-    if camera.response is not None:
-        # A channel that is all but black in the longest frame is what coding makes of it: under warm light, blue.
-        black = camera.response.curve.exposure[:, _DARK_CODE] / max(taken.true_times_s(camera.shutter))
-        dark = (chart.rgb < black).any(axis=1)
-        if np.count_nonzero(chart.usable & ~dark) >= _FEW_PATCHES:
-            rgb[dark] = np.nan
-        else:
-            doubts.append(f"{camera.side}: {_BLACK.format(taken.path.name)}")
-    return np.asarray(rgb), chart.uncertainty, doubts
+    return np.asarray(rgb), channel_doubt(camera, taken, chart)
 
 
 def _best_rule(

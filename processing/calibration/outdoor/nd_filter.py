@@ -6,7 +6,7 @@ does not touch the scale: k2, which is measured on a white patch through the fil
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -19,12 +19,14 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 
 Matrix = tuple[Rgb, Rgb, Rgb]
 
-METHOD = "Cheung 2004"
-"""Of colour-science: a plain 3x3 matrix with three terms."""
 _WORST_CONDITION = 50.0  # of a tint that can be undone; chosen: noise would grow as much
 _MOST_SPREAD = 1e4  # chosen: real charts are at 2 to 20, equal patches beyond 1e15
 _PAINT_FRAC = 0.01  # chosen: what no patch is surer than
 _LEAST_PATCHES = 6  # chosen: twice the unknowns of a channel
+_UNSURE_FRAC = 0.2  # of a channel: patches less sure are left out where enough are left; chosen
+_MIXED = 0.3  # standard deviation of what a filter mixes of other channels; chosen: published ones mix -0.05 to 0.16
+_TINT_FRAC, _HUE_FRAC = 0.025, 0.05  # of a blue sky's luminance and colour, from which a tint is warned of; chosen
+_BLUE_SKY = np.array((0.824, 1.012, 1.403))  # daylight of 10,000 K (CIE 15) in linear Rec. 709, luminance 1
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -35,8 +37,10 @@ class NdFilter:
     tint: Matrix = _IDENTITY
     density: float = 0.0
     relative_uncertainty: float = 0.0
-    """Standard uncertainty of a corrected luminance by the correction of colour, relative."""
+    """Standard uncertainty of a blue sky's luminance, beside that of the light the scale is measured in, relative."""
     source: str = ""
+    colour_uncertainty: float = 0.0
+    """Standard uncertainty of a blue sky's red or blue over its green, the larger, relative."""
 
     def __post_init__(self) -> None:
         matrix = np.array(self.tint, dtype=np.float64)
@@ -66,6 +70,16 @@ class NdFilter:
             raise LensError("a filter that passes no white light", likely="the matrix is a correction of another kind")
         a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in matrix / passed)
         return cls((a, b, c), -math.log10(passed), relative_uncertainty, source)
+
+    @property
+    def doubt(self) -> str:
+        """Return in words how uncertain the tint leaves a blue sky, nothing where that is little."""
+        if self.relative_uncertainty < _TINT_FRAC and self.colour_uncertainty < _HUE_FRAC:
+            return ""
+        return (
+            "the rig's chart shows too little of a channel for the filter's colour: a blue sky is uncertain by "
+            f"{self.relative_uncertainty:.1%} in luminance, {self.colour_uncertainty:.0%} in colour (1 sigma)"
+        )
 
     @property
     def transmittance(self) -> float:
@@ -127,36 +141,63 @@ def fit_nd_filter(
     """Fit a filter to the patches of a colour chart, (N, 3) linear RGB with and without it, of one camera.
 
     Both are scaled to equal exposure (divided by time, ISO and aperture's area), so that their ratio is the filter's
-    alone. Patches with a channel at 0 or not finite are left out. The 3x3 matrix is colour-science's least squares in
-    relative error (each patch is divided by its luminance, so that white does not outvote the dark patches), over each
-    patch's ``uncertainty`` (N,), relative, by noise. Raises `LensError` for fewer than six patches.
+    alone. Patches with a channel at 0 or not finite are left out. The 3x3 matrix is the least squares of what is seen
+    through it, a channel at a time, over the relative ``uncertainty``, (N,) or (N, 3), of each. How far errors of that
+    size, or what the fit leaves, move a blue sky is stated. Raises `LensError` for fewer than six patches.
     """
-    from colour.characterisation import matrix_colour_correction
-
     before, after = np.asarray(plain, dtype=np.float64), np.asarray(filtered, dtype=np.float64)
     if before.shape != after.shape or before.ndim != 2 or before.shape[1] != 3:
         raise LensError("a filter is fitted to the same patches (N, 3) with and without it")
+    doubt = np.asarray(uncertainty, dtype=np.float64)
+    doubt = np.broadcast_to(doubt[:, None] if doubt.ndim == 1 else doubt, before.shape)
+    before, after, doubt = _usable(before, after, doubt)
+    weights = np.array(LUMINANCE_WEIGHTS)
+    level = (before @ weights)[:, None]
+    mean = float(np.mean(after @ weights / level[:, 0]))
+    before, after = before / level, after / level / mean
+    columns, doubts = zip(*(_column(before, after[:, c], doubt[:, c], c) for c in range(3)), strict=True)
+    tint, sky = np.transpose(columns), _BLUE_SKY
+    found = NdFilter.of_matrix(tint * mean, source=source)
+    # What errors behind the filter move: a sky's luminance beside the chart's light, and its colours; and what no
+    # matrix explains of the patches' luminances.
+    back = np.linalg.inv(tint)
+    red, blue = (back[:, c] / sky[c] - back[:, 1] / sky[1] for c in (0, 2))
+    moves = ((sky - before.mean(axis=0), back @ weights), (sky, red), (sky, blue))
+    sigmas = [math.sqrt(np.square(by) @ (np.array(doubts) @ light @ light)) for light, by in moves]
+    left = math.sqrt(float(np.average((after @ back @ weights - 1) ** 2, weights=doubt[:, 1] ** -2)))
+    return replace(found, relative_uncertainty=math.hypot(sigmas[0], left), colour_uncertainty=max(sigmas[1:]))
+
+
+def _usable(before: Doubles, after: Doubles, doubt: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Return patches (M, 3) that are lit in every channel, the surer ones where enough are; and their uncertainty."""
     usable = (np.isfinite(before) & np.isfinite(after) & (before > 0) & (after > 0)).all(axis=1)
     if usable.sum() < _LEAST_PATCHES:
         raise LensError(f"{usable.sum()} patches above 0 in every channel", advice="expose the chart longer")
-    before, after = before[usable], after[usable]
-    sure = np.hypot(np.broadcast_to(np.asarray(uncertainty, dtype=np.float64), usable.shape)[usable], _PAINT_FRAC)
-    if max(_spread(before), _spread(after)) > _MOST_SPREAD:
+    sure = usable & (doubt < _UNSURE_FRAC).all(axis=1)
+    usable = sure if sure.sum() >= _LEAST_PATCHES else usable
+    if max(_spread(before[usable]), _spread(after[usable])) > _MOST_SPREAD:
         raise LensError(
             "the patches hold too few different colours to fit a filter",
             likely="one patch given several times, clipped patches, or numbers that are no light",
             advice="use a chart with 24 patches, none clipped or black",
         )
-    weights = np.array(LUMINANCE_WEIGHTS)
-    level = (before @ weights)[:, None]
-    mean = float(np.mean(after @ weights / level[:, 0]))
-    # From the filtered values to the plain ones, at about unit scale: columns of colour's matrix are rows of ours.
-    shares = level * (sure / sure.min())[:, None]
-    correction = np.asarray(matrix_colour_correction(after / mean / shares, before / shares, method=METHOD, terms=3)).T
-    found = (after / mean) @ correction
-    off = (found @ weights) / level[:, 0] - 1
-    sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 3, 1)))
-    return NdFilter.of_matrix(np.linalg.inv(correction) * mean, relative_uncertainty=sigma, source=source or METHOD)
+    return before[usable], after[usable], np.hypot(doubt[usable], _PAINT_FRAC)
+
+
+def _column(plain: Doubles, seen: Doubles, doubt: Doubles, channel: int) -> tuple[Doubles, Doubles]:
+    """Return what a channel (N,) behind the filter has of each of ``plain`` (N, 3), and the covariance (3, 3) of that.
+
+    ``doubt``: (N,), relative.
+    """
+    held = np.diag([0.0 if c == channel else _MIXED**-2 for c in range(3)])
+    shown = seen
+    for _ in range(4):  # A weight by what is seen alone would prefer what noise has made dark.
+        over = plain / np.square(doubt * np.maximum(seen, shown))[:, None]
+        covariance = np.linalg.inv(over.T @ plain + held)
+        found = covariance @ (over.T @ seen)
+        shown = plain @ found
+    off = (shown - seen) / (doubt * np.maximum(seen, shown))
+    return found, covariance * max(1.0, float(off @ off) / max(len(off) - 3, 1))
 
 
 def _spread(patches: Doubles) -> float:

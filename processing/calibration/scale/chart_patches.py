@@ -51,11 +51,6 @@ class FoundChart:
         """Return which patches are neither clipped nor dark, of shape (24,)."""
         return np.asarray(np.isfinite(self.uncertainty) & (self.luminance > 0))
 
-    @property
-    def pixel_noise(self) -> Doubles:
-        """Return the relative noise of one pixel, of shape (24,): of how dark a patch is in the frames."""
-        return np.asarray(self.uncertainty * np.sqrt(np.maximum(self.n_pixels / NEIGHBOURS, 1)))
-
 
 def reflectances() -> Doubles:
     """Return the linear Rec. 709 reflectances, 0..1, of the published colours, of shape (24, 3)."""

@@ -13,7 +13,7 @@ from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.session_sky import calibrate_outdoor
 from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
-from processing.calibration.profile_records import LensRecord, ResponseRecord, VignettingRecord
+from processing.calibration.profile_records import LensRecord, NdRecord, ResponseRecord, VignettingRecord
 from processing.calibration.scale.luminance import ScaleFactor
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.calibration.scale.vignetting import COPY_SIGMA
@@ -293,6 +293,17 @@ def test_a_profiles_fall_off_of_another_aperture_is_reported_and_doubted(picture
     optics, _, result = find_optics(picture, session, asked, profile(16.0), None)
     assert optics.vignetting.relative_uncertainty == 0
     assert not any("was used" in text for text in result)
+
+
+def test_a_tint_that_the_rigs_chart_left_uncertain_is_warned_of_in_every_session() -> None:
+    picture, known = sky_picture(SimpleSky(), WIDTH), profile(16.0)
+    camera = known.cameras[Side.OUTDOOR]
+    for colour, warned in ((0.01, False), (0.2, True)):
+        tint = NdRecord.of(replace(OPTICS.filter, colour_uncertainty=colour))
+        rig = known.model_copy(update={"cameras": {Side.OUTDOOR: camera.model_copy(update={"nd": tint})}})
+        optics, _, result = find_optics(picture, manifest(), CalibrateParameters(), rig, None)
+        assert optics.filter == replace(OPTICS.filter, colour_uncertainty=colour)
+        assert any("20% in colour" in text for text in result) == warned
 
 
 def unveiled(picture, rgb):

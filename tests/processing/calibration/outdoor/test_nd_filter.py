@@ -112,3 +112,23 @@ def test_noise_grows_where_the_matrix_subtracts() -> None:
 def test_matrices_that_no_filter_has_are_refused(matrix: npt.NDArray[np.float64]) -> None:
     with pytest.raises(LensError):
         NdFilter.of_matrix(matrix)
+
+
+def test_little_blue_makes_a_tint_uncertain_by_as_much_as_is_stated() -> None:
+    """A chart under a lamp of 2700 K, blue off by 12 % a patch, the rest by 0.5 %; and under 6500 K, all by 0.5 %."""
+    rng, sky, stated = np.random.default_rng(11), np.array((0.824, 1.012, 1.403)), {}
+    for seed, doubts in ((3, (0.005, 0.005, 0.12)), (2, (0.005, 0.005, 0.005))):
+        room = ChartRoom(seed)
+        plain = room.radiance(Site.INDOOR, room.patch_directions(Site.INDOOR))
+        through = CANON_5D2.filter.apply(plain)
+        found = [fit_nd_filter(through * rng.normal(1, doubts, (24, 3)), plain, [doubts] * 24) for _ in range(60)]
+        seen, white = (light @ np.array(ND3_TINT) for light in (sky, plain.mean(axis=0)))
+        shown = np.array([(seen @ nd.correction, white @ nd.correction) for nd in found])
+        colours = shown[:, 0, ::2] / shown[:, 0, 1:2] / (sky[::2] / sky[1]) - 1
+        levels = luminance_cd_m2(shown.astype(np.float32))
+        off = (levels[:, 0] / levels[:, 1]).std() / (levels[:, 0] / levels[:, 1]).mean(), colours.std(axis=0).max()
+        stated[seed] = np.mean([(nd.relative_uncertainty, nd.colour_uncertainty) for nd in found], axis=0)
+        assert (0.3 * stated[seed] < off).all() or seed == 2  # paint is never surer than 1 %
+        assert (off < 1.3 * stated[seed]).all()
+        assert np.mean([bool(nd.doubt) for nd in found]) == (seed == 3)
+    assert (stated[3] > 2 * stated[2]).all()
