@@ -91,19 +91,9 @@ class NdFilter:
         """Return the matrix that undoes the tint, not the density: ``rgb @ correction``, of shape (3, 3)."""
         return np.linalg.inv(np.array(self.tint, dtype=np.float64))
 
-    def apply(self, rgb: Floats, *, density: bool = False) -> Floats:
-        """Return linear RGB (..., 3) as seen through the tint; ``density``: and weakened by the density.
-
-        The unit is kept, as is the shape.
-        """
-        return _times(rgb, np.array(self.tint) * (self.transmittance if density else 1.0))
-
-    def correct(self, rgb: Floats, *, density: bool = False) -> Floats:
-        """Return linear RGB (..., 3) as before the filter: the inverse of `apply`; may be negative.
-
-        The unit is kept, as is the shape.
-        """
-        return _times(rgb, self.correction / (self.transmittance if density else 1.0))
+    def correct(self, rgb: Floats) -> Floats:
+        """Return linear RGB (..., 3) as before the filter but for its density; may be negative. The unit is kept."""
+        return np.asarray(rgb @ self.correction.astype(np.float32), dtype=np.float32)
 
     def noise_gain(self, rgb: Floats) -> Floats:
         """Return by how much the correction raises the relative noise of luminance, for uncorrected (..., 3) values.
@@ -205,7 +195,3 @@ def _spread(patches: Doubles) -> float:
     with np.errstate(all="ignore"):
         relative = patches / patches.mean(axis=1, keepdims=True)
     return float(np.linalg.cond(relative)) if np.isfinite(relative).all() else math.inf
-
-
-def _times(rgb: Floats, matrix: Doubles) -> Floats:
-    return np.asarray(rgb @ matrix.astype(np.float32), dtype=np.float32)

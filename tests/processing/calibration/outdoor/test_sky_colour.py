@@ -38,7 +38,7 @@ def sky(low: float, high: float, tint: NdFilter | None = None) -> RelativeImage:
     rgb = np.repeat(daylight(np.linspace(low, high, SIDE))[None], SIDE, axis=0)
     rgb = rgb / rgb[..., 1:2] * rng.lognormal(0, 0.2, (SIDE, SIDE, 1)) * rng.lognormal(0, 0.01, (SIDE, SIDE, 3))
     rgb[int(0.9 * SIDE) :] *= (0.3, 0.8, 0.1)
-    seen = rgb if tint is None else tint.apply(rgb.astype(np.float32))
+    seen = rgb if tint is None else rgb @ np.array(tint.tint)
     shape = (SIDE, SIDE)
     return RelativeImage(seen.astype(np.float32), np.full(shape, 0.01, np.float32), np.zeros(shape, np.uint8), GEOMETRY)
 
