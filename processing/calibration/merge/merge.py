@@ -17,7 +17,7 @@ from processing.calibration.merge import bracket, modes
 from processing.calibration.merge.bracket import Decoded, FrameUse, Merged, MergeReport, Order
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
-from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
+from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts, show_bled
 from processing.calibration.merge.tables import (
     Consistency,
     MergeTables,
@@ -190,12 +190,14 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             for s in frame_shifts(codes, samples)
         ]
     planes, uses = _fuse(codes, samples, job)
+    odd, ghost = np.flatnonzero(planes.suspect), None
     modes, more2 = _widen(planes, samples, job)
-    ghost = None
     if job.options.ghosts:
         ghost = _ghosts(codes, samples, planes, job)
         moved = ghost > 0
         planes.uncertainty[moved] = np.sqrt(np.square(planes.uncertainty[moved]) + more2[moved])
+    if job.coded and isinstance(samples, MergeTables):
+        show_bled(codes, samples, planes, odd, ghost)
     if colours := job.options.colours:
         light = demosaiced(planes.rgb, colours.cell, LINEAR_BELOW / float(job.order.times_s[0]))
         planes.rgb = np.maximum(light @ colours.matrix.T.astype(np.float32), 0)

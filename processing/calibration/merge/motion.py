@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.merge.tables import Samples
+from processing.calibration.response.samples import TOP_CODE
 from processing.ground.arrays import Bytes, Floats, Indices, Int64s
 from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS, Validity
@@ -133,6 +134,7 @@ CORE_PX = 5
 """Side of what moved in processed frames; chosen: a hot well spreads over three in demosaicing, over four in coding."""
 USABLE = 0.02  # of the best frame's signal to noise squared; chosen
 MEASURES_WELL = 0.5  # of the best frame's worth
+BLED_FRAC = 0.4  # what pixels of a sun two pixels wide are off by, relative; chosen on hostile rigs
 CHUNK_PX = 1 << 20  # pixels settled at a time, for memory
 
 
@@ -187,6 +189,18 @@ def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes, *, p
     for chunk in chunks:
         _show(frames, tables, planes, ghost, places[chunk], reference[names[chunk]])
     return ghost
+
+
+def show_bled(frames: Sequence[Codes], tables: Samples, planes: Planes, odd: Indices, ghost: Bytes | None) -> None:
+    """Show what clipped light has bled into by the shortest frame that can, in place.
+
+    Sharpening, demosaicing and coding do that: in long frames a small sun or lamp is dark, in colours of its surround.
+    ``odd``: places whose samples disagree; those of ``ghost`` (H, W), which moved, are left.
+    """
+    bled = odd[(frames[0].reshape(-1, 3)[odd] > TOP_CODE).any(axis=1)]
+    bled = bled if ghost is None else bled[ghost.reshape(-1)[bled] == 0]
+    _show(frames, tables, planes, np.empty_like(planes.suspect), bled, np.full(len(bled), len(frames) - 1))
+    planes.uncertainty.reshape(-1)[bled] = np.hypot(planes.uncertainty.reshape(-1)[bled], BLED_FRAC)
 
 
 def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> Floats:

@@ -1,13 +1,16 @@
-"""A light that is clipped in every frame, beside something that moved, keeps the bound of the shortest frame."""
+"""Lights that frames clip: beside something that moved, the shortest frame's bound; small ones in coded frames."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
+from benchmarks.hostile.worlds import LENS_BLUR_PX, MATRIX_5D2, HostileCamera, jpeg_file
 from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR
 from mocks.optics.sensor import Exposure
-from processing.calibration.merge.merge import merge
-from processing.pictures.frames import array_frame
+from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.pictures.frames import array_frame, jpeg_frame
 from processing.pictures.images import Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
 from tests.processing.calibration.merge.merge_cases import NOISE, true_curve
@@ -36,3 +39,26 @@ def test_a_clipped_sun_among_ghosts_keeps_its_bound() -> None:
     assert (found.validity[sun] == Validity.CLIPPED).all()
     brightest = float(luminance_cd_m2(found.rgb).max())
     assert luminance_cd_m2(found.rgb[sun]).min() > 0.9 * brightest, "the shortest frame's bound"
+
+
+def test_a_small_sun_in_a_makers_files_is_as_bright_as_the_shortest_frame_shows_it() -> None:
+    """Two pixels wide: demosaicing, sharpening and chroma at half the size draw its surround into it, in long frames."""
+    scale = np.linspace(0, 1, 256)
+    tone = np.stack([scale ** (1 / gamma) for gamma in (2.0, 2.2, 2.4)])
+    maker = HostileCamera(
+        scale, tone, matrix=MATRIX_5D2, mosaic=True, denoise=True, sharpen=0.4, jpeg=("pillow", 92, "4:2:0")
+    )
+    sky = np.geomspace(2e-5, 2e-2, 192)[None, :, None] * np.array((0.75, 1.0, 1.4)) * np.ones((96, 1, 1))
+    radiance = sky.astype(np.float32)
+    radiance[40:42, 41:43] = (0.9, 0.9, 0.45)
+    radiance = cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX)
+    frames = [maker.developed(radiance * np.float32(8000 * t), k, 0.0) for k, t in enumerate(PAPER_TIMES_S)]
+    files = [jpeg_frame(jpeg_file(frame, maker.jpeg), str(k)) for k, frame in enumerate(frames)]
+    log2 = np.log2(np.maximum(scale, 0.002)) * np.array([[2.0], [2.2], [2.4]])
+    curve = ResponseCurve(log2, np.zeros((3, 256)), (3,) * 3, (252,) * 3)
+    noise = NoiseModel((1 / 30000,) * 3, (6 / 30000,) * 3)
+    view, bent = Equirectangular(192, 96), MergeOptions(allow_contradiction=True)
+    found = merge(files, PAPER_TIMES_S, curve, noise, geometry=view, options=bent).image
+    sun = (slice(37, 45), slice(38, 46))
+    shown, true = (luminance_cd_m2(light[sun]).sum() for light in (found.rgb / 8000, radiance))
+    assert abs(shown / true - 1) < 0.2
