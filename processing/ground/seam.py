@@ -123,20 +123,28 @@ def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     if shape[0] <= height and shape[1] <= width:
         return _by_channel(values, lambda flat: cv2.resize(flat, shape[::-1], interpolation=cv2.INTER_AREA))
     pad = 2
-    wide = wrapped(values, pad)
-    scale = shape[1] / width
-    x = ((np.arange(shape[1]) + 0.5) / scale - 0.5 + pad).astype(np.float32)
-    y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32)
-    at_x, at_y = np.meshgrid(x, np.clip(y, 0, height - 1))
-    return _by_channel(wide, lambda one: cv2.remap(one, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    x = ((np.arange(shape[1]) + 0.5) * (width / shape[1]) - 0.5 + pad).astype(np.float32)
+    y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32).clip(0, height - 1)
+
+    def enlarged(flat: Floats) -> Floats:
+        out = np.empty((*shape, *flat.shape[2:]), np.float32)
+        for top in range(0, shape[0], ROWS_AT_ONCE):
+            at, rows = np.meshgrid(x, y[top : top + ROWS_AT_ONCE]), slice(top, top + ROWS_AT_ONCE)
+            cv2.remap(flat, *at, cv2.INTER_LINEAR, dst=out[rows], borderMode=cv2.BORDER_REPLICATE)
+        return out
+
+    return _by_channel(wrapped(values, pad), enlarged)
+
+
+ROWS_AT_ONCE = 256  # chosen, for memory
 
 
 def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike]) -> Floats:
-    """Return a picture changed channel by channel: OpenCV takes no more than four at once everywhere."""
-    if values.ndim == 2:
-        return np.asarray(change(values), dtype=np.float32)
-    layers = [np.asarray(change(np.ascontiguousarray(values[..., k])), np.float32) for k in range(values.shape[2])]
-    return np.stack(layers, axis=-1)
+    """Return a picture changed, four channels at a time: OpenCV takes no more at once everywhere."""
+    if values.ndim == 3 and values.shape[2] > 4:
+        return np.concatenate([_by_channel(values[..., k : k + 4], change) for k in range(0, values.shape[2], 4)], -1)
+    out = np.asarray(change(np.ascontiguousarray(values, np.float32)), np.float32)
+    return out.reshape(*out.shape[:2], *values.shape[2:])
 
 
 def smoothed(values: Floats, angle_rad: float) -> Floats:

@@ -60,8 +60,14 @@ once needed: two are enough. Freed memory goes back to the system above 512 MiB,
 array of a panorama's size are zeroed anew (a sixth of all CPU time)."""
 
 
+FORGET: list[Callable[[], object]] = []
+"""What lets go of large things that are kept for their next use: `give_back` calls all of these."""
+
+
 def give_back() -> None:
-    """Return memory that is no longer used to the system, where malloc would keep it (glibc)."""
+    """Return memory that is no longer used to the system, where malloc would keep it (glibc), and what `FORGET` has."""
+    for forget in FORGET:
+        forget()
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
 

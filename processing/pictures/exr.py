@@ -184,14 +184,14 @@ def write_exr(path: Path, image: RelativeImage | LuminanceImage) -> None:
 
 
 def write_stage_exr(
-    path: Path, image: RelativeImage | LuminanceImage, made: Flags | None = None
+    path: Path, image: RelativeImage | LuminanceImage, made: Flags | None = None, *, own: bool = False
 ) -> RelativeImage | LuminanceImage:
     """Write a picture for later stages and return it as they read it (`handed_on`); raises as `write_exr`.
 
-    ``made`` (H, W): where it was estimated rather than photographed.
+    ``made`` (H, W): where it was estimated rather than photographed; ``own``: it may be rounded in place.
     """
     check_image(image, path)
-    image = handed_on(image, made)
+    image = handed_on(image, made, own=own)
     _write(path, image, "ZSTD_COMPRESSION", {"uncertainty": np.float16, "validity": np.float16, "ghost": np.float16})
     return image
 

@@ -147,26 +147,30 @@ _LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
 P = TypeVar("P", bound=RelativeImage | LuminanceImage)
 
 
-def handed_on(image: P, made: Flags | None = None) -> P:
+def handed_on(image: P, made: Flags | None = None, *, own: bool = False) -> P:
     """Return a picture as it goes from stage to stage: light to `LIGHT_BITS`, uncertainty to `UNCERTAINTY_BITS`.
 
-    Where it was ``made`` (H, W) rather than photographed, it is as `estimated` says.
+    Where it was ``made`` (H, W) rather than photographed, it is as `estimated` says. ``own``: it may be rounded in
+    place, where its arrays can be written.
     """
-    return _in_bits(image, made, photographed=True)
+    return _in_bits(image, made, photographed=True, own=own)
 
 
-def estimated(image: P, where: Flags) -> P:
-    """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed."""
-    return _in_bits(image, where, photographed=False)
+def estimated(image: P, where: Flags, *, own: bool = False) -> P:
+    """Return a picture with light to `ESTIMATED_BITS` ``where`` (H, W) it was estimated rather than photographed.
+
+    ``own``: see `handed_on`.
+    """
+    return _in_bits(image, where, photographed=False, own=own)
 
 
-def _in_bits(image: P, made: Flags | None, *, photographed: bool) -> P:
+def _in_bits(image: P, made: Flags | None, *, photographed: bool, own: bool) -> P:
     """Return a picture rounded where it was ``made`` (H, W), and, if asked, where it was ``photographed``."""
-    rgb, uncertainty = np.empty(image.rgb.shape, np.float32), np.empty(image.uncertainty.shape, np.float32)
+    given = (image.rgb, image.uncertainty) if own else (image.rgb.copy(), image.uncertainty.copy())
+    rgb, uncertainty = (np.require(one, np.float32, ["C", "W"]) for one in given)
 
     def band(top: int) -> None:
         rows = slice(top, top + _BAND_ROWS)
-        rgb[rows], uncertainty[rows] = image.rgb[rows], image.uncertainty[rows]
         light, doubt = (one[rows].view(np.uint32) for one in (rgb, uncertainty))
         if made is not None:
             _round_bits(light.reshape(-1, 3), made[rows].ravel(), 23 - ESTIMATED_BITS, False)

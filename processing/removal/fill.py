@@ -8,7 +8,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import cv2
@@ -136,6 +136,15 @@ class _Seen:
     """(H, W): nothing of the room is seen here."""
     planes: Int16s
     """(H, W): index of the plane behind each pixel."""
+
+    @cached_property
+    def usual(self) -> tuple[Floats, Floats]:
+        """Median light (3,) of what is seen, and of walls if any are. A few thousand pixels are enough for it."""
+        every = ~self.masked
+        some = [each if each.any() else every for each in (every, every & (self.planes >= FIRST_WALL))]
+        among = (np.flatnonzero(each)[:: max(1, int(each.sum()) // 10_000)] for each in some)
+        one, other = (np.median(self.light.reshape(-1, 3)[at], axis=0).astype(np.float32) for at in among)
+        return one, other
 
 
 class Others(NamedTuple):
@@ -271,20 +280,12 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
     given = texture, hole, (mixed, other)
-    work = partial(fill_plane, *given, room, _usual(seen, plane), skirting)
+    work = partial(fill_plane, *given, room, seen.usual[plane.index >= FIRST_WALL], skirting)
     done = work() if isinstance(quality, str) else quality.fill(*given, work)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
     done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
     values, lit = sunlit(done.values, texture.known, hole, sunny)
     return replace(done, values=values, confidence=done.confidence * (1 - UNSURE_SUN * lit)) if lit.any() else done
-
-
-def _usual(seen: _Seen, plane: Plane) -> Floats:
-    """Return the median light (3,) of what is seen: of walls for a wall. A few thousand pixels are enough for it."""
-    bare = ~seen.masked & (seen.planes >= FIRST_WALL if plane.index >= FIRST_WALL else True)
-    bare = bare if bare.any() else ~seen.masked
-    among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
-    return np.median(seen.light.reshape(-1, 3)[among], axis=0).astype(np.float32)
 
 
 def _draw(done: FilledPlane, seen: _Seen, where: Flags, into: tuple[Floats, Bytes, Floats]) -> None:

@@ -98,11 +98,13 @@ def lifted(
         replaced[k] |= (change[k] > DEEP) | ((less < -BURNT) & (image.validity[k] == Validity.CLIPPED))
     del gain, factors
     target = replaced
-    unlit = replace(image, rgb=reflectance)
-    done = empty_room(unlit, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
-    rgb, stays = done.image.rgb, ~target & (image.validity == Validity.VALID)
-    changed = target | (stays & (change != 0))
-    _in_bands(partial(_lit_again, image.rgb, rgb, change, changed), planes, plane, glass)
+    stays = ~target & (image.validity == Validity.VALID)
+    same = ~(target | (stays & (change != 0)))
+    image, seen = replace(image, rgb=reflectance), image.rgb[same]  # so that the photograph is not held meanwhile
+    done = empty_room(image, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
+    rgb = done.image.rgb
+    _in_bands(partial(_lit_again, rgb, change), planes, plane, glass)
+    rgb[same] = seen
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
@@ -129,12 +131,9 @@ def _unlit(rgb: Floats, albedo: Floats, change: Floats, rows: slice, lift: Float
     change[rows] = lift.mean(axis=-1)
 
 
-def _lit_again(
-    before: Floats, rgb: Floats, change: Floats, changed: Flags, rows: slice, lift: Floats, light: Floats, much: Floats
-) -> None:
-    """Light a band of ``rgb`` (H, W, 3), reflectance so far, where ``changed`` (H, W); else it is as ``before``."""
-    lit = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
-    rgb[rows] = np.where(changed[rows][..., None], lit, before[rows])
+def _lit_again(rgb: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, much: Floats) -> None:
+    """Light a band of ``rgb`` (H, W, 3), reflectance so far."""
+    rgb[rows] = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
     change[rows] *= much[..., 0]
 
 

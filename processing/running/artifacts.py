@@ -18,7 +18,7 @@ from pydantic import BaseModel, ValidationError
 from processing.errors import ProcessingError
 from processing.ground.finished import digest
 from processing.ground.room_model import read_json
-from processing.ground.threads import side_by_side
+from processing.ground.threads import give_back, side_by_side
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.fingerprint import DigestMemory, Ingredients
 from processing.running.progress import Cost
@@ -51,7 +51,7 @@ def save(artifact: Artifact, value: object, folder: Path) -> object:
     """
     path = folder / file_name(artifact)
     if artifact.kind == "picture" and value is not WRITTEN:
-        handed_on: object = resolve(_WRITE_PICTURE)(path, value)
+        handed_on: object = resolve(_WRITE_PICTURE)(path, value, own=True)
         return handed_on
     if artifact.kind == "mask":
         resolve(_WRITE_MASK)(path, value)
@@ -210,6 +210,7 @@ def make_result(stage: Stage, context: StageContext, work: Work) -> Made:
         if output.artifacts.get(name) is None and not (artifact.optional and name in output.left_out):
             raise ProcessingError(f"has neither made {name} nor said why not", where=stage.name)
     made = [artifact for artifact in stage.makes if output.artifacts.get(artifact.name) is not None]
+    give_back()  # a gigabyte of what the stage worked with
     in_memory = _write(made, output.artifacts, work.building, context.folder)
     result = _result(
         stage,

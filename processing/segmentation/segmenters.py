@@ -43,6 +43,7 @@ def open_session(
     asked.intra_op_num_threads, asked.inter_op_num_threads = min(threads, most_threads()), 1
     asked.use_deterministic_compute = repeatable
     asked.log_severity_level = 3
+    asked.enable_cpu_mem_arena = False  # it would keep 200 MB that one picture takes
     try:
         return ort.InferenceSession(network, asked, providers=["CPUExecutionProvider"])
     # onnxruntime's errors have no common base of their own.

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Indices, Vector
 from processing.ground.kernels import compiled
-from processing.ground.threads import side_by_side
+from processing.ground.threads import FORGET, side_by_side
 from processing.sphere.geometry import (
     Equirectangular,
     Fisheye,
@@ -53,6 +53,9 @@ def fisheye_solid_angles(lens: Fisheye) -> Doubles:
     # A cell that the circle only touches may come out as minus a rounding error.
     np.maximum(found, 0.0, out=found).setflags(write=False)
     return found
+
+
+FORGET.append(fisheye_solid_angles.cache_clear)
 
 
 def fisheye_areas(lens: Fisheye) -> Doubles:

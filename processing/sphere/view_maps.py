@@ -1,13 +1,10 @@
-"""Maps between a panorama and its views, made once and kept; the least recently used go when they take too much."""
+"""Maps between a panorama and its views; those that cut views are kept."""
 
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import cv2
@@ -16,6 +13,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Floats, Indices
 from processing.ground.kernels import compiled, inner
+from processing.ground.threads import FORGET
 from processing.sphere import Equirectangular, Perspective, pixels, point_directions, view_axes
 
 # Where the pixels of a perspective view lie in a panorama, ten times as fast as by the general way (compiled).
@@ -83,7 +81,7 @@ def _fill(axes: Any, focal_px: float, width: int, height: int, x: Any, y: Any) -
             y[j, i] = height / 2 - 0.5 - _angle(dz, math.sqrt(dx * dx + dy * dy)) * per_half
 
 
-CACHE_BYTES = 384 << 20  # chosen
+KEPT = 8  # maps, of which the least recently used go: a report's views, which all states share, are 6 of 66 MB (chosen)
 EDGE_SAMPLES = 65  # along a view's edge; chosen
 
 
@@ -121,58 +119,15 @@ class StitchMap:
     """Feathered, 0 where the view does not see."""
 
 
-class MapCache:
-    """A bounded store of maps, safe between threads."""
-
-    def __init__(self, most_bytes: int = CACHE_BYTES) -> None:
-        self._most_bytes = most_bytes
-        self._held: OrderedDict[object, CutMap | StitchMap] = OrderedDict()
-        self._bytes = 0
-        self._lock = threading.Lock()
-
-    def get(self, key: object, make: Callable[[], CutMap | StitchMap]) -> CutMap | StitchMap:
-        """Return the map of a key, made where it is not there."""
-        with self._lock:
-            if key in self._held:
-                self._held.move_to_end(key)
-                return self._held[key]
-        made = make()
-        with self._lock:
-            if key not in self._held:
-                self._held[key] = made
-                self._bytes += map_bytes(made)
-            while self._bytes > self._most_bytes and len(self._held) > 1:
-                self._bytes -= map_bytes(self._held.popitem(last=False)[1])
-        return made
-
-
-MAPS = MapCache()
-
-
-def map_bytes(found: CutMap | StitchMap) -> int:
-    """Return the size of a map's large arrays."""
-    arrays = (getattr(found, field.name) for field in fields(found))
-    return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
-
-
+@lru_cache(KEPT)
 def cut_map(panorama: Equirectangular, view: Perspective, *, fixed: bool) -> CutMap:
     """Return the map that cuts a view; ``fixed``: in OpenCV's fixed-point form, faster for integer pictures."""
-    found = MAPS.get(("cut", panorama, view, fixed), lambda: _make_cut(panorama, view, fixed=fixed))
-    assert isinstance(found, CutMap)
-    return found
-
-
-def stitch_map(view: Perspective, target: Equirectangular) -> StitchMap:
-    """Return where the target's pixels lie in a view, for the block of it that the view may see."""
-    found = MAPS.get(("stitch", view, target), lambda: _make_stitch(view, target))
-    assert isinstance(found, StitchMap)
-    return found
-
-
-def _make_cut(panorama: Equirectangular, view: Perspective, *, fixed: bool) -> CutMap:
     first, second = view_in_panorama(panorama, view)
     polar = _polar_pixels(panorama, first, second)
     return CutMap(*cv2.convertMaps(first, second, cv2.CV_16SC2), polar) if fixed else CutMap(first, second, polar)
+
+
+FORGET.append(cut_map.cache_clear)
 
 
 def _polar_pixels(panorama: Equirectangular, x: Floats, y: Floats) -> PolarPixels | None:
@@ -196,7 +151,8 @@ def _polar_pixels(panorama: Equirectangular, x: Floats, y: Floats) -> PolarPixel
     return PolarPixels(view_rows, view_columns, *(np.stack(a, axis=1) for a in (rows, columns, weights)))
 
 
-def _make_stitch(view: Perspective, target: Equirectangular) -> StitchMap:
+def stitch_map(view: Perspective, target: Equirectangular) -> StitchMap:
+    """Return where the target's pixels lie in a view, for the block of it that the view may see."""
     first_row, last_row, first_column, last_column = _block(view, target)
     d, _ = point_directions(
         target, np.arange(first_column, last_column) + 0.5, (np.arange(first_row, last_row) + 0.5)[:, None]

@@ -1,7 +1,7 @@
 """Perspective views of a panorama: the mapping S of Ji et al. 2023, eq. 3, I = S(panorama; FOV, theta, phi, h, w).
 
-Views are cut fast: the maps are kept, OpenCV's remap does the work on all cores, the seam costs nothing and the few
-pixels at a pole are set right after it. Where light must be kept, use method ``area``. The inverse is in
+Views are cut fast: the last maps are kept, OpenCV's remap does the work on all cores, the seam costs nothing and the
+few pixels at a pole are set right after it. Where light must be kept, use method ``area``. The inverse is in
 `processing.sphere.views`.
 """
 

@@ -61,7 +61,7 @@ def run(context: StageContext) -> StageOutput:
             np.savez_compressed(file, log_luminance=(np.round(change / LIFT_STEP) * LIFT_STEP).astype(np.float16))
         filled |= change != 0
     assert isinstance(found.image, LuminanceImage)
-    found = replace(found, image=estimated(found.image, filled))
+    found = replace(found, image=estimated(found.image, filled, own=True))
     context.progress(0.95, "writing")
     _write_details(context.folder / "surfaces.npz", found)
     return _output(found, change, share, context)
@@ -87,15 +87,20 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), upright.known_room(context)
     others = _others(context, room, target.shape)
-    how: dict[str, Any] = {"sunlight": sunlight, "quality": quick or context.quality.value, "filler": filler}
+    how = quick or context.quality.value
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
-        found, change = lifted(image, target, room, shade._replace(shadow=shadow), others=others, **how)
+        shade, given = shade._replace(shadow=shadow), [image]
+        del image  # so that nobody holds the photograph but what lifts, which lets it go
+        found, change = lifted(
+            given.pop(), target, room, shade, sunlight=sunlight, others=others, quality=how, filler=filler
+        )
         return found, change, 0.0
     gain = relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room)
     share = share_of_sphere(largest_channel(gain) > LEAST_GAIN)
     bright = replace(image, rgb=image.rgb * gain)
-    return empty_room(bright, target, room, others=others, **how), None, share
+    done = empty_room(bright, target, room, sunlight=sunlight, others=others, quality=how, filler=filler)
+    return done, None, share
 
 
 def _in_part(context: StageContext) -> bool:

@@ -139,7 +139,7 @@ def _alternative(
     work = common()
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=work.asked.lamps == "on")
     staged = _staged(work, parts, work.effort)
-    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged))
+    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged), own=True)
     write_scene_glb(path.with_suffix(".glb"), work.model.furnished(parts), work.eye_m)
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",

@@ -16,6 +16,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.kernels import compiled
 from processing.ground.seam import components
+from processing.ground.threads import give_back
 from processing.light.picture.change import Change, bands, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
@@ -100,6 +101,7 @@ def differential(
     first = min(lights)
     pair = (bare.lights[first], lights[first])
     mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
+    give_back()  # half a gigabyte of what light, denoiser and mirrors were made with
     change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)
     return Staged(*in_bands(change, photograph, sunless), after.error)
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from processing.errors import ParameterError
+from processing.errors import EngineError, ParameterError
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.seam import wrapped
 from processing.ground.threads import side_by_side
@@ -200,8 +200,6 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     """
     if not denoiser_available() or min(irradiance.shape[:2]) < 16:
         return irradiance
-    import pyoidn
-
     side = round(WRAP * irradiance.shape[1]) if wraps else 0
     padding = ((0, 0), (side, side), (0, 0))
 
@@ -211,15 +209,36 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     guide = np.repeat(nearness[..., None], 3, axis=2).astype(np.float32)
     # The denoiser expects values about 1.
     scale = np.float32(max(float(irradiance.mean()), 1e-20))
-    clean = pyoidn.denoise(
-        wider(irradiance / scale), albedo=wider(guide), normal=wider(normal), hdr=True, clean_aux=True, quality=quality
-    )
-    clean = np.maximum(np.asarray(clean)[:, side : side + irradiance.shape[1]], 0) * scale
+    clean = _clean({"color": wider(irradiance / scale), "albedo": wider(guide), "normal": wider(normal)}, quality)
+    clean = np.maximum(clean[:, side : side + irradiance.shape[1]], 0) * scale
     there = nearness > 0
     kept = clean[there].mean(axis=0, dtype=np.float64)
     whole = irradiance[there].mean(axis=0, dtype=np.float64)
     gain = np.where(kept > 0, whole / np.maximum(kept, 1e-30), 1.0)
     return np.asarray(clean * gain, dtype=np.float32)
+
+
+def _clean(pictures: dict[str, Floats], quality: str) -> Floats:
+    """Return what the denoiser makes of a noisy picture and its noiseless guides (H, W, 3).
+
+    `pyoidn.denoise` would keep its working memory until the process ends: half a gigabyte for 512 rows.
+    """
+    import pyoidn
+
+    out = np.empty_like(pictures["color"])
+    with pyoidn.Device() as device:
+        device.commit()
+        with pyoidn.Filter(device) as work:
+            for name, picture in {**pictures, "output": out}.items():
+                work.set_image(name, picture, pyoidn.OIDN_FORMAT_FLOAT3)
+            work.set_bool("hdr", True)
+            work.set_bool("cleanAux", True)
+            work.set_quality(getattr(pyoidn, f"OIDN_QUALITY_{quality.upper()}"))
+            work.commit()
+            work.execute()
+        if error := device.get_error():
+            raise EngineError(f"the denoiser failed: {error}")
+    return out
 
 
 EVEN_RAD, EVEN_RANGE = 0.06, 0.9

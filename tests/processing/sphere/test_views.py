@@ -1,11 +1,13 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from processing.errors import ParameterError
+from processing.ground.threads import give_back
 from processing.sphere import Equirectangular, Perspective
-from processing.sphere.view_maps import CutMap, MapCache, map_bytes
+from processing.sphere.view_maps import KEPT, cut_map
 from processing.sphere.views import Panorama, covering_views, cut_view, stitch_views, view_at, view_ring
 from tests.processing.sphere.sphere_pictures import smooth
 
@@ -107,22 +109,15 @@ def test_coarse_targets_take_halved_views():
     assert np.abs(inner - 0.5).max() < 0.12
 
 
-def test_maps_are_kept_within_bounds_and_the_oldest_go():
-    cache = MapCache(most_bytes=1000)
-    made = []
-
-    def maker(name):
-        def make():
-            made.append(name)
-            return CutMap(np.zeros(50), np.zeros(0), None)
-
-        return make
-
-    for name in ("a", "b", "a", "c", "a", "b"):
-        cache.get(name, maker(name))
-    assert made == ["a", "b", "c", "b"]
-    assert cache._bytes == 800
-    assert map_bytes(CutMap(np.zeros(50), np.zeros(1), None)) == 408
+def test_the_last_maps_are_kept_until_memory_is_given_back():
+    view = Perspective(24, 16, math.radians(80))
+    first = cut_map(PANORAMA, view, fixed=True)
+    assert cut_map(PANORAMA, view, fixed=True) is first
+    for turn in range(KEPT):
+        cut_map(PANORAMA, dataclasses.replace(view, yaw_rad=0.1 + 0.1 * turn), fixed=True)
+    assert cut_map(PANORAMA, view, fixed=True) is not first
+    give_back()
+    assert cut_map.cache_info().currsize == 0
 
 
 @pytest.mark.parametrize(
