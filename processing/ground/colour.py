@@ -1,17 +1,17 @@
 """Colour, written once: luminance weights, the sRGB curve, CIE XYZ and L*a*b* of linear Rec. 709, colour temperature.
 
 Light is linear RGB with Rec. 709 primaries and a D65 white. What runs for every pixel of a picture is a few lines of
-numpy; for the rest colour-science is imported where it is used, since importing it takes a second.
+numpy, and so are the two formulas for which importing colour-science would take two CPU seconds.
 """
 
-import warnings
 from functools import cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
+from processing.ground.tables import table_of
 
 LUMINANCE_WEIGHTS = (0.2127, 0.7151, 0.0722)
 """Of R, G and B in luminance (Ji et al. 2023, eq. 1; ITU-R BT.709 rounds them to 0.2126, 0.7152, 0.0722)."""
@@ -88,9 +88,10 @@ def _linear_of_code(top: int) -> Floats:
 
 def lab_of_linear(rgb: Doubles, white_rgb: Doubles) -> Doubles:
     """Return CIE 1976 L*a*b* (N, 3) of linear RGB (N, 3) relative to a white (3,) in the same unit (CIE 15:2018)."""
-    colour = _colour_science()
     xyz, white = np.maximum(rgb, 0) @ np.array(XYZ_OF_RGB).T, np.array(XYZ_OF_RGB) @ np.maximum(white_rgb, 1e-30)
-    return np.asarray(colour.XYZ_to_Lab(xyz / white[1], colour.XYZ_to_xy(white)))
+    share, knee = xyz / white, 6 / 29
+    x, y, z = np.where(share > knee**3, np.cbrt(share), share / (3 * knee**2) + 4 / 29).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
 
 
 def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
@@ -99,24 +100,27 @@ def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
     Robertson's isotherms (1968), right to 0.1 % between 2000 K and 20,000 K. 0 K where there is no light, farther than
     `MAX_DUV` from the Planckian locus, and outside `CCT_RANGE_K`.
     """
-    colour = _colour_science()
     xyz = np.asarray(rgb, dtype=np.float64) @ np.array(XYZ_OF_RGB).T
     lit = np.asarray(xyz.sum(axis=-1) > 0)
     kelvin = np.zeros(lit.shape, np.float32)
-    uv = colour.UCS_to_uv(colour.XYZ_to_UCS(xyz[lit]))
-    parts = np.array_split(uv, len(uv) // _AT_ONCE + 1)
-    found = np.concatenate([colour.temperature.uv_to_CCT_Robertson1968(one) for one in parts])
+    seen = xyz[lit]
+    uv = seen[:, :2] * (4, 6) / (seen @ (1, 15, 3))[:, None]
+    found, duv = np.concatenate([_robertson(part) for part in np.array_split(uv, len(uv) // _AT_ONCE + 1)], axis=1)
     low, high = CCT_RANGE_K
-    good = (np.abs(found[..., 1]) <= MAX_DUV) & (found[..., 0] > low) & (found[..., 0] < high)
-    kelvin[lit] = np.where(good, found[..., 0], 0)
+    kelvin[lit] = np.where((np.abs(duv) <= MAX_DUV) & (found > low) & (found < high), found, 0)
     return kelvin, kelvin > 0
 
 
-@cache
-def _colour_science() -> Any:
-    """Return colour-science; that it cannot plot without matplotlib is no news here."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import colour
-
-    return colour
+def _robertson(uv: Doubles) -> Doubles:
+    """Return colour temperature, K, and distance from the Planckian locus, (2, N), of u, v of 1960 (N, 2)."""
+    mired, *middle, slope = np.array(table_of(__package__, "robertson")["isotherms"]).T
+    place, along = np.stack(middle, axis=1), np.stack([np.ones_like(slope), slope], axis=1)
+    along /= np.hypot(1, slope)[:, None]
+    # The first isotherm that lies above, and its share against the one before
+    above = (uv[:, 1:] - place[1:, 1]) * along[1:, 0] - (uv[:, :1] - place[1:, 0]) * along[1:, 1]
+    i = np.where((above <= 0).any(axis=1), (above <= 0).argmax(axis=1) + 1, len(mired) - 1)
+    now, before = (above[np.arange(len(i)), at] for at in (i - 1, i - 2))
+    share = np.where(i == 1, 0.0, -np.minimum(now, 0) / (before - np.minimum(now, 0)))
+    here, way = (one[i] * (1 - share[:, None]) + one[i - 1] * share[:, None] for one in (place, along))
+    off = ((uv - here) * way).sum(axis=1) / np.hypot(*way.T)
+    return np.stack([1e6 / (mired[i - 1] * share + mired[i] * (1 - share)), off])

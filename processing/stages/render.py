@@ -11,6 +11,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import finely, write_scene_glb
 from processing.ground.arrays import Flags, Floats, Vector
+from processing.ground.threads import give_back
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
@@ -137,6 +138,7 @@ def _alternative(
 ) -> dict[str, Any]:
     """Render one alternative, write its picture and its model (``path`` without an ending), and return its facts."""
     work = common()
+    give_back()  # what the alternative before was made with
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=work.asked.lamps == "on")
     staged = _staged(work, parts, work.effort)
     write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged), own=True)
