@@ -175,7 +175,7 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
         tour=_tour(viewers[0]) if viewers else None,
         plan=report.Picture("Plan", plan.read_bytes(), "") if isinstance(plan, Path) else None,
         measures=() if room is None else _measures(room),
-        day=_day(days[0].cards) if days else None,
+        day=_day([one.cards for one in days]),
         downloads=_downloads(context.session_path, stills),
         made_with=lab.made_with,
     )
@@ -272,11 +272,19 @@ def _tour(lab: report.Viewer) -> report.Viewer:
     return replace(lab, states=tuple(map(smaller, some)))
 
 
-def _day(cards: Sequence[report.Card]) -> report.Cards:
-    """Return the moments of one day and state of which there are most; a title is "2023-06-21 09:00, staged 1"."""
-    days = Counter((one.title[:10], one.title[16:]) for one in cards)
-    ((day, state), _), *_ = days.most_common(1)
-    return report.Cards(tuple(one for one in cards if (one.title[:10], one.title[16:]) == (day, state)), ("day.js",))
+def _day(parts: Sequence[Sequence[report.Card]]) -> report.Cards | None:
+    """Return the moments of one day and state of which there are most: swept ones first, else those that a run makes.
+
+    A title is "2023-06-21 09:00, staged 1".
+    """
+    found = None
+    for cards in parts:
+        days = Counter((one.title[:10], one.title[16:]) for one in cards)
+        (most, count), *_ = days.most_common(1)
+        same = tuple(one for one in cards if (one.title[:10], one.title[16:]) == most)
+        if found is None or len(found.cards) == 1 < count:
+            found = report.Cards(same, ("day.js",))
+    return found
 
 
 def _measures(room: RoomModel) -> tuple[report.Quantity, ...]:

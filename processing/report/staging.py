@@ -181,8 +181,9 @@ def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | N
         arranged = context.optional_artifact("arrange", "arrangement")
         staged = context.optional_artifact("render", "staged")
         found.append(alternatives_section(arranged, staged, cuts, _plans(context)))
-        if (context.session_path / FOLDER).is_dir():
-            found.append(relight_section(context.session_path, look_of(context, views, upright_panorama(context))))
+        swept = (context.session_path / FOLDER).is_dir()
+        look = look_of(context, views, upright_panorama(context)) if swept else Look()
+        found.append(relight_section(context.session_path, look, _hours(context)))
     materials = context.optional_artifact("materials", "materials")
     if materials is not None:
         found.append(materials_section(materials, context.summary("materials").get("metrics", {})))
@@ -216,12 +217,24 @@ class Moment:
     made: Made
 
 
-def relight_section(session: Path, look: Look) -> Section | None:
-    """Return the moments side by side, in one exposure each sweep; None where nothing was relit."""
+def _hours(context: StageContext) -> tuple[Card, ...]:
+    """Return the hours of the day that a run makes; none where it has none."""
+    day = context.optional_artifact("day", "day")
+    if day is None:
+        return ()
+    state, found = day["state"].replace("-", " "), list[Card]()
+    for number, facts in enumerate(day["hours"], 1):
+        jpeg = context.artifact("day", f"hour-{number}").read_bytes()
+        found.append(_card(f"{facts['local_time']}, {state}", facts, jpeg))
+    return tuple(found)
+
+
+def relight_section(session: Path, look: Look, hours: tuple[Card, ...] = ()) -> Section | None:
+    """Return what `daylit relight` wrote, in one exposure each sweep, and ``hours`` side by side; None: nothing."""
     moments = list(relit_moments(session))
-    if not moments:
+    if not moments and not hours:
         return None
-    cards = tuple(_card(moment, look) for moment in moments[:MOST])
+    cards = tuple(_card(one.title, one.facts, _view(one, look)) for one in moments[:MOST])
     tables: tuple[Table, ...] = ()
     if len(moments) > MOST:
         row = (f"{len(moments) - MOST} more moments are in the folder {FOLDER}",)
@@ -230,7 +243,7 @@ def relight_section(session: Path, look: Look) -> Section | None:
         "The room through the day, computed from its materials and the sky; not photographs. Exposure is the same all "
         "day, so evening is darker than noon."
     )
-    return Section("Times of day", text, tables=tables, widgets=(Cards(cards),))
+    return Section("Times of day", text, tables=tables, widgets=tuple(Cards(one) for one in (cards, hours) if one))
 
 
 def relit_moments(session: Path) -> Iterator[Moment]:
@@ -259,8 +272,7 @@ def _read(path: Path) -> dict[str, Any]:
     return data if known and all(isinstance(one, dict) for one in data["moments"]) else {}
 
 
-def _card(moment: Moment, look: Look) -> Card:
-    facts = moment.facts
+def _card(title: str, facts: Mapping[str, Any], jpeg: bytes) -> Card:
     figures = []
     if isinstance(facts.get("global_horizontal_lx"), int | float):
         figures.append(Quantity("Outdoors", round(float(facts["global_horizontal_lx"]), -1), "lx"))
@@ -269,7 +281,7 @@ def _card(moment: Moment, look: Look) -> Card:
     if isinstance(facts.get("sun_elevation_deg"), int | float):
         figures.append(Quantity("Solar elevation", round(float(facts["sun_elevation_deg"]), 1), "°"))
     weather = _WEATHER.get(str(facts.get("weather", "")), "")
-    return Card(moment.title, _view(moment, look), f"the room relit, {moment.title}", weather, tuple(figures))
+    return Card(title, jpeg, f"the room relit, {title}", weather, tuple(figures))
 
 
 def _view(moment: Moment, look: Look) -> bytes:

@@ -53,7 +53,7 @@ def process(
     return RunReport(session.name, reports, Cost(total.seconds, total.cpu_seconds, max([total.peak_bytes, *costs])))
 
 
-RESULTS = ("calibrate", "figures", "arrange", "render", "stills", "report")
+RESULTS = ("calibrate", "figures", "arrange", "render", "stills", "day", "report")
 """Stages whose results people look at; the others are steps on the way, made again when they are needed."""
 
 

@@ -340,6 +340,12 @@ class ReportParameters(StageParameters):
     original_url: str | None = Field(None, pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)
 
 
+class DayParameters(ReportParameters):
+    """What the day must know of the furniture, and what a user may say about its pictures."""
+
+    furniture: FurnitureFolder = None
+
+
 class StillsParameters(ReportParameters):
     """What a user may say about stills."""
 

@@ -45,14 +45,15 @@ _SHOWN: Any = {"rank": True, "items": {"__all__": _PLACED}, "not_placed": True}
 def nothing_to_render(context: StageContext) -> str | None:
     """Return why there is nothing to do: no materials, or nothing arranged."""
     if context.optional_artifact("materials", "scene") is None:
-        return f"no scene: {_why(context, 'materials', 'scene')}"
+        return f"no scene: {why_none(context, 'materials', 'scene')}"
     found = context.optional_artifact("arrange", "arrangement")
     if found is None:
-        return f"no arrangement: {_why(context, 'arrange', 'arrangement')}"
+        return f"no arrangement: {why_none(context, 'arrange', 'arrangement')}"
     return None if found.arrangements else "no arrangement was found"
 
 
-def _why(context: StageContext, stage: str, name: str) -> str:
+def why_none(context: StageContext, stage: str, name: str) -> str:
+    """Return why an earlier stage has not made something."""
     summary = context.summary(stage)
     return str(summary.get("skipped") or summary["left_out"].get(name, "left out"))[:400]
 

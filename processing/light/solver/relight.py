@@ -20,7 +20,7 @@ from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of, sunlight
 from processing.light.solver.transport import bounced, patch_points, settled
 from processing.light.solver.upsample import Neighbours, Places, Steps
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Perspective
 
 MOST = 0.7  # of a row or a column, from which on what is covered runs along it
 BAR_M = 0.12
@@ -71,11 +71,12 @@ def _thin(flags: Flags, most: float) -> Flags:
 
 PATCH_SHOTS, PIXEL_SHOTS = 4, 2  # at what the sun lights; chosen (benchmark relight)
 SUN_PLACES = 16  # places on each patch from which the sun is looked for
+FINE = 64  # to a small picture's pixel: so exactly it is known where a view's pixels lie in it
 
 
 @dataclass(frozen=True)
 class Relit:
-    """A panorama under another light."""
+    """A panorama, or a view (H, W, 3), under another light."""
 
     rgb: Floats
     """(H, 2 H, 3) cd/m2; the sun's disc itself is not drawn."""
@@ -90,23 +91,23 @@ class Relit:
 class RelightView:
     """A scene seen from one place, ready to be shown under any light outdoors."""
 
-    def __init__(self, stage: Stage, basis: LightBasis, rows: int) -> None:
-        """``rows``: height of the pictures. Raises `RelightError` where the basis is of another scene."""
+    def __init__(self, stage: Stage, basis: LightBasis, shown: int | Perspective) -> None:
+        """``shown``: height of the panorama, or a view. Raises `RelightError` where the basis is of another scene."""
         if basis.scene_digest != scene_digest(stage):
             raise RelightError("the basis belongs to another scene", where="relighting", advice="rebuild it")
         self.stage, self.basis = stage, basis
-        self.geometry = Equirectangular(2 * rows, rows)
+        self.geometry = Equirectangular(2 * shown, shown) if isinstance(shown, int) else shown
         small = basis.effort.rows
         self.small = sight_of(stage, Equirectangular(2 * small, small), basis.eye_m)
-        self.full = self.small if rows == small else sight_of(stage, self.geometry, basis.eye_m)
+        self.full = self.small if shown == small else sight_of(stage, self.geometry, basis.eye_m)
         self.albedo = albedo_of(stage, self.full)
         self.emission = emission_of(stage, self.full)
         self._places = patch_points(stage, SUN_PLACES, (0, 85))
         self._steps = None
         if self.full is not self.small:
-            self._steps = Steps.of(
-                self.small, self.full, self.full.solid, Places.whole(self.full.shape), wraps=True, any_solid=True
-            )
+            whole = isinstance(shown, int)
+            places = Places.whole(self.full.shape) if whole else Places.along(self.full.rays, FINE * small)
+            self._steps = Steps.of(self.small, self.full, self.full.solid, places, wraps=True, any_solid=True)
         self._colours = np.array([*(p.transmittance for p in stage.scene.panes), (1.0, 1.0, 1.0)], np.float32)
         pixel = basis.pixel
         self._neighbours = None

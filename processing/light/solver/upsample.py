@@ -14,6 +14,7 @@ import numpy as np
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.kernels import compiled, inlined
 from processing.light.solver.sight import Sight
+from processing.sphere import Equirectangular, pixels
 
 REACH_PX = 3  # how far a large pixel looks for small ones of its own surface
 MOST = 4  # small pixels that a large one is made of
@@ -43,6 +44,12 @@ class Places(NamedTuple):
         """Return the places of a picture of ``shape``, or of a band of whole rows of one ``high`` in all."""
         row, column = np.divmod(np.arange(shape[0] * shape[1], dtype=np.int32), np.int32(shape[1]))
         return cls(row + np.int32(first_row), column, high or shape[0], shape[1])
+
+    @classmethod
+    def along(cls, rays: Floats, high: int) -> Places:
+        """Return where unit rays (N, 3) lie in a panorama so ``high``: of a view that sees a part of it."""
+        x, y, _ = pixels(Equirectangular(2 * high, high), rays)
+        return cls(y.astype(np.int32), x.astype(np.int32), high, 2 * high)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from processing.light.solver.sight import GLASS, sight_of
 from processing.light.solver.sky import SKY_CELLS, sky_cell, sky_values
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import settle
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Perspective
+from processing.sphere.views import cut_view
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 40
@@ -89,6 +90,18 @@ def test_larger_pictures_show_the_same_light(view) -> None:
     small, full = view.relit(light).rgb, large.relit(light).rgb
     assert full.shape == (2 * ROWS, 4 * ROWS, 3)
     assert np.median(full) == pytest.approx(np.median(small), rel=0.03)
+
+
+def test_a_view_shows_what_the_panorama_shows_there(view) -> None:
+    frame = Perspective(96, 64, np.radians(80), yaw_rad=np.radians(170), pitch_rad=-0.2)  # across the seam
+    light = uniform_sky(1500.0, sun_at(0.2, -0.8, 0.6))
+    found = RelightView(view.stage, view.basis, frame).relit(light)
+    assert found.rgb.shape == (64, 96, 3)
+    whole = RelightView(view.stage, view.basis, 4 * ROWS).relit(light)
+    cut = cut_view(whole.rgb, frame)
+    apart = np.abs(found.rgb - cut).sum(axis=2) / cut.sum(axis=2)
+    assert np.median(apart) < 0.02
+    assert np.quantile(apart, 0.9) < 0.1
 
 
 def test_lamps_stay_in_every_light(view) -> None:

@@ -160,3 +160,30 @@ def test_the_slider_shows_one_states_day_and_no_lone_hour_has_one(staged: StageC
     assert 'max="1"' in (page := build_client_page(replace(data, day=found)))
     assert page.count('class="card"') == 2
     assert 'data-part="hour"' not in build_client_page(replace(data, day=Cards(cards[:1], ("day.js",))))
+
+
+@pytest.mark.usefixtures("small")
+def test_the_hours_that_a_run_makes_are_under_the_slider_until_somebody_sweeps_a_day(staged: StageContext) -> None:
+    hours = [{"local_time": f"2025-06-21 {hour}:00", "global_horizontal_lx": 5e4} for hour in ("09", "12", "15")]
+    jpeg = staged.session_path / "hour.jpg"
+    jpeg.write_bytes(b"\xff\xd8")
+    made = {"day": {"state": "staged-1", "hours": hours}}
+
+    def fetch(stage: str, name: str) -> object:
+        return (made.get(name) or jpeg) if stage == "day" else staged.fetch(stage, name)
+
+    with_day = replace(staged, fetch=fetch)
+    lab = report_data(with_day)
+    titles = [f"2025-06-21 {hour}:00, staged 1" for hour in ("09", "12", "15")]
+    day = client_data(with_day, lab).day
+    assert day is not None
+    assert [card.title for card in day.cards] == titles
+    assert 'max="2"' in build_client_page(client_data(with_day, lab))
+    # A moment that was asked for does not push the day aside; a swept day does.
+    own = next(section for section in lab.sections if section.title == "Times of day")
+    for count, shown in ((1, titles), (2, ["2025-12-01 09:00, emptied", "2025-12-01 10:00, emptied"])):
+        swept = Cards(tuple(Card(f"2025-12-01 {9 + k:02}:00, emptied", b"", "") for k in range(count)))
+        both = replace(own, widgets=(swept, *own.widgets))
+        found = client_data(with_day, replace(lab, sections=(*(s for s in lab.sections if s is not own), both))).day
+        assert found is not None
+        assert [card.title for card in found.cards] == shown

@@ -58,7 +58,7 @@ def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
     titles = [section.title for section in data.sections]
     assert titles[:3] == ["Look around", "3D model", "Alternatives"]
     assert {"Materials", "Light and glare", "Emptied room", "Room shape"} <= set(titles)
-    assert [line.name for line in data.stages][-2:] == ["render", "stills"]
+    assert [line.name for line in data.stages][-2:] == ["stills", "day"]
     run(given)
     assert (given.folder / "lab.html").stat().st_size < 3_000_000
 
@@ -94,7 +94,7 @@ def test_what_was_skipped_is_named_and_the_rest_stands(tmp_path: Path) -> None:
     assert data.lead is None, "there is nothing to compare"
     assert list(widgets(data)) == ["viewer"]
     skipped = {line.name: line.reason for line in data.stages if line.state == "skipped"}
-    later = ("room", "figures", "detect", "light", "remove", "materials", "arrange", "render", "stills")
+    later = ("room", "figures", "detect", "light", "remove", "materials", "arrange", "render", "stills", "day")
     assert skipped == dict.fromkeys(later, "not asked")
 
 

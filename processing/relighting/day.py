@@ -1,0 +1,91 @@
+"""The stage day: the first still's frame through the hours of the day of capture, which the pages have under a slider.
+
+What `daylit relight --sweep day` makes of a whole panorama, for one frame: rays of a draft's effort, stored once, give
+the light of each hour; the detail is that of the picture itself (`relight_photo`).
+"""
+
+import math
+from datetime import datetime, timedelta
+
+import cv2
+import numpy as np
+
+from processing.errors import DaylightError, RelightError
+from processing.exchange.jpeg_files import Made, write_jpeg
+from processing.exchange.showing import panes_of
+from processing.light.picture.relight_photo import photograph_under
+from processing.light.scene.scene_file import read_scene
+from processing.light.solver.basis import BASIS_EFFORTS, basis_of
+from processing.light.solver.relight import RelightView
+from processing.light.solver.stage import Stage
+from processing.pictures.display import Display
+from processing.pictures.exr import read_exr
+from processing.relighting.live import Outside
+from processing.relighting.relit_session import MEASURED, SessionScene, check_sky, display_of_day, furnished
+from processing.relighting.weather import day_times
+from processing.report.states import Look, shown
+from processing.report.stills import Frame
+from processing.sphere import Equirectangular
+from processing.stages.contract import Quality, StageContext, StageOutput
+from processing.stages.parameters import NO_SUCH, DayParameters
+from processing.stages.render import why_none
+from processing.stages.upright import known_room
+
+WIDE_PX = 800  # chosen: more than the page shows; sixteen hours in 2 MB
+MOST_HOURS = 24  # as the stage's row has them
+EFFORT = BASIS_EFFORTS["draft"]
+
+
+def no_day(context: StageContext) -> str | None:
+    """Return why there is nothing to do: a draft, no scene or still, or light outdoors, place or heading unknown."""
+    if context.quality is Quality.DRAFT:
+        return "a draft has no day: process with --quality standard"
+    for stage, name in (("materials", "scene"), ("stills", "still-1")):
+        if not context.has(stage, name):
+            return f"no {name}: {why_none(context, stage, name)}"
+    try:
+        _hours(context)
+    except (DaylightError, RelightError) as error:
+        return f"{error.message}; {error.advice}"
+    return None
+
+
+def _hours(context: StageContext) -> tuple[SessionScene, Outside, list[datetime]]:
+    measured = context.artifact("materials", "materials").get("outdoors", MEASURED) == MEASURED
+    room = SessionScene(context.session, read_scene(context.artifact("materials", "scene")), measured)
+    check_sky(room)
+    outside = Outside.of(room, "captured", dict.fromkeys(("site", "heading", "zone")))
+    return room, outside, day_times(room.time_utc, outside.place, outside.zone, timedelta(hours=1))
+
+
+def run(context: StageContext) -> StageOutput:
+    """Write a JPEG an hour, in one exposure, and day.json: when each is, with the light outdoors."""
+    room, outside, times = _hours(context)
+    still, asked = context.artifact("stills", "stills")["stills"][0], context.parameters_of(DayParameters)
+    frame = Frame(math.radians(still["yaw_deg"]), still["lens_mm"], still["drop"])
+    view, rows = frame.view(WIDE_PX), frame.height_px(WIDE_PX)
+    scene, lights = room.scene, [outside.at(time_utc) for time_utc in times]
+    if still["state"].startswith("staged"):
+        one, made = context.artifact("arrange", "arrangement").arrangements[0], context.artifact("render", "staged")
+        scene = furnished(scene, one, made["alternatives"][0], asked.furniture)
+    light = read_exr(context.artifact("stills", "still-1-light")).rgb  # the whole level view, in its own size
+    cut = np.asarray(cv2.resize(light, (view.width_px, view.height_px)), np.float32)
+    stage = Stage.of(scene, EFFORT.texel_m)
+    basis = basis_of(stage, (0.0, 0.0, known_room(context).camera_height_m), effort=EFFORT)
+    ready = RelightView(stage, basis, view)
+    before = ready.relit(scene.outdoors)
+    lit = [photograph_under(cut, ready, before, outdoors)[0].rgb[-rows:] for outdoors, _ in lights]
+    display = Display.read(context.artifact("stills", "display"))
+    panes = panes_of(known_room(context), Equirectangular(4 * WIDE_PX, 2 * WIDE_PX), display.views)
+    look = Look(display_of_day(display, lit), panes)
+    original = asked.original_url or f"../stills/{still['original']}"
+    what = Made.of(still["state"], removed=context.has("remove", "empty"), further="relit", original=original)
+    for number, (rgb, (_, facts)) in enumerate(zip(lit, lights, strict=True), 1):
+        rgb8 = shown(rgb, look, view)
+        title = f"{context.session.name}, {facts['local_time']}"
+        path = context.folder / f"hour-{number}.jpg"
+        write_jpeg(path, rgb8 if asked.no_staged_label else what.on(rgb8, panorama=False), made=what, title=title)
+    names = [f"hour-{number}" for number in range(1, MOST_HOURS + 1)]
+    found = {"schema_version": 1, "state": still["state"], "hours": [facts for _, facts in lights]}
+    artifacts = {"day": found, **dict.fromkeys(names[: len(lit)], True)}
+    return StageOutput(artifacts, {"hours": len(lit)}, left_out=dict.fromkeys(names[len(lit) :], NO_SUCH))
