@@ -51,7 +51,7 @@ class Look:
         if view is None:
             seen = cv2.resize(self.panes, (rgb.shape[1], rgb.shape[0]), interpolation=cv2.INTER_NEAREST)
         else:
-            seen = (cut_view(Panorama(127 * self.panes), view)[-len(rgb) :] + 63) // 127
+            seen = (cut_view(Panorama(100 * self.panes), view)[-len(rgb) :] + 50) // 100  # of 8 bits
         return self.display.light(rgb, seen, around=view is None)
 
 

@@ -49,6 +49,10 @@ AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which no frame more than the fewest is taken
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
 DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, and mostly open to a dark hall (chosen)
+NEAR_WALL, NEAR_WALL_SHARE = (
+    2.0,
+    0.3,
+)  # cost of columns with a wall nearer than this share of the farthest corner (chosen)
 OPENINGS = ("window", "door")
 
 
@@ -98,7 +102,8 @@ def frames_of(
     pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
     bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
     plain = np.array([_plain_share(frame, things, room) for frame in frames])
-    own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain
+    near = np.array([_near_wall_share(frame, room) for frame in frames])
+    own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain - NEAR_WALL * near
     chosen: list[int] = []
     shown = np.zeros(len(things))
     while len(chosen) < most:
@@ -212,6 +217,14 @@ def _plain_share(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> flo
         if thing.name != "door" and (ahead > 0.05).any():
             plain &= (columns < x[ahead > 0.05].min()) | (columns > x[ahead > 0.05].max())
     return float(plain.mean())
+
+
+def _near_wall_share(frame: Frame, room: RoomModel) -> float:
+    """Return the share of the picture's columns that a wall near the camera fills, in a room with wings."""
+    floor = np.array(room.floor)
+    away = NEAR_WALL_SHARE * float(np.linalg.norm(floor, axis=1).max())
+    azimuth = frame.yaw_rad + np.arctan(np.linspace(-0.95, 0.95, 39) * SENSOR_MM / 2 / frame.lens_mm)
+    return 1 - float(inside(floor, away * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)).mean())
 
 
 def _worth(states: Doubles, things: Sequence[_Thing], shown: Doubles) -> float:

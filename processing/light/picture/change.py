@@ -259,7 +259,7 @@ def _shade(job: _Job, seen: tuple[Sight, _Lit, Floats, Flags | None], mine: Indi
     """Fill pixels of the band that were looked at."""
     sight, lit, mirror, sunless = seen
     full = job.change.full
-    albedo, emission = albedo_of(full, sight), emission_of(full, sight)
+    albedo, emission = albedo_of(full, sight, math.pi / len(job.photograph)), emission_of(full, sight)
     matte = matte_share(full, sight)[:, 0]
     empty = np.zeros(len(mine), bool) if sunless is None else sunless
     given = _Given(mine, sight.label, *lit, albedo, emission, matte, mirror, empty)

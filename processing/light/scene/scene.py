@@ -9,13 +9,16 @@ has highlights besides (`highlights`).
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import MaterialError, ParameterError, SceneError
 from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
+from processing.ground.mesh import crosses
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, planes_of
 
@@ -123,6 +126,25 @@ class Part:
             self.normals.shape != self.vertices_m.shape or not np.isfinite(self.normals).all()
         ):
             raise SceneError("normals that fit no vertices", where=f"part {self.name}", advice="leave them out")
+
+    @cached_property
+    def levels(self) -> tuple[Floats, ...]:
+        """The texture, (H, W, 3) linear, and its halves, quarters, ... down to a texel (Williams 1983)."""
+        texture = self.material.texture
+        found = [] if texture is None else [np.asarray(texture, np.float32)]
+        while found and max(found[-1].shape[:2]) > 1:
+            size = [max(1, n // 2) for n in found[-1].shape[1::-1]]
+            found.append(np.asarray(cv2.resize(found[-1], size, interpolation=cv2.INTER_AREA), np.float32))
+        return tuple(found)
+
+    @cached_property
+    def texels_per_m(self) -> float:
+        """How fine the texture lies upon the part: the mean over its area."""
+        if self.uv is None or not self.levels:
+            return 0.0
+        flat = np.pad(np.asarray(self.uv, np.float64) * self.levels[0].shape[1::-1], ((0, 0), (0, 1)))
+        doubled = [np.linalg.norm(crosses(one, self.faces), axis=1).sum() for one in (flat, self.vertices_m)]
+        return float(np.sqrt(doubled[0] / max(doubled[1], 1e-12)))
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,8 @@ class RelightView:
         small = basis.effort.rows
         self.small = sight_of(stage, Equirectangular(2 * small, small), basis.eye_m)
         self.full = self.small if shown == small else sight_of(stage, self.geometry, basis.eye_m)
-        self.albedo = albedo_of(stage, self.full)
+        fine = np.pi / shown if isinstance(shown, int) else 1 / shown.focal_px
+        self.albedo = albedo_of(stage, self.full, float(fine))
         self.emission = emission_of(stage, self.full)
         self._places = patch_points(stage, SUN_PLACES, (0, 85))
         self._steps = None

@@ -17,6 +17,7 @@ from processing.sphere import Geometry, directions
 NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
 """Labels of pixels that see nothing, a pane, furniture (FIRST_PART + its part); else the surface's number."""
 
+LEAST_FACING = 0.1  # cosine, below which a pixel counts as wide as there: more would blur what is still seen along it
 LEAST_AGREEMENT = 0.3
 """Cosine between a smooth normal and its face's, below which the mesh is wrong about it and the face's is taken."""
 
@@ -125,9 +126,12 @@ def _turn(smooth, chosen, normal):  # type: ignore[no-untyped-def]
                 normal[n, c] = smooth[i, c] / length
 
 
-def albedo_of(stage: Stage, sight: Sight) -> Floats:
-    """Return the albedo (N, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly."""
-    return _colours(stage, sight, "albedo")
+def albedo_of(stage: Stage, sight: Sight, pixel_rad: float = 0.0) -> Floats:
+    """Return the albedo (N, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly.
+
+    ``pixel_rad``: how wide a pixel is; furniture has its textures averaged over that, as cloth is finer; 0: points.
+    """
+    return _colours(stage, sight, "albedo", pixel_rad)
 
 
 def emission_of(stage: Stage, sight: Sight) -> Floats:
@@ -135,7 +139,7 @@ def emission_of(stage: Stage, sight: Sight) -> Floats:
     return _colours(stage, sight, "emission_cd_m2")
 
 
-def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
+def _colours(stage: Stage, sight: Sight, name: str, pixel_rad: float = 0.0) -> Floats:
     out = np.zeros((len(sight.label), 3), np.float32)
     for number, chosen in sight.pixels.items():
         if number < 0:
@@ -148,7 +152,9 @@ def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
         if number >= FIRST_PART:
             part = stage.scene.parts[number - FIRST_PART]
             face = stage.patches.face[sight.triangle[chosen]]
-            out[chosen] = part_albedo(part, face, sight.point[chosen].astype(np.float64))
+            facing = np.abs(np.einsum("ij,ij->i", sight.normal[chosen], sight.rays[chosen], dtype=np.float64))
+            wide_m = pixel_rad * sight.distance_m[chosen] / np.sqrt(np.maximum(facing, LEAST_FACING))
+            out[chosen] = part_albedo(part, face, sight.point[chosen].astype(np.float64), wide_m)
         else:
             surface = stage.scene.surfaces[number]
             offset = sight.point[chosen].astype(np.float64) - surface.origin_m

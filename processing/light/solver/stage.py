@@ -92,16 +92,24 @@ def _shares(fine: int, coarse: int) -> Doubles:
     return np.asarray(np.maximum(np.minimum(high, end) - np.maximum(low, start), 0) * coarse)
 
 
-def part_albedo(part: Part, face: Int32s, places: Doubles) -> Doubles:
+def part_albedo(part: Part, face: Int32s, places: Doubles, wide_m: Doubles | float = 0.0) -> Doubles:
     """Return the albedo (N, 3) of places (N, 3), m, on a part's faces (N,); metals count as matte of their base
     colour.
+
+    ``wide_m`` (N,): of what a pixel shows of each place; a texture is averaged over it (trilinear); 0: points.
     """
     colour = np.array(part.material.colour, np.float64)
     texture = part.material.texture
     if texture is None or part.uv is None:
         return np.broadcast_to(colour, (len(face), 3))
     uv = on_faces(part, np.asarray(part.uv, np.float64), face, places)
-    return np.asarray(colour * _sampled(texture, uv[:, 0] % 1.0, 1 - uv[:, 1] % 1.0, cv2.BORDER_WRAP))
+    u, v = uv[:, 0] % 1.0, 1 - uv[:, 1] % 1.0
+    level, found = np.log2(np.maximum(wide_m * part.texels_per_m, np.ones(len(face)))), np.zeros((len(face), 3))
+    for number, smaller in enumerate(part.levels):
+        share = np.maximum(1 - np.abs(np.minimum(level, len(part.levels) - 1) - number), 0)
+        mine = np.flatnonzero(share)
+        found[mine] += share[mine, None] * _sampled(smaller, u[mine], v[mine], cv2.BORDER_WRAP)
+    return colour * found
 
 
 def on_faces(part: Part, values: Doubles, face: Int32s, places: Doubles) -> Doubles:

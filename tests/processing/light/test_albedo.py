@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +14,13 @@ from processing.light.scene.albedo import MOST_ALBEDO, PX_PER_M, albedo_of_room,
 from processing.light.scene.scene import Scene, Sun, plain
 from processing.light.scene.sources import measured_windows
 from processing.light.solver.irradiance import Effort
-from processing.light.solver.sight import GLASS, albedo_of, looked_up, seen_outdoors, sight_of
+from processing.light.solver.sight import FIRST_PART, GLASS, albedo_of, looked_up, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import planes_of
 from processing.surfaces.textures import Texture
-from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
@@ -46,6 +47,26 @@ def sunny() -> Scene:
     direction = np.array([0.2, -0.75, 0.6]) / np.linalg.norm([0.2, -0.75, 0.6])
     sun = Sun(tuple(direction), (75_000.0, 70_000.0, 60_000.0))
     return scene_of(box_room(), uniform_sky(4000.0, sun), colours, reveal_m=0.2, transmittance={0: (0.7, 0.72, 0.7)})
+
+
+def test_cloth_finer_than_pixels_is_averaged_and_coarser_stays() -> None:
+    """A chequer of black and white on a box: 2 mm are grey from 2 m away, as a pixel shows 6 mm; 0.2 m are not."""
+    chequer = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)[..., None].repeat(3, axis=2)
+    far, spread = box((0.0, 1.5, 1.5), (1.0, 0.1, 1.0), (1.0, 1.0, 1.0), texture=chequer), {}
+    for size_m in (0.002, 0.2):
+        # Across the front: texels of that size.
+        part = replace(far, uv=(far.vertices_m[:, [0, 2]] / (64 * size_m)).astype(np.float32))
+        stage = Stage.of(scene_of(box_room(), uniform_sky()).furnished((part,)), 0.5)
+        sight = sight_of(stage, Equirectangular(1024, 512), EYE)
+        there = (sight.label >= FIRST_PART) & (sight.normal[:, 1] < -0.9)
+        assert there.sum() > 1000
+        points, seen = albedo_of(stage, sight)[there], albedo_of(stage, sight, math.pi / 512)[there]
+        assert seen.mean() == pytest.approx(0.5, abs=0.05)
+        assert points.std() > 0.12, "points see texels"
+        spread[size_m] = seen.std()
+        assert part.texels_per_m == pytest.approx(1 / size_m, rel=0.9)
+    assert spread[0.002] < 0.03
+    assert spread[0.2] > 0.12
 
 
 def test_closed_loop_with_sun(sunny: Scene) -> None:

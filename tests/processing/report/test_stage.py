@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import math
 import re
 import weakref
 from collections.abc import Callable
@@ -16,6 +17,7 @@ import pytest
 from PIL import Image
 
 from processing.figures.figures import camera_figures, surface_figures
+from processing.pictures.display import Display
 from processing.pictures.images import LuminanceImage
 from processing.report import room_states, states
 from processing.report.data import Cards, Comparison, Models, Viewer
@@ -23,6 +25,8 @@ from processing.report.stage import report_data, run, session_facts
 from processing.report.staging import relight_section
 from processing.report.states import Look
 from processing.report.stills import run as frame
+from processing.sphere import Perspective
+from processing.sphere.views import cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters
 from tests.processing.report.made_up import context, darker, picture, results, without
@@ -237,6 +241,17 @@ def test_page_names_no_address_of_the_net(tmp_path: Path) -> None:
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     markup = re.sub(r"<style>.*?</style>|data:[a-z+/]*;base64,[A-Za-z0-9+/=]*", "", markup, flags=re.DOTALL)
     assert "http" not in markup.replace("http-equiv", "")
+
+
+def test_a_view_through_a_pane_is_lowered_in_a_cut_view_as_in_the_panorama() -> None:
+    rgb, panes = np.full((256, 512, 3), 0.4, np.float32), np.zeros((256, 512), np.uint8)
+    panes[100:150, 220:300], rgb[100:150, 220:300] = 2, 20.0
+    panes[95:100, 220:300] = 1
+    look = Look(Display((1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0), 0.05, "given"), panes)
+    view = Perspective(200, 150, math.radians(60))
+    whole, cut = look.light(rgb), look.light(cut_view(rgb, view), view)
+    assert whole[125, 260, 1] == pytest.approx(1.0, abs=0.2)
+    assert cut[75, 105, 1] == pytest.approx(whole[125, 260, 1], rel=0.05)
 
 
 def relit(folder: Path, stem: str, tint: tuple[int, int, int]) -> None:

@@ -28,6 +28,7 @@ from processing.report.stills import (
     MOST,
     NEAR_M,
     Frame,
+    _near_wall_share,
     _openings,
     _pieces,
     _plain_share,
@@ -100,6 +101,19 @@ def test_columns_of_plain_wall_count_against_a_frame() -> None:
     shares = [_plain_share(frame, things, ROOM) for frame in frames_of(ROOM, ITEMS)]
     assert shares[0] < 0.35
     assert sorted(shares)[1] < 0.35
+
+
+def test_a_near_wall_does_not_fill_a_frame_of_a_room_with_wings() -> None:
+    """What it hides is not counted as seen, and a third frame finds something else than half a picture of wall."""
+    winged = ROOM.model_copy(
+        update={"floor": ((-4.0, -1.5), (3.0, -1.5), (3.0, 4.0), (0.6, 4.0), (0.6, 1.0), (-4.0, 1.0))}
+    )
+    near, far = Frame(math.radians(10), 20.0, 0.08), Frame(math.radians(-100), 20.0, 0.08)
+    assert _near_wall_share(near, winged) > 0.4
+    assert _near_wall_share(far, winged) == 0.0
+    # Seen past the wall's edge, with the wall before half of it: without the rule, one of the frames.
+    items = (*ITEMS[:2], piece("cupboard", 1.6, 3.4, (1.6, 0.5, 0.9)), piece("sofa", 2.2, 1.2, (0.9, 1.8, 0.8)))
+    assert max(_near_wall_share(frame, winged) for frame in frames_of(winged, items)) < 0.3
 
 
 def test_what_stands_in_a_wing_behind_a_wall_is_not_counted_as_seen() -> None:
