@@ -178,7 +178,7 @@ def cloth(colour: Colour, contrast: float = 1.0, seed: int = 5) -> Bytes:
 def boucle(colour: Colour, seed: int = 11) -> Bytes:
     """Return a picture (H, W, 3), sRGB, of looped yarn: soft knots of several sizes."""
     knots = noise((SIDE, SIDE), (15, 15), seed) + 0.6 * noise((SIDE, SIDE), (7, 7), seed + 1)
-    return _coloured(0.15 * np.tanh(knots) + 0.015 * noise((SIDE, SIDE), (110, 110), seed + 2), colour)
+    return _coloured(0.09 * np.tanh(knots) + 0.015 * noise((SIDE, SIDE), (110, 110), seed + 2), colour)
 
 
 @lru_cache(maxsize=8)
