@@ -60,8 +60,7 @@ class Transcript:
             line["t"] = round(self._clock.monotonic_s() - self._start_s, 6)
             try:
                 if self.problem is None:
-                    self._file.write(json.dumps(line) + "\n")
-                    self._file.flush()
+                    print(json.dumps(line), file=self._file, flush=True)
             except OSError as error:
                 self.problem = error
 

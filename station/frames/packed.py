@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from station.errors import IntegrityError, SessionExistsError, UsageError
 from station.frames.importer import ImportReport, ImportRequest, import_session
 from station.session import durable
+from station.session.folder import make_folders
 from station.session.session import MANIFEST_NAME, Side
 from station.session.store import load_manifest
 from station.session.verify import JUNK
@@ -32,8 +33,8 @@ def take_packed(archive: Path, request: ImportRequest) -> tuple[Path, ImportRepo
     """
     if request.folders:
         raise UsageError("a zip file and folders", where=archive.name, advice="give either")
-    (into := request.into).mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".import-", dir=into) as place:
+    make_folders(into := request.into)
+    with durable.disk_errors(into, "unpacking"), tempfile.TemporaryDirectory(prefix=".import-", dir=into) as place:
         root = Path(place) / archive.stem
         _unpack(archive, root)
         while not (root / MANIFEST_NAME).is_file() and len(only := list(root.iterdir())) == 1 and only[0].is_dir():

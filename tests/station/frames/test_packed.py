@@ -14,7 +14,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from daylit import main
 from drivers.errors import DaylitError
-from station.errors import IntegrityError, ManifestError, SessionExistsError, UsageError
+from station.errors import DiskError, IntegrityError, ManifestError, SessionExistsError, UsageError
 from station.frames import packed
 from station.frames.importer import ImportReport, ImportRequest
 from station.session.session import Side
@@ -53,6 +53,16 @@ def files(tmp_path: Path) -> dict[str, bytes]:
         store.finish()
     root = tmp_path / "made"
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+
+
+def test_what_is_no_zip_file_or_no_folder_to_unpack_into_is_named(tmp_path: Path, files: dict[str, bytes]) -> None:
+    (tmp_path / "folder.zip").mkdir()
+    for name in ("misspelt.zip", "folder.zip"):
+        with pytest.raises(IntegrityError, match=f"{name}: cannot be unpacked"):
+            take_packed(tmp_path / name, tmp_path / "into")
+    (tmp_path / "file").touch()
+    with pytest.raises(DiskError, match="creating the folder"):
+        take_packed(archive(tmp_path / "kitchen.zip", files), tmp_path / "file" / "below")
 
 
 @pytest.mark.parametrize("deep", [True, False])
