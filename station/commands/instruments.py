@@ -44,13 +44,13 @@ def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: P
         return _write_example(write_rig)
     from station.capture.preflight import check_computer, list_instruments
 
-    checks = list(check_computer(into))
-    if simulate is None:
-        checks += list_instruments()
-    checks += _check_rig(rig_path, simulate, into)
+    plugged = list_instruments() if simulate is None else ()
+    checks = [*check_computer(into), *plugged, *_check_rig(rig_path, simulate, into)]
     failed = any(c.level == "fail" for c in checks)
+    for check in () if as_json else checks:
+        click.echo("\n".join(_lines(check)))
     facts = {"ok": not failed, "checks": [c.to_dict() for c in checks]}
-    return answer(facts, (line for check in checks for line in _lines(check)), as_json=as_json, exit_code=int(failed))
+    return answer(facts, (), as_json=as_json, exit_code=int(failed))
 
 
 def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[Check]:

@@ -6,10 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import daylit
+from station.capture import preflight
 from station.capture.bracket import typical_cost
+from station.capture.preflight import Check, Level
 from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR
+from station.commands.instruments import doctor
 from station.commands.views import printable
 
 
@@ -60,3 +64,20 @@ def test_no_control_character_of_a_device_reaches_the_terminal(capsys: pytest.Ca
     assert daylit.main(["capture", "--rig", "\x1b[2Jno.toml", "--dry-run"]) == 2
     assert "\x1b[2J" not in capsys.readouterr().err
     assert printable("EOS\x1b[2J\n5D") == "EOS?[2J?5D"
+
+
+def test_doctor_has_colours_and_no_control_character_of_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [
+        Check(Level.OK, "python", "3.11"),
+        Check(Level.FAIL, "camera", "\x1b[2Jhas no name", "give it\x07one"),
+    ]
+    monkeypatch.setattr(preflight, "check_computer", lambda _folder: iter(found))
+    monkeypatch.setattr(preflight, "list_instruments", lambda: iter(()))
+    plain = CliRunner().invoke(doctor, [], standalone_mode=False)
+    assert plain.output.splitlines() == [
+        "ok    python: 3.11",
+        "FAIL  camera: ?[2Jhas no name",
+        "      what to do: give it?one",
+    ]
+    assert plain.return_value == 1
+    assert "\x1b[32mok  \x1b[0m  python" in CliRunner().invoke(doctor, [], color=True, standalone_mode=False).output
