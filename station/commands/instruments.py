@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # ``daylit doctor``: is everything ready for a day on site?
 
-_MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", "red")}
+_MARKS = {"ok": click.style("ok  ", "green"), "warn": click.style("warn", "yellow"), "fail": click.style("FAIL", "red")}
 
 
 @click.command()
@@ -77,8 +77,7 @@ def _write_example(path: Path) -> int:
 
 
 def _lines(check: Check) -> Iterator[str]:
-    mark, colour = _MARKS[str(check.level)]
-    yield f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}"
+    yield f"{_MARKS[check.level]}  {check.name}: {printable(check.text)}"
     if check.advice and check.level != "ok":
         yield f"      what to do: {printable(check.advice)}"
 
@@ -115,7 +114,8 @@ def conform(
         for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):
             outcomes.append(outcome)
             if not as_json:
-                click.echo(f"{_mark(outcome)}  {outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
+                said = printable(f"{outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
+                click.echo(f"{_mark(outcome)}  {said}")
     finally:
         rig.close()
     if not outcomes:
@@ -128,8 +128,8 @@ def conform(
 
 def _mark(outcome: Outcome) -> str:
     if not outcome.passed:
-        return click.style("FAIL", fg="red")
-    return click.style("skip", fg="yellow") if outcome.detail.startswith("skipped") else click.style("ok  ", fg="green")
+        return _MARKS["fail"]
+    return click.style("skip", fg="yellow") if outcome.detail.startswith("skipped") else _MARKS["ok"]
 
 
 def _while_there(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:

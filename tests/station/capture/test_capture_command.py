@@ -9,11 +9,14 @@ import pytest
 from click.testing import CliRunner
 
 import daylit
-from station.capture import preflight
+from drivers.clock import SteadyClock, SystemClock
+from station.capture import preflight, rig
 from station.capture.bracket import typical_cost
+from station.capture.conform import Outcome
 from station.capture.preflight import Check, Level
-from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR
-from station.commands.instruments import doctor
+from station.capture.rig import Rig
+from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR, RigFile
+from station.commands import instruments
 from station.commands.views import printable
 
 
@@ -73,11 +76,24 @@ def test_doctor_has_colours_and_no_control_character_of_a_device(monkeypatch: py
     ]
     monkeypatch.setattr(preflight, "check_computer", lambda _folder: iter(found))
     monkeypatch.setattr(preflight, "list_instruments", lambda: iter(()))
-    plain = CliRunner().invoke(doctor, [], standalone_mode=False)
+    plain = CliRunner().invoke(instruments.doctor, [], standalone_mode=False)
     assert plain.output.splitlines() == [
         "ok    python: 3.11",
         "FAIL  camera: ?[2Jhas no name",
         "      what to do: give it?one",
     ]
     assert plain.return_value == 1
-    assert "\x1b[32mok  \x1b[0m  python" in CliRunner().invoke(doctor, [], color=True, standalone_mode=False).output
+    assert (
+        "\x1b[32mok  \x1b[0m  python"
+        in CliRunner().invoke(instruments.doctor, [], color=True, standalone_mode=False).output
+    )
+
+
+def test_conform_has_no_control_character_of_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = Outcome("theta_z1", "says_who_it_is", passed=True, detail="RICOH \x1b[2JTHETA")
+    monkeypatch.setattr(instruments, "_run", lambda *_args, **_options: iter([outcome]))
+    monkeypatch.setattr(
+        rig, "open_named_rig", lambda *_args, **_options: Rig(RigFile(), {}, None, SteadyClock(SystemClock()))
+    )
+    said = CliRunner().invoke(instruments.conform, [], color=True, standalone_mode=False).output
+    assert said == "\x1b[32mok  \x1b[0m  theta_z1 says who it is: RICOH ?[2JTHETA\n"
