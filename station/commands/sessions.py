@@ -198,16 +198,13 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     return answer(facts, lines, as_json=as_json, exit_code=0 if whole else 4)
 
 
-_LOST = {"missing", "size"}
-
-
 def _advice(report: VerifyReport) -> list[str]:
     """Return what to do about the problems of a report, the first thing first."""
     from station.session.verify import CUT_SHORT
 
     codes = {problem.code for problem in report.problems}
     path = shlex.quote(report.path)
-    resume = f"daylit capture --resume {path}"
+    resume = "import it again" if report.imported else f"daylit capture --resume {path}"
     lines = []
     if any("this version of daylit supports up to" in problem.message for problem in report.problems):
         lines.append("update daylit; do not change the session with this version")
@@ -217,7 +214,7 @@ def _advice(report: VerifyReport) -> list[str]:
         lines.append("a capture is running, or was interrupted; nothing saved is lost. If none runs, resume: " + resume)
     if "journal" in codes:
         lines.append("restore journal.jsonl from a backup; the frames and session.json may still be intact")
-    if codes & _LOST:
+    if codes & {"missing", "size"}:
         lines.append("restore the files from a backup, or take them again: " + resume)
     if codes & {"digest", "content", "unreadable"}:
         lines.append("restore the files from a backup; without one, move them out and take them again: " + resume)

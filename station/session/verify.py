@@ -52,6 +52,7 @@ class VerifyReport:
     frames_safe: int = 0
     """Of those, on disk as they were acknowledged."""
     frames_planned: int = 0
+    imported: bool = False
     bytes_read: int = 0
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -119,6 +120,7 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
             skipped = sum(sides.count(s.side) for s in best.skipped)
             report.frames_planned = len(bracket.stops_s) * len(sides) - skipped + (best.panorama is not None)
             report.status, report.missing = best.status.value, best.missing
+            report.imported = bracket.mode not in ("full", "adaptive")
             listed = {
                 r.file for m in (manifest, journalled) if m for many in (m.frames, m.rejected) for r in many if r.file
             }

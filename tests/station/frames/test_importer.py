@@ -144,6 +144,17 @@ def test_bad_files_are_named_and_the_rest_goes_on(tmp_path, checker, room):
     assert any("notes.txt" in w.message for w in report.manifest.warnings)
 
 
+def test_a_partial_import_is_not_to_be_resumed_but_imported_again(
+    tmp_path: Path, checker: FrameChecker, room: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (room / "bad.jpg").write_bytes(b"junk")
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert daylit.main(["verify", str(report.session)]) == 4
+    said = capsys.readouterr().out
+    assert "what to do: complete it: import it again" in said
+    assert "--resume" not in said
+
+
 def test_a_refused_file_of_known_time_is_the_missing_stop(tmp_path, checker):
     room = fill(tmp_path / "room", with_exif=False)
     (room / "IMG_1.JPG").write_bytes(b"\0" * 1000)

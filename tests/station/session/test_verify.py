@@ -127,6 +127,7 @@ def test_an_intact_session(path: Path) -> None:
         "frames_checked": 3,
         "frames_safe": 3,
         "frames_planned": 3,
+        "imported": False,
         "bytes_read": 3003,
         "problems": [],
         "notes": [],
