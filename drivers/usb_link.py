@@ -171,8 +171,8 @@ class UsbLink:
             advice = "name one of them by its serial number in the rig file"
             raise errors.DeviceNotFoundError(text, where=self.name, advice=advice)
         text = "not found on USB" + (f" with serial number {self._serial}" if self._serial else "")
-        likely = "it is switched off, asleep, or not plugged in"
-        advice = "switch it on and check the cable"
+        likely = "it is switched off, asleep, not plugged in, or in another USB mode (live streaming)"
+        advice = "switch it on and check the cable; daylit doctor lists what is on USB"
         raise errors.DeviceNotFoundError(text, where=self.name, likely=likely, advice=advice)
 
     def _read_endpoints(self, device: Any) -> _Endpoints:

@@ -7,6 +7,7 @@ import subprocess
 import threading
 import urllib.request
 from collections.abc import Mapping
+from http.client import HTTPException
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -69,7 +70,7 @@ class Notifier:
             try:
                 self._send(body)
                 self.sent += 1
-            except (OSError, ValueError, subprocess.SubprocessError) as error:
+            except (OSError, ValueError, subprocess.SubprocessError, HTTPException) as error:
                 self.failed += 1
                 self.problem = f"{type(error).__name__}: {error}"
 

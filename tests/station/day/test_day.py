@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import socket
 import sys
 import threading
 import time
@@ -257,6 +258,23 @@ def test_a_url_is_notified_and_no_redirect_followed(hook: tuple[str, type[Hook]]
     again.close()
     assert (again.sent, again.failed) == (0, 1)
     assert "302" in again.problem
+
+
+def test_a_server_that_answers_rubbish_costs_one_notification_and_not_the_rest() -> None:
+    """As a hotel's network does until somebody has logged in."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        notifier = Notifier(f"http://127.0.0.1:{server.getsockname()[1]}/hook")
+        for _ in range(2):
+            notifier.send(WARNED, {})
+        for answer in (b"no HTTP at all\r\n\r\n", b"HTTP/1.1 204 No Content\r\n\r\n"):
+            server.settimeout(5.0)
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(4096)
+                connection.sendall(answer)
+        notifier.close()
+    assert (notifier.sent, notifier.failed) == (1, 1)
+    assert "BadStatusLine" in notifier.problem
 
 
 def test_a_command_is_notified_on_its_standard_input(tmp_path: Path) -> None:
