@@ -161,7 +161,7 @@ def verdict(manifest: SessionManifest) -> list[str]:
     found, opened = [], defaultdict[int, list[float]](list)
     for side in manifest.bracket.sides:
         frames = sorted(manifest.pictures(side), key=lambda f: f.camera_s)
-        lag_s = manifest.rig.get(side.value, {}).get("release_lag_s") or 0.0
+        lag_s = (manifest.rig.get(side.value) or {}).get("release_lag_s") or 0.0
         for frame in frames:
             if frame.taken_utc is not None and frame.release_monotonic_s is not None:  # that one ends with a restart
                 opened[frame.stop].append(frame.taken_utc.timestamp() + lag_s)
