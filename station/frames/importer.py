@@ -292,13 +292,8 @@ def _other_side_only(found: _Sorted) -> Iterator[SkippedStop]:
 
 def _readings(request: ImportRequest, now: datetime) -> Iterator[ReadingRecord]:
     for when, luminance in zip(("before", "after"), request.readings_cd_m2, strict=False):
-        yield ReadingRecord(
-            when="before" if when == "before" else "after",
-            status="typed",
-            luminance_cd_m2=luminance,
-            taken_utc=now,
-            detail="typed at import",
-        )
+        said = {"status": "typed", "luminance_cd_m2": luminance, "taken_utc": now, "detail": "typed at import"}
+        yield ReadingRecord.model_validate({"when": when, **said})
 
 
 def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]:

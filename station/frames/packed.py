@@ -37,11 +37,12 @@ def take_packed(archive: Path, request: ImportRequest) -> tuple[Path, ImportRepo
     with durable.disk_errors(into, "unpacking"), tempfile.TemporaryDirectory(prefix=".import-", dir=into) as place:
         root = Path(place) / archive.stem
         _unpack(archive, root)
-        while not (root / MANIFEST_NAME).is_file() and len(only := list(root.iterdir())) == 1 and only[0].is_dir():
+        while not ((root / MANIFEST_NAME).is_file() or _sides(root)):
+            if len(only := list(root.iterdir())) != 1 or not only[0].is_dir():
+                break
             root = only[0]
         if not (root / MANIFEST_NAME).is_file():
-            sides = {side: root / side.value for side in Side if (root / side.value).is_dir()} or {Side.INDOOR: root}
-            report = import_session(replace(request, folders=sides))
+            report = import_session(replace(request, folders=_sides(root) or {Side.INDOOR: root}))
             return report.session, report
         if request != ImportRequest(request.room, {}, into):
             raise UsageError("it holds a session, not frames", where=archive.name, advice="leave out all but --into")
@@ -49,6 +50,11 @@ def take_packed(archive: Path, request: ImportRequest) -> tuple[Path, ImportRepo
         if (session := into / root.name).exists():
             raise SessionExistsError("a session of this name already exists", where=session.name)
         return root.rename(session), None
+
+
+def _sides(root: Path) -> dict[Side, Path]:
+    folders = (one for one in sorted(root.iterdir()) if one.is_dir() and one.name.lower() in tuple(Side))
+    return {Side(one.name.lower()): one for one in folders}
 
 
 def _unpack(archive: Path, into: Path) -> None:

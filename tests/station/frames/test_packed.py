@@ -88,6 +88,10 @@ def test_frames_alone_are_imported(tmp_path: Path) -> None:
     alone = {f"{k}.jpg": frame(2.0**-k) for k in range(3)}
     found = load_manifest(take_packed(archive(tmp_path / "den.zip", alone), tmp_path / "into"))
     assert {one.side for one in found.frames} == {Side.INDOOR}
+    for place in ("outdoor", "Outdoor", "a day/OUTDOOR"):
+        sky = archive(tmp_path / "sky.zip", {f"{place}/{name}": data for name, data in alone.items()})
+        found = load_manifest(take_packed(sky, tmp_path / place))
+        assert {one.side for one in found.frames} == {Side.OUTDOOR}, "a sky's folder alone is still a sky"
 
 
 @pytest.mark.parametrize(
