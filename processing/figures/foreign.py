@@ -161,9 +161,7 @@ def picture_of(path: Path, view: str | None, *, stated: bool = True) -> Luminanc
     if head.startswith(b"#?"):
         picture = read_radiance_hdr(path)
         if view is None and picture.view and picture.geometry is None:
-            raise ParameterError(
-                f"{path.name} states a view of another kind: {picture.view[:80]}", advice="give --view"
-            )
+            raise ParameterError(f"{path.name} states another view: {picture.view[:80]}", advice="give --view")
         rgb = picture.rgb if stated else picture.rgb / np.float32(WHITE_EFFICACY_LM_W)
         return _plain(rgb, picture.geometry, view, path, absolute=RELATIVE_MARK not in picture.header)
     if head != b"\x76\x2f\x31\x01":

@@ -206,9 +206,8 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
     if tail and not ((walk.has_previews and tail.startswith(b"\xff\xd8\xff")) or tail.endswith(b"SEFT")):
         raise FrameProblemError(Reason.TRAILING_DATA, f"{len(data) - end} bytes after the end-of-image mark at {end}")
     if len(data) > end:
-        walk.notes.append(
-            f"{len(data) - end} bytes of {'previews or a trailer' if tail else 'padding'} after the picture"
-        )
+        what = "previews or a trailer" if tail else "padding"
+        walk.notes.append(f"{len(data) - end} bytes of {what} after the picture")
     frame = walk.frame
     return JpegHeader(frame.width_px, frame.height_px, frame.progressive, walk.exif, tuple(walk.notes))
 
