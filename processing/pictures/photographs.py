@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from processing.errors import PictureFileError
-from processing.pictures.frames import Codes, checked_size, damaged_picture, frame_of, refuse_alpha
+from processing.pictures.frames import MAX_PIXELS, Codes, checked_size, damaged_picture, frame_of, refuse_alpha
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -77,6 +77,9 @@ def _opened(path: Path, kind: Kind) -> Image:
 
 def pillow_formats() -> tuple[str, ...]:
     """Return Pillow's names of the formats that can be read here: HEIC needs the extra ``daylit[heic]``."""
+    from PIL import Image
+
+    Image.MAX_IMAGE_PIXELS = MAX_PIXELS  # Pillow's own limit calls larger ones bombs; `checked_size` names the size
     try:
         from pillow_heif import register_heif_opener
     except ImportError:

@@ -10,14 +10,17 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image, ImageCms
+from PIL.PngImagePlugin import PngInfo
 
 import daylit
 from processing.errors import PanoramaError, PictureFileError
+from processing.pictures import photographs
 from processing.pictures.frames import lossless_frame
-from processing.pictures.panorama import WHITE, read_panorama
+from processing.pictures.panorama import WHITE, read_panorama, read_tags
 from processing.pictures.photographs import read_codes
 from processing.running.panorama_session import panorama_session
 from station.session.verify import verify_session
+from tests.processing.pictures.test_picture_panorama import ELEMENTS
 
 SIZE = (128, 64)
 
@@ -179,6 +182,19 @@ def test_a_session_keeps_the_file_as_it_is(tmp_path: Path, name: str) -> None:
     assert not verify_session(session).problems
     assert panorama_session(path, tmp_path / "sessions") == session
     assert daylit.main(["verify", str(session)]) == 0
+
+
+def test_the_largest_panoramas_are_opened_and_larger_ones_are_named(tmp_path: Path) -> None:
+    """Of 180 million pixels, beyond which Pillow's own limit would call them bombs, and of 202."""
+    (large, larger), tags = (tmp_path / "a.png", tmp_path / "b.png"), ELEMENTS.format(whole=40_000)
+    info = PngInfo()
+    info.add_itxt("XML:com.adobe.xmp", tags)
+    Image.new("1", (19_000, 9_500)).save(large, pnginfo=info)
+    assert read_tags(large).gpano["FullPanoWidthPixels"] == "40000"
+    assert photographs._opened(large, "png").size == (19_000, 9_500)
+    Image.new("1", (20_100, 10_050)).save(larger)
+    with pytest.raises(PictureFileError, match="20100 x 10050"):
+        read_codes(larger)
 
 
 @pytest.mark.parametrize("curve", [16, 18])
