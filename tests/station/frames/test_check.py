@@ -24,6 +24,11 @@ SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits of POSIX")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def kept_workers() -> None:
+    """None here: each checker starts a process of its own, and ends it."""
+
+
 @pytest.fixture(scope="module")
 def checker() -> Iterator[FrameChecker]:
     with FrameChecker() as worker:
