@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import daylit
 from benchmarks.hostile import dorf, film, hostile, odd_even
 from benchmarks.hostile.rigs import hostile_bodies, rig_errors
 from benchmarks.hostile.worlds import hostile_worlds
@@ -47,7 +48,8 @@ def test_odd_and_even_frames_of_real_brackets_agree_as_they_state(
 
 
 @needs_curves
-@pytest.mark.parametrize("number", [MAKERS_WORN, MAKERS_JITTER])
+@pytest.mark.sweep
+@pytest.mark.parametrize("number", [MAKERS_WORN, MAKERS_JITTER] if LONG else [MAKERS_WORN])
 def test_hostile_worlds_lie_within_their_intervals(number: int) -> None:
     world = hostile_worlds(hostile.published_cameras(), SEED)[number]
     score = hostile.scored(world, hostile.scene_of(hostile.SCENES[0], SIZE), SEED + 1000 * number)
@@ -62,8 +64,14 @@ def test_hostile_worlds_lie_within_their_intervals(number: int) -> None:
     assert score.median < score.rival
 
 
+def in_this_process(*asked: object) -> None:
+    assert daylit.main([*map(str, asked), "--json"]) in (0, None)
+
+
 @needs_curves
-def test_hard_films_are_merged_by_command() -> None:
+def test_hard_films_are_merged_by_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its commands in this process, which has imported what they need."""
+    monkeypatch.setattr(film, "_daylit", in_this_process)
     found = film.film_figures(hostile.published_cameras(), hostile.scene_of(hostile.SCENES[0], SIZE), SEED)
     assert found["film_cover95_pct"] >= 95
     assert found["film_err_stops"] < 0.1

@@ -1,4 +1,8 @@
-"""The commands as a user runs them, on simulated instruments: real pyusb, real pyserial, real processes."""
+"""The commands as a user runs them, on simulated instruments: real pyusb, real pyserial, real processes.
+
+What captures are killed in, interrupted and locked out of are processes of their own, and so is a whole capture; the
+rest runs in this one, which has imported what the commands need.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+import daylit as front_door
 
 CAPTURE = ("capture", "Try Out", "--simulate", "room", "--size", "small", "--rate", "4")
 RESUME = ("capture", "--rate", "4", "--resume")
@@ -46,6 +52,27 @@ def daylit(*arguments: str, cwd: Path, expect: int = 0) -> list[dict[str, Any]]:
     return [json.loads(line) for line in out.splitlines()]
 
 
+class Here:
+    """Commands in this process, begun in a folder of their own."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, *arguments: str, expect: int = 0) -> list[dict[str, Any]]:
+        """Run a command and return its standard output as JSON objects."""
+        self._capsys.readouterr()
+        code = front_door.main(list(arguments))
+        said = self._capsys.readouterr()
+        assert (code or 0) == expect, f"exit {code}\n{said.out}\n{said.err}"
+        return [json.loads(line) for line in said.out.splitlines()]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    monkeypatch.chdir(tmp_path)
+    return Here(capsys)
+
+
 def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
     events = daylit(*CAPTURE, *FEW_STOPS, "--address", "7 Elm Street", cwd=tmp_path)
     summary = events[-1]
@@ -67,14 +94,14 @@ def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
     assert all(f["exif_s"] == pytest.approx(f["asked_s"], rel=0.1) for f in manifest["frames"])
 
 
-def test_one_flipped_bit_is_found(tmp_path: Path) -> None:
-    session = daylit(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
+def test_one_flipped_bit_is_found(here: Here, tmp_path: Path) -> None:
+    session = here(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter")[-1]["session"]
     (frame,) = (tmp_path / session / "indoor").iterdir()
     data = bytearray(frame.read_bytes())
     data[len(data) // 2] ^= 1
     frame.chmod(0o644)
     frame.write_bytes(data)
-    (report,) = daylit("verify", "--json", session, cwd=tmp_path, expect=4)
+    (report,) = here("verify", "--json", session, expect=4)
     assert not report["ok"]
     assert frame.name in json.dumps(report["problems"])
 
@@ -116,9 +143,9 @@ def test_ctrl_c_ends_after_the_pair_and_says_how_to_go_on(tmp_path: Path) -> Non
     assert last["frames"] >= 2, "what was exposed is kept"
 
 
-def test_adaptive_says_what_it_left_out(tmp_path: Path) -> None:
+def test_adaptive_says_what_it_left_out(here: Here) -> None:
     world = "uniform:100"
-    events = daylit(
+    events = here(
         "capture",
         "x",
         "--simulate",
@@ -132,7 +159,6 @@ def test_adaptive_says_what_it_left_out(tmp_path: Path) -> None:
         "--no-meter",
         "--rate",
         "4",
-        cwd=tmp_path,
     )
     skipped = [e for e in events if e.get("event") == "skipped"]
     assert skipped
@@ -141,29 +167,29 @@ def test_adaptive_says_what_it_left_out(tmp_path: Path) -> None:
     assert events[-1]["frames"] + events[-1]["skipped"] == 9
 
 
-def test_dry_run_touches_nothing(tmp_path: Path) -> None:
-    (plan,) = daylit("capture", "x", "--simulate", "room", "--dry-run", "--json", cwd=tmp_path)
+def test_dry_run_touches_nothing(here: Here, tmp_path: Path) -> None:
+    (plan,) = here("capture", "x", "--simulate", "room", "--dry-run", "--json")
     assert len(plan["rows"]) == 9
     assert plan["total_s"] > plan["exposures_s"] > 5.3
     assert not list(tmp_path.iterdir())
 
 
-def test_typed_reading_stands_for_the_meter(tmp_path: Path) -> None:
-    summary = daylit(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--reading", "34.63", cwd=tmp_path)[-1]
+def test_typed_reading_stands_for_the_meter(here: Here, tmp_path: Path) -> None:
+    summary = here(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--reading", "34.63")[-1]
     manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())
     (reading,) = manifest["readings"]
     assert (reading["status"], reading["luminance_cd_m2"]) == ("typed", 34.63)
 
 
-def test_doctor_passes_on_simulated_instruments(tmp_path: Path) -> None:
-    (answer,) = daylit("doctor", "--simulate", "room", "--json", cwd=tmp_path)
+def test_doctor_passes_on_simulated_instruments(here: Here) -> None:
+    (answer,) = here("doctor", "--simulate", "room", "--json")
     assert answer["ok"], answer
     assert any("ASSUMED" in c["text"] for c in answer["checks"])
     assert {"indoor", "outdoor", "meter", "disk", "libusb", "renderer"} <= {c["name"] for c in answer["checks"]}
 
 
-def test_conform_reports_each_check(tmp_path: Path) -> None:
-    (conform,) = daylit("conform", "--simulate", "room", "--only", "meter", "--json", cwd=tmp_path)
+def test_conform_reports_each_check(here: Here) -> None:
+    (conform,) = here("conform", "--simulate", "room", "--only", "meter", "--json")
     assert conform["ok"], conform
     assert conform["simulated"]
     assert len(conform["outcomes"]) == 3
