@@ -27,7 +27,7 @@ def worst(errors: dict[str, float]) -> tuple[float, str]:
 
 
 def test_white_furnace() -> None:
-    assert worst(_physics.furnace(2**16, 3)) < (1.0, "")
+    assert worst(_physics.furnace(2**14, 3)) < (1.0, "")
 
 
 def test_integrating_cube_and_sphere() -> None:

@@ -79,8 +79,8 @@ def test_a_tile_repeats_without_a_seam(texture, made):
 
 @pytest.mark.sweep
 def test_the_same_parameters_give_the_same_tile_and_another_seed_another(texture, made):
-    assert np.array_equal(tile(texture).albedo, made.albedo)
     if LONG or KINDS.index(texture.kind) % 4 == 0:
+        assert np.array_equal(tile(texture).albedo, made.albedo)
         assert not np.array_equal(tile(sample(texture.kind, 4)).albedo, made.albedo)
 
 

@@ -91,10 +91,10 @@ def test_the_command_writes_page_and_json(tmp_path: Path, capsys: pytest.Capture
     assert json.loads((tmp_path / "room" / "certificate" / "certificate.json").read_text())["version"] == 1
 
 
-@pytest.fixture
-def calibrated(tmp_path: Path) -> Path:
-    """A session with both sides calibrated, as its stages leave it."""
-    session = tmp_path / "room"
+@pytest.fixture(scope="module")
+def once_calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session with both sides calibrated, as its stages leave it; tests change copies."""
+    session = tmp_path_factory.mktemp("calibrated") / "room"
     write_session(session, Taken(SimpleRoom(3), 32, (Side.INDOOR,)))
     (session / "stages" / "calibrate").mkdir(parents=True)
     for side in Side:
@@ -103,6 +103,11 @@ def calibrated(tmp_path: Path) -> Path:
     (session / "stages" / "calibrate" / "calibration.json").write_text(json.dumps(facts))
     finish_all(session, merge=MERGED)
     return session
+
+
+@pytest.fixture
+def calibrated(once_calibrated: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(once_calibrated, tmp_path / "room")
 
 
 def test_a_certificate_after_clean_is_the_same(calibrated: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,11 +11,15 @@ import pytest
 
 from processing.errors import ParameterError, SegmenterError
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.segmentation.embedded import SHIPPED, scene_evidence
+from processing.segmentation import embedded
+from processing.segmentation.embedded import SHIPPED
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular, Perspective
+from tests.once import all_anew, once
 
 ROWS = 128
+scene_evidence = once(embedded.scene_evidence)
+"""Several tests compare with the plain room."""
 
 
 def image_of(rgb: np.ndarray, yaw_rad: float = 0.0) -> RelativeImage:
@@ -75,7 +79,8 @@ def test_a_plain_box_room_is_understood() -> None:
 
 
 def test_equal_pictures_give_equal_answers() -> None:
-    one, two = (scene_evidence(image_of(box_room())) for _ in range(2))
+    with all_anew():
+        one, two = (scene_evidence(image_of(box_room())) for _ in range(2))
     assert (one.probabilities == two.probabilities).all()
     assert one.boundary is not None
     assert two.boundary is not None
@@ -170,7 +175,7 @@ def test_a_changed_network_is_refused(tmp_path: Path) -> None:
     data = bytearray(model.read_bytes())
     data[len(data) // 2] ^= 1
     model.write_bytes(bytes(data))
-    with pytest.raises(SegmenterError, match="does not match its JSON"):
+    with pytest.raises(SegmenterError, match="does not match its JSON"), all_anew():
         scene_evidence(image_of(box_room(16)), model=model)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-import colour
 import numpy as np
 import pytest
 
@@ -23,6 +22,8 @@ GEOMETRY = Fisheye(SIDE, SIDE, LensMapping.EQUISOLID, SIDE / 2, math.pi / 2)
 
 def daylight(kelvin: np.ndarray) -> np.ndarray:
     """Return linear Rec. 709 (N, 3) of daylight by its spectrum, not by the locus."""
+    import colour  # a second: every worker collects this file, one runs it
+
     shape = colour.SpectralShape(380, 780, 5)
     cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
     xyz = []
