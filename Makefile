@@ -43,10 +43,15 @@ wheel: $(VENV)/.core $(VENV)/.web
 demo: $(VENV)/.core $(VENV)/.web
 	$(BIN)/daylit demo
 
+# Byte code of all that tests import, once after an installation, which makes none: each worker would else compile it.
+$(VENV)/.bytecode: $(VENV)/.dev
+	@$(RUN) -m pytest --collect-only -qq >/dev/null 2>&1 || true
+	@touch $@
+
 ## make test      set up, then run all tests
 # Kernels first, once: workers that need the same ones at the same time would each compile them. Files stay whole, in
 # their order: what a file's tests share (a demo, a profile of a rig, a room's light) is made by one worker.
-test: $(VENV)/.dev $(VENV)/.web
+test: $(VENV)/.bytecode $(VENV)/.web
 	$(RUN) -c "from processing.ground.kernels import load_kernels; load_kernels()"
 	$(RUN) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
