@@ -18,6 +18,8 @@ from typing import Any
 
 import pytest
 
+from drivers.errors import DaylitError
+
 PURE = {
     "processing.stages.merge": ("recover_response", "check_response", "fit_linear", "place_lenses"),
     "processing.calibration.optics": ("kernel_from_surround", "without_glare"),
@@ -36,7 +38,7 @@ _anew: list[bool] = []
 
 
 def once(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the function with what it has returned before for equal arguments."""
+    """Return the function with what it has returned before for equal arguments, or raised of our errors."""
     name = f"{function.__module__}:{function.__qualname__}"
 
     @functools.wraps(function)
@@ -49,8 +51,15 @@ def once(function: Callable[..., Any]) -> Callable[..., Any]:
             return function(*given, **named)
         key = name, hashlib.sha256(asked).digest()
         if key not in _kept:
-            _kept[key] = pickle.dumps(function(*given, **named), protocol=5)
-        return pickle.loads(_kept[key])
+            try:
+                _kept[key] = pickle.dumps((function(*given, **named), None), protocol=5)
+            except DaylitError as error:
+                _kept[key] = pickle.dumps((None, error), protocol=5)
+                raise
+        answer, refused = pickle.loads(_kept[key])
+        if refused is not None:
+            raise refused
+        return answer
 
     return kept
 
@@ -70,8 +79,10 @@ def each_once(names: Mapping[str, Sequence[str]]) -> Iterator[None]:
 def all_anew() -> Iterator[None]:
     """Work all out while this lasts."""
     _anew.append(True)
-    yield
-    _anew.pop()
+    try:
+        yield
+    finally:
+        _anew.pop()
 
 
 @pytest.fixture(scope="package", autouse=True)

@@ -16,6 +16,7 @@ from PIL import Image
 import daylit
 from processing.errors import ParameterError
 from station.errors import SessionNotFoundError
+from tests.once import PURE, each_once
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -83,7 +84,13 @@ def test_furniture_is_arranged_in_a_plan(tmp_path: Path) -> None:
 
 
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Script and notebook photograph the same room: what follows from their equal frames is worked out once."""
     monkeypatch.chdir(tmp_path)
+    with each_once(PURE):
+        run_the_examples(capsys)
+
+
+def run_the_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert runpy.run_path(str(ROOT / "examples" / "first_room.py"))["main"]() == 0
     printed = capsys.readouterr().out
     assert "18 frames" in printed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -76,7 +77,10 @@ def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: py
 
 def test_a_chart_that_is_dark_through_the_filter_is_warned_of(sessions: Path, tmp_path: Path) -> None:
     chart = tmp_path / "chart"
-    write_session(chart, Taken(ChartRoom(0), SMALL, stops_s=tuple(s for s in CHART_STOPS_S if s <= 4)))
+    shutil.copytree(sessions / "chart", chart)
+    manifest = json.loads((chart / "session.json").read_text())
+    manifest["frames"] = [f for f in manifest["frames"] if f["side"] == "indoor" or f["asked_s"] <= 4]
+    (chart / "session.json").write_text(json.dumps(manifest))
     varied = (sessions / "room", sessions / "plain")
     dark, bright = (
         calibrate.calibrate_rig(calibrate.RigRequest(path, sessions=varied), datetime.now(UTC)).profile.warnings
@@ -119,13 +123,11 @@ def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(
         pair = [sessions / f"lamp{number}", sessions / f"lamp{number}-hidden"]
         for path in pair:
             world = LampWorld(ahead=ahead, hidden=path.name.endswith("hidden"))
-            write_session(path, Taken(world, SMALL, (Side.INDOOR,), stops_s=DENSE_STOPS_S))
+            write_session(path, Taken(world, SMALL, (Side.INDOOR,)))
         lamps += ["--lamp", *map(str, pair)]
     out = tmp_path / "lab.json"
-    assert (
-        daylit.main(["rig", "calibrate", str(sessions / "chart"), str(sessions / "room"), *lamps, "--into", str(out)])
-        == 0
-    )
+    taken = [str(sessions / name) for name in ("chart", "room", "plain")]
+    assert daylit.main(["rig", "calibrate", *taken, *lamps, "--into", str(out)]) == 0
     said = capsys.readouterr().out
     assert "stray light: 0." in said
     assert re.search(r"patches left out: ([0-9.]+/){2}[0-9.]+ standard deviations; prior \(amplitude .*\): [0-9]", said)
@@ -136,8 +138,7 @@ def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(
     assert found.two_lenses
     # The simulated lens scatters 0.5 % evenly.
     assert found.index == pytest.approx(0.005, rel=0.3)
-    session = tmp_path / "room"
-    write_session(session, Taken(SimpleRoom(3), SMALL, (Side.INDOOR,), stops_s=DENSE_STOPS_S))
+    session = shutil.copytree(sessions / "room", tmp_path / "room")
     for glare in ("auto", "keep"):
         words = ["--calibration", str(out), "--k1", "1", "--glare", glare]
         assert daylit.main(["process", str(session), "--until", "calibrate", *words]) in (0, None)
@@ -189,8 +190,8 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
         (["--shutter", "indoor:fifths"], "fifths"),
         (["--corners", "indoor:1,1,2,1,2,2,1,2"], "pixels per patch of the chart"),
         (["--corners", "indoor:1,1,2000,1,2000,40,1,40"], "outside the frame"),
-        (["--nd", "plain", "chart"], "swapped"),
-        (["--nd", "chart", "chart"], "given twice"),
+        (["--nd", "plain", "chart", "--shutter", "outdoor:thirds"], "swapped"),
+        (["--nd", "plain", "plain"], "given twice"),
         (["--flat", "room"], "outdoor camera"),
         (["--lamp", "room", "plain"], "took both"),
     ],

@@ -81,6 +81,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calibrated(rig: Path, chart: str, into: str) -> RigProfile:
     words = [*(str(rig / name) for name in (chart, "room")), "--nd", str(rig / chart), str(rig / "plain")]
     words += ["--flat", str(rig / "flat"), "--lens-data", "theta_z1", "--into", str(rig / into)]
+    words += [f"--shutter={side}:thirds" for side in Side]  # test_rig_command.py: found by itself
     assert daylit.main(["rig", "calibrate", *words]) == 0
     return load_profile(rig / into)
 
