@@ -1,7 +1,7 @@
 """The commands as a user runs them, on simulated instruments: real pyusb, real pyserial, real processes.
 
-What captures are killed in, interrupted and locked out of are processes of their own, and so is a whole capture; the
-rest runs in this one, which has imported what the commands need.
+A whole capture, those that are killed and interrupted, and who locks others out are processes of their own; the rest
+runs in this one, which has imported what the commands need.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return Here(capsys)
 
 
-def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
+def test_a_capture_is_whole_and_verifies(here: Here, tmp_path: Path) -> None:
     events = daylit(*CAPTURE, *FEW_STOPS, "--address", "7 Elm Street", cwd=tmp_path)
     summary = events[-1]
     assert json.loads((tmp_path / summary["session"] / "session.json").read_text())["site"]["name"] == "7 Elm Street"
@@ -85,7 +85,7 @@ def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
     assert kinds.count("saved") == 6
     assert kinds.count("reading") == 2
     assert any("ASSUMED" in w for w in summary["warnings"]), "the assumed meter dialect is stated in the session"
-    (report,) = daylit("verify", "--look", "--json", summary["session"], cwd=tmp_path)
+    (report,) = here("verify", "--look", "--json", summary["session"])
     assert report["ok"], report
     manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())
     assert manifest["simulated"]
@@ -106,7 +106,7 @@ def test_one_flipped_bit_is_found(here: Here, tmp_path: Path) -> None:
     assert frame.name in json.dumps(report["problems"])
 
 
-def test_killed_in_the_middle_then_resumed(tmp_path: Path) -> None:
+def test_killed_in_the_middle_then_resumed(here: Here, tmp_path: Path) -> None:
     acknowledged = []
     with started(*CAPTURE, "--stops", "1/4,1/15,1/60,1/250", "--no-meter", cwd=tmp_path) as process:
         assert process.stdout is not None
@@ -119,11 +119,11 @@ def test_killed_in_the_middle_then_resumed(tmp_path: Path) -> None:
                 break
     (session,) = (tmp_path / "sessions").iterdir()
     digests = {name: (session / name).read_bytes() for name in acknowledged}
-    summary = daylit(*RESUME, str(session), cwd=tmp_path)[-1]
+    summary = here(*RESUME, str(session))[-1]
     assert summary["ok"], summary
     assert summary["frames"] == 8
     assert all((session / name).read_bytes() == data for name, data in digests.items())
-    (report,) = daylit("verify", "--json", str(session), cwd=tmp_path)
+    (report,) = here("verify", "--json", str(session))
     assert report["ok"]
 
 
@@ -195,8 +195,8 @@ def test_conform_reports_each_check(here: Here) -> None:
     assert len(conform["outcomes"]) == 3
 
 
-def test_two_stations_on_one_session_exclude_each_other(tmp_path: Path) -> None:
-    session = daylit(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
+def test_two_stations_on_one_session_exclude_each_other(here: Here, tmp_path: Path) -> None:
+    session = here(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter")[-1]["session"]
     holder = (
         "import sys, time; from pathlib import Path; from station.session.store import SessionStore;"
         "store = SessionStore.open(Path(sys.argv[1]), writable=True); print('held', flush=True); time.sleep(60)"
@@ -209,7 +209,7 @@ def test_two_stations_on_one_session_exclude_each_other(tmp_path: Path) -> None:
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"held\n"
-        (refused,) = daylit(*RESUME, session, "--json", cwd=tmp_path, expect=4)
+        (refused,) = here(*RESUME, session, "--json", expect=4)
         assert refused["error"]["code"] == "SES-002"
         process.kill()
-    assert daylit(*RESUME, session, cwd=tmp_path)[-1]["ok"], "a killed holder leaves no lock behind"
+    assert here(*RESUME, session)[-1]["ok"], "a killed holder leaves no lock behind"
