@@ -113,7 +113,7 @@ def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
 
 def _robertson(uv: Doubles) -> Doubles:
     """Return colour temperature, K, and distance from the Planckian locus, (2, N), of u, v of 1960 (N, 2)."""
-    mired, *middle, slope = np.array(table_of(__package__, "robertson")["isotherms"]).T
+    mired, *middle, slope = map(np.array, table_of(__package__, "robertson").values())
     place, along = np.stack(middle, axis=1), np.stack([np.ones_like(slope), slope], axis=1)
     along /= np.hypot(1, slope)[:, None]
     # The first isotherm that lies above, and its share against the one before

@@ -121,30 +121,27 @@ def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     if (height, width) == shape:
         return np.asarray(values, dtype=np.float32)
     if shape[0] <= height and shape[1] <= width:
-        return _by_channel(values, lambda flat: cv2.resize(flat, shape[::-1], interpolation=cv2.INTER_AREA))
-    pad = 2
-    x = ((np.arange(shape[1]) + 0.5) * (width / shape[1]) - 0.5 + pad).astype(np.float32)
-    y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32).clip(0, height - 1)
-
-    def enlarged(flat: Floats) -> Floats:
-        out = np.empty((*shape, *flat.shape[2:]), np.float32)
-        for top in range(0, shape[0], ROWS_AT_ONCE):
-            at, rows = np.meshgrid(x, y[top : top + ROWS_AT_ONCE]), slice(top, top + ROWS_AT_ONCE)
-            cv2.remap(flat, *at, cv2.INTER_LINEAR, dst=out[rows], borderMode=cv2.BORDER_REPLICATE)
-        return out
-
-    return _by_channel(wrapped(values, pad), enlarged)
+        halved = height == 2 * shape[0]
+        return _by_channel(values, lambda one: cv2.resize(one, shape[::-1], interpolation=cv2.INTER_AREA), apart=halved)
+    pad, linear = 2, {"interpolation": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
+    wide = wrapped(values, pad)
+    x = ((np.arange(shape[1]) + 0.5) / (shape[1] / width) - 0.5 + pad).astype(np.float32)
+    y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32)
+    bands = np.array_split(np.clip(y, 0, height - 1), -(-shape[0] // 256))  # that stay in the processor's cache
+    return _by_channel(
+        wide, lambda one: np.concatenate([cv2.remap(one, *np.meshgrid(x, rows), **linear) for rows in bands])
+    )
 
 
-ROWS_AT_ONCE = 256  # chosen, for memory
+def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike], *, apart: bool = False) -> Floats:
+    """Return a picture changed channel by channel: OpenCV takes no more than four at once everywhere.
 
-
-def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike]) -> Floats:
-    """Return a picture changed, four channels at a time: OpenCV takes no more at once everywhere."""
-    if values.ndim == 3 and values.shape[2] > 4:
-        return np.concatenate([_by_channel(values[..., k : k + 4], change) for k in range(0, values.shape[2], 4)], -1)
-    out = np.asarray(change(np.ascontiguousarray(values, np.float32)), np.float32)
-    return out.reshape(*out.shape[:2], *values.shape[2:])
+    Three are changed together, for a quarter of the time, and the same but for rounding where one is halved: ``apart``.
+    """
+    if values.ndim == 2 or (values.shape[2] == 3 and not apart):
+        return np.asarray(change(np.ascontiguousarray(values, np.float32)), np.float32)
+    layers = [_by_channel(values[..., k], change) for k in range(values.shape[2])]
+    return np.stack(layers, axis=-1)
 
 
 def smoothed(values: Floats, angle_rad: float) -> Floats:

@@ -235,6 +235,7 @@ def _filled(
         give_back()
         return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
 
+    give_back()
     filled = side_by_side(fill, [plane for plane in hidden if plane.index != FLOOR], PLANES_AT_ONCE)
     seen.marks[..., 0] |= seen.marks[..., 2]
     filled += [fill(plane) for plane in hidden if plane.index == FLOOR]

@@ -130,6 +130,7 @@ class Shelf:
     def let_go(self) -> None:
         """Hold nothing any more: what is wanted again is read again."""
         self._held.clear()
+        give_back()
 
     def get(self, stage: str, name: str) -> object | None:
         """Return an artifact; None where the stage left it out."""

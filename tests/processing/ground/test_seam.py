@@ -76,4 +76,7 @@ def test_resizing_and_smoothing_go_round_and_keep_what_is_even() -> None:
     large = resized(spot, (32, 64))
     assert large[16, -1] == pytest.approx(large[16, 2], abs=1e-6)
     many = np.ones((17, 34, 8), np.float32)
-    assert resized(many, (8, 17)).shape == (8, 17, 8)
+    for shape in ((8, 17), (40, 90)):
+        assert resized(many, shape).shape == (*shape, 8)
+        apart = np.stack([resized(many[..., k], shape) for k in range(8)], axis=-1)
+        np.testing.assert_allclose(resized(many, shape), apart, atol=1e-6)

@@ -75,6 +75,19 @@ def test_what_stages_hand_on_is_what_their_files_hold(tmp_path: Path, image: Rel
     assert np.array_equal(np.isinf(handed.uncertainty), np.isinf(image.uncertainty))
 
 
+def test_a_picture_of_ones_own_is_rounded_in_place_but_where_others_hold_it(tmp_path: Path) -> None:
+    image, before = luminance_image(np.full((8, 16, 3), 1 / 3, np.float32)), np.float32(1 / 3)
+    copied = write_stage_exr(tmp_path / "a.exr", image)
+    assert (image.rgb == before).all()
+    image.rgb.setflags(write=False)
+    assert_same(write_stage_exr(tmp_path / "a.exr", image, own=True), copied)
+    assert (image.rgb == before).all()
+    image.rgb.setflags(write=True)
+    mine = write_stage_exr(tmp_path / "a.exr", image, own=True)
+    assert mine.rgb is image.rgb
+    assert_same(mine, copied)
+
+
 @pytest.mark.parametrize("uncertainty", [1e-7, 5e-5, 6.2e-5, 0.0103, 1.0, 65504.0, 1e30])
 def test_an_uncertainty_stays_above_nothing_and_finite_in_a_half(tmp_path: Path, uncertainty: float) -> None:
     image = luminance_image(np.ones((8, 16, 3)), uncertainty=np.full((8, 16), uncertainty, np.float32))
