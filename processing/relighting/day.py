@@ -20,8 +20,9 @@ from processing.light.solver.relight import RelightView
 from processing.light.solver.stage import Stage
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage
 from processing.relighting.live import Outside
-from processing.relighting.relit_session import MEASURED, SessionScene, check_sky, display_of_day, furnished
+from processing.relighting.relit_session import MEASURED, SessionRoom, check_sky, display_of_day, furnished
 from processing.relighting.weather import day_times
 from processing.report.states import Look, shown
 from processing.report.stills import Frame
@@ -50,9 +51,13 @@ def no_day(context: StageContext) -> str | None:
     return None
 
 
-def _hours(context: StageContext) -> tuple[SessionScene, Outside, list[datetime]]:
+def _hours(context: StageContext) -> tuple[SessionRoom, Outside, list[datetime]]:
+    """Return the empty room with the still's light: its whole level view, in its own size; and the day's hours."""
     measured = context.artifact("materials", "materials").get("outdoors", MEASURED) == MEASURED
-    room = SessionScene(context.session, read_scene(context.artifact("materials", "scene")), measured)
+    scene, light = read_scene(context.artifact("materials", "scene")), context.artifact("stills", "still-1-light")
+    image, eye_m = read_exr(light), (0.0, 0.0, known_room(context).camera_height_m)
+    assert isinstance(image, LuminanceImage)  # as the stage stills writes it
+    room = SessionRoom(context.session, scene, image, eye_m, None, measured)
     check_sky(room)
     outside = Outside.of(room, "captured", dict.fromkeys(("site", "heading", "zone")))
     return room, outside, day_times(room.time_utc, outside.place, outside.zone, timedelta(hours=1))
@@ -68,11 +73,9 @@ def run(context: StageContext) -> StageOutput:
     if still["state"].startswith("staged"):
         one, made = context.artifact("arrange", "arrangement").arrangements[0], context.artifact("render", "staged")
         scene = furnished(scene, one, made["alternatives"][0], asked.furniture)
-    light = read_exr(context.artifact("stills", "still-1-light")).rgb  # the whole level view, in its own size
-    cut = np.asarray(cv2.resize(light, (view.width_px, view.height_px)), np.float32)
+    cut = np.asarray(cv2.resize(room.picture.rgb, (view.width_px, view.height_px)), np.float32)
     stage = Stage.of(scene, EFFORT.texel_m)
-    basis = basis_of(stage, (0.0, 0.0, known_room(context).camera_height_m), effort=EFFORT)
-    ready = RelightView(stage, basis, view)
+    ready = RelightView(stage, basis_of(stage, room.eye_m, effort=EFFORT), view)
     before = ready.relit(scene.outdoors)
     lit = [photograph_under(cut, ready, before, outdoors)[0].rgb[-rows:] for outdoors, _ in lights]
     display = Display.read(context.artifact("stills", "display"))

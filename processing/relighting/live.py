@@ -25,7 +25,7 @@ from processing.light.solver.sight import GLASS, sight_along
 from processing.pictures.images import LuminanceImage
 from processing.relighting import relit_session as sessions
 from processing.relighting import weather as weathers
-from processing.relighting.relit_session import Relighting, RelitRoom, SessionScene
+from processing.relighting.relit_session import Relighting, RelitRoom, SessionRoom
 from processing.relighting.weather import Weather
 from processing.report.states import Look, State, viewer
 from processing.sphere import Equirectangular
@@ -48,7 +48,7 @@ class Outside:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, room: SessionScene, kind: Kind, asked: dict[str, Any]) -> Self:
+    def of(cls, room: SessionRoom, kind: Kind, asked: dict[str, Any]) -> Self:
         """Return a room's; ``asked``: "site" ("LAT,LON"), "heading" (degrees) and "zone"; None: as the session says.
 
         Raises `DaylightError` where the place or the heading is not known.
@@ -69,7 +69,7 @@ class Outside:
         return found.outdoors, said | weathers.daylight_facts(found, time_utc)
 
 
-def _weather(room: SessionScene, kind: Kind, place: Place) -> Weather:
+def _weather(room: SessionRoom, kind: Kind, place: Place) -> Weather:
     if kind == "captured":
         return weathers.captured_weather(room.scene.outdoors, room.time_utc, place)
     panes = room.scene.panes

@@ -49,12 +49,16 @@ SKY_MODEL = 0.15  # the same of what a modelled sky sends through a window
 
 
 @dataclass(frozen=True)
-class SessionScene:
-    """A session's room as light meets it, and what is known of its place."""
+class SessionRoom:
+    """A session's room, empty or staged."""
 
     manifest: SessionManifest
     scene: Scene
     """Under the captured light; with furniture where it is staged."""
+    picture: LuminanceImage
+    eye_m: Vector
+    staged: int | None
+    """The alternative's number; None: the emptied room."""
     outdoors_measured: bool
 
     @property
@@ -62,16 +66,6 @@ class SessionScene:
         """Return when the room was captured: the middle of its frames, else when the session was made."""
         times = sorted(f.taken_utc for f in self.manifest.frames if f.taken_utc is not None)
         return times[len(times) // 2] if times else self.manifest.created_utc
-
-
-@dataclass(frozen=True)
-class SessionRoom(SessionScene):
-    """A session's room, empty or staged, with its picture."""
-
-    picture: LuminanceImage
-    eye_m: Vector
-    staged: int | None
-    """The alternative's number; None: the emptied room."""
 
 
 def read_session_room(session: Path, staged: int | None, rows: int, furniture: Path | None = None) -> SessionRoom:
@@ -92,8 +86,9 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     if staged is not None:
         scene = _furnished(scene, stages, staged, furniture)
     picture = _picture(_picture_path(stages, staged), rows)
-    measured = facts.get("outdoors", MEASURED) == MEASURED
-    return SessionRoom(manifest, scene, measured, picture, (0.0, 0.0, height_m), staged)
+    return SessionRoom(
+        manifest, scene, picture, (0.0, 0.0, height_m), staged, facts.get("outdoors", MEASURED) == MEASURED
+    )
 
 
 def _json(path: Path) -> dict[str, Any]:
@@ -130,7 +125,7 @@ def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) 
 def furnished(scene: Scene, one: Arrangement, made: Mapping[str, Any], furniture: Path | None) -> Scene:
     """Return a scene with an alternative's pieces; ``made``: what the stage render says of it."""
     own = None if furniture is None else Catalogue.at(furniture)
-    items = (*one.items, *(PlacedItem.model_validate(dict(item)) for item in made.get("added", ())))
+    items = (*one.items, *(PlacedItem.model_validate(item) for item in made.get("added", ())))
     return scene.furnished(furniture_parts(items, Catalogue.builtin(made["style"]), own, lit=made.get("lamps") == "on"))
 
 
@@ -166,7 +161,7 @@ def seen_picture(
     )
 
 
-def check_sky(room: SessionScene) -> None:
+def check_sky(room: SessionRoom) -> None:
     """Raise `RelightError` where the light outdoors was not measured: the windows are then pictures that glow."""
     if not room.outdoors_measured:
         raise RelightError(
@@ -176,7 +171,7 @@ def check_sky(room: SessionScene) -> None:
         )
 
 
-def place_of(room: SessionScene, site: Sequence[float] | None) -> Place:
+def place_of(room: SessionRoom, site: Sequence[float] | None) -> Place:
     """Return where the room is; ``site``: latitude and longitude (degrees) instead of the session's."""
     here = Place.of(room.manifest.site) if site is None else Place(*site)
     if here is None:
@@ -185,7 +180,7 @@ def place_of(room: SessionScene, site: Sequence[float] | None) -> Place:
     return here
 
 
-def heading_of(room: SessionScene, heading_rad: float | None, place: Place) -> tuple[float, str]:
+def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tuple[float, str]:
     """Return the compass azimuth of the panorama's middle, and where it is known from."""
     if heading_rad is not None:
         return heading_rad, "given"

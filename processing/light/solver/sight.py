@@ -17,6 +17,7 @@ from processing.sphere import Geometry, directions
 NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
 """Labels of pixels that see nothing, a pane, furniture (FIRST_PART + its part); else the surface's number."""
 
+SHARP = 0.7  # of a pixel's width is averaged: halves are blurred by their sampling already (chosen by looking)
 LEAST_FACING = 0.1  # cosine, below which a pixel counts as wide as there: more would blur what is still seen along it
 LEAST_AGREEMENT = 0.3
 """Cosine between a smooth normal and its face's, below which the mesh is wrong about it and the face's is taken."""
@@ -153,7 +154,7 @@ def _colours(stage: Stage, sight: Sight, name: str, pixel_rad: float = 0.0) -> F
             part = stage.scene.parts[number - FIRST_PART]
             face = stage.patches.face[sight.triangle[chosen]]
             facing = np.abs(np.einsum("ij,ij->i", sight.normal[chosen], sight.rays[chosen], dtype=np.float64))
-            wide_m = pixel_rad * sight.distance_m[chosen] / np.sqrt(np.maximum(facing, LEAST_FACING))
+            wide_m = SHARP * pixel_rad * sight.distance_m[chosen] / np.sqrt(np.maximum(facing, LEAST_FACING))
             out[chosen] = part_albedo(part, face, sight.point[chosen].astype(np.float64), wide_m)
         else:
             surface = stage.scene.surfaces[number]
