@@ -3,7 +3,6 @@
 import gzip
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -206,17 +205,6 @@ WIDTH_PX = 640  # chosen: the picture of a card
 _WEATHER = {"captured": "the captured weather", "clear": "clear", "overcast": "overcast"}
 
 
-@dataclass(frozen=True)
-class Moment:
-    """The room at one moment or under one sky."""
-
-    path: Path
-    title: str
-    """When it is, and what is shown: 2023-06-21 09:00, staged 1."""
-    facts: Mapping[str, Any]
-    made: Made
-
-
 def _hours(context: StageContext) -> tuple[Card, ...]:
     """Return the hours of the day that a run makes; none where it has none."""
     day = context.optional_artifact("day", "day")
@@ -234,7 +222,7 @@ def relight_section(session: Path, look: Look, hours: tuple[Card, ...] = ()) -> 
     moments = list(relit_moments(session))
     if not moments and not hours:
         return None
-    cards = tuple(_card(one.title, one.facts, _view(one, look)) for one in moments[:MOST])
+    cards = tuple(_card(title, facts, _view(path, title, made, look)) for path, title, facts, made in moments[:MOST])
     tables: tuple[Table, ...] = ()
     if len(moments) > MOST:
         row = (f"{len(moments) - MOST} more moments are in the folder {FOLDER}",)
@@ -246,8 +234,11 @@ def relight_section(session: Path, look: Look, hours: tuple[Card, ...] = ()) -> 
     return Section("Times of day", text, tables=tables, widgets=tuple(Cards(one) for one in (cards, hours) if one))
 
 
-def relit_moments(session: Path) -> Iterator[Moment]:
-    """Return the moments that a session's summaries name and have a picture of; damaged files are left out."""
+def relit_moments(session: Path) -> Iterator[tuple[Path, str, Mapping[str, Any], Made]]:
+    """Yield the moments that a session's summaries name and have a picture of; damaged files are left out.
+
+    A title is when it is, and what is shown: "2023-06-21 09:00, staged 1".
+    """
     seen, folder = set[Path](), session / FOLDER
     for summary in sorted(folder.glob("*.json")):
         data = _read(summary)
@@ -260,7 +251,7 @@ def relit_moments(session: Path) -> Iterator[Moment]:
             path = folder / (f"{name}-{stem}.jpg" if stem else f"{summary.stem}.jpg")
             if path.is_file() and path not in seen:
                 seen.add(path)
-                yield Moment(path, f"{facts.get('local_time', 'another sky')}, {shown}", facts, made)
+                yield path, f"{facts.get('local_time', 'another sky')}, {shown}", facts, made
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -284,12 +275,12 @@ def _card(title: str, facts: Mapping[str, Any], jpeg: bytes) -> Card:
     return Card(title, jpeg, f"the room relit, {title}", weather, tuple(figures))
 
 
-def _view(moment: Moment, look: Look) -> bytes:
+def _view(path: Path, title: str, made: Made, look: Look) -> bytes:
     from PIL import Image
 
-    with Image.open(io.BytesIO(moment.path.read_bytes())) as picture:
+    with Image.open(io.BytesIO(path.read_bytes())) as picture:
         panorama = np.asarray(picture.convert("RGB"), np.uint8)
     seen = cut_view(Panorama(panorama), small_direction(look, WIDTH_PX))[-small_height_px(WIDTH_PX) :]
-    made = moment.made._replace(original=look.original)
+    made = made._replace(original=look.original)
     shown = made.on(seen, panorama=False) if look.label else np.ascontiguousarray(seen)
-    return jpeg_bytes(shown, made=made, title=moment.title, quality=84)
+    return jpeg_bytes(shown, made=made, title=title, quality=84)
