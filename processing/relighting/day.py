@@ -38,12 +38,14 @@ EFFORT = BASIS_EFFORTS["draft"]
 
 
 def no_day(context: StageContext) -> str | None:
-    """Return why there is nothing to do: a draft, no scene or still, or light outdoors, place or heading unknown."""
+    """Return why there is nothing to do: a draft, no scene or still; light outdoors, time, place or heading unknown."""
     if context.quality is Quality.DRAFT:
         return "a draft has no day: process with --quality standard"
     for stage, name in (("materials", "scene"), ("stills", "still-1")):
         if not context.has(stage, name):
             return f"no {name}: {why_none(context, stage, name)}"
+    if not any(one.taken_utc for one in context.session.frames):
+        return "the frames do not say when they were taken"
     try:
         _hours(context)
     except (DaylightError, RelightError) as error:

@@ -24,9 +24,9 @@ from processing.report.stills import Frame
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import DayParameters
-from station.session.session import Site
+from station.session.session import FrameRecord, Side, Site
 from station.session.store import load_manifest
-from tests.processing.relighting.lit_sessions import lit_session
+from tests.processing.relighting.lit_sessions import CAPTURED, lit_session
 
 STILL = {"state": "emptied", "yaw_deg": 180.0, "lens_mm": 18.0, "drop": 0.1, "original": "still-1-original.jpg"}
 """Towards the window, on whose sides the sun goes by."""
@@ -56,7 +56,13 @@ def lit(tmp_path: Path) -> StageContext:
 
     (tmp_path / "day").mkdir()
     parameters, blank = DayParameters(), {"left_out": {}, "metrics": {}, "warnings": []}
-    return StageContext(load_manifest(session), session, tmp_path / "day", parameters, fetch, lambda _stage: blank)
+    manifest = load_manifest(session).model_copy(update={"frames": (_frame(CAPTURED),)})
+    return StageContext(manifest, session, tmp_path / "day", parameters, fetch, lambda _stage: blank)
+
+
+def _frame(taken_utc: datetime | None) -> FrameRecord:
+    where = {"side": Side.INDOOR, "stop": 0, "file": "indoor/00_1s.jpg", "size_bytes": 1, "sha256": "0" * 64}
+    return FrameRecord(**where, asked_s=1.0, camera_s=1.0, taken_utc=taken_utc)
 
 
 def _empty(session: Path) -> LuminanceImage:
@@ -98,8 +104,9 @@ def test_why_there_is_no_day(lit: StageContext) -> None:
 
     assert "draft" in (no_day(replace(lit, quality=Quality.DRAFT)) or "")
     assert "site is unknown; give --site" in without(site=Site())
-    night = datetime(2023, 12, 21, 12, tzinfo=UTC)
-    assert "does not rise" in without(site=Site(latitude_deg=80.0, longitude_deg=20.0), created_utc=night)
+    assert "do not say when" in without(frames=(_frame(None),))
+    night = _frame(datetime(2023, 12, 21, 12, tzinfo=UTC))
+    assert "does not rise" in without(site=Site(latitude_deg=80.0, longitude_deg=20.0), frames=(night,))
     path = lit.session_path / "stages" / "materials" / "scene.npz"
     scene = read_scene(path)
     write_scene(path, replace(scene, outdoors=replace(scene.outdoors, sun=None)))
