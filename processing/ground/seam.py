@@ -35,6 +35,12 @@ def row_solid_angles(shape: tuple[int, int]) -> Doubles:
     return np.asarray((edges[:-1] - edges[1:])[:, None] * (2 * math.pi / shape[1]))
 
 
+def summed(labels: Int32s, *parts: Flags | Floats | int) -> tuple[Doubles, ...]:
+    """Return, for each of the ``parts`` (H, W), its solid angle (sr) by the labels (H, W) of a whole panorama."""
+    weight = row_solid_angles((labels.shape[0], labels.shape[1]))
+    return tuple(np.bincount(labels.ravel(), np.broadcast_to(weight * part, labels.shape).ravel()) for part in parts)
+
+
 def share_of_sphere(mask: Flags) -> float:
     """Return which part of the sphere a mask (H, W) of a whole panorama covers, 0..1."""
     return float(np.count_nonzero(mask, axis=1) @ row_solid_angles(mask.shape[:2])[:, 0] / (4 * math.pi))

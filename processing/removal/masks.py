@@ -12,7 +12,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere
+from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere, summed
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal import furniture as pieces
@@ -39,6 +39,8 @@ them by so much too small (chosen by looking at furnished real rooms)."""
 CRUMB_SR, CRUMB_PX = 2e-3, 16
 """Of what stays on a wall of which all around is removed: larger is a picture (chosen); pixels of the working size, for
 what it does not see (chosen)."""
+HALL_RAD = math.radians(4)  # above a wall's foot, as far as the next room's floor is seen; less is this one's (chosen)
+HUNG, SURELY = 0.35, 3.0  # probability of fixtures, and times that of furniture, from which they are there (chosen)
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
 
 
@@ -137,12 +139,16 @@ def _find(
     tripod = replace(tripod, mask=tripod.mask | board)
     furniture = pieces.find_furniture(chances, maps, shown, whole=known.two_networks, reach_m=seen[0])
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
-    fixtures = chances[SceneClass.FIXTURE] > BLOCKED
-    likely = chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
+    least = HUNG if known.two_networks else BLOCKED
+    fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
+    things = chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     hall = _next_floor(chances, maps, shown)
-    openings = others | (maps.opening >= 0) | (known.two_networks & pieces.doors_in(chances, maps)) | hall
+    hall |= known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)
+    likely = others | (known.two_networks & pieces.doors_in(chances, maps))
+    panes, likely = (pieces.mostly_seen(ones, furniture.mask) for ones in (maps.opening >= 0, likely))
+    openings = panes | likely | hall
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
-    furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, likely), flat)
+    furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, things), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board & ~hall)
@@ -157,7 +163,8 @@ def _find(
     stays = hangs | tripod.mask | sunlight.mask
     if seen[0] is not None:
         stays |= seen[0] > BEYOND * maps.depth_m
-    plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, barred | stays)
+    kept = barred | stays | grown(fixtures & ~hidden, 1.5 * pieces.TOUCH_RAD)  # a curtain's edge is no thing
+    plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, kept)
     gone = furniture.mask | plain | (shadow.contact & ~hangs)
     bar = stays | openings | fixtures
     rests = rests_beside(gone, chances, luminance, maps, bar)
@@ -168,13 +175,14 @@ def _find(
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
-    return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, hangs, notes)
+    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
 
 
 def _next_floor(chances: Floats, maps: SurfaceMaps, shown: Bytes) -> Flags:
     """Return where (H, W) the next room's floor is seen, as far as it is likelier than furniture there."""
     floor = chances[SceneClass.FLOOR] * (maps.plane >= FIRST_WALL)
-    return pieces.completed(floor > BLOCKED, floor * (floor > chances[SceneClass.FURNITURE]), shown)
+    found = pieces.completed(floor > BLOCKED, floor * (floor > chances[SceneClass.FURNITURE]), shown)
+    return np.asarray(found & (found.sum(axis=0) * math.pi / len(found) > HALL_RAD))
 
 
 def _sun(
@@ -231,7 +239,7 @@ def _with_things(
     touches, beside = np.zeros(count + 1, bool), grown(openings, CURTAIN_RAD)
     touches[np.unique(labels[grown(found.mask, pieces.TOUCH_RAD)])] = True
     lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
-    size = np.bincount(labels.ravel(), np.broadcast_to(row_solid_angles(labels.shape), labels.shape).ravel())
+    size = summed(labels, 1)[0]
     # What hangs on a wall stays, unless it is small and touches furniture itself (a framed photograph on a chest).
     stays = ~(touches & ((size < STANDING_SR) | lies))
     rugs = (~stays & lies)[labels] & (labels > 0)
@@ -318,12 +326,9 @@ def target_of(things: tuple[Flags, Flags], sunlight: Flags, openings: Flags, mar
 
 def with_islands(target: Flags, openings: Flags, most_sr: float = pieces.ISLAND_SR) -> Flags:
     """Return a target (H, W) with the small parts that it goes all round, but for windows and doors (h, w)."""
-    small = resized(target.astype(np.float32), (openings.shape[0], openings.shape[1])) > 0.5
-    islands = pieces.islands_in(small, openings, most_sr)
-    if not islands.any():
-        return target
+    islands = pieces.islands_in(_at(target, (len(openings), openings.shape[1])), openings, most_sr)
     # One pixel more, as the edge of the smaller mask is that coarse.
-    return target | (resized(grown(islands, math.pi / len(islands)).astype(np.float32), target.shape[:2]) > 0.5)
+    return target | _at(grown(islands, math.pi / len(islands)), (len(target), target.shape[1]))
 
 
 def _nothing(shape: tuple[int, int], why: str) -> Masks:

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import components, grown, resized, row_solid_angles
+from processing.ground.seam import components, grown, resized, row_solid_angles, summed
 from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD, segments
 from processing.removal.illumination import known_mean
 from processing.segmentation.evidence import SceneClass
@@ -72,8 +72,7 @@ def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:
     What is brighter than the floor or of another colour is a thing; what touches that and is no larger, its dark side.
     """
     px_rad, found = math.pi / len(labels), np.zeros_like(where)
-    weight = np.broadcast_to(row_solid_angles((labels.shape[0], labels.shape[1])), labels.shape)
-    size, inside = (np.bincount(labels.ravel(), part.ravel()) for part in (weight, weight * where))
+    size, inside = summed(labels, 1, where)
     small = []
     for label in np.flatnonzero((inside > 0.5 * size) & (size > LONE_SR)):
         part = labels == label
@@ -85,7 +84,7 @@ def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:
         return found
     count, number = components(np.logical_or.reduce(things))
     for one in range(1, count + 1):
-        reach, whole = grown(number == one, TOUCH_RAD), float(weight[number == one].sum())
+        reach, whole = grown(number == one, TOUCH_RAD), float(summed(number, 1)[0][one])
         found |= number == one
         for own, part in small:
             if own <= whole and (part & reach).any():
