@@ -149,8 +149,7 @@ def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
 
     Half a bed is worse than none: what has the colour of its other half, and may be furniture, goes with it.
     """
-    doubtful = probability > DOUBTFUL
-    grown_to = mask.copy()
+    doubtful, grown_to = probability > DOUBTFUL, mask.copy()
     for scale in SEGMENTS:
         labels = segments(rgb8.tobytes(), rgb8.shape, scale, SEGMENT_PX)
         seeds, parts = summed(labels, mask, doubtful)
@@ -242,8 +241,7 @@ def islands_in(mask: Flags, never: Flags, most_sr: float = ISLAND_SR) -> Flags:
     labels = components(~mask)[1]
     size, barred = summed(labels, 1, never)
     small = (size < most_sr) & (barred < size / 2)
-    small[0] = False
-    return np.asarray(small[labels], bool)
+    return np.asarray(small[labels] & ~mask, bool)
 
 
 def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:

@@ -148,7 +148,8 @@ def _find(
     panes, likely = (pieces.mostly_seen(ones, furniture.mask) for ones in (maps.opening >= 0, likely))
     openings = panes | likely | hall
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
-    furniture, barred = _with_things(furniture, shown, maps, openings, (fixtures, things), flat)
+    hung = fixtures * chances[SceneClass.FIXTURE]
+    furniture, barred = _with_things(furniture, shown, maps, openings, (hung, things), flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board & ~hall)
@@ -227,24 +228,24 @@ def _with(found: FurnitureFound, goes: Flags) -> FurnitureFound:
 
 
 def _with_things(
-    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Floats], flat: Flags
+    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Floats, Floats], flat: Flags
 ) -> tuple[FurnitureFound, Flags]:
     """Return furniture with what stands on it and whole rugs below, and what stays: curtains are a window's, pictures a
     wall's.
 
-    ``things``: where fixtures surely are, and the probability of things, (H, W) each. ``flat`` (H, W): where the floor,
-    or what lies flat on it, is seen by the network's distances.
+    ``things``: the probability of fixtures, 0 where none are (up to `BLOCKED` they stay), and of things, (H, W) each.
+    ``flat`` (H, W): where the floor, or what lies flat on it, is seen by the network's distances.
     """
-    count, labels = components(things[0])
-    touches, beside = np.zeros(count + 1, bool), grown(openings, CURTAIN_RAD)
-    touches[np.unique(labels[grown(found.mask, pieces.TOUCH_RAD)])] = True
+    count, labels = components(things[0] > 0)
+    numbers, beside = np.arange(count + 1), grown(openings, CURTAIN_RAD)
+    parts = grown(found.mask, pieces.TOUCH_RAD), things[0] > BLOCKED, beside
+    touches, sure, curtains = (np.isin(numbers, np.unique(labels[part])) for part in parts)
     lies = np.bincount(labels.ravel(), flat.ravel()) > FLAT * np.bincount(labels.ravel())
     size = summed(labels, 1)[0]
     # What hangs on a wall stays, unless it is small and touches furniture itself (a framed photograph on a chest).
-    stays = ~(touches & ((size < STANDING_SR) | lies))
+    stays = ~(touches & sure & ((size < STANDING_SR) | lies))
     rugs = (~stays & lies)[labels] & (labels > 0)
-    free = np.ones(count + 1, bool)
-    free[np.unique(labels[beside])] = free[0] = False
+    free = sure & ~curtains & (numbers > 0)
     # What stands on furniture, such as a picture on a chest, goes whole with it.
     near, ends = pieces.lower_ends(labels, grown(found.mask, BELOW_RAD), count)
     stands = free & (near > MOST_ENDS * ends) & (size < STANDING_SR)

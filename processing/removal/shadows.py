@@ -101,8 +101,8 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
 LAMP, CLIPPED = 3.0, 0.2
 """Stops above the median of what stays, or below the brightest of all: what goes there was a lit lamp (chosen)."""
 MOST_LAMP_SR, MOSTLY = 0.1, 0.5  # chosen: larger things are no lamps, nor what is bright and mostly wall
-GLOW_M, GLOW_CORE_M, LEAST_GLOW = 1.3, 0.6, 0.2
-"""Reach of a lamp's glow; how near, and by how many stops, a tenth of that must be brighter (chosen)."""
+GLOW_M, GLOW_CORE_M, LEAST_GLOW = 1.3, 0.6, 0.3
+"""Reach of a lamp's glow; how near, and by how many stops, a quarter of that must be brighter (chosen)."""
 MOST_GLOW = 4.0  # stops that are taken off at most (chosen: a clipped wall)
 OWN_RAD = math.radians(2)  # chosen: what is bright so near to what is removed is its own rim
 FAR_AWAY = np.full((1, 3), 1e6)  # where lamps are that there are not
@@ -137,7 +137,7 @@ def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Flo
         fade = np.clip(2 * (1 - near / GLOW_M), 0, 1) * other**2 / (near**2 + other**2)
         glow = [_smooth_fit(texture.values[..., k], far)[0] for k in range(3)]
         more = np.clip(texture.values - np.stack(glow, axis=-1), 0, MOST_GLOW)
-        if float(np.quantile(more[core].mean(axis=-1), 0.9)) < LEAST_GLOW:
+        if float(np.quantile(more[core].mean(axis=-1), 0.75)) < LEAST_GLOW:
             continue
         # It goes on to what is removed, and under things that are not.
         more = (spread(more.astype(np.float32), texture.known) * fade[..., None]).astype(np.float32)

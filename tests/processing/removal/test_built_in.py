@@ -1,0 +1,124 @@
+"""What belongs to the building stays beside furniture that goes: below windows, at doors, in openings to other rooms;
+what only looks like it does not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.ground.arrays import Flags
+from processing.ground.seam import grown, resized, summed
+from processing.pictures.preview import preview_rgb8
+from processing.removal.furniture import doors_in, fitted_below_windows, mostly_seen
+from processing.removal.masks import Masks, _next_floor, find_masks
+from processing.segmentation.evidence import SceneClass
+from processing.surfaces.maps import FIRST_WALL, FLOOR
+from tests.processing.removal.painted_room import Painted, evidence_of, paint
+
+
+def bare() -> Painted:
+    return paint(rows=256, things=False, sun=False)
+
+
+def none() -> Flags:
+    return np.zeros(bare().maps.plane.shape, bool)
+
+
+def below_pane() -> Flags:
+    maps = bare().maps
+    pane = maps.opening >= 0
+    return np.asarray(np.maximum.accumulate(pane, axis=0) & ~pane & (maps.plane >= FIRST_WALL))
+
+
+def found_with(furniture: Flags, other: Flags, shares: dict[SceneClass, float], *, networks: int) -> Masks:
+    """Return the masks where furniture is seen, and something else, mostly of another colour, with these shares."""
+    light = np.where(other[..., None], np.float32((0.9, 0.88, 0.2)), bare().image.rgb)
+    light = np.where(furniture[..., None], np.float32((0.05, 0.12, 0.3)), light)
+    classes = bare().evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
+    evidence = evidence_of(np.where(furniture, SceneClass.FURNITURE, classes))
+    probabilities = evidence.probabilities.copy()
+    small = resized(other.astype(np.float32), probabilities.shape[1:]) > 0.5
+    probabilities[:, small] = 0
+    for kind, share in shares.items():
+        probabilities[kind, small] = share
+    evidence = replace(evidence, probabilities=probabilities, networks=networks)
+    return find_masks(replace(bare().image, rgb=light), evidence, bare().room, sun_possible=False)
+
+
+def test_what_is_as_wide_as_its_window_and_hardly_furniture_is_fitted_below_it() -> None:
+    maps, below = bare().maps, below_pane()
+    likely = np.full(below.shape, 0.45, np.float32)
+    niche = fitted_below_windows(below, likely, maps)
+    assert niche[below & ~grown(maps.plane == FLOOR, math.radians(6))].all()
+    assert not niche[~below].any()
+    assert not niche[grown(maps.plane == FLOOR, math.radians(3))].any(), "skirting is drawn anew"
+    assert not fitted_below_windows(below, likely + np.float32(0.2), maps).any(), "a chair"
+    lamp = below.copy()
+    lamp[:, np.flatnonzero(below.any(axis=0))[4:]] = False
+    assert not fitted_below_windows(lamp, likely, maps).any()
+    assert not fitted_below_windows(none(), likely, maps).any()
+
+
+@pytest.mark.parametrize("networks", [1, 2])
+def test_a_niche_below_a_window_stays_where_two_networks_are_not_sure_of_it(networks: int) -> None:
+    niche = below_pane()
+    inner = niche & ~grown(~niche, math.radians(1.5)) & ~grown(bare().maps.plane == FLOOR, math.radians(7))
+    shares = {SceneClass.FURNITURE: 0.48, SceneClass.WALL: 0.36, SceneClass.FIXTURE: 0.16}
+    found = found_with(none(), niche, shares, networks=networks)
+    assert inner.sum() > 200
+    assert found.target[inner].mean() == pytest.approx(float(networks == 1), abs=0.05)
+
+
+def test_the_foot_of_an_open_door_before_the_floor_is_a_door() -> None:
+    maps = bare().maps
+    foot = none()
+    foot[175:185, 250:270] = True
+    assert (maps.plane[foot] == FLOOR).all()
+    shares = np.zeros((len(SceneClass), *foot.shape), np.float32)
+    for kind, share in {SceneClass.DOOR: 0.33, SceneClass.FURNITURE: 0.24, SceneClass.FLOOR: 0.1}.items():
+        shares[kind, foot] = share
+    np.testing.assert_array_equal(doors_in(shares, maps), foot)
+    shares[SceneClass.FLOOR, foot] = 0.4
+    assert not doors_in(shares, maps).any(), "floor with a door's reflection"
+
+
+def test_a_door_that_furniture_has_most_of_is_a_wardrobes_and_specks_are_none() -> None:
+    door, other, speck = none(), none(), none()
+    door[100:160, 100:130], other[100:160, 300:330], speck[120:122, 200:203] = True, True, True
+    wardrobe, sofa = none(), none()
+    wardrobe[90:160, 90:128], sofa[140:170, 280:350] = True, True
+    np.testing.assert_array_equal(mostly_seen(door | other | speck, wardrobe | sofa), other)
+
+
+@pytest.mark.parametrize(("top", "kept"), [(135, True), (147, False)])
+def test_a_low_strip_of_floor_before_a_wall_is_no_next_rooms(top: int, kept: bool) -> None:
+    """The wall was estimated too near; a corridor is seen far above the wall's foot."""
+    maps, strip = bare().maps, none()
+    strip[top:151, 160:240] = True
+    strip &= maps.plane >= FIRST_WALL
+    shares = np.zeros((len(SceneClass), *strip.shape), np.float32)
+    shares[SceneClass.WALL], shares[SceneClass.FLOOR, strip] = 0.9 - 0.6 * strip, 0.6
+    assert strip.any()
+    assert _next_floor(shares, maps, preview_rgb8(bare().image.rgb))[strip].all() == kept
+
+
+@pytest.mark.parametrize("networks", [1, 2])
+def test_what_is_far_likelier_fixed_than_furniture_stays_where_it_touches_furniture(networks: int) -> None:
+    sofa, jamb = none(), none()
+    sofa[135:175, 150:200], jamb[108:135, 170:176] = True, True
+    found = found_with(
+        sofa, jamb, {SceneClass.FIXTURE: 0.45, SceneClass.WALL: 0.5, SceneClass.FURNITURE: 0.05}, networks=networks
+    )
+    assert found.furniture[140:170, 155:195].all()
+    assert found.target[112:126, 171:175].any() == (networks == 1)
+
+
+def test_solid_angles_by_label() -> None:
+    labels = np.zeros((64, 128), np.int32)
+    labels[32:] = 1
+    size, half = summed(labels, 1, np.arange(128) < 64)
+    np.testing.assert_allclose(size, [2 * math.pi] * 2, rtol=1e-9)
+    np.testing.assert_allclose(half, [math.pi] * 2, rtol=1e-9)
