@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Flags, Floats, Int16s, Int32s, Int64s
+from processing.ground.arrays import AnyArray, Doubles, Flags, Floats, Int16s, Int32s, Int64s
 
 Picture = TypeVar("Picture", bound=npt.NDArray[np.generic])
 
@@ -35,7 +35,7 @@ def row_solid_angles(shape: tuple[int, int]) -> Doubles:
     return np.asarray((edges[:-1] - edges[1:])[:, None] * (2 * math.pi / shape[1]))
 
 
-def summed(labels: Int32s, *parts: Flags | Floats | int) -> tuple[Doubles, ...]:
+def summed(labels: Int32s, *parts: Flags | Floats | int) -> tuple[AnyArray, ...]:
     """Return, for each of the ``parts`` (H, W), its solid angle (sr) by the labels (H, W) of a whole panorama."""
     weight = row_solid_angles((labels.shape[0], labels.shape[1]))
     return tuple(np.bincount(labels.ravel(), np.broadcast_to(weight * part, labels.shape).ravel()) for part in parts)
