@@ -156,7 +156,7 @@ def wood(colour: Colour, figure: float = 1.0, seed: int = 3) -> Bytes:
 
 @lru_cache(maxsize=16)
 def cloth(colour: Colour, contrast: float = 1.0, seed: int = 5) -> Bytes:
-    """Return a picture (H, W, 3), sRGB, of a plain weave of slightly uneven threads, 2.5 mm apart."""
+    """Return a picture (H, W, 3), sRGB, of a plain weave of uneven threads, 2.5 mm apart, their slubs 6 cm long."""
     threads = 64
     cell = SIDE // threads
     y, x = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
@@ -165,10 +165,11 @@ def cloth(colour: Colour, contrast: float = 1.0, seed: int = 5) -> Bytes:
     round_y = np.sin(np.pi * ((y % cell) + 0.5) / cell) ** 0.7
     rng = np.random.default_rng(seed)
     warp, weft = rng.normal(size=threads), rng.normal(size=threads)
-    slub_x = noise((SIDE, SIDE), (70, 5), seed)
-    slub_y = noise((SIDE, SIDE), (5, 70), seed + 1)
-    across = weft[y // cell] * 0.4 + slub_y * 0.4
-    along = warp[x // cell] * 0.4 + slub_x * 0.4
+    # Slubs are what is left of cloth a few metres away, where a pixel averages several threads.
+    slub_x = noise((SIDE, SIDE), (150, 8), seed)
+    slub_y = noise((SIDE, SIDE), (8, 150), seed + 1)
+    across = weft[y // cell] * 0.4 + slub_y * 0.8
+    along = warp[x // cell] * 0.4 + slub_x * 0.8
     tone = np.where(over > 0, 0.10 * along + 0.32 * round_x, 0.10 * across + 0.32 * round_y)
     tone = tone + 0.02 * noise((SIDE, SIDE), (60, 60), seed + 2)
     return _coloured(0.8 * contrast * tone, colour)
