@@ -195,8 +195,9 @@ def show_bled(frames: Sequence[Codes], tables: Samples, planes: Planes, odd: Ind
     """Show what clipped light has bled into by the shortest frame that can, in place.
 
     Sharpening, demosaicing and coding do that: in long frames a small sun or lamp is dark, in colours of its surround.
-    ``odd``: places whose samples disagree; those of ``ghost`` (H, W), which moved, are left.
+    ``odd``: places (n,) whose samples disagree; those that are sure, or of ``ghost`` (H, W), which moved, are left.
     """
+    odd = odd[planes.uncertainty.reshape(-1)[odd] > BLED_FRAC]
     bled = odd[(frames[0].reshape(-1, 3)[odd] > TOP_CODE).any(axis=1)]
     bled = bled if ghost is None else bled[ghost.reshape(-1)[bled] == 0]
     _show(frames, tables, planes, np.empty_like(planes.suspect), bled, np.full(len(bled), len(frames) - 1))

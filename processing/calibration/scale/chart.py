@@ -109,10 +109,12 @@ def scale_from_charts(
     """
     numbers = [n for n in chart_patches.NEUTRALS if indoor.usable[n] and outdoor.usable[n]]
     if len(numbers) < 3:
+        each = "indoor {}, outdoor {}".format(*(one.usable[chart_patches.WHITE :].sum() for one in (indoor, outdoor)))
         raise ChartError(
-            f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures",
+            f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures ({each})",
             where="the chart",
-            advice="capture it with all nine stops, under light that suits both cameras",
+            likely="under a warm lamp red is clipped where blue is black: no frame shows all channels",
+            advice="light it by daylight or a white lamp; capture it with all nine stops, or stops closer together",
         )
     y_in, y_out = indoor.luminance, outdoor.luminance
     doubt = np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers]
