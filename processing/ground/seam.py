@@ -6,7 +6,7 @@ zenith, those of the last at the nadir (docs/reference/coordinates.md).
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -129,14 +129,13 @@ def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     if shape[0] <= height and shape[1] <= width:
         halved = height == 2 * shape[0]
         return _by_channel(values, lambda one: cv2.resize(one, shape[::-1], interpolation=cv2.INTER_AREA), apart=halved)
-    pad, linear = 2, {"interpolation": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
+    pad = 2
     wide = wrapped(values, pad)
     x = ((np.arange(shape[1]) + 0.5) / (shape[1] / width) - 0.5 + pad).astype(np.float32)
     y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32)
     bands = np.array_split(np.clip(y, 0, height - 1), -(-shape[0] // 256))  # that stay in the processor's cache
-    return _by_channel(
-        wide, lambda one: np.concatenate([cv2.remap(one, *np.meshgrid(x, rows), **linear) for rows in bands])
-    )
+    how: Any = {"interpolation": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
+    return _by_channel(wide, lambda one: np.concatenate([cv2.remap(one, *np.meshgrid(x, y), **how) for y in bands]))
 
 
 def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike], *, apart: bool = False) -> Floats:

@@ -99,9 +99,9 @@ def differential(
         lit = np.asarray((before.picture > 0).all(axis=2), bool)
         after = replace(after, picture=evened(after.picture, before.picture, small, lit))
     first = min(lights)
+    give_back()  # half a gigabyte of what light was made with
     pair = (bare.lights[first], lights[first])
     mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
-    give_back()  # half a gigabyte of what light, denoiser and mirrors were made with
     change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)
     return Staged(*in_bands(change, photograph, sunless), after.error)
 
