@@ -1,7 +1,7 @@
 """Colour, written once: luminance weights, the sRGB curve, CIE XYZ and L*a*b* of linear Rec. 709, colour temperature.
 
 Light is linear RGB with Rec. 709 primaries and a D65 white. What runs for every pixel of a picture is a few lines of
-numpy, and so are the two formulas for which importing colour-science would take two CPU seconds.
+numpy, and so are the two formulas for which importing colour-science would take over a second.
 """
 
 from functools import cache

@@ -158,6 +158,7 @@ def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[
         wide = next(width for most, width in VIEWER_WIDTHS_PX if max(number, least) <= most)
         shown = [*own, wide, state.name, state.file]
         found += kept(context, f"cuts-{number}", shown, Cuts, partial(_cut, state, look, wide))
+        context.let_go()
     return found
 
 

@@ -346,6 +346,7 @@ def _stills(
 ) -> list[dict[str, Any]]:
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
     state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
+    context.let_go()  # of the state before
     what = Made.of(state, removed=context.has("remove", "empty"))
     light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []
