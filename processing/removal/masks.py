@@ -132,8 +132,7 @@ def _find(
     rgb: Floats, chances: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, seen: tuple[Floats | None, Flags]
 ) -> _Found:
     """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
-    shown = preview_rgb8(rgb)
-    geometry, luminance = Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
+    shown, geometry, luminance = preview_rgb8(rgb), Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
     tripod = find_tripod(chances, shown, maps.plane == FLOOR)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(tripod, mask=tripod.mask | board)
@@ -141,15 +140,14 @@ def _find(
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     least = HUNG if known.two_networks else BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
-    things = chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     hall = _next_floor(chances, maps, shown)
     hall |= known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)
     likely = others | (known.two_networks & pieces.doors_in(chances, maps))
     panes, likely = (pieces.mostly_seen(ones, furniture.mask) for ones in (maps.opening >= 0, likely))
     openings = panes | likely | hall
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
-    hung = fixtures * chances[SceneClass.FIXTURE]
-    furniture, barred = _with_things(furniture, shown, maps, openings, (hung, things), flat)
+    things = fixtures * chances[SceneClass.FIXTURE], chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
+    furniture, barred = _with_things(furniture, shown, maps, openings, things, flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board & ~hall)
@@ -161,9 +159,7 @@ def _find(
     hangs |= (boards | grown(openings, pieces.SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
     hangs |= pieces.completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
     hangs &= ~(torn := pieces.boards_between(boards, furniture.mask | plain) & ~openings)
-    stays = hangs | tripod.mask | sunlight.mask
-    if seen[0] is not None:
-        stays |= seen[0] > BEYOND * maps.depth_m
+    stays = hangs | tripod.mask | sunlight.mask | (seen[0] is not None and seen[0] > BEYOND * maps.depth_m)
     kept = barred | stays | grown(fixtures & ~hidden, 1.5 * pieces.TOUCH_RAD)  # a curtain's edge is no thing
     plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, kept)
     gone = furniture.mask | plain | (shadow.contact & ~hangs)
@@ -173,9 +169,7 @@ def _find(
     rests |= crumbs_on_walls(gone | rests, rgb, maps, boards | other | grown(openings, 2 * pieces.SILL_RAD))
     plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~bar), hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
-    notes = _notes(furniture, tripod, sunlight, shadow)
-    if board.any():
-        notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
+    notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
     return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
 
 
@@ -268,7 +262,9 @@ def _board(rgb: Floats, target: tuple[float, float] | None, room: RoomModel, map
     return (none, False) if (board & panes).sum() > 0.5 * board.sum() else (board, stand)
 
 
-def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound) -> tuple[str, ...]:
+def _notes(
+    furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound, meter: tuple[Flags, bool]
+) -> tuple[str, ...]:
     notes = []
     if furniture.dropped:
         share = furniture.dropped_sr / (4 * math.pi)
@@ -286,6 +282,10 @@ def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow
     notes.append(f"sunlight: {sun.reason}")
     if shadow.planes_without_fit:
         notes.append(f"shadow: {shadow.planes_without_fit} surfaces show too little around furniture: contact bands")
+    if meter[0].any():
+        notes.append(
+            f"tripod: the meter's board where the meter looked, {'with its' if meter[1] else 'without a'} stand"
+        )
     return tuple(notes)
 
 
