@@ -52,9 +52,9 @@ LEAST_DOOR = 0.15
 known opening is unlike its wall, and went with the plant before it (chosen by the demo's room). Two networks' only: by
 ours alone masks of two test rooms lost 0.02 of their IoU."""
 MOSTLY_HIDDEN = 0.7  # of an opening, from which it is a part of what hides it (chosen)
-FITTED_WIDE, FITTED, FITTED_FOOT_RAD = 0.5, 0.5, math.radians(4.5)
-"""Of a window's width, what is fitted below it; mean probability of furniture up to which it is (a niche: 0.46; chairs
-and tables below windows of three rooms: 0.63 and more); above the floor, where skirting is drawn anew (chosen)."""
+FITTED_LARGE, FITTED, FITTED_FOOT_RAD = 0.3, 0.55, math.radians(4.5)
+"""Of the wall below a window, what is fitted there; mean probability of furniture up to which it is (a niche: 0.49;
+chairs and tables there in three rooms: 0.63 and more); above the floor, where skirting is drawn anew (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -123,14 +123,14 @@ def mostly_seen(openings: Flags, mask: Flags) -> Flags:
 
 
 def fitted_below_windows(mask: Flags, probability: Floats, maps: SurfaceMaps) -> Flags:
-    """Return the wall (H, W) below each window most of whose width is in a ``mask`` (H, W) that is hardly furniture by
-    its ``probability`` (H, W): a niche, a radiator, an air conditioner belong to the building."""
+    """Return the wall (H, W) below each window of which a ``mask`` (H, W) has much that is hardly furniture by its
+    ``probability`` (H, W): a niche, a radiator, an air conditioner belong to the building."""
     found, high = np.zeros_like(mask), ~grown(maps.plane == FLOOR, FITTED_FOOT_RAD)
     for number in np.unique(maps.opening[maps.opening >= 0]):
         pane = maps.opening == number
         below = np.maximum.accumulate(pane, axis=0) & ~pane & high & (maps.plane == maps.plane[pane][0])
         taken = below & mask
-        if taken.any(axis=0).sum() > FITTED_WIDE * pane.any(axis=0).sum():
+        if taken.sum() > FITTED_LARGE * below.sum():
             found |= below & (probability[taken].mean() < FITTED)
     return found
 

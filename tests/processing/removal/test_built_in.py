@@ -48,7 +48,7 @@ def found_with(furniture: Flags, other: Flags, shares: dict[SceneClass, float], 
     return find_masks(replace(bare().image, rgb=light), evidence, bare().room, sun_possible=False)
 
 
-def test_what_is_as_wide_as_its_window_and_hardly_furniture_is_fitted_below_it() -> None:
+def test_what_has_much_of_the_wall_below_a_window_and_is_hardly_furniture_is_fitted_there() -> None:
     maps, below = bare().maps, below_pane()
     likely = np.full(below.shape, 0.45, np.float32)
     niche = fitted_below_windows(below, likely, maps)
@@ -59,6 +59,8 @@ def test_what_is_as_wide_as_its_window_and_hardly_furniture_is_fitted_below_it()
     lamp = below.copy()
     lamp[:, np.flatnonzero(below.any(axis=0))[4:]] = False
     assert not fitted_below_windows(lamp, likely, maps).any()
+    rack = below & grown(maps.plane == FLOOR, math.radians(9))
+    assert not fitted_below_windows(rack, likely, maps).any(), "a low thing, as wide as the window"
     assert not fitted_below_windows(none(), likely, maps).any()
 
 
