@@ -59,7 +59,7 @@ def test_what_has_much_of_the_wall_below_a_window_and_is_hardly_furniture_is_fit
     lamp = below.copy()
     lamp[:, np.flatnonzero(below.any(axis=0))[4:]] = False
     assert not fitted_below_windows(lamp, likely, maps).any()
-    rack = below & grown(maps.plane == FLOOR, math.radians(9))
+    rack = below & grown(maps.plane == FLOOR, math.radians(6))
     assert not fitted_below_windows(rack, likely, maps).any(), "a low thing, as wide as the window"
     assert not fitted_below_windows(none(), likely, maps).any()
 
