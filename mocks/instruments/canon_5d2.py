@@ -1,7 +1,7 @@
 """A simulated Canon EOS (5D Mark II by default): the body and its shutter button (half, full, autofocus, bulb)."""
 
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from drivers.canon_5d2 import codes
 from drivers.ptp.codes import ObjectFormat, Response
@@ -23,14 +23,6 @@ WHITE_BALANCE_K = {1: 5200, 2: 6000, 3: 3200, 4: 4000, 5: 6000, 8: 7000}
 SHUTTER_TIMES_S = {**codes.SHUTTER_CODES, **codes.SHUTTER_CODES_HALF}
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What the running exposure is to become."""
-
-    files: ImageFormat
-    destination: int
-
-
 class SimulatedCanon5D2(CanonBody):
     """Put it into a `mocks.instruments.usb.bus.SimulatedUsbBackend`, or behind
     `tests.peers.ptp_ip.PtpIpServer`.
@@ -41,7 +33,8 @@ class SimulatedCanon5D2(CanonBody):
     _focused = False
     _focusing_until_s = 0.0
     _bulb_since_s: float | None = None
-    _plan = _Plan((), 0)
+    _plan: tuple[ImageFormat, int] = ((), 0)
+    """What the running exposure is to become: its files and their destination."""
 
     def _body_rules(self) -> dict[int, Rule]:
         canon = codes.CanonOperation
@@ -144,7 +137,7 @@ class SimulatedCanon5D2(CanonBody):
         settings = self.current_settings()
         if open_s is not None:
             settings = replace(settings, shutter_s=open_s)
-        self._plan = _Plan(self.settings.files, self.settings.number(codes.CanonProp.CAPTURE_DESTINATION))
+        self._plan = (self.settings.files, self.settings.number(codes.CanonProp.CAPTURE_DESTINATION))
         self.expose(settings, focusing_s - (open_s or 0.0), open_s)
         self.queue_records(canon_records.number(codes.CanonEvent.CAMERA_STATUS_CHANGED, 1))
 
@@ -212,14 +205,15 @@ class SimulatedCanon5D2(CanonBody):
     def picture_ready(self, settings: ShotRequest, faults: tuple[Fault, ...]) -> None:
         """Put the files on the card or into memory and announce them; then the camera is idle."""
         announcements: list[Record] = []
-        for kind, _size, _compression in self._plan.files:
+        files, destination = self._plan
+        for kind, _size, _compression in files:
             raw = kind == codes.IMAGE_TYPE_RAW
-            data = self.darkroom.raw(settings) if raw else self.darkroom.jpeg(settings, faults)
+            data = self.darkroom.source.raw(settings) if raw else self.darkroom.jpeg(settings, faults)
             name = f"IMG_{self.shot_count % 10000:04d}.{'CR2' if raw else 'JPG'}"
             object_format = ObjectFormat.CANON_CR2 if raw else ObjectFormat.EXIF_JPEG
-            if self._plan.destination != codes.DESTINATION_PC:
+            if destination != codes.DESTINATION_PC:
                 announcements.append(canon_records.object_added(self.keep(name, object_format, data, settings)))
-            if self._plan.destination & codes.DESTINATION_PC:
+            if destination & codes.DESTINATION_PC:
                 kept = self.remember(name, object_format, data, (settings.width_px, settings.height_px))
                 announcements.append(canon_records.transfer_requested(kept))
                 self.computer_bytes = max(0, self.computer_bytes - len(data))

@@ -93,7 +93,7 @@ class Darkroom:
     """Asks the shot source for pictures, and spoils them as the faults say."""
 
     def __init__(self, source: ShotSource) -> None:
-        self._source = source
+        self.source = source
         self._last_jpeg = b""
 
     def jpeg(self, request: ShotRequest, faults: Sequence[Fault]) -> bytes:
@@ -104,17 +104,13 @@ class Darkroom:
             request = replace(request, shutter_s=request.shutter_s * wrong.number("factor"))
         if FaultKind.REPEATED_FRAME in by_kind and self._last_jpeg:
             return self._last_jpeg
-        data = self._source.jpeg(request)
+        data = self.source.jpeg(request)
         self._last_jpeg = data
         if FaultKind.BLACK_FRAME in by_kind:
             data = blacken(data)
         if FaultKind.TRUNCATED_JPEG in by_kind:
             data = data[: int(len(data) * by_kind[FaultKind.TRUNCATED_JPEG].number("fraction"))]
         return data
-
-    def raw(self, request: ShotRequest) -> bytes:
-        """Return the raw companion."""
-        return self._source.raw(request)
 
 
 def blacken(jpeg: bytes) -> bytes:

@@ -146,21 +146,22 @@ class SimulatedMeter:
     def _two_steps(self, text: str, now_s: float) -> list[Piece]:
         words = self._words
         if now_s < self._measured_at_s:
-            return [Piece(0.02, self._line("ER02"))]
-        if text in (words.on, words.off):
-            self._remote = text == words.on
-            return [Piece(0.02, self._line("OK00"))]
-        if text in words.says:
-            return [Piece(0.02, self._line(words.says[text]))]
-        if text not in (words.measure, words.again):
-            return [Piece(0.02, self._line(words.unknown))]
-        if not self._remote:
-            return [Piece(0.02, self._line(words.not_remote))]
-        if text == words.measure:
+            said = "ER02"
+        elif text in (words.on, words.off):
+            self._remote, said = text == words.on, "OK00"
+        elif text in words.says:
+            said = words.says[text]
+        elif text not in (words.measure, words.again):
+            said = words.unknown
+        elif not self._remote:
+            said = words.not_remote
+        elif text == words.measure:
             return self._begin(now_s)
-        if not self.n_measured:
-            return [Piece(0.02, self._line("ER20"))]
-        return [Piece(0.02 + self._lag_s, self._held)] if self._held else []
+        elif self.n_measured:
+            return [Piece(0.02 + self._lag_s, self._held)] if self._held else []
+        else:
+            said = "ER20"
+        return [Piece(0.02, self._line(said))]
 
     def _begin(self, now_s: float) -> list[Piece]:
         """Measure in the background: the answer says how long that takes; the data stay until the next time."""

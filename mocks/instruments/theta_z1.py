@@ -303,7 +303,9 @@ class SimulatedThetaZ1(SimulatedCamera):
         jpeg = self.darkroom.jpeg(settings, faults)
         handles = [self.keep(f"{stem}.JPG", ObjectFormat.EXIF_JPEG, jpeg, settings).handle]
         if self.properties.number(RicohProp.IMAGE_FORMAT) == 1:
-            handles.append(self.keep(f"{stem}.DNG", ObjectFormat.DNG, self.darkroom.raw(settings), settings).handle)
+            handles.append(
+                self.keep(f"{stem}.DNG", ObjectFormat.DNG, self.darkroom.source.raw(settings), settings).handle
+            )
         for handle in handles:
             self.emit(Event.OBJECT_ADDED, handle, transaction_id=transaction_id)
         self.emit(Event.CAPTURE_COMPLETE, transaction_id, transaction_id=transaction_id)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from drivers.ptp.codes import DataType, FormFlag, ObjectFormat
+from drivers.ptp.codes import FormFlag, ObjectFormat
 from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.wire import Value
 
@@ -168,13 +168,3 @@ class PropertyTable:
         for code, prop in self.properties.items():
             if prop.writable and code not in kept:
                 self.values[code] = prop.default
-
-
-def u8(code: int, default: int, *choices: int, writable: bool = True) -> Property:
-    """Return an 8-bit property."""
-    return Property(code, DataType.UINT8, default, writable, choices)
-
-
-def u16(code: int, default: int, *choices: int, writable: bool = True) -> Property:
-    """Return a 16-bit property."""
-    return Property(code, DataType.UINT16, default, writable, choices)

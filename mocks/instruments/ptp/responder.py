@@ -89,20 +89,17 @@ class EventGate:
                 hold_s = fault.number("hold_s")
             else:
                 copies = [c.breaking(fault) for c in copies]
+
+        def send() -> None:
+            for copy in copies:
+                put(copy)
+
         if hold_s:
-            self._hold(lambda: self._put_all(copies, put), hold_s)
+            self._held.append(send)
+            self._agenda.at(self._clock.monotonic_s() + hold_s, lambda _due_s: self._release_held())
         else:
-            self._put_all(copies, put)
+            send()
             self._release_held()
-
-    @staticmethod
-    def _put_all(events: list[EventT], put: Callable[[EventT], None]) -> None:
-        for event in events:
-            put(event)
-
-    def _hold(self, send: Callable[[], None], hold_s: float) -> None:
-        self._held.append(send)
-        self._agenda.at(self._clock.monotonic_s() + hold_s, lambda _due_s: self._release_held())
 
     def _release_held(self) -> None:
         held, self._held = self._held, []

@@ -48,11 +48,6 @@ def parse_container(data: bytes) -> WireContainer:
     return WireContainer(kind, code, transaction_id, data[HEADER_BYTES:])
 
 
-def event(code: int, transaction_id: int, params: Iterable[int] = ()) -> bytes:
-    """Return the bytes of an event container."""
-    return container(ContainerType.EVENT, code, transaction_id, u32s(params))
-
-
 def u32s(values: Iterable[int]) -> bytes:
     """Return 32-bit values one after the other, without a count."""
     return b"".join(struct.pack("<I", v & 0xFFFFFFFF) for v in values)
@@ -94,11 +89,6 @@ def array(element_type: int, values: Iterable[int]) -> bytes:
     """Return a PTP array: u32 count, then the elements."""
     items = [typed(element_type, v) for v in values]
     return struct.pack("<I", len(items)) + b"".join(items)
-
-
-def codes(values: Iterable[int]) -> bytes:
-    """Return an array of 16-bit codes."""
-    return array(DataType.UINT16, values)
 
 
 def typed(data_type: int, value: Value) -> bytes:
@@ -158,7 +148,7 @@ class DeviceIdentity:
         head = struct.pack("<HIH", 100, extension_id, extension_version) + string("") + struct.pack("<H", 0)
         lists = (self.operations, self.events, self.properties, self.capture_formats, self.image_formats)
         texts = (self.manufacturer, self.model, self.version, self.serial)
-        return head + b"".join(map(codes, lists)) + b"".join(map(string, texts))
+        return head + b"".join(array(DataType.UINT16, codes) for codes in lists) + b"".join(map(string, texts))
 
 
 @dataclass(frozen=True)
@@ -216,7 +206,7 @@ class PendingEvent:
 
     def encode(self) -> bytes:
         """Return the event container."""
-        return event(self.code, self.transaction_id, self.params)
+        return container(ContainerType.EVENT, self.code, self.transaction_id, u32s(self.params))
 
     def elsewhere(self, offset: int) -> Self:
         """Return the event for another object or property."""

@@ -184,8 +184,7 @@ class SimulatedUsbBackend(IBackend):  # type: ignore[misc]
 
     def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
         """Select configuration 1; errno 16 while another program holds the interface."""
-        with _usb_errors():
-            port = self._live(dev_handle)
+        port = self._live(dev_handle)
         if port.claimed_elsewhere:
             raise usb.core.USBError("Resource busy", None, errno.EBUSY)
         if config_value != 1:
@@ -193,21 +192,18 @@ class SimulatedUsbBackend(IBackend):  # type: ignore[misc]
 
     def get_configuration(self, dev_handle: Handle) -> int:
         """Return 1: the camera comes configured, as the kernel leaves it."""
-        with _usb_errors():
-            self._live(dev_handle)
+        self._live(dev_handle)
         return dev_handle.configuration
 
     def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
         """Select alternate setting 0 of interface 0."""
-        with _usb_errors():
-            self._live(dev_handle)
+        self._live(dev_handle)
         if intf or altsetting:
             raise usb.core.USBError("Entity not found", None, errno.ENOENT)
 
     def claim_interface(self, dev_handle: Handle, intf: int) -> None:
         """Claim interface 0; errno 16 while another program or another handle has it."""
-        with _usb_errors():
-            port = self._live(dev_handle)
+        port = self._live(dev_handle)
         if intf:
             raise usb.core.USBError("Entity not found", None, errno.ENOENT)
         other = port.claimed_by not in (None, dev_handle) and port.claimed_by.attachment == port.camera.attachment
@@ -286,5 +282,5 @@ class SimulatedUsbBackend(IBackend):  # type: ignore[misc]
         port = handle.port
         port.device.catch_up()
         if handle.attachment != port.camera.attachment or not port.camera.plugged:
-            raise LinkError(errno.ENODEV, "No such device (it may have been disconnected)")
+            raise usb.core.USBError("No such device (it may have been disconnected)", None, errno.ENODEV)
         return port

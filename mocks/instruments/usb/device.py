@@ -4,6 +4,7 @@ import errno
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 from drivers.ptp.codes import HEADER_BYTES, ClassRequest, ContainerType, Event, Response
 from mocks.instruments.faults import Fault, FaultKind, Moment, Phase
@@ -171,12 +172,11 @@ class UsbPtpDevice:
         if affordable < min(room_bytes, pipe.packet_bytes):
             return left_s
         try:
-            taken = pipe.take(room_bytes, affordable)
+            return pipe.take(room_bytes, affordable)
         except CutError as cut:
             self._break(cut.fault, endpoint)
-        return taken.data, taken.ended
 
-    def _break(self, fault: Fault, endpoint: int) -> None:
+    def _break(self, fault: Fault, endpoint: int) -> NoReturn:
         self.camera.faults.note(fault)
         if fault.kind is FaultKind.UNPLUG:
             self.camera.unplug(fault.number("replug_after_s"))

@@ -34,8 +34,9 @@ class InTransfer:
         return len(self.data) - self.position
 
 
-Edit = Callable[[list[InTransfer], Fault, random.Random], bool]
-"""Spoils the transfers in place; whether there was anything to spoil."""
+Edit = Callable[[list[InTransfer], int, Fault, random.Random], bool]
+"""Spoils the transfers in place, from the first of the fault's phase (by number); whether there was anything to spoil.
+"""
 
 
 def frame_answer(
@@ -50,8 +51,9 @@ def frame_answer(
     response = ptp_wire.container(ContainerType.RESPONSE, answer.code, request.transaction_id, params)
     transfers.append(InTransfer(Phase.RESPONSE, response))
     for fault in faults:
-        edit = _EDITS.get(fault.kind)
-        if edit and edit(transfers, fault, dice):
+        edit, phase = _EDITS.get(fault.kind), _PHASES.get(fault.kind, fault.phase)
+        index = next((i for i, t in enumerate(transfers) if t.phase is phase), None)
+        if edit and index is not None and edit(transfers, index, fault, dice):
             runner.note(fault)
     for fault in faults:
         if fault.kind in (FaultKind.UNPLUG, FaultKind.STALL):
@@ -59,17 +61,10 @@ def frame_answer(
     return transfers
 
 
-def _of_phase(transfers: list[InTransfer], phase: Phase) -> int | None:
-    return next((i for i, t in enumerate(transfers) if t.phase is phase), None)
-
-
 def _patch(layout: str, offset: int, value: Callable[[int, Fault], int]) -> Edit:
     """Return an edit that changes one field of the header."""
 
-    def edit(transfers: list[InTransfer], fault: Fault, _dice: random.Random) -> bool:
-        index = _of_phase(transfers, fault.phase)
-        if index is None:
-            return False
+    def edit(transfers: list[InTransfer], index: int, fault: Fault, _dice: random.Random) -> bool:
         data = bytearray(transfers[index].data)
         (old,) = struct.unpack_from(layout, data, offset)
         limit = 1 << (8 * struct.calcsize(layout))
@@ -80,39 +75,34 @@ def _patch(layout: str, offset: int, value: Callable[[int, Fault], int]) -> Edit
     return edit
 
 
-def _shorten(transfers: list[InTransfer], fault: Fault, _dice: random.Random) -> bool:
-    index = _of_phase(transfers, Phase.DATA)
-    if index is None:
-        return False
+def _shorten(transfers: list[InTransfer], index: int, fault: Fault, _dice: random.Random) -> bool:
     data = transfers[index].data
     transfers[index].data = data[: max(HEADER_BYTES, len(data) - int(fault.number("missing_bytes")))]
     return len(transfers[index].data) < len(data)
 
 
-def _duplicate(transfers: list[InTransfer], _fault: Fault, _dice: random.Random) -> bool:
+def _duplicate(transfers: list[InTransfer], _index: int, _fault: Fault, _dice: random.Random) -> bool:
     last = transfers[-1]
     transfers.append(InTransfer(last.phase, last.data))
     return True
 
 
-def _swap(transfers: list[InTransfer], _fault: Fault, _dice: random.Random) -> bool:
+def _swap(transfers: list[InTransfer], _index: int, _fault: Fault, _dice: random.Random) -> bool:
     if len(transfers) < 2:
         return False
     transfers.reverse()
     return True
 
 
-def _drop_zlp(transfers: list[InTransfer], _fault: Fault, _dice: random.Random) -> bool:
-    index = _of_phase(transfers, Phase.DATA)
-    if index is None or len(transfers[index].data) % BULK_PACKET_BYTES:
+def _drop_zlp(transfers: list[InTransfer], index: int, _fault: Fault, _dice: random.Random) -> bool:
+    if len(transfers[index].data) % BULK_PACKET_BYTES:
         return False
     transfers[index].zlp = False
     return True
 
 
-def _split(transfers: list[InTransfer], fault: Fault, _dice: random.Random) -> bool:
-    index = _of_phase(transfers, fault.phase)
-    if index is None or len(transfers[index].data) <= HEADER_BYTES:
+def _split(transfers: list[InTransfer], index: int, _fault: Fault, _dice: random.Random) -> bool:
+    if len(transfers[index].data) <= HEADER_BYTES:
         return False
     whole = transfers[index]
     head = InTransfer(whole.phase, whole.data[:HEADER_BYTES])
@@ -120,10 +110,7 @@ def _split(transfers: list[InTransfer], fault: Fault, _dice: random.Random) -> b
     return True
 
 
-def _litter(transfers: list[InTransfer], fault: Fault, dice: random.Random) -> bool:
-    index = _of_phase(transfers, fault.phase)
-    if index is None:
-        return False
+def _litter(transfers: list[InTransfer], index: int, fault: Fault, dice: random.Random) -> bool:
     transfers.insert(index, InTransfer(fault.phase, dice.randbytes(int(fault.number("count")))))
     return True
 
@@ -141,6 +128,13 @@ def _cut(transfers: list[InTransfer], fault: Fault) -> None:
 
 BULK_PACKET_BYTES = 512  # wMaxPacketSize of a high-speed bulk endpoint
 
+_PHASES = {
+    FaultKind.SHORT_DATA: Phase.DATA,
+    FaultKind.MISSING_ZLP: Phase.DATA,
+    FaultKind.DUPLICATE_RESPONSE: Phase.RESPONSE,
+    FaultKind.RESPONSE_BEFORE_DATA: Phase.RESPONSE,
+}
+"""Of kinds that are about one phase, whichever phase the fault names."""
 _EDITS: dict[FaultKind, Edit] = {
     FaultKind.SHORT_DATA: _shorten,
     FaultKind.OVERSIZE_LENGTH: _patch("<I", 0, lambda old, fault: old + int(fault.number("extra_bytes"))),
@@ -175,14 +169,6 @@ class CutError(Exception):
         self.fault = fault
 
 
-@dataclass(frozen=True)
-class Taken:
-    """What one look at the pipe gave: bytes, and whether a short packet ended the transfer."""
-
-    data: bytes
-    ended: bool
-
-
 class InPipe:
     """Transfers waiting for the host."""
 
@@ -198,8 +184,10 @@ class InPipe:
         """Return when the first waiting transfer may start."""
         return self.queue[0].ready_s if self.queue else None
 
-    def take(self, room_bytes: int, most_bytes: int) -> Taken:
+    def take(self, room_bytes: int, most_bytes: int) -> tuple[bytes, bool]:
         """Take what fits into ``room_bytes`` of the first transfer, at most ``most_bytes`` (what time allows).
+
+        Returns the bytes, and whether a short packet ended the transfer.
 
         Raises `CutError`: A fault breaks the link here; `LinkError`: EOVERFLOW: the last packet is larger than the
         room left, and is lost.
@@ -212,7 +200,7 @@ class InPipe:
             raise CutError(fault)
         if head.left_bytes == 0:
             self.queue.popleft()
-            return Taken(b"", ended=True)
+            return b"", True
         count = min(head.left_bytes, room_bytes, most_bytes)
         if head.cut is not None:
             count = min(count, head.cut - head.position)
@@ -221,7 +209,7 @@ class InPipe:
             raise LinkError(errno.EOVERFLOW, "Overflow")
         chunk = head.data[head.position : head.position + count]
         head.position += count
-        return Taken(chunk, self._ended(head, room_left=room_bytes - count))
+        return chunk, self._ended(head, room_left=room_bytes - count)
 
     def _ended(self, head: InTransfer, room_left: int) -> bool:
         if head.left_bytes or head.cut is not None:
