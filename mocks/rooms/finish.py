@@ -1,13 +1,14 @@
 """The materials of a room, plain or patterned, drawn to go together as in real homes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mocks.rooms.model import Finish, Material, Texture, Use
+from mocks.rooms.model import USES, Finish, Material, Texture, Use
 from mocks.rooms.textures.catalogue import mean_albedo
-from mocks.worlds.light import Vector
+from mocks.worlds.light import Vector, vector_of
 from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_decoded
 from processing.ground.tables import table_of
 
@@ -41,21 +42,7 @@ def _style(row: dict[str, Any]) -> Style:
 
 _TABLES = table_of(__package__, "styles")
 STYLES = tuple(map(_style, _TABLES["style"]))
-_STYLE_SHARES = {
-    Use.BEDROOM: (0.22, 0.22, 0.13, 0.10, 0.15, 0.02, 0.16),
-    Use.LIVING: (0.22, 0.24, 0.22, 0.14, 0.16, 0.02, 0.00),
-    Use.DINING: (0.20, 0.24, 0.22, 0.12, 0.20, 0.02, 0.00),
-    Use.OFFICE: (0.18, 0.16, 0.12, 0.08, 0.04, 0.42, 0.00),
-    Use.EMPTY: (0.45, 0.20, 0.10, 0.05, 0.10, 0.10, 0.00),
-}
-
-
-def draw_style(rng: np.random.Generator, use: Use) -> Style:
-    """Return a taste that is likely in a room for ``use``."""
-    return STYLES[int(rng.choice(len(STYLES), p=_STYLE_SHARES[use]))]
-
-
-WOODS: dict[str, Vector] = {name: (red, green, blue) for name, (red, green, blue) in _TABLES["woods"].items()}
+WOODS: dict[str, Vector] = {name: vector_of(rgb) for name, rgb in _TABLES["woods"].items()}
 """Linear albedo of finished woods."""
 
 
@@ -64,20 +51,18 @@ def linear(colour: str | Vector) -> Vector:
     if not isinstance(colour, str):
         return colour
     codes = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-    red, green, blue = (float(one) for one in np.clip(srgb_decoded(codes), 0.02, 0.9))
-    return (red, green, blue)
+    return vector_of(np.clip(srgb_decoded(codes), 0.02, 0.9))
 
 
 def scaled(colour: str | Vector, factor: float) -> Vector:
     """Return a colour made lighter or darker, within 0.02 to 0.9."""
-    red, green, blue = (min(max(c * factor, 0.02), 0.9) for c in linear(colour))
-    return (red, green, blue)
+    return vector_of(min(max(c * factor, 0.02), 0.9) for c in linear(colour))
 
 
 def of_luminance(colour: str | Vector, reflectance: float) -> Vector:
     """Return the colour's hue at a given luminous reflectance."""
-    red, green, blue = linear(colour)
-    return scaled((red, green, blue), reflectance / float(np.dot(LUMINANCE_WEIGHTS, (red, green, blue))))
+    rgb = linear(colour)
+    return scaled(rgb, reflectance / float(np.dot(LUMINANCE_WEIGHTS, rgb)))
 
 
 def plain(name: str, colour: str | Vector, roughness: float | None = None) -> Material:
@@ -104,7 +89,7 @@ def a_seed(rng: np.random.Generator) -> int:
     return int(rng.integers(1 << 31))
 
 
-def pick(rng: np.random.Generator, choices: tuple[str, ...]) -> str:
+def pick(rng: np.random.Generator, choices: Sequence[str]) -> str:
     """Return one of several."""
     return choices[int(rng.integers(len(choices)))]
 
@@ -133,24 +118,15 @@ def cloth(rng: np.random.Generator, name: str, colour: str | Vector, kinds: tupl
 # Floors, drawn as often as people have them: planks, laminate, parquet, carpet, tiles, stone.
 
 _SORTS = ("planks", "laminate", "parquet", "carpet", "tiles", "stone")
-_USUAL = (0.40, 0.15, 0.15, 0.15, 0.10, 0.05)
-_SHARES = {
-    Use.BEDROOM: (0.36, 0.14, 0.12, 0.30, 0.05, 0.03),
-    Use.DINING: (0.40, 0.15, 0.17, 0.04, 0.18, 0.06),
-    Use.OFFICE: (0.32, 0.18, 0.12, 0.26, 0.05, 0.07),
-}
 _GLOSSY = 0.45  # chosen: share of floors with a gloss
 
-_TILE_COLOURS = ("#cfc5b5", "#b5afa6", "#8f8b86", "#d9d4ca", "#b98a6a", "#a8593f", "#5a5b5d", "#c3b79f")
-_GROUTS = ("#8a857c", "#a8a299", "#6f6b66")
-_MARBLES = ("#dedad2", "#d3cdc0", "#4a4d4f", "#a9a49a")
+_COLOURS: dict[str, list[str]] = _TABLES["floors"]
 _CONCRETES: tuple[Vector, ...] = ((0.30, 0.295, 0.285), (0.38, 0.37, 0.35), (0.22, 0.218, 0.212))
-_CHIPS = ("#8a7a6a", "#4a4a4a", "#b98a6a", "#efe9dd", "#6f7f78", "#9a5a4a")
 
 
 def draw_floor(rng: np.random.Generator, style: Style, use: Use) -> Material:
     """Return a floor; carpets are matte, other floors are glossy (roughness 0.12 to 0.35) in 45 of 100 rooms."""
-    sort = str(rng.choice(_SORTS, p=_SHARES.get(use, _USUAL)))
+    sort = str(rng.choice(_SORTS, p=USES[use]["floors"]))
     roughness = rng.uniform(0.12, 0.35) if rng.random() < _GLOSSY else None
     if sort == "carpet":
         colour = scaled(pick(rng, style.rugs), rng.uniform(0.8, 1.1))
@@ -205,7 +181,7 @@ def _parquet(rng: np.random.Generator) -> _Drawn:
 
 
 def _tiles(rng: np.random.Generator, roughness: float | None) -> Material:
-    colours = (linear(pick(rng, _TILE_COLOURS)), linear(pick(rng, _GROUTS)))
+    colours = (linear(pick(rng, _COLOURS["tiles"])), linear(pick(rng, _COLOURS["grouts"])))
     draw = rng.random()
     if draw < 0.15:
         return textured("hexagon tiles", Texture("hexagons", a_seed(rng), colours), roughness)
@@ -232,9 +208,9 @@ def _stone(rng: np.random.Generator, roughness: float | None) -> Material:
         colour = _CONCRETES[int(rng.integers(len(_CONCRETES)))]
         return textured("concrete", Texture("concrete", a_seed(rng), (colour,)), roughness)
     if draw < 0.7:
-        colours = (linear("#d6d1c7"), *(linear(pick(rng, _CHIPS)) for _ in range(3)))
+        colours = (linear("#d6d1c7"), *(linear(pick(rng, _COLOURS["chips"])) for _ in range(3)))
         return textured("terrazzo", Texture("terrazzo", a_seed(rng), colours), roughness)
-    slab, joint = pick(rng, _MARBLES), pick(rng, _GROUTS)
+    slab, joint = pick(rng, _COLOURS["marbles"]), pick(rng, _COLOURS["grouts"])
     sizes = (("tile_u_m", 0.6), ("tile_v_m", 0.6), ("gap_m", 0.002), ("veins", rng.uniform(0.2, 0.5)))
     return textured("marble", Texture("tiles", a_seed(rng), (linear(slab), linear(joint)), sizes), roughness)
 
@@ -249,7 +225,7 @@ def draw_finish(rng: np.random.Generator, use: Use) -> Finish:
     ``accent_walls`` then names one of the first four walls; `mocks.rooms.room` puts it where plan and furniture want
     it. Woods have their grain along u.
     """
-    style = draw_style(rng, use)
+    style = STYLES[int(rng.choice(len(STYLES), p=USES[use]["styles"]))]
     wall_colour = of_luminance(pick(rng, style.walls), rng.uniform(*style.wall_reflectance))
     wall = _wall(rng, wall_colour)
     has_accent = bool(rng.random() < 0.25)

@@ -8,7 +8,7 @@ along its edge from the edge's first corner. Albedo and emission are linear RGB 
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias
 
 from mocks.worlds.light import Vector
 from processing.ground.mesh import Mesh
@@ -18,6 +18,8 @@ ADE20K: dict[str, int] = table_of(__package__, "ade20k")
 """Numbers of the ADE20K classes (150, counted from 0) that simulated rooms hold; equipment has none and is -1."""
 
 NO_CLASS = -1  # beside every class's number
+USES: dict[str, dict[str, Any]] = table_of(__package__, "uses")
+"""What follows from each `Use`."""
 Point: TypeAlias = tuple[float, float]
 
 CAMERA_HEIGHT_M = 1.6  # the paper's tripod

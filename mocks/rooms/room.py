@@ -23,7 +23,7 @@ from mocks.rooms.plan.openings import check_plan, draw_doors, draw_windows
 from mocks.rooms.shell import shell_parts
 from mocks.rooms.shell.openings import Pane, window_panes
 from mocks.rooms.sky.daylight import Moment, draw_moment
-from mocks.rooms.sky.sky import SHARES, CloudDrift, Kind, Sky, draw_sky
+from mocks.rooms.sky.sky import SHARES, CloudDrift, Kind, Sky, draw_sky, drawn_kind
 from mocks.worlds.light import Vector
 
 _NUMBER = re.compile(r"\d+\.\d+(?:e[+-]?\d+)?")
@@ -152,6 +152,9 @@ def make_room(
     )
 
 
+_kept_room = lru_cache(maxsize=16)(make_room)
+
+
 def _furnished_plan(seed: int, use: Use, lit: bool, finish: Finish) -> tuple[Plan, tuple[Item, ...]]:
     """Return the seed's first plan in which tripod, meter board and what the room is for find a place.
 
@@ -249,10 +252,11 @@ def scene_room(
     for the moment, of the kind whose open horizontal illuminance is nearest to ``illuminance_lux``.
     """
     number = seed_of(scene, seed)
-    room = _scene(number, Use(use) if use is not None else use_of(scene), lamps_on)
+    room = _kept_room(number, Use(use) if use is not None else use_of(scene), lamps_on=lamps_on)
     minute = int(moment.utc.timestamp()) // 60
     skies = {kind: draw_sky(np.random.default_rng([number, _SCENE_DOMAIN, minute]), moment, kind) for kind in SHARES}
-    kind = _drawn_kind(number, minute) if illuminance_lux is None else nearest_kind(skies, illuminance_lux)
+    chance = np.random.default_rng([number, _SCENE_DOMAIN, minute, 1])
+    kind = drawn_kind(chance) if illuminance_lux is None else nearest_kind(skies, illuminance_lux)
     sky = replace(skies[kind], seed=room.sky.seed, eye_height_m=room.sky.eye_height_m)
     return replace(room, moment=moment, sky=sky)
 
@@ -268,16 +272,6 @@ def clouds_of(room: Room) -> CloudDrift:
     """Return the clouds that pass during a session in this room."""
     seed = int(room.moment.utc.timestamp()) // 60 + room.seed
     return CloudDrift(amplitude=CLOUD_AMPLITUDE[room.sky.kind], seed=seed)
-
-
-@lru_cache(maxsize=16)
-def _scene(seed: int, use: Use, lamps_on: bool) -> Room:
-    return make_room(seed, use, lamps_on=lamps_on)
-
-
-def _drawn_kind(seed: int, minute: int) -> Kind:
-    rng = np.random.default_rng([seed, _SCENE_DOMAIN, minute, 1])
-    return tuple(SHARES)[int(rng.choice(len(SHARES), p=tuple(SHARES.values())))]
 
 
 def _digest(text: str) -> int:

@@ -16,7 +16,7 @@ from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.sky.sky import CloudDrift, Kind
 from mocks.rooms.view import RoomView, outdoors
-from mocks.worlds.light import BrightDisc, Site, Vector, unit
+from mocks.worlds.light import BrightDisc, Site, Vector, unit, vector_of
 from processing.ground.arrays import Floats
 
 # Raise when baking or looking up changes; then `python -m mocks.rooms.world` makes the shipped light anew.
@@ -69,9 +69,9 @@ class RoomWorld:
         # Indoors `open_sky` dims by the glass's green share; the rest of its tint is the disc's.
         glass = self.room.glass_transmittance
         tint = [t / glass[1] if site is Site.INDOOR else 1.0 for t in glass]
-        red, green, blue = (v * t for v, t in zip(disc.radiance_rgb, tint, strict=True))
+        rgb = vector_of(v * t for v, t in zip(disc.radiance_rgb, tint, strict=True))
         component = self.components.index("sun") if "sun" in self.components else 0
-        return (replace(disc, radiance_rgb=(red, green, blue), component=component),)
+        return (replace(disc, radiance_rgb=rgb, component=component),)
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 outdoors; indoors the glass where a ray leaves the room, else 0; shapes as `World`."""

@@ -5,9 +5,10 @@ Radiance is linear RGB (Rec. 709 primaries) scaled so that ``0.2127 R + 0.7151 G
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol, TypeAlias
+from typing import Protocol, SupportsFloat, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -149,9 +150,15 @@ def luminance_cd_m2(radiance: Floats) -> Floats:
     return np.asarray(radiance @ LUMINANCE_WEIGHTS, dtype=np.float32)
 
 
+def vector_of(values: Iterable[SupportsFloat]) -> Vector:
+    """Return three numbers, such as an array of shape (3,), as a vector of the same unit."""
+    x, y, z = (float(v) for v in values)
+    return (x, y, z)
+
+
 def unit(vector: tuple[float, float, float] | npt.NDArray[np.floating]) -> Vector:
     """Return the vector, shape (3,), at length 1."""
-    x, y, z = (float(v) for v in vector)
+    x, y, z = vector_of(vector)
     length = math.sqrt(x * x + y * y + z * z)
     return (x / length, y / length, z / length)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, Vector, direction_of, luminance_cd_m2
+from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, Vector, direction_of, luminance_cd_m2, vector_of
 from processing.ground.arrays import Floats
 
 
@@ -31,8 +31,8 @@ class SimpleSky:
     @property
     def sun(self) -> BrightDisc:
         """The sun's disc."""
-        red, green, blue = (float(v) * self.sun_luminance_cd_m2 for v in _colour((1.05, 1.0, 0.88)))
-        return BrightDisc(self.sun_direction, SUN_RADIUS_RAD, (red, green, blue))
+        rgb = vector_of(float(v) * self.sun_luminance_cd_m2 for v in _colour((1.05, 1.0, 0.88)))
+        return BrightDisc(self.sun_direction, SUN_RADIUS_RAD, rgb)
 
     @property
     def sun_normal_illuminance_rgb(self) -> Floats:

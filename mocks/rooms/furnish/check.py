@@ -9,7 +9,7 @@ from functools import lru_cache
 from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as Spot
 
-from mocks.rooms.model import Fixture, Item, Plan, Role
+from mocks.rooms.model import Item, Plan, Role
 from mocks.rooms.plan.forms import FLUSH_M, door_swing, fixture_floor
 
 # The space that an item takes: a few upright prisms, so that a chair may stand with its seat under a table's top.
@@ -227,14 +227,14 @@ def window_strips(plan: Plan) -> tuple[tuple[Polygon, float, float], ...]:
 def fixture_volumes(plan: Plan) -> tuple[Volume, ...]:
     """Return the space that fixtures take, sockets and switches apart."""
     return tuple(
-        Volume(_fixture_floor(plan, f), f.bottom_m, f.bottom_m + f.height_m)
+        Volume(
+            fixture_floor(f, plan) if f.wall >= 0 else Spot(f.centre).buffer(f.width_m / 2),
+            f.bottom_m,
+            f.bottom_m + f.height_m,
+        )
         for f in plan.fixtures
         if f.wall < 0 or f.depth_m >= FLUSH_M
     )
-
-
-def _fixture_floor(plan: Plan, fixture: Fixture) -> Polygon:
-    return fixture_floor(fixture, plan) if fixture.wall >= 0 else Spot(fixture.centre).buffer(fixture.width_m / 2)
 
 
 def sees_window(plan: Plan, board: Item) -> bool:

@@ -40,12 +40,9 @@ def plants(a: Arrangement, most: int) -> None:
 def lamp_by(a: Arrangement, seat: Item) -> Item | None:
     """Stand a floor lamp beside a seat, a little back."""
     w = a.draw(0.36, 0.46)
-    for side in (-1, 1) if a.chance(0.5) else (1, -1):
-        x, y = beside(seat, side * (seat.size_m[0] / 2 + w / 2 + 0.06), seat.size_m[1] / 2 - w / 2)
-        placed = a.add(a.item("floor lamp", (w, w, a.draw(1.45, 1.75)), (x, y, 0.0), a.draw(0, 6.28)))
-        if placed:
-            return placed
-    return None
+    sides = (-1, 1) if a.chance(0.5) else (1, -1)
+    places = [beside(seat, s * (seat.size_m[0] / 2 + w / 2 + 0.06), seat.size_m[1] / 2 - w / 2) for s in sides]
+    return a.first(a.item("floor lamp", (w, w, a.draw(1.45, 1.75)), (*place, 0.0), a.draw(0, 6.28)) for place in places)
 
 
 def things_on(a: Arrangement, support: Item, most: int) -> None:
@@ -102,13 +99,11 @@ def rug_under(a: Arrangement, x: float, y: float, size: tuple[float, float], tur
     """Lay a rug with its middle at a place, on no carpet; smaller ones are tried where it does not fit."""
     if "carpet" in on:
         return None
-    for scale in (1.0, 0.85, 0.7):
-        w, d = round(size[0] * scale, 3), round(size[1] * scale, 3)
-        rug = a.item("rug", (w, d, a.draw(0.008, 0.015)), (x, y, 0.0), turn_rad + float(a.rng.normal(0, 0.02)))
-        placed = a.add(rug)
-        if placed:
-            return placed
-    return None
+    sizes = [(round(size[0] * scale, 3), round(size[1] * scale, 3)) for scale in (1.0, 0.85, 0.7)]
+    return a.first(
+        a.item("rug", (w, d, a.draw(0.008, 0.015)), (x, y, 0.0), turn_rad + float(a.rng.normal(0, 0.02)))
+        for w, d in sizes
+    )
 
 
 def quarter(a: Arrangement) -> float:

@@ -61,12 +61,13 @@ def _coffee_table(a: Arrangement, sofa: Item, middle: Point) -> None:
     w = a.draw(0.6, 0.85) if round_top else a.draw(0.9, 1.2)
     size = (w, w if round_top else a.draw(0.5, 0.65), a.draw(0.36, 0.45))
     options = (("round", 1.0),) if round_top else ()
-    for shift in (0.0, 0.3, -0.3, 0.6, -0.6):
-        x, y = beside(sofa, shift, -sofa.size_m[1] / 2 - 0.38 - size[1] / 2)
-        table = a.add(a.item("coffee table", size, (x, y, 0.0), sofa.turn_rad + float(a.rng.normal(0, 0.03)), options))
-        if table:
-            clutter.things_on(a, table, 4)
-            return
+    back = -sofa.size_m[1] / 2 - 0.38 - size[1] / 2
+    places = [(*beside(sofa, shift, back), 0.0) for shift in (0.0, 0.3, -0.3, 0.6, -0.6)]
+    table = a.first(
+        a.item("coffee table", size, at, sofa.turn_rad + float(a.rng.normal(0, 0.03)), options) for at in places
+    )
+    if table:
+        clutter.things_on(a, table, 4)
 
 
 def _television(a: Arrangement, sofa: Item) -> None:

@@ -10,7 +10,7 @@ from shapely.geometry import Polygon
 from mocks.rooms.furnish import clutter, day_rooms
 from mocks.rooms.furnish.check import check_items, hides_board, sees_window
 from mocks.rooms.furnish.space import Arrangement, beside, towards
-from mocks.rooms.model import Finish, Item, Plan, Role, Use
+from mocks.rooms.model import USES, Finish, Item, Plan, Role, Use
 
 # Bedrooms: the bed with its head to a wall, what stands beside it, and where the clothes are.
 
@@ -89,12 +89,11 @@ def _along_a_wall(a: Arrangement) -> Item | None:
     """Place a single bed with its long side to a wall, as in small rooms."""
     size = (0.94, 2.06, 0.9)
     model = a.item("bed", size, (0.0, 0.0, 0.0))
-    for (x, y), turn in a.wall_places((size[1], size[0], size[2]), tries=24):
-        quarter = math.pi / 2 if a.chance(0.5) else -math.pi / 2
-        bed = a.add(replace(model, position_m=(x, y, 0.0), turn_rad=turn + quarter))
-        if bed:
-            return bed
-    return None
+    places = a.wall_places((size[1], size[0], size[2]), tries=24)
+    return a.first(
+        replace(model, position_m=(*place, 0.0), turn_rad=turn + (math.pi / 2 if a.chance(0.5) else -math.pi / 2))
+        for place, turn in places
+    )
 
 
 def _calm(a: Arrangement, bed: Item) -> float:
@@ -142,13 +141,6 @@ PLAIN_M2 = 11.0  # rooms up to this size have enough without
 PIECE_M2 = 5.0  # about one more piece for each of these
 PICTURE_M = 6.0  # of the room's perimeter for one picture more
 
-PIECES: dict[Use, tuple[str, ...]] = {
-    Use.LIVING: ("bookcase", "cabinet", "armchair", "chest of drawers", "plant", "bookcase"),
-    Use.BEDROOM: ("chest of drawers", "wardrobe", "armchair", "bookcase", "plant", "chair"),
-    Use.DINING: ("cabinet", "bookcase", "plant", "armchair", "cabinet"),
-    Use.OFFICE: ("bookcase", "cabinet", "armchair", "plant", "bookcase", "chest of drawers"),
-}
-
 
 def fill(a: Arrangement, finish: Finish) -> None:
     """Place more in a large room; some people leave theirs as it is."""
@@ -164,7 +156,7 @@ def fill(a: Arrangement, finish: Finish) -> None:
     elif a.plan.use is Use.BEDROOM and floor.area > 13.0 and a.chance(0.45):
         day_rooms.workplace(a, finish)
     for _ in range(int(a.rng.poisson(max(spare_m2, 0.0) / PIECE_M2 * a.draw(0.4, 1.4)))):
-        _piece(a, str(a.rng.choice(PIECES[a.plan.use])))
+        _piece(a, str(a.rng.choice(USES[a.plan.use]["pieces"])))
     clutter.wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
 
 

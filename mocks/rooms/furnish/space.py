@@ -1,7 +1,7 @@
 """A room being furnished: what stands there already, and whether one more thing fits."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -73,6 +73,10 @@ class Arrangement:
         self.items.append(placed)
         return placed
 
+    def first(self, items: Iterable[Item]) -> Item | None:
+        """Place the first of some items that fits, none drawn after it; return it as placed."""
+        return next(filter(None, map(self.add, items)), None)
+
     def keep_free(self, item: Item, front_m: float, side_m: float = 0.0) -> None:
         """Keep the floor before an item (and beside it) free."""
         w, d = item.size_m[0] / 2 + side_m, item.size_m[1] / 2
@@ -127,11 +131,8 @@ class Arrangement:
     def hang(self, kind: str, size_m: Vector, low_m: float) -> Item | None:
         """Hang something on any free wall."""
         model = self.item(kind, size_m, (0.0, 0.0, low_m), role=Role.CLUTTER)
-        for (x, y), turn in self.wall_places(size_m, low_m, 10, HANGING_GAP_M):
-            placed = self.add(replace(model, position_m=(x, y, low_m), turn_rad=turn))
-            if placed:
-                return placed
-        return None
+        places = self.wall_places(size_m, low_m, 10, HANGING_GAP_M)
+        return self.first(replace(model, position_m=(*place, low_m), turn_rad=turn) for place, turn in places)
 
     def hang_over(self, below: Item, kind: str, size_m: Vector, low_m: float) -> Item | None:
         """Hang something on the wall behind an item, over its middle."""
@@ -192,9 +193,7 @@ class Arrangement:
         return None
 
 
-@lru_cache(maxsize=256)
-def _spans(plan: Plan, wall: int, flush_too: bool) -> tuple[WallSpan, ...]:
-    return tuple(free_spans(plan, wall, flush_too))
+_spans = lru_cache(maxsize=256)(free_spans)
 
 
 def _seen_rad(plan: Plan, wall: int, span: WallSpan) -> float:

@@ -7,41 +7,23 @@ from typing import Any
 import numpy as np
 
 from mocks.rooms.model import Finish, Item, Material
-from mocks.worlds.light import Vector
+from mocks.worlds.light import Vector, vector_of
 from processing.ground.mesh import Mesh, moved, turned
 from processing.ground.shapes import ball, beam, cylinder, lathe, pad, rounded_box, tube
+from processing.ground.tables import table_of
 
-PAPER: tuple[Vector, ...] = (
-    *((0.55, 0.12, 0.10), (0.10, 0.19, 0.34), (0.72, 0.66, 0.52), (0.14, 0.27, 0.20), (0.80, 0.78, 0.72)),
-    *((0.62, 0.36, 0.12), (0.07, 0.07, 0.08), (0.38, 0.22, 0.30), (0.66, 0.58, 0.20), (0.30, 0.42, 0.50)),
-)
-"""Albedos of book covers, boxes and toys."""
-CERAMIC = ((0.78, 0.76, 0.71), (0.55, 0.30, 0.19), (0.16, 0.22, 0.26), (0.42, 0.50, 0.42), (0.62, 0.52, 0.40))
-"""Albedos of pots and vases."""
-FOLIAGE = ((0.055, 0.135, 0.035), (0.075, 0.17, 0.05), (0.045, 0.11, 0.05), (0.11, 0.20, 0.06))
-BOARD_SIDE_M = 0.5  # chosen: a white board as rigs carry them
+_TABLES = table_of(__package__, "materials")
+PAPER, CERAMIC, FOLIAGE = (tuple(map(vector_of, _TABLES["colours"][name])) for name in ("paper", "ceramic", "foliage"))
+"""Albedos of book covers, boxes and toys; of pots and vases; of leaves."""
 MATERIALS = {
-    "black_plastic": Material("black plastic", (0.025, 0.025, 0.027), roughness=0.35),
-    "white_plastic": Material("white plastic", (0.74, 0.74, 0.72), roughness=0.35),
-    "screen": Material("screen", (0.012, 0.012, 0.014), roughness=0.12),
-    "paper": Material("paper", (0.76, 0.73, 0.64)),
-    "shade": Material("lampshade", (0.76, 0.71, 0.60)),
-    "alloy": Material("grey alloy", (0.22, 0.22, 0.23), roughness=0.35),
-    "board_white": Material("meter board", (0.90, 0.90, 0.90)),
-    "bed_sheet": Material("bed sheet", (0.80, 0.79, 0.76)),
+    name: Material(row["name"], vector_of(row["colour"]), roughness=row.get("roughness"))
+    for name, row in _TABLES["materials"].items()
 }
 """What is the same in every room; the meter's board is matte white of albedo 0.90."""
 BLACK_PLASTIC, WHITE_PLASTIC, PAGES = (MATERIALS[name] for name in ("black_plastic", "white_plastic", "paper"))
-SIZES = {
-    "BOARD": 0.018,  # usual chipboard
-    "GAP": 0.004,  # chosen: between fronts
-    "FRONT": 0.019,  # usual MDF
-    "HANDLE": 0.025,  # how far handles stand out; the size of a piece includes them
-    "TOP": 0.03,  # chosen: thickness of table tops
-    "SEAT": 0.44,  # usual height of seats, 0.40 to 0.46 m
-    "SIDE": BOARD_SIDE_M,
-}
+SIZES: dict[str, float] = _TABLES["sizes"]
 """Metres that designs know by name."""
+BOARD_SIDE_M = SIZES["SIDE"]
 CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 """Signs of x and y of the four corners."""
 
@@ -102,8 +84,7 @@ class Build:
     def plain(self, name: str, colours: Sequence[Vector], roughness: float | None = None) -> Material:
         """Return a plain material of one of the colours, a little lighter or darker."""
         colour = np.array(colours[int(self.rng.integers(len(colours)))]) * self.rng.uniform(0.85, 1.1)
-        r, g, b = (float(c) for c in np.clip(colour, 0.01, 0.85))
-        return Material(name, (r, g, b), roughness=roughness)
+        return Material(name, vector_of(np.clip(colour, 0.01, 0.85)), roughness=roughness)
 
     def timber(self) -> Material:
         """Return the wood of this item: mostly the room's first, sometimes its second or painted."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, FOLIAGE, PAPER, WHITE_PLASTIC, Build, vessel
 from mocks.rooms.model import Material
-from mocks.worlds.light import Vector
+from mocks.worlds.light import Vector, vector_of
 from processing.ground.mesh import Mesh, box, merge, moved, turned
 from processing.ground.shapes import cylinder, disc, lathe, rounded_box, sheet, tube
 
@@ -236,11 +236,10 @@ def _tree(b: Build, radius: float, soil: float) -> None:
             t = (k + 0.5) / count
             low, high = (bow, head) if t > 0.3 else (foot, bow)
             s = (t - 0.3) / 0.7 if t > 0.3 else 0.5 + t
-            base = tuple(p + s * (q - p) for p, q in zip(low, high, strict=True))
+            base = vector_of(p + s * (q - p) for p, q in zip(low, high, strict=True))
             long = min(0.36 * w, 0.24) * float(b.rng.uniform(0.75, 1.0))
             mesh = leaf(long, long * 0.5, float(b.rng.uniform(0.4, 0.9)), 0.2)
-            place: Vector = (base[0], base[1], base[2])
-            b.add(_aimed(mesh, 0.25 + 0.6 * t, k * 2.39996 + stem, place), green)
+            b.add(_aimed(mesh, 0.25 + 0.6 * t, k * 2.39996 + stem, base), green)
 
 
 def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25) -> Mesh:

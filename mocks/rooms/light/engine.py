@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import DaylitError
-from mocks.worlds.light import SUN_RADIUS_RAD, Vector, unit
+from mocks.worlds.light import SUN_RADIUS_RAD, Vector, unit, vector_of
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.mesh import Mesh, quad
 from processing.ground.mitsuba_variants import LLVM, SCALAR, load_mitsuba, usable_library, version_in_name
@@ -185,9 +185,4 @@ def irradiance_at(scene: Any, point: Vector, normal: Vector, spp: int, seed: int
     u *= _METER_SIDE_M / np.linalg.norm(u)
     v = np.cross(axis, u)
     corner = np.array(point) - (u + v) / 2
-    return irradiance_over(scene, quad(_vector(corner), _vector(u), _vector(v)), spp, seed)
-
-
-def _vector(array: Doubles) -> Vector:
-    x, y, z = (float(v) for v in array)
-    return (x, y, z)
+    return irradiance_over(scene, quad(vector_of(corner), vector_of(u), vector_of(v)), spp, seed)

@@ -12,18 +12,12 @@ import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as Spot
 
-from mocks.rooms.model import Door, Fixture, Plan, Point, Use, Window
+from mocks.rooms.model import USES, Door, Fixture, Plan, Point, Use, Window
 
 CAMERA_CLEARANCE_M = 0.8  # least distance of the camera from every wall
 LEAST_SEEN = 0.85  # least share of the floor that the camera sees
 
-AREA_M2: dict[Use, tuple[float, float]] = {
-    Use.BEDROOM: (9.0, 22.0),
-    Use.LIVING: (14.0, 40.0),
-    Use.DINING: (10.0, 22.0),
-    Use.OFFICE: (8.0, 18.0),
-    Use.EMPTY: (8.0, 36.0),
-}
+AREA_M2: dict[str, list[float]] = {use: facts["area_m2"] for use, facts in USES.items()}
 FORMS = ("rectangle", "l", "t", "cut corner", "slanted wall", "bay")
 FORM_SHARES = (0.50, 0.16, 0.07, 0.08, 0.07, 0.12)
 SHORTEST_SIDE_M = 2.3  # chosen: narrower rooms take no bed or sofa

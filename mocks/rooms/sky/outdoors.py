@@ -12,7 +12,7 @@ import numpy as np
 from mocks.rooms.noise import fractal, rough
 from mocks.rooms.sky import backdrop, street
 from mocks.rooms.sky.street import House, Tree, draw_street
-from mocks.worlds.light import Vector
+from mocks.worlds.light import Vector, vector_of
 from processing.ground.arrays import Bytes, Doubles, Floats, Halves, Reals
 
 # The shadows that houses and trees of the street cast on the ground, as a map from above.
@@ -162,7 +162,7 @@ def ambient(dome: Callable[[Floats, float], Floats], beam: Floats, towards: Vect
     from_sun = np.asarray(beam, dtype=np.float64) * max(towards[2], 0.0)
     sky = _over_ground(mean, moment, level, air, ground_albedo)
     sun = _over_ground(np.zeros(3), np.zeros((3, 3)), from_sun, np.zeros(3), ground_albedo)
-    return Ambient(sky, sun, _vector(beam), towards)
+    return Ambient(sky, sun, vector_of(beam), towards)
 
 
 def _over_ground(mean: Reals, moment: Reals, level: Reals, air: Reals, albedo: Vector) -> Lit:
@@ -170,13 +170,8 @@ def _over_ground(mean: Reals, moment: Reals, level: Reals, air: Reals, albedo: V
     ground = level * np.array(albedo) / math.pi
     whole = np.array(moment, dtype=np.float64)
     whole[2] -= ground / 4
-    rows = _vector(whole[0]), _vector(whole[1]), _vector(whole[2])
-    return Lit(_vector(mean + ground / 2), rows, _vector(level), _vector(air))
-
-
-def _vector(values: Reals) -> Vector:
-    a, b, c = (float(v) for v in values)
-    return (a, b, c)
+    rows = vector_of(whole[0]), vector_of(whole[1]), vector_of(whole[2])
+    return Lit(vector_of(mean + ground / 2), rows, vector_of(level), vector_of(air))
 
 
 def over(

@@ -280,12 +280,17 @@ def ambient_of(sky: Sky) -> Ambient:
     return outdoors.ambient(sky.dome, sky.sun_normal_illuminance_rgb, sky.sun_direction, sky.ground_albedo)
 
 
+def drawn_kind(rng: np.random.Generator) -> Kind:
+    """Return a kind of sky, each as often as its share says."""
+    return tuple(SHARES)[int(rng.choice(len(SHARES), p=tuple(SHARES.values())))]
+
+
 def draw_sky(rng: np.random.Generator, moment: Moment, kind: Kind | None = None) -> Sky:
     """Return a sky of the moment; of any kind (45 % clear, 30 % intermediate, 25 % overcast) unless given.
 
     Raises ValueError when the sun is below the horizon: there is no model of the night.
     """
-    drawn = tuple(SHARES)[int(rng.choice(len(SHARES), p=tuple(SHARES.values())))]
+    drawn = drawn_kind(rng)
     chosen = kind or drawn
     azimuth_rad, elevation_rad = sun_of(moment)
     if elevation_rad <= 0:

@@ -16,7 +16,7 @@ from mocks.rooms.model import Texture
 from mocks.rooms.textures import cloth, tiles, wood
 from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, with_mean
 from mocks.worlds.hdr_world import MipTexture
-from mocks.worlds.light import Vector
+from mocks.worlds.light import Vector, vector_of
 
 
 def _of(patterns: ModuleType, *kinds: str) -> dict[str, Callable[[Texture], Tile]]:
@@ -65,5 +65,4 @@ def mean_albedo(texture: Texture) -> Vector:
     """Return the mean of a texture's tile."""
     if texture.kind in _ONE_TONE:
         return texture.colours[0]
-    red, green, blue = cv2.mean(tile(texture).albedo)[:3]
-    return (float(red), float(green), float(blue))
+    return vector_of(cv2.mean(tile(texture).albedo)[:3])
