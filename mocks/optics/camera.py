@@ -90,11 +90,7 @@ CANON_5D2 = CameraOptics(
         full_well_e=60000.0,
         read_noise_e=12.0,
         native_balance=(0.48, 1.0, 0.72),
-        tone=(
-            ToneCurve(gamma=2.3, contrast=0.45),
-            ToneCurve(gamma=2.3, contrast=0.42),
-            ToneCurve(gamma=2.3, contrast=0.40),
-        ),
+        tone=(ToneCurve(2.3, contrast=0.45), ToneCurve(2.3, contrast=0.42), ToneCurve(2.3, contrast=0.40)),
         raw_bits=14,
         raw_black=1024,
     ),
@@ -128,7 +124,7 @@ class _Scene:
 
 def image_rows(world: World, optics: CameraOptics, size: Size, rows: range, component: int | None = None) -> Floats:
     """Return rows of the image (H, W, 3), cd/m2 on the sensor, at time 0, of one component or all, without glare."""
-    x, y = _centres(size, rows)
+    x, y = centres(size, rows)
     filtered = optics.filter.apply(scene_rows(world, optics, size, rows, component))
     filtered *= optics.lens.falloff(x, y, size)[..., None]
     return filtered
@@ -152,7 +148,8 @@ def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range, comp
     return light
 
 
-def _centres(size: Size, rows: range) -> tuple[Floats, Floats]:
+def centres(size: Size, rows: range) -> tuple[Floats, Floats]:
+    """Return the pixel centres of rows of a picture, in pixels: x of shape (W,) and y of shape (H, 1)."""
     x = np.arange(size[0], dtype=np.float32) + np.float32(0.5)
     y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None] + np.float32(0.5)
     return x, y
@@ -160,7 +157,7 @@ def _centres(size: Size, rows: range) -> tuple[Floats, Floats]:
 
 def _grid_sampled(scene: _Scene, rows: range) -> Floats:
     count = scene.optics.samples_per_side(scene.size)
-    x, y = _centres(scene.size, rows)
+    x, y = centres(scene.size, rows)
     total = np.zeros((len(rows), scene.size[0], 3), dtype=np.float32)
     pixel_rad = scene.optics.lens.pixel_rad(scene.size) / count
     for row_step in range(count):
@@ -236,7 +233,7 @@ def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Fl
     rows = optics.lens.rows_near(disc.direction, reach, size)
     if len(rows) == 0:
         return np.zeros(0, np.float32), np.zeros(0, np.float32)
-    x, y = _centres(size, rows)
+    x, y = centres(size, rows)
     near = np.zeros((len(rows), size[0]), dtype=bool)
     for dx, dy in ((0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
         directions, seen = optics.lens.directions(x + dx, y + dy, size)

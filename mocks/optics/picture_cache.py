@@ -96,15 +96,12 @@ class PictureCache:
         except OSError as error:
             raise self._unwritable(error) from error
         lock = FileLock(self.folder / f"{what}.lock", timeout=_LOCK_LIMIT_S)
-        try:
+        with suppress(Timeout):
             lock.acquire()
-        except Timeout:
-            yield
-            return
         try:
             yield
         finally:
-            lock.release()
+            lock.release()  # nothing where the wait was in vain
 
     def _unwritable(self, error: OSError) -> PictureCacheError:
         text = f"pictures cannot be kept ({error.strerror or error})"

@@ -12,7 +12,7 @@ from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
 from mocks.instruments.exposures import ShotRequest
-from mocks.optics.camera import CameraOptics, image_rows
+from mocks.optics.camera import CameraOptics, centres, image_rows
 from mocks.optics.lenses import EquirectangularLens, Size, TwoFisheyes
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World
@@ -67,21 +67,12 @@ def _exif_ifd(request: ShotRequest, stamp: str, focal_length_mm: float) -> dict[
 
 def gpano_segment(width_px: int, height_px: int) -> bytes:
     """Return the APP1 segment with XMP that says to viewers: a full, level equirectangular panorama."""
-    size = "".join(
-        f' GPano:{name}="{value}"'
-        for name, value in (
-            ("ProjectionType", "equirectangular"),
-            ("UsePanoramaViewer", "True"),
-            ("FullPanoWidthPixels", width_px),
-            ("FullPanoHeightPixels", height_px),
-            ("CroppedAreaImageWidthPixels", width_px),
-            ("CroppedAreaImageHeightPixels", height_px),
-            ("CroppedAreaLeftPixels", 0),
-            ("CroppedAreaTopPixels", 0),
-            ("PosePitchDegrees", "0.0"),
-            ("PoseRollDegrees", "0.0"),
-        )
-    )
+    facts = {"ProjectionType": "equirectangular", "UsePanoramaViewer": "True"}
+    facts |= {f"FullPano{side}Pixels": str(px) for side, px in (("Width", width_px), ("Height", height_px))}
+    facts |= {f"CroppedAreaImage{side}Pixels": str(px) for side, px in (("Width", width_px), ("Height", height_px))}
+    facts |= {"CroppedAreaLeftPixels": "0", "CroppedAreaTopPixels": "0"}
+    facts |= {"PosePitchDegrees": "0.0", "PoseRollDegrees": "0.0"}
+    size = "".join(f' GPano:{name}="{value}"' for name, value in facts.items())
     packet = (
         '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
         '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about="" '
@@ -125,7 +116,7 @@ class RawFrame:
     mosaic: UInt16s
     black: int
     white: int
-    matrix: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    matrix: tuple[tuple[float, float, float], ...]
     """Its channels of linear Rec. 709: a DNG states them of CIE XYZ."""
 
 
@@ -247,8 +238,7 @@ def _behind(optics: CameraOptics, width: int) -> Flags:
 def render_band(job: ImageJob, rows: range) -> tuple[Floats, Floats]:
     """Render a band into its places; return light of shape (2, N, 3) by lens and plane, cd, and solid angles, sr."""
     width, height = job.size
-    x = np.arange(width, dtype=np.float32) + np.float32(0.5)
-    y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None] + np.float32(0.5)
+    x, y = centres(job.size, rows)
     behind = _behind(job.optics, width)
     weight = job.optics.lens.solid_angle_sr(x, y, job.size) * np.stack([~behind, behind])[:, None]
     totals = []

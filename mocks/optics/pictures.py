@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -170,7 +171,7 @@ class RenderedShots:
                 if image_steps:
                     self._render_image(image_key, size, lambda *work: steps.counted(run(*work)))
                 tasks = [(self._job(shot, size, image), self._key(shot, size)) for shot in missing]
-                list(steps.counted(run(_Expose(self.cache), tasks)))
+                list(steps.counted(run(partial(_expose, self.cache), tasks)))
             for shot in raw_missing:
                 counts = picture_jobs.mosaic(self._job(shot, size, image), _raw_step(size))
                 self.cache.write(self._key(shot, size), ".mosaic", counts.tobytes())
@@ -186,7 +187,7 @@ class RenderedShots:
     def _render_image(self, key: str, size: Size, run: _Map) -> None:
         with self.cache.new_file(key, ".image") as path:
             job = picture_jobs.ImageJob(self.world, self.optics, size, path)
-            picture_jobs.finish_image(job, list(run(_Band(job), picture_jobs.bands(size))))
+            picture_jobs.finish_image(job, list(run(partial(picture_jobs.render_band, job), picture_jobs.bands(size))))
 
     @contextmanager
     def _mapper(self, size: Size) -> Iterator[_Map]:
@@ -215,26 +216,11 @@ class _Steps:
             yield result
 
 
-@dataclass(frozen=True)
-class _Band:
-    """Callable that a worker process can be sent: renders one band of an image."""
-
-    job: picture_jobs.ImageJob
-
-    def __call__(self, rows: range) -> tuple[object, object]:
-        return picture_jobs.render_band(self.job, rows)
-
-
-class _Expose:
-    """Callable that a worker process can be sent: exposes one picture and stores it."""
-
-    def __init__(self, cache: PictureCache) -> None:
-        self._cache = cache
-
-    def __call__(self, task: tuple[picture_jobs.PictureJob, str]) -> None:
-        job, key = task
-        self._cache.holds(job.image.stem, job.image.suffix)  # marks it as in use
-        self._cache.write(key, ".jpg", picture_jobs.expose(job))
+def _expose(cache: PictureCache, task: tuple[picture_jobs.PictureJob, str]) -> None:
+    """Expose one picture and store it under its key, in a worker process too."""
+    job, key = task
+    cache.holds(job.image.stem, job.image.suffix)  # marks it as in use
+    cache.write(key, ".jpg", picture_jobs.expose(job))
 
 
 def _rounded(shutter_s: float) -> float:

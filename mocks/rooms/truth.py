@@ -20,7 +20,7 @@ from mocks.rooms.light.light import lightings
 from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role
 from mocks.rooms.room import Room
-from mocks.rooms.view import RoomView, Surface
+from mocks.rooms.view import RoomView
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site, Vector
 from processing.ground.arrays import AnyArray, Flags, Floats, Int16s
@@ -90,10 +90,13 @@ def truth_pictures(world: RoomWorld, rows: int = 512) -> TruthPictures:
     names = tuple(dict.fromkeys(part.surface for part in parts))
     shape = rays.shape[:2]
 
-    def picture(values: list[Any], outside: Any, kind: Any) -> npt.NDArray[Any]:
-        out = np.full(flat.shape[0], outside, kind)
-        out[surface.ray] = np.array(values, kind)[surface.part]
-        return out.reshape(shape)
+    def picture(values: AnyArray, outside: float) -> npt.NDArray[Any]:
+        out = np.full((flat.shape[0], *values.shape[1:]), outside, values.dtype)
+        out[surface.ray] = values
+        return out.reshape(*shape, *values.shape[1:])
+
+    def of_parts(values: list[Any], outside: float, kind: Any) -> npt.NDArray[Any]:
+        return picture(np.array(values, kind)[surface.part], outside)
 
     removed = (Role.FURNITURE, Role.CLUTTER)
     tripods = [i.instance for i in world.room.items if i.kind == "tripod"]
@@ -104,15 +107,15 @@ def truth_pictures(world: RoomWorld, rows: int = 512) -> TruthPictures:
         empty_rgb=_mean_radiance(empty, rows),
         albedo=albedo,
         empty_albedo=empty_albedo,
-        depth_m=_placed(surface, surface.hits.distance_m, np.float32(np.inf), flat.shape[0]).reshape(shape),
-        normal=_placed(surface, surface.normal, np.float32(0), flat.shape[0]).reshape(*shape, 3),
-        ade=picture([p.ade for p in parts], WINDOWPANE, np.int16),
-        instance=picture([p.instance for p in parts], 0, np.int16),
-        wall=picture([p.wall for p in parts], NOTHING, np.int16),
-        surface=picture([names.index(p.surface) for p in parts], NOTHING, np.int16),
+        depth_m=picture(surface.hits.distance_m, np.inf),
+        normal=picture(surface.normal, 0),
+        ade=of_parts([p.ade for p in parts], WINDOWPANE, np.int16),
+        instance=of_parts([p.instance for p in parts], 0, np.int16),
+        wall=of_parts([p.wall for p in parts], NOTHING, np.int16),
+        surface=of_parts([names.index(p.surface) for p in parts], NOTHING, np.int16),
         surface_names=names,
-        furniture=picture([p.role in removed for p in parts], False, bool),
-        tripod=picture([p.instance in tripods for p in parts], False, bool),
+        furniture=of_parts([p.role in removed for p in parts], False, bool),
+        tripod=of_parts([p.instance in tripods for p in parts], False, bool),
         sunlit=sunlit,
         empty_sunlit=empty_sunlit,
     )
@@ -182,12 +185,6 @@ def _free(geometry: Geometry, point: Vector) -> bool:
     return bool((towards < 0).all() and (hits.distance_m > 0.02).all())
 
 
-def _placed(surface: Surface, values: Floats, outside: np.float32, count: int) -> Floats:
-    out = np.full((count, *values.shape[1:]), outside, np.float32)
-    out[surface.ray] = values
-    return out
-
-
 def _fine_rays(rows: int) -> list[Floats]:
     """Return the directions of ``_FINE`` x ``_FINE`` places in each pixel."""
     fine = equirectangular(rows * _FINE)
@@ -216,16 +213,8 @@ def _means(view: RoomView, rows: int) -> tuple[Floats, Floats]:
 
 FORMAT = 1  # of the truth's files; counts up
 TRUTH_NAME = "truth.json"
-LIGHT = {
-    "luminance_rgb": "luminance.exr",
-    "empty_rgb": "empty_luminance.exr",
-    "albedo": "albedo.exr",
-    "empty_albedo": "empty_albedo.exr",
-    "depth_m": "depth.exr",
-    "normal": "normal.exr",
-    "sunlit": "sunlit.exr",
-    "empty_sunlit": "empty_sunlit.exr",
-}
+LIGHT = {"luminance_rgb": "luminance.exr", "empty_rgb": "empty_luminance.exr", "depth_m": "depth.exr"}
+LIGHT |= {name: f"{name}.exr" for name in ("albedo", "empty_albedo", "normal", "sunlit", "empty_sunlit")}
 """Pictures of 32-bit floats, by field of `TruthPictures`: channels R, G, B, or Y alone."""
 NUMBERS = {"ade": "ade.png", "instance": "instance.png", "wall": "wall.png", "surface": "surface.png"}
 """16-bit PNG. All but instances are stored plus 1, so that 0 stands for none (-1)."""

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from mocks.rooms.light.cube import PLANE_TOLERANCE_M, Cube, Guide, facing_normals
@@ -15,14 +14,15 @@ from mocks.rooms.light.light import Baked
 from mocks.rooms.light.sunlight import sun_share
 from mocks.rooms.model import Material
 from mocks.rooms.room import Room
+from mocks.rooms.sky.outdoors import Component
 from mocks.rooms.sky.sky import Sky
 from mocks.rooms.textures.catalogue import pattern
+from mocks.worlds.hdr_world import remapped
 from mocks.worlds.light import BrightDisc
 from processing.ground.arrays import Floats, Indices, Int32s
 
 # Light from the cube's pixels to any direction: interpolated, but never across the edge of a surface.
 
-_REMAP_WIDTH = 8192  # below OpenCV's limit of 32767
 _SAME_NORMAL = 0.85  # chosen: cosine, 32 degrees
 
 
@@ -71,7 +71,8 @@ class CubeLookup:
         face, column, row = self._guide.cube.place(directions)
         left, top = np.floor(column).astype(np.int32), np.floor(row).astype(np.int32)
         corner = (face * self.side_px + top) * self.side_px + left
-        out = [_bilinear(p, column, row + np.float32(self.side_px) * face) for p in pictures]
+        down = row + np.float32(self.side_px) * face
+        out = [remapped(p.reshape(-1, p.shape[2], 3), column, down) for p in pictures]
         odd = np.flatnonzero(self._uniform[corner] != seen.part)
         if odd.size:
             weights, index = self._weights(seen.only(odd), corner[odd], column[odd] - left[odd], row[odd] - top[odd])
@@ -97,16 +98,6 @@ class CubeLookup:
             weights[:, k] = near * (match + spare) + 1e-12
         weights /= weights.sum(axis=1, keepdims=True)
         return weights, index
-
-
-def _bilinear(picture: Floats, column: Floats, row: Floats) -> Floats:
-    tall = picture.reshape(-1, picture.shape[2], 3)
-    rows = max(1, -(-column.size // _REMAP_WIDTH))
-    block = np.zeros((2, rows * _REMAP_WIDTH), np.float32)
-    block[0, : column.size], block[1, : row.size] = column, row
-    x, y = block.reshape(2, rows, _REMAP_WIDTH)
-    found = cv2.remap(tall, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.reshape(-1, 3)[: column.size], dtype=np.float32)
 
 
 _FRESNEL_0 = 0.04  # of a refractive index of 1.5
@@ -239,13 +230,10 @@ class RoomView:
 
 def outdoors(sky: Sky, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
     """Return the radiance of sky and land (N, 3) by some components of the light."""
-    if "sky" in components and "sun" in components:
-        return sky.radiance(directions, pixel_rad)
-    if "sky" in components:
-        return sky.radiance(directions, pixel_rad, "sky")
-    if "sun" in components:
-        return sky.radiance(directions, pixel_rad, "sun")
-    return np.zeros(directions.shape, np.float32)
+    asked: list[Component] = [name for name in ("sky", "sun") if name in components]
+    if not asked:
+        return np.zeros(directions.shape, np.float32)
+    return sky.radiance(directions, pixel_rad, asked[0] if len(asked) == 1 else None)
 
 
 def _sampled(material: Material, uv_m: Floats, footprint_m: Floats) -> Floats:

@@ -159,10 +159,12 @@ class MipTexture:
         scale = 0.5**level
         x = np.asarray((column + 0.5) * scale + 0.5, dtype=np.float32)
         y = np.asarray((row + 0.5) * scale + 0.5, dtype=np.float32)
-        if x.ndim == 2 and max(x.shape) < 32767:
-            return np.asarray(_remap(image, x, y))
-        flat_x, flat_y = _blocks(x), _blocks(y)
-        return np.asarray(_remap(image, flat_x, flat_y).reshape(-1, 3)[: x.size].reshape(*x.shape, 3))
+        return _remap(image, x, y) if x.ndim == 2 and max(x.shape) < 32767 else remapped(image, x, y)
+
+
+def remapped(image: Floats, x: Floats, y: Floats) -> Floats:
+    """Return a picture (H, W, 3) between its pixels at x, y (pixels, whole at centres), of shape (..., 3) by theirs."""
+    return _remap(image, _blocks(x), _blocks(y)).reshape(-1, 3)[: x.size].reshape(*x.shape, 3)
 
 
 def _remap(image: Floats, x: Floats, y: Floats) -> Floats:
