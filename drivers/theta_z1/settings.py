@@ -80,20 +80,8 @@ SETTING_ATTEMPTS = 2
 """Settings sometimes do not take (seen by others on the real camera): write, compare, write once more."""
 TOP_BOTTOM_DISAPPLY = 4  # Ricoh's USB API
 
-_PROPERTIES: Mapping[DataType, tuple[Prop | RicohProp, ...]] = {
-    DataType.STRING: (Prop.IMAGE_SIZE, Prop.DATE_TIME),
-    DataType.UINT8: (
-        *(Prop.BATTERY_LEVEL, RicohProp.CAPTURE_STATUS, RicohProp.FILTER, RicohProp.SLEEP_MODE, RicohProp.FUNCTION),
-        *(RicohProp.TOP_BOTTOM_CORRECTION, RicohProp.IMAGE_FORMAT, RicohProp.EXPOSURE_STATUS),
-    ),
-    DataType.UINT16: (
-        *(Prop.FUNCTIONAL_MODE, Prop.WHITE_BALANCE, Prop.F_NUMBER, Prop.EXPOSURE_PROGRAM_MODE, Prop.EXPOSURE_INDEX),
-        *(Prop.STILL_CAPTURE_MODE, RicohProp.SLEEP_DELAY, RicohProp.COLOR_TEMPERATURE, RicohProp.IMAGE_STITCHING),
-    ),
-    DataType.UINT32: (Prop.CAPTURE_DELAY, RicohProp.ERROR_INFO, RicohProp.AUTO_POWER_OFF_DELAY),
-    DataType.UINT64: (RicohProp.SHUTTER_SPEED,),
-}
-PROPERTY_TYPES: Mapping[int, DataType] = {prop: kind for kind, props in _PROPERTIES.items() for prop in props}
+_CODES: Mapping[str, int] = {prop.name: prop for prop in (*Prop, *RicohProp)}
+PROPERTY_TYPES = {_CODES[name]: DataType[kind] for kind, names in ricoh_codes.TYPES.items() for name in names}
 
 
 @dataclass(frozen=True)

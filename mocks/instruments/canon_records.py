@@ -39,13 +39,8 @@ class Record(RecordedEvent):
         return replace(self, fault=fault)
 
 
-def image_format(files: ImageFormat) -> bytes:
-    """Return an image format: u32 count, then {10h, type, size, compression} each."""
-    return struct.pack("<I", len(files)) + b"".join(struct.pack("<4I", 0x10, *file) for file in files)
-
-
 def parse_image_format(data: bytes) -> ImageFormat:
-    """Return the image format that ``data`` is."""
+    """Return the image format that ``data`` is: u32 count, then {10h, type, size, compression} each."""
     count = int.from_bytes(data[:4], "little")
     if count not in (1, 2) or len(data) != 4 + 16 * count:
         raise ptp_wire.BadBytesError(f"image format of {len(data)} bytes")
@@ -61,7 +56,9 @@ def value_bytes(value: CanonValue) -> bytes:
         return struct.pack("<I", value)
     if isinstance(value, str):
         return value.encode("ascii") + b"\0"
-    return value if isinstance(value, bytes) else image_format(value)
+    if isinstance(value, bytes):
+        return value
+    return struct.pack("<I", len(value)) + b"".join(struct.pack("<4I", 0x10, *file) for file in value)
 
 
 def value_changed(prop: int, value: CanonValue) -> Record:

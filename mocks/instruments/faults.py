@@ -5,12 +5,12 @@ the nth **operation** (any, or of one code), the nth **event** (any, or of one c
 as events), the nth **shot**, or the nth **setting** written (any, or of one property).
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from importlib.resources import files
 from typing import Self
+
+from processing.ground.tables import table_of
 
 
 class Phase(StrEnum):
@@ -74,8 +74,8 @@ class FaultKind(StrEnum):
 
 
 _KINDS: dict[FaultKind, tuple[Moment, dict[str, float | str]]] = {
-    FaultKind(kind): (Moment(row.pop("moment")), row)
-    for kind, row in tomllib.loads((files(__package__) / "faults.toml").read_text("utf-8")).items()
+    FaultKind(kind): (Moment(row["moment"]), {name: value for name, value in row.items() if name != "moment"})
+    for kind, row in table_of(__package__, "faults").items()
 }
 CONDITIONS = frozenset(kind for kind, (_, defaults) in _KINDS.items() if "for_operations" in defaults)
 """Kinds that last (``for_operations`` operations, 0 = for ever) instead of happening once."""

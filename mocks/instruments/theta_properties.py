@@ -15,14 +15,8 @@ LATER_PROPERTIES = (codes.RicohProp.EXPOSURE_STATUS, codes.RicohProp.MODE_MEMORY
 """Of firmware 3.10.2 and 3.60.3."""
 
 
-def shutter_value(fraction: tuple[int, int]) -> int:
-    """Return (numerator, denominator) as the integer whose little-endian bytes are numerator, then denominator."""
-    numerator, denominator = fraction
-    return denominator << 32 | numerator
-
-
 def shutter_fraction(value: int) -> tuple[int, int]:
-    """Return the (numerator, denominator) of a property value."""
+    """Return the (numerator, denominator) of a property value: its little-endian bytes are one, then the other."""
     return value & 0xFFFFFFFF, value >> 32
 
 
@@ -32,7 +26,7 @@ def theta_properties(listed: tuple[int, ...], *, f_number_index: bool, image_siz
     Those that neither the recording nor the specification explains are there, read-only and 0.
     """
     f_numbers = tuple(codes.F_NUMBER_INDEX if f_number_index else codes.F_NUMBER_TIMES_100)
-    shutters = (AUTO_SHUTTER, *map(shutter_value, codes.SHUTTER_FRACTIONS))
+    shutters = (AUTO_SHUTTER, *(below << 32 | above for above, below in codes.SHUTTER_FRACTIONS))
     isos, u16, ricoh = (codes.ISO_AUTO, *codes.ISO_VALUES), DataType.UINT16, codes.RicohProp
     computed = [
         Property(Prop.IMAGE_SIZE, DataType.STRING, image_sizes[0], writable=True, choices=image_sizes),
@@ -49,6 +43,6 @@ def theta_properties(listed: tuple[int, ...], *, f_number_index: bool, image_siz
 def _tabled() -> Iterator[Property]:
     named: dict[str, int] = {prop.name: prop for prop in (*Prop, *codes.RicohProp)}
     for name, row in table_of(__package__, "theta_properties").items():
-        form = {"choices": tuple(row.get("choices", ())), "span": tuple(row["span"]) if "span" in row else None}
-        code = named[name] if name in named else int(name, 16)
-        yield Property(code, DataType[row["type"]], row.get("default", 0), row.get("writable", True), **form)
+        code, span = named.get(name) or int(name, 16), row.get("span")
+        default, writable, choices = row.get("default", 0), row.get("writable", True), tuple(row.get("choices", ()))
+        yield Property(code, DataType[row["type"]], default, writable, choices, tuple(span) if span else None)

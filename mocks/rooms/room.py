@@ -16,7 +16,7 @@ from mocks.rooms.finish import draw_finish
 from mocks.rooms.furnish.check import check_items
 from mocks.rooms.furnish.furnish import furnish
 from mocks.rooms.furniture import item_parts
-from mocks.rooms.model import Finish, Item, Part, Plan, Role, Use
+from mocks.rooms.model import USES, Finish, Item, Part, Plan, Role, Use
 from mocks.rooms.plan.fixtures import draw_fixtures
 from mocks.rooms.plan.forms import Outline, draw_camera, draw_outline, draw_turn_rad, rectangle, seen_from
 from mocks.rooms.plan.openings import check_plan, draw_doors, draw_windows
@@ -213,12 +213,6 @@ def check_room(room: Room) -> list[str]:
 
 _SCENE_DOMAIN = 5100  # parts these random numbers from all others of a seed
 _SEEDS = 10**9
-_WORDS = (
-    (Use.BEDROOM, ("bed", "guest", "nursery")),
-    (Use.DINING, ("kitchen", "dining")),
-    (Use.LIVING, ("living", "front", "lounge", "basement", "family")),
-    (Use.OFFICE, ("office", "coda", "study", "lab")),
-)
 CLOUD_AMPLITUDE: dict[Kind, float] = {"clear": 0.3, "intermediate": 0.9, "overcast": 0.0}
 """How much of the sun passing clouds take, by sky; a closed cover does not change within minutes."""
 
@@ -226,9 +220,9 @@ CLOUD_AMPLITUDE: dict[Kind, float] = {"clear": 0.3, "intermediate": 0.9, "overca
 def use_of(scene: str) -> Use:
     """Return what a room of that name is for; any other name is a living room or an office by its digest."""
     lower = scene.lower()
-    for use, words in _WORDS:
-        if any(word in lower for word in words):
-            return use
+    for use, facts in USES.items():
+        if any(word in lower for word in facts["words"]):
+            return Use(use)
     return (Use.LIVING, Use.OFFICE, Use.BEDROOM, Use.DINING)[_digest(lower) % 4]
 
 

@@ -8,13 +8,13 @@ World axes and units are those of `mocks.worlds.light`; the camera stands at x =
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, LightDrift, OneLight, Site, Vector, unit
+from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, LightDrift, OneLight, Site, Vector, unit, vector_of
 from mocks.worlds.sky import SimpleSky
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 
@@ -229,8 +229,7 @@ class SimpleRoom(OneLight):
     def discs(self, site: Site) -> tuple[BrightDisc, ...]:
         """Return the sun."""
         sun = self.sky.sun
-        red, green, blue = (self.gain * v for v in sun.radiance_rgb)
-        return (BrightDisc(sun.direction, sun.radius_rad, (red, green, blue)),)
+        return (replace(sun, radiance_rgb=vector_of(self.gain * v for v in sun.radiance_rgb)),)
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 outdoors; indoors the glass where a ray leaves through a pane, else 0; shapes as `World`."""

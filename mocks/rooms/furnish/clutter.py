@@ -4,7 +4,9 @@ import math
 
 from mocks.rooms.furnish.space import Arrangement, beside
 from mocks.rooms.model import Item, Role
+from processing.ground.tables import table_of
 
+SMALL = table_of(__package__, "clutter")
 EYE_M = 1.5  # pictures hang with their middle about here
 
 
@@ -48,22 +50,9 @@ def lamp_by(a: Arrangement, seat: Item) -> Item | None:
 def things_on(a: Arrangement, support: Item, most: int) -> None:
     """Put small things on top of a table or a cabinet, more of them where people are messy."""
     for _ in range(int(a.rng.binomial(most, 0.25 + 0.6 * a.messy))):
-        kind = str(a.rng.choice(list(SMALL_M), p=SHARES))
-        wide, deep, high = (side if isinstance(side, float) else a.draw(*side) for side in SMALL_M[kind])
+        kind = str(a.rng.choice(list(SMALL), p=[row["share"] for row in SMALL.values()]))
+        wide, deep, high = (side if isinstance(side, float) else a.draw(*side) for side in SMALL[kind]["size_m"])
         a.put_on(support, kind, (wide, deep or wide, high), turn_rad=a.draw(-0.6, 0.6))
-
-
-SHARES = (0.3, 0.18, 0.14, 0.1, 0.12, 0.1, 0.06)
-SMALL_M: dict[str, tuple[float | tuple[float, float], ...]] = {
-    "books": ((0.19, 0.24), (0.24, 0.3), (0.03, 0.14)),
-    "mug": (0.115, 0.085, 0.095),
-    "vase": ((0.12, 0.2), 0.0, (0.18, 0.3)),
-    "bottle": (0.076, 0.076, (0.27, 0.32)),
-    "bowl": ((0.2, 0.28), 0.0, 0.09),
-    "plant": ((0.12, 0.2), 0.0, (0.2, 0.32)),
-    "box": ((0.18, 0.28), (0.14, 0.2), (0.09, 0.16)),
-}
-"""Width, depth (0: as wide) and height of small things, fixed or between two; `SHARES` says how often each comes."""
 
 
 def cushions_on(a: Arrangement, seat: Item, count: int) -> None:

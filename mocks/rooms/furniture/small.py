@@ -11,6 +11,7 @@ from mocks.rooms.model import Material
 from mocks.worlds.light import Vector, vector_of
 from processing.ground.mesh import Mesh, box, merge, moved, turned
 from processing.ground.shapes import cylinder, disc, lathe, rounded_box, sheet, tube
+from processing.ground.tables import table_of
 
 
 def volume(wide_m: float, deep_m: float, thick_m: float) -> tuple[Mesh, Mesh]:
@@ -98,11 +99,7 @@ def scattered_blocks(b: Build, _role: str) -> None:
 
 
 MOUNT = Material("passe-partout", (0.80, 0.79, 0.76))
-PAINTS: tuple[tuple[Vector, ...], ...] = (
-    ((0.62, 0.60, 0.52), (0.20, 0.30, 0.36), (0.55, 0.33, 0.18), (0.10, 0.13, 0.16)),
-    ((0.72, 0.66, 0.55), (0.50, 0.20, 0.12), (0.64, 0.45, 0.16), (0.12, 0.20, 0.18)),
-    ((0.70, 0.72, 0.70), (0.30, 0.42, 0.46), (0.16, 0.28, 0.20), (0.66, 0.62, 0.44)),
-)
+PAINTS = [[Material("paint", vector_of(rgb)) for rgb in row] for row in table_of(__package__, "materials")["paintings"]]
 """Colours that go together: ground first."""
 
 
@@ -117,7 +114,7 @@ def framed(b: Build, _role: str) -> None:
         bottom = 0.0 if side < 0 else h - bar
         b.shape("block", frame, x=(-x + bar, x - bar), y=(-d / 2, back), z=(bottom, bottom + bar), r=0.002)
     border = 0.0 if b.item.seed % 3 == 0 else 0.16 * min(w, h)
-    paints = [Material("paint", c) for c in PAINTS[int(b.rng.integers(len(PAINTS)))]]
+    paints = PAINTS[int(b.rng.integers(len(PAINTS)))]
     b.add(box((-x + bar, 0.0, bar), (x - bar, back, h - bar)), MOUNT if border else paints[0])
     left_low, right_high = (-x + bar + border, bar + border), (x - bar - border, h - bar - border)
     b.add(box((left_low[0], -0.001, left_low[1]), (right_high[0], 0.0, right_high[1])), paints[0])

@@ -17,7 +17,7 @@ from mocks.rooms.model import USES, Door, Fixture, Plan, Point, Use, Window
 CAMERA_CLEARANCE_M = 0.8  # least distance of the camera from every wall
 LEAST_SEEN = 0.85  # least share of the floor that the camera sees
 
-AREA_M2: dict[str, list[float]] = {use: facts["area_m2"] for use, facts in USES.items()}
+AREA_M2 = {use: facts["area_m2"] for use, facts in USES.items()}
 FORMS = ("rectangle", "l", "t", "cut corner", "slanted wall", "bay")
 FORM_SHARES = (0.50, 0.16, 0.07, 0.08, 0.07, 0.12)
 SHORTEST_SIDE_M = 2.3  # chosen: narrower rooms take no bed or sofa

@@ -11,15 +11,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mocks.worlds.light import Vector
+from mocks.worlds.light import Vector, vector_of
 from processing.ground.tables import table_of
 
 ROAD_M = 3.0  # half the road's width
 PAVEMENT_M = 4.7  # from the road's middle to the pavement's outer edge
 
 WALLS, ROOFS, LEAVES = (
-    tuple((red, green, blue) for red, green, blue in table_of(__package__, "outdoors")["street"][name])
-    for name in ("walls", "roofs", "leaves")
+    tuple(map(vector_of, table_of(__package__, "outdoors")["street"][name])) for name in ("walls", "roofs", "leaves")
 )
 
 
