@@ -5,27 +5,22 @@ exposure program forbids (InvalidDevicePropValue), which settings survive sleep,
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 
 from drivers.clock import Clock
-from drivers.ptp.codes import Event, ObjectFormat, Operation, Prop, Response
+from drivers.ptp.codes import DataType, Event, ObjectFormat, Operation, Prop, Response
 from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.codes import RicohOperation, RicohProp
 from mocks.instruments.exposures import CameraTiming, ShotRequest, ShotSource
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
 from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
-from mocks.instruments.ptp.datasets import ObjectStore, PropertyTable, Storage
+from mocks.instruments.ptp.datasets import ObjectStore, Property, PropertyTable, Storage
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 from mocks.instruments.recorded import recording
-from mocks.instruments.theta_properties import (
-    AUTO_SHUTTER,
-    LATER_PROPERTIES,
-    TAKES_COLOR_TEMPERATURE,
-    shutter_fraction,
-    theta_properties,
-)
+from processing.ground.tables import table_of
 
 RECORDING = recording("theta_z1")
 STITCHING_FIRMWARE = (2, 10, 1)  # the first with static stitching (Ricoh's USB API specification)
@@ -54,6 +49,11 @@ PROGRAMS_THAT_TAKE = {
 }
 AUTO_EXPOSURE_S, AUTO_ISO, AUTO_F_NUMBER, AUTO_COLOR_TEMPERATURE_K = 1 / 60, 400, 2.1, 5000
 """What the automatic picks, where a host leaves it to the camera."""
+AUTO_SHUTTER = 0  # Ricoh's USB API, ShutterSpeed
+TAKES_COLOR_TEMPERATURE = 0x8007  # Ricoh's USB API: the white balance that lets a temperature be set
+ISO_LIMITS = tuple(v for v in ricoh_codes.ISO_VALUES if v >= 200)
+LATER_PROPERTIES = (RicohProp.EXPOSURE_STATUS, RicohProp.MODE_MEMORY)
+"""Of firmware 3.10.2 and 3.60.3."""
 ERROR_NO_MEMORY = 0x00000001  # Ricoh's USB API, ErrorInfo
 
 
@@ -91,6 +91,39 @@ def theta_identity(options: ThetaOptions) -> DeviceIdentity:
     stitches = tuple(map(int, options.firmware.split("."))) >= STITCHING_FIRMWARE
     added = (RicohProp.IMAGE_STITCHING,) * stitches + LATER_PROPERTIES * options.later_firmware
     return replace(identity, properties=identity.properties + added)
+
+
+def shutter_fraction(value: int) -> tuple[int, int]:
+    """Return the (numerator, denominator) of a property value: its little-endian bytes are one, then the other."""
+    return value & 0xFFFFFFFF, value >> 32
+
+
+def theta_properties(listed: tuple[int, ...], *, f_number_index: bool, image_sizes: tuple[str, ...]) -> list[Property]:
+    """Return the properties that DeviceInfo lists, in the defaults the camera wakes with.
+
+    Those that neither the recording nor the specification explains are there, read-only and 0.
+    """
+    f_numbers = tuple(ricoh_codes.F_NUMBER_INDEX if f_number_index else ricoh_codes.F_NUMBER_TIMES_100)
+    shutters = (AUTO_SHUTTER, *(below << 32 | above for above, below in ricoh_codes.SHUTTER_FRACTIONS))
+    isos, u16 = (ricoh_codes.ISO_AUTO, *ricoh_codes.ISO_VALUES), DataType.UINT16
+    computed = [
+        Property(Prop.IMAGE_SIZE, DataType.STRING, image_sizes[0], writable=True, choices=image_sizes),
+        Property(Prop.F_NUMBER, u16, 0, writable=True, choices=f_numbers),
+        Property(Prop.EXPOSURE_INDEX, u16, ricoh_codes.ISO_AUTO, writable=True, choices=isos),
+        Property(RicohProp.SHUTTER_SPEED, DataType.UINT64, AUTO_SHUTTER, writable=True, choices=shutters),
+        Property(RicohProp.BRACKET_PARAMETERS, DataType.ARRAY | DataType.UINT128, (), writable=True),
+        Property(RicohProp.ISO_AUTO_HIGH_LIMIT, u16, 3200, writable=True, choices=ISO_LIMITS),
+    ]
+    explained = {p.code: p for p in (*computed, *_tabled())}
+    return [explained.get(code) or Property(code, DataType.UINT8, 0) for code in listed]
+
+
+def _tabled() -> Iterator[Property]:
+    named: dict[str, int] = {prop.name: prop for prop in (*Prop, *RicohProp)}
+    for name, row in table_of(__package__, "theta_properties").items():
+        code, span = named.get(name) or int(name, 16), row.get("span")
+        default, writable, choices = row.get("default", 0), row.get("writable", True), tuple(row.get("choices", ()))
+        yield Property(code, DataType[row["type"]], default, writable, choices, tuple(span) if span else None)
 
 
 class SimulatedThetaZ1(SimulatedCamera):
