@@ -33,14 +33,10 @@ THETA_TIMING = CameraTiming(
 """With DNG nine stops take 50 to 54 s, 6 to 7 s a frame whatever the shutter (EXIF of 14 brackets of the authors;
 6.4 s and the driver's settings make 6.5). The file is made, and dated, about 2.5 s after the shutter (theta-api-specs,
 issue 26). Lag and transfer are chosen: no figures are published."""
-SURVIVES_SLEEP = (
-    Prop.DATE_TIME,
-    Prop.AUDIO_VOLUME,
-    RicohProp.SLEEP_MODE,
-    RicohProp.SLEEP_DELAY,
-    RicohProp.AUTO_POWER_OFF_DELAY,
-    RicohProp.GPS_INFO,
-)
+_NAMED: dict[str, int] = {prop.name: prop for prop in (*Prop, *RicohProp)}
+FORMS = {_NAMED.get(name) or int(name, 16): row for name, row in table_of(__package__, "theta_properties").items()}
+"""Properties by code, as rows of theta_properties.toml."""
+SURVIVES_SLEEP = [code for code, row in FORMS.items() if row.get("survives_sleep")]
 MANUAL, NORMAL, APERTURE_PRIORITY, SHUTTER_PRIORITY, ISO_PRIORITY = 1, 2, 3, 4, 0x8003
 PROGRAMS_THAT_TAKE = {
     Prop.F_NUMBER: (MANUAL, APERTURE_PRIORITY),
@@ -119,11 +115,10 @@ def theta_properties(listed: tuple[int, ...], *, f_number_index: bool, image_siz
 
 
 def _tabled() -> Iterator[Property]:
-    named: dict[str, int] = {prop.name: prop for prop in (*Prop, *RicohProp)}
-    for name, row in table_of(__package__, "theta_properties").items():
-        code, span = named.get(name) or int(name, 16), row.get("span")
-        default, writable, choices = row.get("default", 0), row.get("writable", True), tuple(row.get("choices", ()))
-        yield Property(code, DataType[row["type"]], default, writable, choices, tuple(span) if span else None)
+    for code, row in FORMS.items():
+        default, writable, span = row.get("default", 0), row.get("writable", True), row.get("span")
+        choices, kind = tuple(row.get("choices", ())), DataType[row["type"]]
+        yield Property(code, kind, default, writable, choices, tuple(span) if span else None)
 
 
 class SimulatedThetaZ1(SimulatedCamera):
