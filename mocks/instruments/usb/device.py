@@ -46,9 +46,8 @@ class UsbPtpDevice:
         self._clear()
 
     def _clear(self) -> None:
-        event_packet = self.camera.identity.interrupt_packet_bytes
         self._in = InPipe(BULK_PACKET_BYTES)
-        self._event = InPipe(event_packet)
+        self._event = InPipe(self.camera.identity.interrupt_packet_bytes)
         self._incoming = _Incoming(bytearray())
         self.halted: set[int] = set()
         self._late.clear()

@@ -134,15 +134,6 @@ class SunPatch:
         return float(np.linalg.norm(sides, axis=1).sum() / 2 * sum(self.radiance_rgb))
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """Lit cells: the part that each lies on, the surface's normal (N, 3), and the cell's corners (N, 4, 3)."""
-
-    part: Doubles
-    normal: Doubles
-    corners: Doubles
-
-
 def sun_patches(
     geometry: Geometry, panes: Sequence[Pane], direction: Vector, normal_illuminance_rgb: Vector
 ) -> tuple[SunPatch, ...]:
@@ -151,9 +142,7 @@ def sun_patches(
     found = [_lit(geometry, window, sun) for window in windows_of(panes) if np.cross(window[1], window[2]) @ sun > 0]
     if not found:
         return ()
-    part = np.concatenate([cells.part for cells in found])
-    normal = np.concatenate([cells.normal for cells in found])
-    corners = np.concatenate([cells.corners for cells in found])
+    part, normal, corners = (np.concatenate(pieces) for pieces in zip(*found, strict=True))
     kinds, kind_of = np.unique(np.column_stack([part, np.round(normal, 2) + 0.0]), axis=0, return_inverse=True)
     patches = []
     for number, kind in enumerate(kinds):
@@ -165,8 +154,13 @@ def sun_patches(
     return tuple(patches)
 
 
-def _lit(geometry: Geometry, window: tuple[Doubles, Doubles, Doubles], towards: Doubles) -> _Cells:
-    """Cast a ray of the sun through every cell of a window and lay the cell's shadow where it ends."""
+def _lit(
+    geometry: Geometry, window: tuple[Doubles, Doubles, Doubles], towards: Doubles
+) -> tuple[Doubles, Doubles, Doubles]:
+    """Cast a ray of the sun through every cell of a window and lay the cell's shadow where it ends.
+
+    Returns of the lit cells the part (N,), the surface's normal (N, 3), and the cell's corners (N, 4, 3).
+    """
     corner, u, v = window
     across, up = (max(1, round(float(np.linalg.norm(side)) / CELL_M)) for side in (u, v))
     a, b = np.meshgrid((np.arange(across) + 0.5) / across, (np.arange(up) + 0.5) / up)
@@ -180,7 +174,7 @@ def _lit(geometry: Geometry, window: tuple[Doubles, Doubles, Doubles], towards: 
     middle = start[good] - towards * hits.distance_m[good, None] + normal * _BEAM_LIFT_M
     half_u, half_v = ((side - towards * ((normal @ side) / slope)[:, None]) / 2 for side in (u / across, v / up))
     ring = [middle - half_u - half_v, middle + half_u - half_v, middle + half_u + half_v, middle - half_u + half_v]
-    return _Cells(geometry.part_of[hits.face[good]].astype(np.float64), normal, np.stack(ring, axis=1))
+    return geometry.part_of[hits.face[good]].astype(np.float64), normal, np.stack(ring, axis=1)
 
 
 def _tiles(corners: Doubles, normal: Doubles) -> Mesh:

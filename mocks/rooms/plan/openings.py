@@ -11,6 +11,7 @@ from shapely.geometry import Polygon
 
 from mocks.rooms.model import Door, Fixture, Plan, Window
 from mocks.rooms.plan import forms
+from processing.ground.tables import table_of
 
 HEIGHT_M = (2.3, 3.4)
 LEAST_EDGE_M = 0.2  # chosen: a shorter wall is a slip of the plan
@@ -146,10 +147,7 @@ def _fixture_place_problems(plan: Plan, fixture: Fixture) -> list[str]:
 
 CORNER_M = 0.15  # least distance of a window from the corner of its wall
 PIER_M = 0.3  # least wall between two windows
-STYLES = ("standard", "wide", "tall", "french", "high")
-STYLE_SHARES = (0.42, 0.2, 0.13, 0.17, 0.08)
-WIDTHS_M = {"standard": (0.8, 1.5), "wide": (1.5, 3.6), "tall": (0.55, 0.9), "french": (0.8, 2.4), "high": (0.9, 1.8)}
-SILLS_M = {"standard": (0.78, 1.0), "wide": (0.4, 0.92), "tall": (0.3, 0.6), "french": (0.0, 0.0), "high": (1.0, 1.1)}
+STYLES = table_of(__package__, "windows")
 MOST_WINDOWS = 4  # chosen: few rooms have more
 LEAST_GLAZING = 0.09  # window area per floor area; building codes ask for about a tenth to an eighth
 
@@ -223,10 +221,10 @@ def draw_doors(rng: np.random.Generator, plan: Plan) -> Plan | None:
 
 
 def _draw_style(rng: np.random.Generator, height_m: float) -> WindowStyle:
-    kind = str(rng.choice(STYLES, p=STYLE_SHARES))
+    kind = str(rng.choice(list(STYLES), p=[style["share"] for style in STYLES.values()]))
     highest = height_m - 0.2
     head = min(float(rng.uniform(2.05, 2.35) if height_m < 2.9 else rng.uniform(2.3, height_m - 0.3)), highest)
-    sill = float(rng.uniform(*SILLS_M[kind]))
+    sill = float(rng.uniform(*STYLES[kind]["sill_m"]))
     old = height_m > 2.75 and rng.random() < 0.6
     return WindowStyle(
         kind=kind,
@@ -263,7 +261,7 @@ def _in_facet(plan: Plan, wall: int, style: WindowStyle) -> Window:
 def _in_wall(rng: np.random.Generator, plan: Plan, wall: int, style: WindowStyle) -> list[Window]:
     """Return one to three equal windows, evenly set or (a single one) anywhere."""
     room = plan.wall_length_m(wall) - 2 * CORNER_M
-    low, high = WIDTHS_M[style.kind]
+    low, high = STYLES[style.kind]["width_m"]
     width = min(float(rng.uniform(low, high)), room)
     count = min(int((room + PIER_M) / (width + PIER_M)), int(rng.choice([1, 2, 3], p=[0.6, 0.32, 0.08])))
     if count <= 1:

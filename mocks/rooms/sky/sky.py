@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from mocks.rooms.sky.outdoors import Ambient, Component, Surroundings, cosine_gr
 from mocks.worlds.light import SUN_RADIUS_RAD, BrightDisc, Vector, direction_of
 from processing.ground.arrays import Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
+from processing.ground.tables import table_of
 
 EARTH_IN_CLOUD_HEIGHTS = 3200.0  # 6,371 km over clouds at 2 km
 CLEARING_RAD = math.radians(3.0)  # around the sun the clouds are as thick as the sun's share of light says
@@ -112,12 +113,8 @@ def _passing(seed: int, slot: int) -> tuple[float, float, float, float]:
 Kind: TypeAlias = Literal["clear", "intermediate", "overcast"]
 
 OVERCAST_K = 6400.0  # usual colour temperature of overcast skies
-SHARES: dict[Kind, float] = {"clear": 0.45, "intermediate": 0.30, "overcast": 0.25}
-CIE_TYPES: dict[Kind, tuple[int, ...]] = {
-    "clear": (11, 12, 12, 13),
-    "intermediate": (7, 8, 9, 10),
-    "overcast": (daylight.TRADITIONAL_OVERCAST,),
-}
+KINDS: dict[Kind, dict[str, Any]] = table_of(__package__, "outdoors")["kinds"]
+SHARES = {kind: float(facts["share"]) for kind, facts in KINDS.items()}
 
 
 @dataclass(frozen=True)
@@ -296,16 +293,15 @@ def draw_sky(rng: np.random.Generator, moment: Moment, kind: Kind | None = None)
     if elevation_rad <= 0:
         raise ValueError(f"the sun is below the horizon at {moment.utc:%Y-%m-%d %H:%M} UTC: skies are of the day only")
     veil = float(rng.uniform(0.1, 0.7)) if rng.random() < 0.4 else 1.0
-    cover = {"clear": (0.0, 0.12), "intermediate": (0.3, 0.75), "overcast": (0.4, 1.0)}[chosen]
     upstairs = bool(rng.random() < 0.35)
     return Sky(
         kind=chosen,
         sun_azimuth_rad=azimuth_rad,
         sun_elevation_rad=elevation_rad,
-        cie_type=int(rng.choice(CIE_TYPES[chosen])),
+        cie_type=int(rng.choice(KINDS[chosen]["cie"])),
         turbidity=round(float(rng.uniform(1.8, 2.7)), 2),
         sun_share={"clear": 1.0, "intermediate": round(veil, 2), "overcast": 0.0}[chosen],
-        cloud_cover=round(float(rng.uniform(*cover)), 2),
+        cloud_cover=round(float(rng.uniform(*KINDS[chosen]["cover"])), 2),
         sun_distance_au=round(sun_distance_au(moment), 5),
         eye_height_m=4.9 if upstairs else 2.1,
         seed=int(rng.integers(2**31)),
