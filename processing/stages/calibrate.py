@@ -19,7 +19,6 @@ from processing.calibration.scale.veiling_glare import bound_from_darkest, kerne
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
-from processing.ground.threads import give_back
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, carrying, falloff_mode, seam_mode, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
@@ -50,7 +49,6 @@ def run(context: StageContext) -> StageOutput:
         left_out["indoor"] = _without_room(asked)
     else:
         sides["indoor"] = calibrate_indoor(pictures.pop("indoor"), context.session, asked, profile)
-        give_back()
     k1 = sides["indoor"].scale if sides else given_scale("k1", asked.k1 or 1.0)
     found = _sky(context, profile, k1, pictures)
     if isinstance(found, Calibrated):
@@ -201,7 +199,6 @@ def calibrate_indoor(
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
     del image
-    give_back()
     lenses = any(is_panorama_camera(device) for device in session.devices if device.role == "indoor")
     spot = None
     if scale.measured:
