@@ -17,7 +17,14 @@ from processing.calibration.profile import Correction, K2Record, PatchRecord, Ri
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale import chart_patches
-from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
+from processing.calibration.scale.chart import (
+    ChartScale,
+    ChartView,
+    chart_at,
+    cut,
+    find_chart_around,
+    scale_from_charts,
+)
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError, ProcessingError
@@ -34,6 +41,7 @@ from processing.rig.camera_fit import (
     with_lamps,
     with_tint,
 )
+from processing.sphere import Perspective
 from station.session.session import Side
 
 _INDOOR_DATA = ("theta_z1",)
@@ -195,17 +203,22 @@ def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[Sess
 
 
 def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] | None) -> ChartView:
-    image = camera.corrected(camera.merged(taken))
+    """Return the chart, found before the filter's tint is undone: an unsure one would hide it."""
+    merged = camera.merged(taken)
+    image, towards = replace(camera, filter=None).corrected(merged), None
     try:
-        if corners is not None:
-            return chart_at(image, np.asarray(corners).reshape(-1, 2))
-        towards = None
         if camera.side is Side.INDOOR and taken.target is not None:
             towards = Spot(taken.target.longitude_rad, taken.target.latitude_rad).direction()
-        return find_chart_around(image, towards)
+        seen = find_chart_around(image, towards) if corners is None else chart_at(image, corners)
     except ChartError as error:
         error.where = f"{taken.path} ({camera.side}){': ' + error.where if error.where else ''}"
         raise
+    if camera.filter is None:
+        return seen
+    geometry = seen.view.geometry
+    assert isinstance(geometry, Perspective)
+    view = cut(camera.corrected(merged), geometry)
+    return ChartView(view, chart_patches.read_chart(view, seen.chart.corners_px, seen.chart.how))
 
 
 def one_colour(inside: chart_patches.FoundChart, seen: ChartView, doubt: Doubles) -> tuple[NdFilter, ChartView]:

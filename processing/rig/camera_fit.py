@@ -104,7 +104,6 @@ def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _LEAST_DENSITY = 0.05  # of a filter that sessions with and without it show; chosen: the weakest made is ND 0.15
 _CODES = 0.7  # that a patch's mean may be off; chosen on the charts of eight hostile rigs
-_WHITER = "photograph the chart by daylight or a white lamp, with exposures up to 30 s"
 _CLEAR_RATIO = 0.8  # of the residuals of two rules: nearer to 1 the frames do not distinguish them
 
 
@@ -231,15 +230,12 @@ def with_lamps(camera: CameraFit, pairs: Sequence[tuple[SessionSide, SessionSide
 
 def with_tint(camera: CameraFit, found: NdFilter) -> CameraFit:
     """Return the camera with a filter that a chart shows, with a warning where that leaves a sky uncertain."""
-    doubts = (f"{camera.side}: {found.doubt}: {_WHITER}",) if found.doubt else ()
-    return replace(camera, filter=found, warnings=(*camera.warnings, *doubts))
+    text = f"{camera.side}: {found.doubt}: photograph the chart by daylight or a white lamp, with exposures up to 30 s"
+    return replace(camera, filter=found, warnings=(*camera.warnings, *([text] if found.doubt else ())))
 
 
 def channel_doubt(camera: CameraFit, taken: SessionSide, chart: FoundChart) -> Doubles:
-    """Return the relative uncertainty (24, 3) of patches by photons, and by codes of the longest frame, if it has such.
-
-    Under warm light little of blue is left: a code more or less is then a tenth of it.
-    """
+    """Return the relative uncertainty, of shape (24, 3), of patches by photons and codes (of JPEGs' longest frame)."""
     rgb = np.maximum(chart.rgb, 1e-30)
     found = chart.uncertainty[:, None] * np.sqrt(np.maximum(chart.luminance[:, None] / rgb, 1))
     if camera.response is None:

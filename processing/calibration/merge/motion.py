@@ -198,20 +198,18 @@ def show_bled(frames: Sequence[Codes], tables: Samples, planes: Planes, odd: Ind
     Sharpening, demosaicing and coding do that: in long frames a small sun or lamp is dark, in colours of its surround.
     ``odd``: places (n,) whose samples disagree; those that are sure, or of ``ghost`` (H, W), which moved, are left.
     """
-    flat = planes.rgb.reshape(-1, 3), planes.uncertainty.reshape(-1), planes.validity.reshape(-1)
-    odd = odd[flat[1][odd] > BLED_FRAC]
-    bled = odd[(frames[0].reshape(-1, 3)[odd] > TOP_CODE).any(axis=1)]
+    rgb, doubt, validity = planes.rgb.reshape(-1, 3), planes.uncertainty.reshape(-1), planes.validity.reshape(-1)
+    bled = odd[(doubt[odd] > BLED_FRAC) & (frames[0].reshape(-1, 3)[odd] > TOP_CODE).any(axis=1)]
     bled = bled if ghost is None else bled[ghost.reshape(-1)[bled] == 0]
-    before = [plane[bled] for plane in flat]
+    before = rgb[bled], doubt[bled], validity[bled]
     _show(frames, tables, planes, np.empty_like(planes.suspect), bled, np.full(len(bled), len(frames) - 1))
-    flat[1][bled] = np.hypot(flat[1][bled], BLED_FRAC)
+    doubt[bled] = np.hypot(doubt[bled], BLED_FRAC)
     # A hot well is bright in every frame, and clips none: so bright a light would clip the longer ones.
     hot = np.zeros(len(bled), bool)
     for f, frame in enumerate(frames):
         clipped = (frame.reshape(-1, 3)[bled] > TOP_CODE).any(axis=1)
-        hot |= (flat[0][bled] > SURELY_CLIPPED * tables.saturation[f]).any(axis=1) & ~clipped
-    for plane, old in zip(flat, before, strict=True):
-        plane[bled[hot]] = old[hot]
+        hot |= (rgb[bled] > SURELY_CLIPPED * tables.saturation[f]).any(axis=1) & ~clipped
+    rgb[bled[hot]], doubt[bled[hot]], validity[bled[hot]] = (old[hot] for old in before)
 
 
 def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> Floats:

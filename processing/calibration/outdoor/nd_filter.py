@@ -92,7 +92,7 @@ class NdFilter:
         return np.linalg.inv(np.array(self.tint, dtype=np.float64))
 
     def correct(self, rgb: Floats) -> Floats:
-        """Return linear RGB (..., 3) as before the filter but for its density; may be negative. The unit is kept."""
+        """Return linear RGB, of shape (..., 3), as before the filter but for its density; its unit; may be negative."""
         return np.asarray(rgb @ self.correction.astype(np.float32), dtype=np.float32)
 
     def noise_gain(self, rgb: Floats) -> Floats:
@@ -187,7 +187,7 @@ def _column(plain: Doubles, seen: Doubles, doubt: Doubles, channel: int) -> tupl
         found = covariance @ (over.T @ seen)
         shown = plain @ found
     off = (shown - seen) / (doubt * np.maximum(seen, shown))
-    return found, covariance * max(1.0, float(off @ off) / max(len(off) - 3, 1))
+    return found, np.asarray(covariance * max(1.0, float(off @ off) / max(len(off) - 3, 1)))
 
 
 def _spread(patches: Doubles) -> float:

@@ -113,8 +113,7 @@ def scale_from_charts(
         raise ChartError(
             f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures ({each})",
             where="the chart",
-            likely="under a warm lamp red is clipped where blue is black: no frame shows all channels",
-            advice="light it by daylight or a white lamp; capture it with all nine stops, or stops closer together",
+            advice="use a white lamp (a warm one clips red where blue is black), nine stops or closer ones",
         )
     y_in, y_out = indoor.luminance, outdoor.luminance
     doubt = np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers]

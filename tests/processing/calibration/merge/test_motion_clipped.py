@@ -42,7 +42,7 @@ def test_a_clipped_sun_among_ghosts_keeps_its_bound() -> None:
 
 
 def test_a_small_sun_in_a_makers_files_is_as_bright_as_the_shortest_frame_shows_it() -> None:
-    """Two pixels wide: demosaicing, sharpening and chroma at half the size draw its surround into long frames."""
+    """Two pixels wide: demosaicing, sharpening and half-size chroma draw its surround into it, in long frames."""
     scale = np.linspace(0, 1, 256)
     tone = np.stack([scale ** (1 / gamma) for gamma in (2.0, 2.2, 2.4)])
     maker = HostileCamera(
