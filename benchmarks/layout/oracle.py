@@ -225,7 +225,7 @@ class _Model:
                 boxes.append(self._box(k, _zone_rect(item, zone.side, deep, q), present))
             self._apart([boxes, *others, self.walls])
         if item.spec.sides_needed is not None and free.get("side"):
-            self.model.add(sum(free["side"]) >= min(len(free["side"]), item.spec.sides_needed(self.rules)))
+            self.model.add(sum(free["side"]) >= min(len(free["side"]), getattr(self.rules, item.spec.sides_needed)))
 
     def _nightstand(self, k: int) -> list[tuple[Any, Any]]:
         """Return a nightstand's rectangles as beds' use zones see them: none where it stands at the head."""

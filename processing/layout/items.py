@@ -7,9 +7,9 @@ the wall it stands at), z up. Its footprint is the rectangle |x| <= width/2, |y|
 import difflib
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias
 
 from processing.errors import ItemError
 from processing.ground.arrays import Vector
@@ -31,14 +31,14 @@ class UseZone:
     """
 
     side: Side
-    rule: Callable[[RuleSet], float]
-    """The rule set's depth in metres."""
+    rule: str
+    """The rule set's key of its depth."""
     less_m: float = 0.0
     """Taken off that depth: a dining chair's zone is counted from the table's edge."""
 
     def depth_m(self, rules: RuleSet) -> float:
         """Return its depth by a rule set, in metres; 0 or less asks for nothing."""
-        return self.rule(rules) - self.less_m
+        return float(getattr(rules, self.rule)) - self.less_m
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class ItemSpec:
     """Height of its underside above the floor."""
     placement: Placement = "wall"
     zones: tuple[UseZone, ...] = ()
-    sides_needed: Callable[[RuleSet], int] | None = None
-    """How many of its left and right zones must be free by a rule set; None: all."""
+    sides_needed: str | None = None
+    """The rule set's key of how many of its left and right zones must be free; None: all."""
     group_with: str = ""
     """Category that it belongs to: a nightstand to a bed."""
     bound: bool = False
@@ -95,59 +95,19 @@ class Item:
     spec: ItemSpec
 
 
-# The built-in kinds of furniture and the sets made of them. Sizes are common ones of the trade, in metres.
-
-_BED_ZONES = (
-    UseZone("left", lambda rules: rules.bed_side),
-    UseZone("right", lambda rules: rules.bed_side),
-    UseZone("front", lambda rules: rules.bed_foot),
-)
-
-
-def _bed(name: str, width_m: float, length_m: float, sides_needed: Callable[[RuleSet], int]) -> ItemSpec:
-    return ItemSpec(name, (width_m, length_m, 0.85), zones=_BED_ZONES, sides_needed=sides_needed)
-
-
-def _front(rule: Callable[[RuleSet], float]) -> tuple[UseZone, ...]:
-    return (UseZone("front", rule),)
-
-
-_ALL = (
-    _bed("bed", 1.4, 2.0, lambda rules: rules.bed_sides),
-    _bed("single bed", 0.9, 2.0, lambda rules: rules.bed_single_sides),
-    _bed("king bed", 1.8, 2.0, lambda rules: rules.bed_sides),
-    ItemSpec("nightstand", (0.45, 0.40, 0.50), group_with="bed", bound=True),
-    ItemSpec("wardrobe", (1.2, 0.60, 2.0), zones=_front(lambda rules: rules.wardrobe_front)),
-    ItemSpec("chest", (0.9, 0.45, 0.85), zones=_front(lambda rules: rules.chest_front)),
-    ItemSpec("bookshelf", (0.8, 0.30, 1.8), zones=_front(lambda rules: rules.shelf_front)),
-    ItemSpec("desk", (1.2, 0.60, 0.74), zones=_front(lambda rules: rules.desk_back)),
-    ItemSpec("desk chair", (0.55, 0.55, 0.95), placement="free", group_with="desk", bound=True),
-    ItemSpec("sofa", (1.8, 0.85, 0.80), zones=_front(lambda rules: rules.seat_front)),
-    ItemSpec("armchair", (0.80, 0.80, 0.85), zones=_front(lambda rules: rules.seat_front), group_with="sofa"),
-    ItemSpec("coffee table", (1.0, 0.55, 0.42), placement="free", group_with="sofa", bound=True),
-    ItemSpec("tv stand", (1.4, 0.40, 0.50), zones=_front(lambda rules: rules.tv_front)),
-    ItemSpec("tv", (1.10, 0.08, 0.65), base_m=0.50, placement="on", group_with="tv stand"),
-    ItemSpec("dining table", (1.4, 0.80, 0.74), placement="free"),
-    ItemSpec(
-        "dining chair",
-        (0.45, 0.50, 0.85),
-        placement="free",
-        zones=(UseZone("back", lambda rules: rules.dining_edge, less_m=0.50),),
-        group_with="dining table",
-        bound=True,
-    ),
-    ItemSpec("rug", (2.0, 1.4, 0.012), placement="free"),
-    ItemSpec("floor lamp", (0.35, 0.35, 1.6), placement="wall"),
-    ItemSpec("plant", (0.40, 0.40, 0.8), placement="wall"),
-)
-
-KINDS: dict[str, ItemSpec] = {spec.category: spec for spec in _ALL}
+# The built-in kinds of furniture, the sets made of them, and what else kinds are called (`items.toml`).
 
 _TABLES = table_of(__package__, "items")
 SETS: dict[str, str] = _TABLES["sets"]
-
 OTHER_NAMES: dict[str, str] = _TABLES["other_names"]
 
+
+def _spec(category: str, row: dict[str, Any]) -> ItemSpec:
+    own = {"size_m": tuple(row["size_m"]), "zones": tuple(UseZone(*zone) for zone in row.get("zones", ()))}
+    return ItemSpec(category, **row | own)
+
+
+KINDS: dict[str, ItemSpec] = {category: _spec(category, row) for category, row in _TABLES["kinds"].items()}
 
 # Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.
 

@@ -257,7 +257,7 @@ def _asked(pieces: Sequence[Piece], rules: RuleSet) -> list[tuple[list[Polygon],
     for piece, extents in zip(pieces, rows, strict=True):
         shapes = [(optional, next(zones)) for optional, _ in extents]
         sides = [shape for optional, shape in shapes if optional]
-        need = piece.spec.sides_needed(rules) if piece.spec.sides_needed else 0
+        need = getattr(rules, piece.spec.sides_needed) if piece.spec.sides_needed else 0
         asked.append(([shape for optional, shape in shapes if not optional], sides, min(need, len(sides))))
     return asked
 

@@ -112,7 +112,7 @@ def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
         return [tuple(found.values())]
     sides = [side for side in ("left", "right") if side in found]
     rest = [rect for side, rect in found.items() if side not in sides]
-    least = min(spec.sides_needed(rules), len(sides))
+    least = min(getattr(rules, spec.sides_needed), len(sides))
     return [
         (*(found[s] for s in chosen), *rest)
         for count in range(len(sides), least - 1, -1)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
+import daylit
 from processing.errors import CatalogueError, ItemError
 from processing.layout.arrangement import PlacedItem
 from processing.layout.furniture.bench import STYLES
@@ -195,3 +198,9 @@ def test_repair_finds_nothing_to_repair_in_our_own() -> None:
     sound = repaired(RawPart(part.vertices.astype(float), part.faces.astype(np.int64), None, part.material), 1.0)
     assert sound is not None
     assert sound.turned == 0
+
+
+def test_the_list_as_json_names_each_zone_and_its_rule(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["furniture", "list", "--style", STYLES[0], "--category", "bed", "--json"]) == 0
+    (bed,) = json.loads(capsys.readouterr().out)["models"]
+    assert bed["zones"][-1] == {"side": "front", "rule": "bed_foot"}
