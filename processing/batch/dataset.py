@@ -7,11 +7,12 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from processing.batch.rows import FOUND_COLUMNS, PAPER_COLUMNS, guarded, session_row
+from processing.batch.rows import FOUND_COLUMNS, PAPER_COLUMNS, csv_text, session_row
 from processing.batch.run import find_sessions
 from processing.errors import ParameterError
 from processing.ground.tables import table_of
@@ -23,8 +24,8 @@ from station.session.folder import file_sha256
 INDEX_NAME = "index.csv"
 SPLITS = ("train", "validation", "test")
 COLUMNS = (*PAPER_COLUMNS, "folder", "room", "split", *FOUND_COLUMNS)
-_LEDGERS = ("dataset.csv",)
-"""Tables of `daylit simulate`, which know what no session records: lamps, and the room's seed."""
+_LEDGER = "dataset.csv"
+"""Table of `daylit simulate`, which knows what no session records: lamps, and the room's seed."""
 
 Row = dict[str, str]
 
@@ -44,14 +45,10 @@ def split_of(room: str, shares: Sequence[float], salt: str = "daylit") -> str:
 
 def index_rows(folder: Path, shares: Sequence[float], zone: str | None = None) -> list[Row]:
     """Return the rows of all sessions in a folder, numbered from 1. Raises `ParameterError` where there is none."""
-    # What tables of simulated data sets know of sessions, by session folder
-    ledger: dict[str, Row] = {}
-    for name in _LEDGERS:
-        try:
-            reader = csv.DictReader(io.StringIO((folder / name).read_text("utf-8"), newline=""))
-            ledger |= {row["session"]: row for row in reader if row.get("session")}
-        except (OSError, UnicodeDecodeError, csv.Error):
-            continue
+    ledger: dict[str, Row] = {}  # by session folder
+    with suppress(OSError, UnicodeDecodeError, csv.Error):
+        reader = csv.DictReader(io.StringIO((folder / _LEDGER).read_text("utf-8"), newline=""))
+        ledger = {row["session"]: row for row in reader if row.get("session")}
     rows = []
     for index, path in enumerate(find_sessions(folder), 1):
         row, known = session_row(path, zone), ledger.get(path.name, {})
@@ -60,15 +57,6 @@ def index_rows(folder: Path, shares: Sequence[float], zone: str | None = None) -
         said = {"natural_light": known.get("natural_light", ""), "room": room, "split": split_of(room, shares)}
         rows.append({**dict.fromkeys(COLUMNS, ""), **row, **place, **said})
     return rows
-
-
-def index_csv(rows: Sequence[Mapping[str, str]]) -> str:
-    """Return the index as CSV."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: guarded(row[name]) for name in COLUMNS} for row in rows)
-    return text.getvalue()
 
 
 def read_index(folder: Path) -> list[Row]:
@@ -146,7 +134,6 @@ def _field(column: str) -> dict[str, Any]:
 
 # SHA256SUMS of a data set, as `sha256sum --check` reads it: every file of every session, and the index.
 
-
 SUMS_NAME = "SHA256SUMS"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\\\n]+)")
 _LEFT_OUT = (".", "run.json")
@@ -154,7 +141,7 @@ _LEFT_OUT = (".", "run.json")
 
 
 def session_files(session: Path) -> Iterator[Path]:
-    """Yield a session's files that belong to the data set, sorted."""
+    """Yield a session's files that belong to the data set, sorted; none of a folder that is not there."""
     for path in sorted(session.rglob("*")):
         parts = path.relative_to(session).parts
         hidden = any(part.startswith(_LEFT_OUT[0]) for part in parts) or path.name == _LEFT_OUT[1]
@@ -194,7 +181,6 @@ def read_sums(folder: Path) -> dict[str, str]:
 # Splits are by room, so that no room is in two of them: a room's part follows from a digest of its name, and so
 # stays the same when sessions are added.
 
-
 LICENCE_NAME = "LICENCE.txt"
 USUAL_SHARES = (0.7, 0.15, 0.15)
 
@@ -209,7 +195,7 @@ def build(
     if not about.licence.strip() or not about.name.strip():
         raise ParameterError("a data set needs a name and a licence", advice="--name NAME --licence CC-BY-4.0")
     rows = index_rows(folder, shares, zone)
-    index = index_csv(rows).encode()
+    index = csv_text(COLUMNS, rows).encode()
     made = [folder / name for name in (INDEX_NAME, LICENCE_NAME, METADATA_NAME, SUMS_NAME)]
     write_bytes(made[0], index)
     write_bytes(made[1], f"{about.name}\nLicence: {about.licence}\n{about.cite}\n".encode())
@@ -231,7 +217,7 @@ class CheckReport:
     changed: tuple[str, ...] = ()
     new: tuple[str, ...] = ()
     """In a session's folder, and not in SHA256SUMS."""
-    problems: tuple[str, ...] = field(default=())
+    problems: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -252,13 +238,9 @@ def check(folder: Path) -> CheckReport:
             missing.append(name)
         elif file_sha256(path) != digest:
             changed.append(name)
-    there = {p.relative_to(folder).as_posix() for row in rows for p in _files(folder / row["folder"])}
+    there = {p.relative_to(folder).as_posix() for row in rows for p in session_files(folder / row["folder"])}
     new = sorted(there - set(sums))
     return CheckReport(len(sums), tuple(missing), tuple(changed), tuple(new), tuple(_problems(folder, rows)))
-
-
-def _files(session: Path) -> list[Path]:
-    return list(session_files(session)) if session.is_dir() else []
 
 
 def _problems(folder: Path, rows: Sequence[Row]) -> list[str]:
@@ -284,7 +266,7 @@ def _problems(folder: Path, rows: Sequence[Row]) -> list[str]:
 def summary(folder: Path) -> dict[str, Any]:
     """Return what a data set holds, in numbers. Raises `ParameterError` without an index."""
     rows = read_index(folder)
-    sizes = sum(path.stat().st_size for row in rows for path in _files(folder / row["folder"]))
+    sizes = sum(path.stat().st_size for row in rows for path in session_files(folder / row["folder"]))
     return {
         "sessions": len(rows),
         "rooms": len({row["room"] for row in rows}),

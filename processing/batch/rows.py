@@ -8,7 +8,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, tzinfo
 from pathlib import Path
@@ -107,7 +107,7 @@ def _calibrated(path: Path) -> dict[str, str]:
 
 
 def _light(path: Path) -> dict[str, str]:
-    figures, metrics = stage_json(path, "figures", "light_figures"), _result(path, "figures").get("metrics", {})
+    figures, metrics = stage_json(path, "figures", "light_figures"), stage_json(path, "figures", "result").get("metrics", {})
     if not figures:
         return {}
     found = {"units": figures["units"]["luminance"], "level_ratio": _number(metrics.get("level_ratio"))}
@@ -137,25 +137,18 @@ def _room(path: Path) -> dict[str, str]:
 
 
 def _staged(path: Path) -> dict[str, str]:
-    removed = _result(path, "detect").get("metrics", {}).get("shares", {}).get("target")
-    made = _result(path, "render").get("artifacts", {})
+    removed = stage_json(path, "detect", "result").get("metrics", {}).get("shares", {}).get("target")
+    made = stage_json(path, "render", "result").get("artifacts", {})
     staged = sum(1 for name in made if name.startswith("staged-") and str(made[name]).endswith(".exr"))
     return {"removed_share": _number(removed), "staged": str(staged)}
 
 
 def stage_json(path: Path, stage: str, name: str) -> dict[str, Any]:
-    """Return a JSON artifact of a stage as it stands; empty where there is none that can be read."""
-    return _json(path / "stages" / stage / f"{name}.json")
-
-
-def _result(path: Path, stage: str) -> dict[str, Any]:
-    return _json(path / "stages" / stage / "result.json")
-
-
-def _json(path: Path) -> dict[str, Any]:
+    """Return a JSON artifact of a stage, or its result, as it stands; empty where there is none that can be read."""
+    file = path / "stages" / stage / f"{name}.json"
     with suppress(OSError, ValueError):
-        if path.stat().st_size <= _MAX_JSON_BYTES:
-            found = json.loads(path.read_text("utf-8"))
+        if file.stat().st_size <= _MAX_JSON_BYTES:
+            found = json.loads(file.read_text("utf-8"))
             return found if isinstance(found, dict) else {}
     return {}
 
@@ -168,7 +161,6 @@ def _number(value: object) -> str:
 
 # The table of a batch: batch.csv, a row a session in the paper's columns and more, and batch.json with all of it.
 
-
 CSV_NAME, JSON_NAME = "batch.csv", "batch.json"
 RUN_COLUMNS = ("state", "code", "message", "ran", "kept", "warnings", "tries", "seconds", "cpu_s", "peak_mb")
 COLUMNS = (*PAPER_COLUMNS, *FOUND_COLUMNS, *RUN_COLUMNS)
@@ -176,11 +168,15 @@ COLUMNS = (*PAPER_COLUMNS, *FOUND_COLUMNS, *RUN_COLUMNS)
 
 def batch_csv(outcomes: Iterable[Outcome]) -> str:
     """Return the table as CSV, numbered from 1 in the order given."""
+    return csv_text(COLUMNS, (table_row(index, one) for index, one in enumerate(outcomes, 1)))
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> str:
+    """Return rows as CSV, each text `guarded`; a column that a row lacks is empty."""
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="")
+    writer = csv.DictWriter(text, columns, lineterminator="\n", restval="")
     writer.writeheader()
-    for index, one in enumerate(outcomes, 1):
-        writer.writerow({name: guarded(value) for name, value in table_row(index, one).items()})
+    writer.writerows({name: guarded(value) for name, value in row.items()} for row in rows)
     return text.getvalue()
 
 

@@ -69,24 +69,14 @@ class Store:
         """Return the size of every object by its name below this folder."""
 
         def listed() -> dict[str, int]:
-            try:
-                found = self.files.find(self.root, maxdepth=depth, detail=True)
-            except FileNotFoundError:
-                return {}
+            found = self.files.find(self.root, maxdepth=depth, detail=True)
             return {posixpath.relpath(name, self.root): int(info["size"]) for name, info in found.items()}
 
-        return self._again(listed, "listing")
+        return self._again(listed, "listing", dict)
 
     def read(self, name: str) -> bytes | None:
         """Return an object; None where there is none."""
-
-        def taken() -> bytes | None:
-            try:
-                return bytes(self.files.cat_file(f"{self.root}/{name}"))
-            except FileNotFoundError:
-                return None
-
-        return self._again(taken, f"reading {name}")
+        return self._again(lambda: bytes(self.files.cat_file(f"{self.root}/{name}")), f"reading {name}", lambda: None)
 
     def pull(self, name: str, path: Path, size_bytes: int) -> None:
         """Copy an object of a known size to a file."""
@@ -121,22 +111,18 @@ class Store:
 
     def remove(self, name: str) -> None:
         """Remove an object; none is no error."""
+        self._again(lambda: self.files.rm_file(f"{self.root}/{name}"), f"removing {name}", lambda: None)
 
-        def away() -> None:
-            try:
-                self.files.rm_file(f"{self.root}/{name}")
-            except FileNotFoundError:
-                return
-
-        self._again(away, f"removing {name}")
-
-    def _again(self, do: Callable[[], T], what: str) -> T:
+    def _again(self, do: Callable[[], T], what: str, absent: Callable[[], T] | None = None) -> T:
+        """Return what is done at the last of some tries; ``absent``: what counts where there is no such object."""
         for number in range(TRIES):
             try:
                 return do()
             except StoreError:
                 raise
             except Exception as error:
+                if absent is not None and isinstance(error, FileNotFoundError):
+                    return absent()
                 if number + 1 == TRIES:
                     raise StoreError(f"{what}: {error}"[:400], where=self.url) from error
                 self.sleep(PAUSE_S * 2**number)
