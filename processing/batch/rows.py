@@ -107,7 +107,8 @@ def _calibrated(path: Path) -> dict[str, str]:
 
 
 def _light(path: Path) -> dict[str, str]:
-    figures, metrics = stage_json(path, "figures", "light_figures"), stage_json(path, "figures", "result").get("metrics", {})
+    figures = stage_json(path, "figures", "light_figures")
+    metrics = stage_json(path, "figures", "result").get("metrics", {})
     if not figures:
         return {}
     found = {"units": figures["units"]["luminance"], "level_ratio": _number(metrics.get("level_ratio"))}

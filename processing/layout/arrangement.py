@@ -4,6 +4,7 @@ A piece stands where its local frame (`items.py`: floor middle of its footprint,
 x' = R_z(theta) x + t, t in metres of the room's frame (docs/reference/coordinates.md).
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -36,6 +37,11 @@ class PlacedItem(_Strict):
     use_zones_m: tuple[tuple[Finite, Finite, Finite, Finite], ...] = ()
     """Floor kept free for its use: x0, x1, y0, y1 in its local frame."""
     pinned: bool = False
+
+    def place(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return a place of its local frame in the room, metres."""
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
+        return self.t_m[0] + x_m * c - y_m * s, self.t_m[1] + x_m * s + y_m * c
 
 
 class NotPlaced(_Strict):

@@ -21,6 +21,8 @@ from processing.ground.arrays import Doubles
 from processing.ground.polygons import signed_area
 from processing.ground.room_model import OpeningKind, RoomModel
 
+Points: TypeAlias = Sequence[Sequence[float]] | Doubles
+"""Corners as (N, 2) metres."""
 TOUCHING_M = 1e-9  # edges nearer than this touch (chosen: rounding of coordinates in metres)
 SAME_POINT_M = 1e-4  # corners nearer than this are one corner
 
@@ -38,13 +40,16 @@ class Repaired:
     notes: tuple[str, ...]
 
 
-def repaired_ring(points: Doubles, *, where: str, clockwise: bool = False) -> Repaired:
+def repaired_ring(points: Points, *, where: str, clockwise: bool = False) -> Repaired:
     """Return a ring (N, 2), metres, without repeated corners and the right way round.
 
     Raises `PlanError` for fewer than three corners, values that are no numbers, no area, and a ring that crosses or
     touches itself (the two edges and the place are named).
     """
-    ring = np.asarray(points, dtype=np.float64)
+    try:
+        ring = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise PlanError("the corners are not pairs of numbers", where=where) from None
     if ring.ndim != 2 or ring.shape[1:] != (2,) or not np.isfinite(ring).all():
         raise PlanError("the corners are not pairs of finite numbers", where=where)
     if len(ring) and np.abs(ring).max() > 1e4:
@@ -184,9 +189,9 @@ class FloorPlan:
 
 
 def make_plan(
-    corners: Sequence[Sequence[float]] | Doubles,
+    corners: Points,
     *,
-    holes: Sequence[Sequence[Sequence[float]]] = (),
+    holes: Sequence[Points] = (),
     ceiling_height_m: float = HEIGHT_M,
     doors: Sequence[Door] = (),
     windows: Sequence[Window] = (),
@@ -203,12 +208,12 @@ def make_plan(
     """
     if not (math.isfinite(ceiling_height_m) and 1.5 <= ceiling_height_m <= 30):
         raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m can be", where=name)
-    floor = repaired_ring(_as_array(corners, name), where=name)
+    floor = repaired_ring(corners, where=name)
     repairs = [*notes, *floor.notes]
     columns = []
     for index, hole in enumerate(holes):
         where = f"{name}, column {index}"
-        column = repaired_ring(_as_array(hole, where), where=where, clockwise=True)
+        column = repaired_ring(hole, where=where, clockwise=True)
         for corner in column.ring:
             if not _inside(floor.ring, corner):
                 raise PlanError(f"its corner ({corner[0]:.3f}, {corner[1]:.3f}) is outside the floor", where=where)
@@ -228,13 +233,6 @@ def make_plan(
     hung = tuple(w for w in kept_windows if isinstance(w, Hung))
     free = tuple((float(x), float(y)) for x, y in keep_free)
     return replace(plan, doors=kept_doors, windows=windows, hung=hung, keep_free=free, notes=tuple(repairs))
-
-
-def _as_array(points: Sequence[Sequence[float]] | Doubles, where: str) -> Doubles:
-    try:
-        return np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise PlanError("the corners are not pairs of numbers", where=where) from None
 
 
 OpeningT = TypeVar("OpeningT", Door, Window)

@@ -4,12 +4,12 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from processing.errors import RulesError
+from processing.ground.tables import table_of
 
 LIMITS_M = {"path": (0.3, 3.0), "door_approach": (0.3, 3.0), "door_reach": (0.5, 2.0), "together": (0.1, 20.0)}
 COUNTS = {"bed_sides": (0, 2), "bed_single_sides": (0, 2)}
@@ -62,7 +62,7 @@ class Rules:
 @cache
 def built_in_rules() -> Rules:
     """Return the rules that come with daylit."""
-    return _rules(tomllib.loads((files("processing.layout") / "rules.toml").read_text("utf-8")), "rules.toml", None)
+    return _rules(table_of(__package__, "rules"), "rules.toml", None)
 
 
 def read_rules(path: Path) -> Rules:

@@ -5,11 +5,8 @@ nothing covers an opening or what hangs on a wall. The same arguments give the s
 """
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib.resources import files
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +14,7 @@ import numpy as np
 import shapely
 
 from processing.ground.arrays import Doubles
+from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
 from processing.layout.items import KINDS, ItemSpec
@@ -40,11 +38,7 @@ SWING_M = 0.9  # from a wall, within which an open door's leaf may stand before 
 APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
 Wall = tuple[int, float, float, float, float]
 """An edge, start and end along it, bottom and top, metres."""
-
-
-@cache
-def _recipe() -> dict[str, Any]:
-    return tomllib.loads((files("processing.layout") / "styling.toml").read_text("utf-8"))
+_TABLE = table_of(__package__, "styling")
 
 
 def styled(
@@ -55,12 +49,12 @@ def styled(
     ``bare``: nothing hangs on the ceiling (`removal.rests.bare_ceiling`).
     """
     room = _Room(one, plan, np.random.default_rng([seed, one.rank]), bare)
-    for row in _recipe()["rows"] if level != "none" else ():
+    for row in _TABLE["rows"] if level != "none" else ():
         wanted = LEVELS.index(row["level"]) <= LEVELS.index(level) and style not in row.get("but", ())
-        if wanted and len(one.items) + len(room.added) < _recipe()["most"]:
+        if wanted and len(one.items) + len(room.added) < _TABLE["most"]:
             for _, group in zip(range(row.get("most", 9)), _WAYS[row["where"]](room, row), strict=False):
                 room.added += group
-    return tuple(room.added[: max(0, _recipe()["most"] - len(one.items))])
+    return tuple(room.added[: max(0, _TABLE["most"] - len(one.items))])
 
 
 @dataclass
@@ -147,13 +141,7 @@ class _Room:
 def outline(item: PlacedItem, grow_m: float = 0.0) -> Doubles:
     """Return the corners, shape (4, 2), of a piece's footprint in the room, metres, grown on all sides."""
     w, d = item.size_m[0] / 2 + grow_m, item.size_m[1] / 2 + grow_m
-    return np.array([place(item, x, y) for x, y in ((-w, -d), (w, -d), (w, d), (-w, d))])
-
-
-def place(item: PlacedItem, x: float, y: float) -> tuple[float, float]:
-    """Return a place of a piece's own frame in the room."""
-    c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
-    return item.t_m[0] + x * c - y * s, item.t_m[1] + x * s + y * c
+    return np.array([item.place(x, y) for x, y in ((-w, -d), (w, -d), (w, d), (-w, d))])
 
 
 Groups = Iterator[list[PlacedItem]]
@@ -223,7 +211,7 @@ def _under(room: _Room, row: Mapping[str, Any]) -> Groups:
         if any(i.category == "rug" for i in room.one.items):
             return
         for share in (1.0, 0.86, 0.74):
-            x, y = place(host, 0.0, ahead * (0.4 + 0.6 * share))
+            x, y = host.place(0.0, ahead * (0.4 + 0.6 * share))
             rug = room.piece(row["what"], (size[0] * share, size[1] * share, 0.012), x, y, 0.0, host.theta_rad)
             if room.floor.covers(shapely.Polygon(outline(rug, AIR_M))):
                 yield [rug]
@@ -239,7 +227,7 @@ def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
         top = host.base_m + host.size_m[2]
         for sign in (side, -side):
             x, y = (f * v for f, v in zip(free, row["at"], strict=True))
-            new = room.piece(row["what"], (w, d, h), *place(host, sign * x, y), top, host.theta_rad)
+            new = room.piece(row["what"], (w, d, h), *host.place(sign * x, y), top, host.theta_rad)
             others = (i for i in (*room.one.items, *room.added) if i.base_m > 0 and abs(i.base_m - top) < 0.3)
             shape = shapely.Polygon(outline(new, 0.01))
             hides = h > 0.2 and any(p.edge == host.edge and top + h > p.sill_m + BEFORE_M for p in room.plan.windows)
@@ -283,7 +271,7 @@ def _beside(room: _Room, row: Mapping[str, Any]) -> Groups:
         side = 1.0 if room.rng.random() < 0.5 else -1.0
         for sign, back in ((side, 0.04), (-side, 0.04), (side, 0.3), (-side, 0.3)):
             x = sign * (host.size_m[0] / 2 + w / 2 + 0.05)
-            spot = place(host, x, -host.size_m[1] / 2 + d / 2 + back)
+            spot = host.place(x, -host.size_m[1] / 2 + d / 2 + back)
             new = room.piece(row["what"], row["size"], *spot, 0.0, host.theta_rad)
             if room.stands(new):
                 yield [new]

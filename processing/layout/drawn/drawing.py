@@ -18,6 +18,7 @@ from processing.layout.drawn.canvas import Area, Line, Point, Shape, Sheet, Text
 from processing.layout.plan import Door, FloorPlan, Window
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.rules import RuleSet, built_in_rules
+from processing.layout.styling import outline
 
 WALL_M = 0.14  # chosen by eye, as all below
 INK, WALL, PAPER, ZONE, ROUTE, GREY = "#33383d", "#3b4046", "#ffffff", "#8db4d8", "#d1495b", "#767d84"
@@ -109,25 +110,20 @@ def _door(plan: FloorPlan, door: Door) -> list[Shape]:
     return shapes
 
 
-def _place(item: PlacedItem, point: Point) -> Point:
-    c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
-    return item.t_m[0] + point[0] * c - point[1] * s, item.t_m[1] + point[0] * s + point[1] * c
-
-
 def _furniture(items: Sequence[PlacedItem]) -> list[Shape]:
     shapes: list[Shape] = []
     for item in sorted(items, key=lambda i: (i.category != "rug", i.base_m, i.size_m[2])):
         for shape in symbol(item.category, item.size_m[0], item.size_m[1]):
             if isinstance(shape, Area):
-                shapes.append(Area([_place(item, p) for p in shape.rim], shape.fill, shape.stroke, shape.width_m))
+                shapes.append(Area([item.place(*p) for p in shape.rim], shape.fill, shape.stroke, shape.width_m))
             elif isinstance(shape, Line):
-                shapes.append(Line([_place(item, p) for p in shape.points], shape.stroke, shape.width_m, shape.dash_m))
+                shapes.append(Line([item.place(*p) for p in shape.points], shape.stroke, shape.width_m, shape.dash_m))
     return shapes
 
 
 def _zone_rims(item: PlacedItem) -> list[list[Point]]:
     zones = (((x0, y0), (x1, y0), (x1, y1), (x0, y1)) for x0, x1, y0, y1 in item.use_zones_m)
-    return [[_place(item, corner) for corner in zone] for zone in zones]
+    return [[item.place(*corner) for corner in zone] for zone in zones]
 
 
 def _zones(items: Sequence[PlacedItem]) -> list[Shape]:
@@ -141,9 +137,8 @@ def _routes(plan: FloorPlan, arrangement: Arrangement, rules: RuleSet | None) ->
     doors = [Polygon(_strip(plan, d.edge, d.start_m, d.end_m, 0.0, deep)) for d in plan.doors]
     solid, goals = [], []
     for item in arrangement.items:
-        w, d, _ = (v / 2 for v in item.size_m)
         if item.category != "rug" and item.base_m < 2.0:
-            solid.append(Polygon([_place(item, p) for p in ((-w, -d), (w, -d), (w, d), (-w, d))]))
+            solid.append(Polygon(outline(item)))
         goals += [Polygon(rim) for rim in _zone_rims(item)]
     found = routes(plan, solid, doors, goals, rules.path)
     shapes: list[Shape] = []
@@ -164,11 +159,8 @@ def _labels(items: Sequence[PlacedItem]) -> list[Shape]:
         turn = math.remainder(turn, math.pi)
         turn = turn if turn > -math.pi / 2 + 1e-6 else turn + math.pi
         size = min(0.13, 1.55 * max(long_way, deep_way) / max(4, len(item.category)))
-        at = _place(
-            item,
-            (0.0, 0.22 * deep_way if "bed" in item.category else -0.42 * deep_way if item.category == "rug" else 0.0),
-        )
-        shapes.append(Text(at, item.category, size, INK, turn_rad=turn))
+        ahead = 0.22 if "bed" in item.category else -0.42 if item.category == "rug" else 0.0
+        shapes.append(Text(item.place(0.0, ahead * deep_way), item.category, size, INK, turn_rad=turn))
     return shapes
 
 

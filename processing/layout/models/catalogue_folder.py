@@ -27,15 +27,6 @@ CREASE_RAD = np.radians(40.0)
 MAX_SIZE_M = 12.0  # chosen: larger ones are in another unit
 VAGUE = ("dining chair", "dining table")
 """What mere chairs and tables are taken for."""
-_LICENCES = (
-    ("creative commons zero", "CC0"),
-    ("cc0", "CC0"),
-    ("zero/1.0", "CC0"),
-    ("cc-by", "CC-BY"),
-    ("cc by", "CC-BY"),
-    ("mit license", "MIT"),
-    ("apache license", "Apache-2.0"),
-)
 
 
 @dataclass(frozen=True)
@@ -182,7 +173,8 @@ def _licence(folder: Path) -> str:
         named = "licen" in file.name.lower() or file.name.lower().startswith("copying")
         if named and file.is_file() and file.stat().st_size < 2**20:
             text = re.sub(r"<[^>]*>", " ", file.read_text("utf-8", errors="replace")).lower()
-            known = next((name for word, name in _LICENCES if word in text), "")
+            licences = table_of(__package__, "categories")["licences"].items()
+            known = next((name for word, name in licences if word in text), "")
             return f"{known} ({file.name})" if known else f"see {file.name}"
     return ""
 
@@ -219,18 +211,14 @@ def load_model(source: FileSource) -> FurnitureModel:
 
 
 def _repairs(bodies: list[Sound | None]) -> list[str]:
-    lost = sum(1 for body in bodies if body is None)
     known = [body for body in bodies if body is not None]
-    nan, flat, turned = (sum(getattr(b, k) for b in known) for k in ("dropped_nan", "dropped_flat", "turned"))
-    notes = []
-    if lost:
-        notes.append(f"{lost} parts without area or with vertices that are no numbers were left out")
-    if nan:
-        notes.append(f"{nan} triangles with vertices that are no numbers were left out")
-    if flat:
-        notes.append(f"{flat} triangles without area were left out")
-    if turned:
-        notes.append(f"{turned} triangles wound inwards were turned")
+    found = {
+        "parts without area or with vertices that are no numbers were left out": len(bodies) - len(known),
+        "triangles with vertices that are no numbers were left out": sum(body.dropped_nan for body in known),
+        "triangles without area were left out": sum(body.dropped_flat for body in known),
+        "triangles wound inwards were turned": sum(body.turned for body in known),
+    }
+    notes = [f"{count} {what}" for what, count in found.items() if count]
     if not all(body.closed for body in known):
         notes.append("open surfaces are rendered two-sided")
     return notes
