@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ClusterError
+from processing.ground.tables import table_of
 from processing.ground.threads import SPINNING, cores_here
 
 LOOPBACK = "127.0.0.1"
 SESSION_BYTES = 5 << 30  # of memory that one full-size session may take
-DEATHS = 1  # workers that may die over one session; with the next it counts as lost
 CONNECT_S = 30  # chosen: a busy scheduler answers within seconds
 CLOSE_S = 30  # chosen: workers end within seconds
 
@@ -71,18 +71,6 @@ def thread_settings(threads: int) -> dict[str, str]:
     return dict.fromkeys(names, str(threads)) | dict.fromkeys(SPINNING, "1")
 
 
-_SETTINGS: dict[str, Any] = {
-    "distributed.scheduler.allowed-failures": DEATHS,
-    # Sessions are minutes of work in other processes: nothing is gained by moving or weighing them.
-    "distributed.scheduler.work-stealing": False,
-    "distributed.admin.tick.limit": "1h",
-    "distributed.worker.daemon": True,
-    # A worker that died is begun anew by its nanny; on a busy computer that takes longer than the usual 15 s, after
-    # which the cluster would drop the nanny and never have a worker again.
-    "distributed.deploy.lost-worker-timeout": "1h",
-}
-
-
 @contextmanager
 def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]:
     """Give a Dask client of the cluster at ``address``, or of one made for the purpose on this computer.
@@ -98,7 +86,7 @@ def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]
         logging.getLogger(name).setLevel(logging.CRITICAL)
     import dask
 
-    with dask.config.set(_SETTINGS):
+    with dask.config.set(table_of(__package__, "dask")):
         if address is not None:
             with _elsewhere(address) as client:
                 yield client

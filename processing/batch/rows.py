@@ -20,21 +20,14 @@ from processing.batch.run import BatchReport
 from processing.batch.work import Outcome
 from processing.calibration.outdoor.sun_place import zone_at
 from processing.ground.polygons import signed_area
+from processing.ground.tables import table_of
 from processing.pictures.writing import write_bytes
 from processing.running.choices import read_choices
 from station.session.session import SessionManifest, Side
 from station.session.store import load_manifest
 
-PAPER_COLUMNS = (
-    *("index", "date", "scene_name", "theta_time", "luminance_cd_m2", "fisheye_time", "illuminance_lux"),
-    *("orientation", "nd_filter", "natural_light"),
-)
-FOUND_COLUMNS = (
-    *("session", "session_id", "utc", "zone", "latitude_deg", "longitude_deg", "simulated", "captured", "units"),
-    *("k1", "k1_u_rel", "k2", "outdoor_lux_u", "meter_drift_frac"),
-    *("level_up_lx", "brightest_vertical_lx", "highest_dgp", "level_ratio"),
-    *("room_confidence", "walls", "floor_m2", "ceiling_m", "windows", "doors", "removed_share", "staged"),
-)
+_COLUMNS: dict[str, list[str]] = table_of(__package__, "croissant")["columns"]
+PAPER_COLUMNS, FOUND_COLUMNS = tuple(_COLUMNS["paper"]), tuple(_COLUMNS["found"])
 _POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 _MAX_JSON_BYTES = 8 << 20
 

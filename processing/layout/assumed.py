@@ -12,6 +12,7 @@ from processing.errors import LayoutError, RoomTooSmallError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.ground.seam import components, resized
+from processing.ground.tables import table_of
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement
 from processing.layout.items import KINDS, set_items
@@ -50,13 +51,6 @@ def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
     return "; ".join(map(str, Judge(plan, rules).judge(pieces)))
 
 
-NAMES: dict[str, tuple[str, ...]] = {
-    "bedroom": ("bed", "bedroom", "bedrm", "master", "guest", "nursery", "kids"),
-    "living": ("living", "livingroom", "lounge", "sitting", "family", "parlor", "parlour", "den"),
-    "dining": ("dining", "diningroom", "dinner", "breakfast"),
-    "office": ("office", "study", "work", "workroom"),
-}
-"""Words in a session's name that say what its room is for."""
 LIVING_FROM_M2 = 16.0
 """Floor area from which a room that holds both sets is taken for a living room (chosen: bedrooms are smaller)."""
 DOOR_M, FROM_CORNER_M = 0.9, 0.15
@@ -74,7 +68,7 @@ class Choice:
 def named_choice(session_name: str) -> Choice | None:
     """Return the set of furniture that a session's name suggests, None where it suggests none."""
     words = [w for w in re.split(r"[^a-z]+", session_name.lower()) if w]
-    for name, known in NAMES.items():
+    for name, known in table_of(__package__, "items")["rooms"].items():
         word = next((w for w in words if w in known), None)
         if word:
             return Choice(name, f"the session's name contains '{word}'")
