@@ -31,7 +31,6 @@ SPHERE_WORLD = "uniform:2000"
 CHART_WORLD, CHART_STOPS = "chart:2", ("30", "20", "10", "4", "1", "1/4", "1/15", "1/60", "1/250", "1/1000", "1/4000")
 """As the guide to rig calibration has it: lit like daylight, and long enough for dark patches through an ND 3.0."""
 
-
 QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
 """What --quick is: smaller pictures, shutters faster than life, draft quality."""
 GENERATED = "bedroom-7-clear"

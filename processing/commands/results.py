@@ -135,7 +135,6 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
 
 # ``daylit view``: open a session's report.
 
-
 REPORT = Path("stages", "report", "index.html")
 
 

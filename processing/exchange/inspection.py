@@ -40,11 +40,6 @@ class OpenPicture:
     scale_uncertainty: float | None = None
     attributes: Mapping[str, object] = field(default_factory=dict)
 
-    @property
-    def is_light(self) -> bool:
-        """Whether values are linear light."""
-        return self.unit != CODE_UNIT
-
 
 def open_picture(path: Path) -> OpenPicture:
     """Open an EXR, Radiance HDR, JPEG or PNG picture; raises `PictureFileError` for what is none or is damaged."""
@@ -182,7 +177,8 @@ def _around(picture: OpenPicture, level: Floats, ray: Doubles, radius_deg: float
 
 def _level(picture: OpenPicture) -> Floats:
     """Return luminance (H, W); of codes their mean."""
-    return luminance_cd_m2(picture.rgb) if picture.is_light else picture.rgb.mean(axis=2, dtype=np.float32)
+    codes = picture.unit == CODE_UNIT
+    return picture.rgb.mean(axis=2, dtype=np.float32) if codes else luminance_cd_m2(picture.rgb)
 
 
 def _range(tone: Floats) -> Facts:

@@ -171,7 +171,6 @@ def level_ratio(camera: Facts, outdoor: Facts | None) -> Figure | None:
 
 # Pictures as an observer's eye meets them, for Radiance's evalglare; and smaller ones that keep all light.
 
-
 _FINE = 3  # samples along each side of a pixel of a view
 
 

@@ -143,7 +143,6 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
 
 # Opening, scaling and summing up pictures for ``daylit figures``.
 
-
 UNKNOWN_SIGMA = 0.1
 """Relative standard uncertainty of a scale that a file of another program implies; chosen: exposure settings' own."""
 _SPOT_PX = 2  # around a reading's pixel; chosen

@@ -16,10 +16,7 @@ TO_THE_FLOOR = ("balcony", "terrace", "garden")
 
 
 def read_plan(path: Path) -> FloorPlan:
-    """Read one plan.
-
-    Raises `PlanError` for a file that is absent, too large, no JSON, or no plan.
-    """
+    """Read one plan; raise `PlanError` for a file that is absent, too large, no JSON, or no plan."""
     return plan_from_mapping(read_json(path, PlanError, MAX_BYTES), where=path.name)
 
 

@@ -31,7 +31,6 @@ SILL_GAP_M = 0.05  # chosen: clearance below a sill
 DOOR_TOP_M = 2.1  # chosen: a usual door's
 _QUARTER = np.linspace(0, np.pi / 2, 33)
 
-
 _Reached: TypeAlias = tuple[str, list[Polygon], list[Polygon], int]
 """A piece's id, the zones it always needs, its free side zones, and how many of those it needs."""
 

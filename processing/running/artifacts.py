@@ -169,12 +169,8 @@ class Made:
 
     def run_record(self, cost: Cost, megapixels: float) -> RunRecord:
         """Return what run.json says."""
-        return RunRecord(
-            seconds=round(cost.seconds, 3),
-            cpu_seconds=round(cost.cpu_seconds, 3),
-            peak_bytes=cost.peak_bytes,
-            megapixels=round(megapixels, 3),
-        )
+        spent = {name: round(value, 3) for name, value in dataclasses.asdict(cost).items()}
+        return RunRecord(**spent, megapixels=round(megapixels, 3))
 
 
 @dataclass(frozen=True)

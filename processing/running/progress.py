@@ -23,7 +23,6 @@ from station.session.folder import Folder, make_folders, write_file
 
 # What a stage cost: seconds, CPU seconds and the peak of the memory.
 
-
 _CLEAR_PEAK = Path("/proc/self/clear_refs")
 _STATUS = Path("/proc/self/status")
 

@@ -143,13 +143,12 @@ class Reads:
 
     def ingredients(self) -> Ingredients:
         """Return what was read, as part of what a result depends on."""
-        reads = {name: value for name, value in sorted(self.found.items()) if not self._within_another(name)}
+        reads = dict(sorted(self.found.items()))
+        for name in self.found:  # where all around a value was read too, that counts for it
+            parts = name.split("/")
+            if any("/".join(parts[:count]) in self.found for count in range(2, len(parts))):
+                del reads[name]
         return {"parameters": dict(sorted(self.parameters.items())), "reads": reads}
-
-    def _within_another(self, name: str) -> bool:
-        """Return whether all around a value was read too, and counts for it."""
-        parts = name.split("/")
-        return any("/".join(parts[:count]) in self.found for count in range(2, len(parts)))
 
     def again(self, ingredients: Ingredients) -> Ingredients:
         """Return what earlier reads give now."""
@@ -178,7 +177,6 @@ class Reads:
 
 
 # Parts of a stage's result that stand or fall each by itself: one alternative is rendered, the others are kept.
-
 
 _NO_LINKS = {errno.EPERM, errno.EXDEV, errno.EOPNOTSUPP, errno.EMLINK}
 

@@ -152,7 +152,6 @@ def _there(flag: str, value: object, what: Literal["file", "folder"] = "file") -
 
 # What goes into a stage, as its row says: ingredients for the fingerprint, a context, and whether it has to run.
 
-
 READ_FOLDER_BYTES = 1 << 30
 """Of a folder that the user gives, up to which all of it is read; a larger one counts by names and sizes."""
 _PROGRAM = Path(__file__).resolve().parents[1]

@@ -1,9 +1,4 @@
-"""What a picture of the sphere may be: four geometries and the sentences that all code about them obeys.
-
-Pixel coordinates are continuous: the first pixel reaches from 0 to 1 and its centre is 0.5; x grows to the right,
-y downwards. World axes: x right, y ahead, z up (right-handed). Longitude is 0 ahead (+y) and grows to the right (+x),
-in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/reference/coordinates.md states all of this.
-"""
+"""What a picture of the sphere may be: four geometries; the package states the convention that they share."""
 
 import dataclasses
 import math
@@ -227,26 +222,17 @@ def radial_density(lens: Fisheye, radius: Doubles) -> Doubles:
 
 
 def polynomial(lens: Fisheye, radius: Doubles) -> Doubles:
-    """Return theta / half_field of relative radii (Horner)."""
-    total = np.zeros_like(radius)
-    for coefficient in reversed(lens.polynomial):
-        total = (total + coefficient) * radius
-    return total
+    """Return theta / half_field of relative radii."""
+    return np.asarray(np.polyval([*reversed(lens.polynomial), 0.0], radius))
 
 
 def polynomial_slope(lens: Fisheye, radius: Doubles) -> Doubles:
     """Return the derivative of `polynomial`. Both of one shape."""
-    total = np.zeros_like(radius)
-    for power in range(len(lens.polynomial), 0, -1):
-        total = total * radius + power * lens.polynomial[power - 1]
-    return total
+    return np.asarray(np.polyval([k * c for k, c in enumerate(lens.polynomial, 1)][::-1], radius))
 
 
 def inverse_polynomial(lens: Fisheye, share: Doubles) -> Doubles:
-    """Return the radii 0..1 at which `polynomial` is ``share`` 0..1: a table's guess, then Newton.
-
-    Both of one shape.
-    """
+    """Return the radii 0..1 at which `polynomial` is ``share`` 0..1 (of one shape): a table's guess, then Newton."""
     knots = np.linspace(0, 1, TABLE_SIZE)
     radius = np.interp(share, polynomial(lens, knots), knots)
     for _ in range(NEWTON_STEPS):

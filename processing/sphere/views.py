@@ -23,7 +23,6 @@ from processing.sphere import Equirectangular, Perspective
 from processing.sphere.resampling import LARGEST_PX, cubic_samples, linear_samples, resample
 from processing.sphere.view_maps import CutMap, StitchMap, cut_map, stitch_map
 
-"""Of one of `DEPTHS`."""
 ViewMethod = Literal["linear", "cubic", "area"]
 
 DEPTHS = (np.uint8, np.uint16, np.float32)

@@ -16,7 +16,6 @@ from processing.layout.furniture.solids import Solid, Spot
 
 # Styles: which material each role of a design gets, and which designs belong together (`styles.toml`).
 
-
 _PICTURES: dict[str, Any] = {
     # Kind of surface: its picture, the picture's size in metres, its usual roughness.
     "wood": (lambda colour, m: model.wood(colour, m.get("figure", 1.0)), model.WOOD_M, 0.5),

@@ -37,10 +37,6 @@ class Solid:
         """Return the solid, stretched; factors are positive."""
         return Solid(self.vertices * np.array([x, y, z]), self.faces, self.rest)
 
-    def mirrored(self) -> Solid:
-        """Return the solid mirrored in x = 0, its winding outward again."""
-        return Solid(self.vertices * np.array([-1.0, 1.0, 1.0]), self.faces[:, ::-1], self.rest)
-
 
 def solid(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
     """Return a solid of vertices (N, 3), metres, and faces (F, 3), whose rest positions are its vertices."""

@@ -180,10 +180,7 @@ def _licence(folder: Path) -> str:
 
 
 def load_model(source: FileSource) -> FurnitureModel:
-    """Return a file's model, posed and sound; its `notes` say what was guessed or corrected.
-
-    Raises `ModelFileError`.
-    """
+    """Return a file's model, posed and sound; `notes`: what was guessed or corrected. Raises `ModelFileError`."""
     where = source.path.name
     raw = read_model_file(source.path, source.root)
     clean = [p.vertices[(np.abs(p.vertices) < 1e12).all(axis=1)] for p in raw.parts]  # NaN is not less

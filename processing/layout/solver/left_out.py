@@ -91,10 +91,9 @@ def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
             rule = "no overlap" if not replace(whole, zones_of_others=False).fits(item) else "use zone free"
             what = stand.item.id if rule == "no overlap" else f"the use zone of {stand.item.id}"
             return _reason(item, rule, stand.item.id, lack_m, f"{what} takes the last space wide enough")
-    for name, relaxed in (("zone", replace(whole, own_zones=False)), ("zone", replace(whole, zones_of_others=False))):
-        if relaxed.fits(item):
-            rule, why = _RULES[name]
-            return _reason(item, rule, "several pieces", lack_m, f"{why}, and no gap between the pieces is wide enough")
+    if replace(whole, own_zones=False).fits(item) or replace(whole, zones_of_others=False).fits(item):
+        rule, why = _RULES["zone"]
+        return _reason(item, rule, "several pieces", lack_m, f"{why}, and no gap between the pieces is wide enough")
     names = ", ".join(s.item.id for s in placed[:3])
     return _reason(item, "no overlap", names, lack_m, "no gap between the pieces is wide enough")
 
