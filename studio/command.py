@@ -1,13 +1,12 @@
 """``daylit studio``: sessions in the browser, to see and to correct."""
 
-import json
 import socket
 import webbrowser
 from pathlib import Path
 
 import click
 
-from station.commands.views import FOLDER
+from station.commands.views import FOLDER, answer
 
 
 @click.command()
@@ -45,12 +44,8 @@ def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -
         hosts.append(f"{sockets[1].getsockname()[0]}:{port}")
     door = Door(set(hosts))
     links = [f"http://{host}/?token={door.token()}" for host in (hosts[0], *hosts[2:])]
-    if as_json:
-        click.echo(json.dumps({"ok": True, "links": links}))
-    else:
-        for what, link in zip(("studio", "on a phone"), links, strict=False):
-            click.echo(f"{what}: {link}")
-        click.echo("each link works once; stop with Ctrl-C")
+    lines = [f"{what}: {link}" for what, link in zip(("studio", "on a phone"), links, strict=False)]
+    answer({"ok": True, "links": links}, [*lines, "each link works once; stop with Ctrl-C"], as_json=as_json)
     if show:
         webbrowser.open(links[0])
     config = uvicorn.Config(make_app(folder.resolve(), door), log_level="warning", timeout_graceful_shutdown=1)

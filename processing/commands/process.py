@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from processing.ground.tables import table_of
 from station.commands.views import FILE, FOLDER, SilentView, answer, printable
 
 if TYPE_CHECKING:
@@ -27,11 +28,7 @@ if TYPE_CHECKING:
 _PREFIX = "of_stage_"
 LINE_S = 15.0
 """Off a terminal, between lines on a stage that goes on (chosen: few in a log, soon enough for a person)."""
-_TRADES = {
-    "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "Effort to spend."},
-    "max_error": {"type": float, "help": "Acceptable relative error (0.02 is 2 %)."},
-    "time_budget": {"type": float, "help": "Time limit, seconds."},
-}
+_TABLE = table_of(__package__, "process")
 
 
 class ProcessCommand(click.Command):
@@ -39,10 +36,13 @@ class ProcessCommand(click.Command):
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's own options, those of every run, and what the stages of the table take."""
-        from processing.pipeline import options, trades
+        from processing.pipeline import STAGES, options, trades
 
         *own, as_json, help_option = super().get_params(ctx)
-        more = [*_run_options(), *(_trade_option(trade) for trade in sorted(trades()))]
+        more = [_table_option(name, row) for name, row in _TABLE["run"].items()]
+        for trade in sorted(trades()):
+            users = f" Stages: {', '.join(stage.name for stage in STAGES if trade in stage.trades)}."
+            more.append(_table_option(trade, _TABLE["trades"][trade], users))
         more += [_stage_option(option) for option in options().values()]
         return [*own, *more, as_json, help_option]
 
@@ -62,27 +62,14 @@ class ProcessCommand(click.Command):
                     formatter.write_dl(records)
 
 
-def _run_options() -> tuple[click.Option, ...]:
-    return (
-        click.Option(["--until"], metavar="STAGE", help="Run this stage and those it needs, then stop."),
-        click.Option(["--force"], metavar="STAGE", multiple=True, help="Rerun this stage regardless (repeatable)."),
-        click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting sizes and times."),
-        click.Option(
-            ["--keep"],
-            type=click.Choice(["all", "results"]),
-            default="all",
-            help="results: delete intermediate files at the end, as `daylit clean` does.",
-        ),
-        click.Option(["--forget"], metavar="NAME", multiple=True, help="Drop saved option NAME (repeatable), or all."),
-    )
-
-
-def _trade_option(trade: str) -> click.Option:
-    from processing.pipeline import STAGES
-
-    given: dict[str, Any] = dict(_TRADES[trade])
-    given["help"] += f" Stages: {', '.join(stage.name for stage in STAGES if trade in stage.trades)}."
-    return click.Option([f"--{trade.replace('_', '-')}"], **given)
+def _table_option(name: str, row: Mapping[str, Any], more: str = "") -> click.Option:
+    """Return an option of `process.toml` as click takes it, with ``more`` to its help."""
+    given = {**row, "help": row["help"] + more}
+    if "choices" in given:
+        given["type"] = click.Choice(given.pop("choices"))
+    if given.pop("number", False):
+        given["type"] = float
+    return click.Option([f"--{name.replace('_', '-')}"], **given)
 
 
 def _stage_option(option: Option) -> click.Option:
@@ -197,10 +184,8 @@ def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
     if (session := existing_session(panorama, into)) is not None:
         return session
     units = read_panorama(panorama).image.unit
-    if as_json:
-        click.echo(json.dumps({"ok": True, "dry_run": True, "session": None, "units": units, "stages": []}))
-    else:
-        click.echo(f"would create a session from {panorama.name} in {into}, in {units}, and run every stage")
+    line = f"would create a session from {panorama.name} in {into}, in {units}, and run every stage"
+    answer({"ok": True, "dry_run": True, "session": None, "units": units, "stages": []}, (line,), as_json=as_json)
     return None
 
 

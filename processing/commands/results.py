@@ -153,12 +153,9 @@ def view(session: Path, *, no_open: bool, as_json: bool) -> int:
       daylit view --no-open sessions/2023-05-19T1554Z_coda-320
     """
     page = _page(session)
-    if as_json:
-        size = page.stat().st_size
-        click.echo(json.dumps({"ok": True, "report": str(page), "uri": page.resolve().as_uri(), "bytes": size}))
-        return 0
-    click.echo(str(page))
-    if not no_open:
+    facts = {"ok": True, "report": str(page), "uri": page.resolve().as_uri(), "bytes": page.stat().st_size}
+    answer(facts, (str(page),), as_json=as_json)
+    if not (no_open or as_json):
         import webbrowser
 
         if not webbrowser.open(page.resolve().as_uri()):

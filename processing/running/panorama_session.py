@@ -47,7 +47,11 @@ def panorama_session(path: Path, into: Path, *, site: Site | None = None) -> Pat
         readings_planned=0,
     )
     with SessionStore.create(into, manifest, clock=clock) as store:
-        _put(store.path, record, data)
+        with Folder.open(store.path) as root:
+            root.make_sub(PANORAMA_FOLDER)
+            root.sync()
+            with root.sub(PANORAMA_FOLDER) as folder:
+                write_file(folder, record.file.partition("/")[2], data)
         store.update(panorama=record)
         store.add(WarningRecord(code="one_picture", message="one picture: no brackets, no meter, no sky"))
         store.finish()
@@ -84,11 +88,3 @@ def existing_session(path: Path, into: Path, *, site: Site | None = None) -> Pat
         if same and (manifest.site, manifest.heading_rad) == (site or Site(), None):
             return folder
     return None
-
-
-def _put(session: Path, record: PanoramaRecord, data: bytes) -> None:
-    with Folder.open(session) as root:
-        root.make_sub(PANORAMA_FOLDER)
-        root.sync()
-        with root.sub(PANORAMA_FOLDER) as folder:
-            write_file(folder, record.file.partition("/")[2], data)

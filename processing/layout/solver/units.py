@@ -233,10 +233,10 @@ def dining(table: Item, chairs: Sequence[Item], rug: Item | None, rules: RuleSet
     count, found = len(chairs), []
     for near, far, ends in _seats(count, places):
         if near == 0:
-            found.append(_table_set(table, chairs, (near, far, ends, ends), rug, rules, turned=False))
+            found.append(_table_set(table, chairs, (near, far, ends), rug, rules, turned=False))
         if ends == 0 and near + far == count:
-            found.append(_table_set(table, chairs, (near, far, 0, 0), rug, rules, turned=True))
-        free = _table_set(table, chairs, (near, far, ends, ends), rug, rules, turned=False)
+            found.append(_table_set(table, chairs, (near, far, 0), rug, rules, turned=True))
+        free = _table_set(table, chairs, (near, far, ends), rug, rules, turned=False)
         found.append(Variant(free.members, free.width_m, free.depth_m, at_wall=False, bonus=0.5 + 0.2 * (near == far)))
     return found
 
@@ -253,27 +253,21 @@ def _seats(count: int, places: int) -> list[tuple[int, int, int]]:
 
 
 def _table_set(
-    table: Item,
-    chairs: Sequence[Item],
-    seats: tuple[int, int, int, int],
-    rug: Item | None,
-    rules: RuleSet,
-    *,
-    turned: bool,
+    table: Item, chairs: Sequence[Item], seats: tuple[int, int, int], rug: Item | None, rules: RuleSet, *, turned: bool
 ) -> Variant:
-    """Return the set with the table's long side along the line, or turned with its end at the line."""
+    """Return the set with the table's long side along the line, or turned with its end at it; seats as in `_seats`."""
     length_m, depth_m, _ = table.spec.size_m
     rest = list(chairs)
+    near, far, ends = seats
     members = [Member(table, 0.0, 0.0, 0, zone_choices(table, rules)[0])]
-    for side, quarters in ((-1.0, 0), (1.0, 2)):
-        number = seats[0] if side < 0 else seats[1]
+    for side, quarters, number in ((-1.0, 0, near), (1.0, 2, far)):
         for k in range(number):
             chair = rest.pop(0)
             x = length_m * ((k + 0.5) / number - 0.5)
             y = side * (depth_m + chair.spec.size_m[1]) / 2
             members.append(Member(chair, x, y, quarters, zone_choices(chair, rules)[0]))
-    for side, quarters, number in ((-1.0, 3, seats[2]), (1.0, 1, seats[3])):
-        for _ in range(number):
+    for side, quarters in ((-1.0, 3), (1.0, 1)):
+        for _ in range(ends):
             chair = rest.pop(0)
             x = side * (length_m + chair.spec.size_m[1]) / 2
             members.append(Member(chair, x, 0.0, quarters, zone_choices(chair, rules)[0]))
