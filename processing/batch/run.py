@@ -3,7 +3,7 @@
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +68,7 @@ class BatchReport:
             "seconds": round(self.seconds, 3),
             "cpu_seconds": round(sum(one.cpu_seconds for one in self.outcomes), 3),
             "cores_busy": round(self.cores_busy, 3),
-            "outcomes": [one.to_dict() for one in self.outcomes],
+            "outcomes": [asdict(one) for one in self.outcomes],
         }
 
 

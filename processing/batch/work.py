@@ -21,7 +21,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -72,10 +72,6 @@ class Outcome:
     row: Mapping[str, str] = field(default_factory=dict)
     """Of the table: what is known of the session (`processing.batch.rows`)."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values."""
-        return asdict(self)
-
 
 def work(task: Task) -> Outcome:
     """Process a session and return what became of it. A process that was killed is tried once more."""
@@ -84,14 +80,11 @@ def work(task: Task) -> Outcome:
     path = Path(task.session)
     begun_s = time.monotonic()
     outcome = _once(task)
-    tries = 1
     if outcome.code == SessionKilledError.code:
-        outcome, tries = _once(task), 2
-    row: Mapping[str, str] = {}
+        outcome = replace(_once(task), tries=2)
     with suppress(Exception):  # the table's row must not spoil the outcome
-        row = session_row(path, task.zone)
-    seconds = round(time.monotonic() - begun_s, 3)
-    return Outcome(**{**outcome.to_dict(), "tries": tries, "row": row, "seconds": seconds})
+        outcome = replace(outcome, row=session_row(path, task.zone))
+    return replace(outcome, seconds=round(time.monotonic() - begun_s, 3))
 
 
 def _once(task: Task) -> Outcome:

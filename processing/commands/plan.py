@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -88,16 +88,16 @@ def day_moments(noon_utc: datetime, place: Place) -> list[Moment]:
 
 def sun_hours(moments: list[Moment], faces_deg: float) -> list[tuple[datetime, datetime]]:
     """Return the spans in which the sun stands before a wall that faces this compass azimuth."""
-    step = timedelta(minutes=STEP_MIN)
-    spans: list[tuple[datetime, datetime]] = []
-    for moment in moments:
-        if math.cos(moment.azimuth_rad - math.radians(faces_deg)) <= 0:
-            continue
-        if spans and spans[-1][1] == moment.utc:
-            spans[-1] = (spans[-1][0], moment.utc + step)
-        else:
-            spans.append((moment.utc, moment.utc + step))
-    return spans
+    return _spans(one.utc for one in moments if math.cos(one.azimuth_rad - math.radians(faces_deg)) > 0)
+
+
+def _spans(begins: Iterable[datetime]) -> list[tuple[datetime, datetime]]:
+    """Return what steps of `STEP_MIN` make together that begin at these times."""
+    found: list[tuple[datetime, datetime]] = []
+    for begin in begins:
+        first = found.pop()[0] if found and found[-1][1] == begin else begin
+        found.append((first, begin + timedelta(minutes=STEP_MIN)))
+    return found
 
 
 def drift_frac_per_min(moments: list[Moment]) -> list[tuple[datetime, float]]:
@@ -112,11 +112,7 @@ def _sky(moments: list[Moment], local: tzinfo) -> dict[str, Any]:
         return {"stillest": None, "sky_frac_per_min": None, "still": []}
     best, least = min(drifts, key=lambda drift: drift[1])
     half = timedelta(minutes=STEP_MIN / 2)
-    spans: list[tuple[datetime, datetime]] = []
-    for utc, frac in drifts:
-        if frac <= STILL_FRAC_PER_MIN:
-            start = spans.pop()[0] if spans and spans[-1][1] == utc - half else utc - half
-            spans.append((start, utc + half))
+    spans = _spans(utc - half for utc, frac in drifts if frac <= STILL_FRAC_PER_MIN)
     stillest = f"{best.astimezone(local):%H:%M}"
     return {"stillest": stillest, "sky_frac_per_min": round(least, 6), "still": _clock(spans, local)}
 

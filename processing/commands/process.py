@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 
 _PREFIX = "of_stage_"
-LINE_S = 15.0
-"""Off a terminal, between lines on a stage that goes on (chosen: few in a log, soon enough for a person)."""
+LINE_S = 15.0  # off a terminal, between lines on a stage that goes on (chosen: few in a log, soon enough for a person)
 _TABLE = table_of(__package__, "process")
 
 

@@ -29,12 +29,10 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from station.session import durable, strict_json
 
 MAX_JSON_BYTES = 64 << 20
-WRITTEN = True
-"""Instead of an artifact's value: the stage has written the file."""
+WRITTEN = True  # instead of an artifact's value: the stage has written the file
 _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
-_READ_PICTURE = "processing.pictures.exr:read_exr"
+_READERS = {"picture": "processing.pictures.exr:read_exr", "mask": "processing.pictures.preview:read_mask"}
 _WRITE_PICTURE = "processing.pictures.exr:write_stage_exr"
-_READ_MASK = "processing.pictures.preview:read_mask"
 _WRITE_MASK = "processing.pictures.preview:write_mask"
 
 
@@ -67,10 +65,8 @@ def save(artifact: Artifact, value: object, folder: Path) -> object:
 
 def load(artifact: Artifact, path: Path) -> object:
     """Read an artifact; raises `PictureFileError` or `ProcessingError` naming the file."""
-    if artifact.kind == "picture":
-        return resolve(_READ_PICTURE)(path)
-    if artifact.kind == "mask":
-        return resolve(_READ_MASK)(path)
+    if artifact.kind in _READERS:
+        return resolve(_READERS[artifact.kind])(path)
     if artifact.kind == "json":
         value = read_json(path, ProcessingError, MAX_JSON_BYTES)
         return _typed(artifact, value, path) if artifact.model else value

@@ -48,8 +48,7 @@ from station.session.store import load_manifest
 # is seen stays as sharp as it is. The shade of the old furniture is lifted as the last run found it. Nothing is written
 # to the session.
 
-LEAST_WORK_PX = 640
-"""Width below which the filling is not worked at half size (chosen: a door is then 20 pixels wide)."""
+LEAST_WORK_PX = 640  # width below which the filling is not worked at half size (chosen: a door is then 20 pixels wide)
 SHADE_ROWS = 128  # of the shade, which is smooth (chosen: half of what a run has)
 
 

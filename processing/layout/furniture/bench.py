@@ -16,6 +16,7 @@ from processing.layout.furniture.solids import Solid, Spot
 
 # Styles: which material each role of a design gets, and which designs belong together (`styles.toml`).
 
+_TABLES = table_of(__package__, "styles")
 _PICTURES: dict[str, Any] = {
     # Kind of surface: its picture, the picture's size in metres, its usual roughness.
     "wood": (lambda colour, m: model.wood(colour, m.get("figure", 1.0)), model.WOOD_M, 0.5),
@@ -44,14 +45,10 @@ class Style:
         return material(self.roles.get(role, role))
 
 
-def _tables() -> dict[str, Any]:
-    return table_of(__package__, "styles")
-
-
 @cache
 def material(name: str) -> Material:
     """Return a material of `styles.toml`."""
-    row = dict(_tables()["materials"][name])
+    row = dict(_TABLES["materials"][name])
     for kind, (picture, size_m, roughness) in _PICTURES.items():
         if kind in row:
             texture = picture(tuple(row[kind]), row)
@@ -59,7 +56,7 @@ def material(name: str) -> Material:
     return Material(name, tuple(row["plain"]), row["roughness"], row.get("metallic", 0.0))
 
 
-STYLES: tuple[str, ...] = tuple(_tables()["styles"])
+STYLES: tuple[str, ...] = tuple(_TABLES["styles"])
 
 
 @cache
@@ -67,7 +64,7 @@ def style_named(name: str) -> Style:
     """Return a style; raise `ItemError` naming those there are."""
     if name not in STYLES:
         raise ItemError(f"no style '{name[:40]}'; there are: {', '.join(STYLES)}")
-    row = _tables()["styles"][name]
+    row = _TABLES["styles"][name]
     ground, pattern, lines = (tuple(colour) for colour in row["colours"])
     return Style(name, row["roles"], row["designs"], row["legs"], row["handles"], (ground, pattern, lines))
 

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,7 @@ def test_a_session_is_done_and_reported(session: Path) -> None:
     assert outcome.stages == {"verify": "ran"}
     assert outcome.row["scene_name"] == "coda 320"
     assert outcome.peak_bytes > 0
-    assert json.loads(json.dumps(outcome.to_dict())) == outcome.to_dict()
+    assert json.loads(json.dumps(asdict(outcome))) == asdict(outcome)
 
 
 def test_what_is_wrong_is_reported_by_code(session: Path, tmp_path: Path) -> None:
