@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from processing.ground.tables import table_of
 from station.commands.views import FILE, FOLDER, SilentView, answer, printable
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 
 _PREFIX = "of_stage_"
 LINE_S = 15.0  # off a terminal, between lines on a stage that goes on (chosen: few in a log, soon enough for a person)
-_TABLE = table_of(__package__, "process")
 
 
 class ProcessCommand(click.Command):
@@ -35,13 +33,15 @@ class ProcessCommand(click.Command):
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's own options, those of every run, and what the stages of the table take."""
+        from processing.ground.tables import table_of
         from processing.pipeline import STAGES, options, trades
 
         *own, as_json, help_option = super().get_params(ctx)
-        more = [_table_option(name, row) for name, row in _TABLE["run"].items()]
+        table = table_of(__package__, "process")
+        more = [_table_option(name, row) for name, row in table["run"].items()]
         for trade in sorted(trades()):
             users = f" Stages: {', '.join(stage.name for stage in STAGES if trade in stage.trades)}."
-            more.append(_table_option(trade, _TABLE["trades"][trade], users))
+            more.append(_table_option(trade, table["trades"][trade], users))
         more += [_stage_option(option) for option in options().values()]
         return [*own, *more, as_json, help_option]
 

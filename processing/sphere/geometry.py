@@ -222,7 +222,7 @@ def radial_density(lens: Fisheye, radius: Doubles) -> Doubles:
 
 
 def polynomial(lens: Fisheye, radius: Doubles) -> Doubles:
-    """Return theta / half_field of relative radii."""
+    """Return theta / half_field of relative radii. Both of one shape."""
     return np.asarray(np.polyval([*reversed(lens.polynomial), 0.0], radius))
 
 
