@@ -281,7 +281,7 @@ def rig_errors(folder: Path, bodies: dict[Side, Body], divisor: int, seed: int) 
         "indoor_median_err_pct": 100 * inside.median,
         "indoor_p95_err_pct": 100 * inside.p95,
         "outdoor_lux_err_pct": 100 * abs(outside.lux),
-        "lux_sigmas": abs(outside.lux) / outside.lux_stated,
+        "lux_sigmas": abs(outside.lux) / ((1 + outside.lux) * outside.lux_stated),
         "sky_median_err_pct": 100 * outside.sky.median,
         "sky_p95_err_pct": 100 * outside.sky.p95,
         "sky_spot_p95_err_pct": 100 * outside.sky.spot_p95,

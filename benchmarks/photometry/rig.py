@@ -120,7 +120,7 @@ class Outdoor:
 
     lux: float
     lux_stated: float
-    """Standard uncertainty of the illuminance, as the product states it."""
+    """Standard uncertainty of the illuminance over its value, as the product states it."""
     sky: SkyErrors
     sky_floor: SkyErrors | None
     """Of the same frames with true curve, noise, veil, fall-off, tint and scale; None where it is not known."""
