@@ -17,14 +17,7 @@ from processing.calibration.profile import Correction, K2Record, PatchRecord, Ri
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale import chart_patches
-from processing.calibration.scale.chart import (
-    ChartScale,
-    ChartView,
-    chart_at,
-    cut,
-    find_chart_around,
-    scale_from_charts,
-)
+from processing.calibration.scale.chart import ChartView, chart_at, cut, find_chart_around, scale_from_charts
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError, ProcessingError
@@ -136,7 +129,7 @@ def _result(
         software={"daylit": version("daylit")},
         cameras={side: camera.profile(charts[side], now) for side, camera in cameras.items()},
         k2=k2[0] if k2 else None,
-        warnings=tuple(text[:500] for text in (*warnings, *(k2[1].scale.warnings if k2 else ()))),
+        warnings=tuple(text[:500] for text in (*warnings, *(k2[1] if k2 else ()))),
         frames={side: "raw" if taken.linear else "jpeg" for side, taken in charts.items()},
     )
     return RigResult(profile, views, cameras)
@@ -238,7 +231,7 @@ def one_colour(inside: chart_patches.FoundChart, seen: ChartView, doubt: Doubles
 
 def _k2(
     cameras: Mapping[Side, CameraFit], views: Mapping[Side, ChartView], charts: Mapping[Side, SessionSide]
-) -> tuple[K2Record, ChartScale]:
+) -> tuple[K2Record, tuple[str, ...]]:
     indoor, outdoor = cameras[Side.INDOOR], cameras[Side.OUTDOOR]
     inside, outside = (
         (views[side].chart, [mode for mode in modes_of(views[side].view) if mode.kind == "level"]) for side in Side
@@ -275,7 +268,7 @@ def _k2(
             for side, camera in cameras.items()
         },
     )
-    return record, found
+    return record, found.scale.warnings
 
 
 _CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * chart_patches.WINDOW / 2
