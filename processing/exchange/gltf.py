@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Doubles, Floats, Indices, Vector
-from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_of_linear
+from processing.ground.colour import srgb_of_linear
 from processing.ground.room_model import RoomModel
 from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Sun, Surface
@@ -123,9 +123,8 @@ class Glb:
         x, y, z = (float(v) for v in y_up(np.array([sun.direction]))[0])
         # A light shines along its node's -z: the shortest turn takes +z to where the sun is.
         turn = np.array([-y, x, 0.0, 1 + z]) if z > -1 + 1e-9 else np.array([1.0, 0.0, 0.0, 0.0])
-        most = float(np.max(normal_lx))
-        lux = float(np.asarray(normal_lx) @ np.asarray(LUMINANCE_WEIGHTS))
-        light = {"name": "sun", "type": "directional", "color": [float(v) / most for v in normal_lx], "intensity": lux}
+        most = float(np.max(normal_lx))  # colours end at 1; a viewer multiplies the two
+        light = {"name": "sun", "type": "directional", "color": [float(v) / most for v in normal_lx], "intensity": most}
         self._json.setdefault("extensions", {})[_LIGHTS] = {"lights": [light]}
         self._json["extensionsUsed"] = sorted({*self._json.get("extensionsUsed", ()), _LIGHTS})
         turn /= np.linalg.norm(turn)

@@ -331,23 +331,25 @@ def _material(visual: Any, notes: list[str], *, textured: bool) -> Material:
     name = _shown(getattr(given, "name", None) or "unnamed")
     if given is None:
         return Material(name, GREY, two_sided=True)
-    kind = type(given).__name__
-    pbr = given if kind == "PBRMaterial" else given.to_pbr()
+    pbr = given if type(given).__name__ == "PBRMaterial" else given.to_pbr()
     factor = getattr(pbr, "baseColorFactor", None)
     coded = np.full(4, 255.0) if factor is None else np.asarray(factor, dtype=np.float64).ravel()
     coded = coded / 255.0 if coded.max() > 1.0 or np.asarray(factor).dtype == np.uint8 else coded
     coded = np.clip(np.nan_to_num(np.append(coded, np.ones(4))[:4], nan=0.5), 0, 1)
     texture = _texture(getattr(pbr, "baseColorTexture", None), notes) if textured else None
     colour = coded[:3]
-    if kind != "PBRMaterial":
+    if pbr is not given:
         # An OBJ's Kd is meant for the screen; beside a texture it is mostly a leftover.
         colour = linear_of_srgb(np.rint(255 * colour).astype(np.uint8)) if texture is None else np.ones(3)
-    roughness, metallic = (getattr(pbr, key, None) for key in ("roughnessFactor", "metallicFactor"))
     r, g, b = (float(c) for c in colour)
-    rough = float(np.clip(0.6 if roughness is None else roughness, 0.05, 1))
-    metal = float(np.clip(0.0 if metallic is None else metallic, 0, 1))
+    # glTF's factors are 1 where they are left out, and multiply a picture's green and blue; OBJ knows neither.
+    picture = _texture(getattr(pbr, "metallicRoughnessTexture", None), notes)
+    means = np.ones(2) if picture is None else picture.mean(axis=(0, 1))[1:] / 255
+    usual = {"roughnessFactor": 1.0 if pbr is given else 0.6, "metallicFactor": float(pbr is given)}
+    stated = [one if (v := getattr(pbr, key, None)) is None else v for key, one in usual.items()]
+    rough, metal = np.clip(np.array(stated) * means, 0, 1).tolist()
     opacity = float(coded[3]) if coded[3] > 0.02 else 1.0
-    return Material(name, (r, g, b), rough, metal, texture, None, opacity=opacity)
+    return Material(name, (r, g, b), max(rough, 0.05), metal, texture, None, opacity=opacity)
 
 
 def _texture(image: Any, notes: list[str]) -> Bytes | None:

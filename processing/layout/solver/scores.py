@@ -231,9 +231,8 @@ def _cover_m(plan: FloorPlan, stand: Stand, window: Window) -> float:
     if stand.edge is None or stand.edge != window.edge or stand.edge >= len(plan.corners):
         return 0.0
     corner, along, _ = plan.edge(stand.edge)
-    at = float((np.array([stand.x_m, stand.y_m]) - corner) @ along)
-    half = stand.item.spec.size_m[0] / 2
-    return max(0.0, min(at + half, window.end_m) - max(at - half, window.start_m))
+    at = (np.array(stand.corners()) - corner) @ along
+    return max(0.0, min(float(at.max()), window.end_m) - max(float(at.min()), window.start_m))
 
 
 def _desk_light(floor: Floor, placed: Sequence[Stand]) -> float | None:

@@ -16,11 +16,10 @@ is the lamp's radiance, measured. A window that the room's model lacks is such a
 import math
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Rgb, Vector
-from processing.ground.seam import resized, smoothed
+from processing.ground.seam import components, resized, smoothed
 from processing.light.scene.scene import Outdoors, Pane, Sun
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up, seen_outdoors
@@ -219,8 +218,8 @@ def find_lamps(
     emission = np.zeros(rgb.shape, np.float32)
     area = solid_angles(Equirectangular(sight.shape[1], sight.shape[0])).ravel()
     lamps = []
-    count, spots = cv2.connectedComponents(shining.astype(np.uint8), connectivity=8)
-    for spot in range(1, count):
+    count, spots = components(shining)
+    for spot in range(1, count + 1):
         mine = np.flatnonzero(spots.ravel() == spot)
         size = float(area[mine].sum())
         if size < LEAST_SR:

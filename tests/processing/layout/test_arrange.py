@@ -22,11 +22,13 @@ from processing.layout.assumed import hung_things, open_doors
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import Place, parse_pins, placed_by_ratios
 from processing.layout.items import KINDS as ITEMS
-from processing.layout.items import SETS, parse_items, set_items
+from processing.layout.items import SETS, Item, parse_items, set_items
 from processing.layout.plan import Door, FloorPlan, Hung, Window, from_room_model, make_plan
 from processing.layout.plan_files import plan_from_mapping, plan_to_mapping
 from processing.layout.rules import built_in_rules, read_rules
-from processing.layout.solver.poses import mirrored_plan
+from processing.layout.solver.field import Floor
+from processing.layout.solver.poses import Stand, mirrored_plan
+from processing.layout.solver.scores import soft_scores
 from processing.layout.styling import styled
 from processing.layout.verify import Judge, Piece
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -100,6 +102,15 @@ def test_nothing_tall_hides_a_picture_or_stands_right_before_the_camera() -> Non
     judge = Judge(plan, built_in_rules().named("tight"))
     near = judge.judge([Piece("wardrobe", spec, 0.3, 1.7, -math.pi / 2, "wardrobe")])
     assert [v.rule for v in near] == ["view kept free"]
+
+
+def test_a_bed_along_the_wall_hides_its_length_of_it() -> None:
+    """A single bed of 0.9 x 2 m lies along wall 0, from 0.5 to 2.5 m; what hangs low there ends at 2.3 m."""
+    plan = make_plan([[0, 0], [4, 0], [4, 3], [0, 3]], windows=[Hung(0, 1.9, 2.3, 0.1, 0.7, "radiator")])
+    bed = Item("single-bed", ITEMS["single bed"])
+    along, across = (Stand(bed, 1.5, y, turn, bed.id, 0) for y, turn in ((0.45, math.pi / 2), (1.0, 0.0)))
+    assert soft_scores(Floor(plan), [along])["in_sight"] == 0.0
+    assert soft_scores(Floor(plan), [across])["in_sight"] == pytest.approx(0.875)  # to 1.95 m
 
 
 def test_what_hangs_is_found_where_a_network_saw_it() -> None:

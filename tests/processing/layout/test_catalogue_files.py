@@ -272,6 +272,29 @@ def test_glb_of_a_model_comes_back_as_it_was(tmp_path: Path) -> None:
     assert any(p.material.texture is not None for p in again.parts)
 
 
+@pytest.mark.parametrize(
+    ("factors", "picture", "roughness", "metallic"),
+    [
+        ({}, None, 1.0, 1.0),  # glTF 2.0, 3.9.2: what is left out is 1
+        ({"metallicFactor": 0.0}, None, 1.0, 0.0),  # cloth, as Blender writes it
+        ({"roughnessFactor": 0.1}, None, 0.1, 1.0),  # chrome, likewise
+        ({}, (255, 204, 0), 0.8, 0.0),  # wood: green is roughness, blue is metal
+        ({"roughnessFactor": 0.5, "metallicFactor": 1.0}, (0, 204, 51), 0.4, 0.2),
+    ],
+)
+def test_roughness_and_metal_are_gltfs(
+    tmp_path: Path, factors: dict[str, float], picture: tuple[int, int, int] | None, roughness: float, metallic: float
+) -> None:
+    shown = None if picture is None else Image.fromarray(np.full((4, 4, 3), picture, np.uint8))
+    colour = [0.5, 0.3, 0.2, 1.0]
+    look = trimesh.visual.material.PBRMaterial(baseColorFactor=colour, metallicRoughnessTexture=shown, **factors)
+    body = trimesh.creation.box((1.2, 0.7, 0.8))
+    body.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(body.vertices), 2)), material=look)
+    (tmp_path / "table.glb").write_bytes(trimesh.Scene([body]).export(file_type="glb"))
+    (part,) = loaded(tmp_path, "table").parts
+    assert (part.material.roughness, part.material.metallic) == pytest.approx((roughness, metallic), abs=0.01)
+
+
 def test_arrangement_stands_in_the_rooms_axes(tmp_path: Path) -> None:
     def item(name: str, category: str, x: float, y: float, turn: float, size: tuple[float, float, float]) -> PlacedItem:
         return PlacedItem(id=name, category=category, model="gone", size_m=size, theta_rad=turn, t_m=(x, y, 0.0))

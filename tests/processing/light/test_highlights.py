@@ -88,6 +88,21 @@ def test_lamps_are_what_gives_more_light_than_it_gets() -> None:
     assert not find_lamps(rgb, irradiance, np.full((n, 3), 0.5), sight, ~shining)[1]
 
 
+def test_a_lamp_on_the_seam_is_one() -> None:
+    """Each half is smaller than what counts as a lamp, so that its light was lost."""
+    stage = Stage.of(scene_of(box_room(window=None), uniform_sky(0.0), 0.5))
+    sight = sight_of(stage, Equirectangular(1024, 512), EYE)
+    rgb = np.full((len(sight.label), 3), 0.5 * 300 / np.pi)
+    shining = np.zeros(sight.shape, bool)
+    shining[240, [0, 1023]] = True
+    rgb[shining.ravel()] = 5000.0
+    light, usual = np.full(rgb.shape, 300.0), np.full(rgb.shape, 0.5)
+    emission, lamps = find_lamps(rgb, light, usual, sight, np.ones(len(rgb), bool))
+    assert len(lamps) == 1
+    assert lamps[0].towards[1] == pytest.approx(-1, abs=0.02)
+    assert np.array_equal(emission.any(axis=1), shining.ravel())
+
+
 def test_lamps_light_the_room() -> None:
     from processing.light.solver.transport import light_map
 
