@@ -109,7 +109,8 @@ def _jpeg(stem: Path, image: LuminanceImage, made: Made, how: tuple[Shown, float
     sky, tags = name == SKY, None
     shown = showing.display.exposed(image.rgb).shown(image.rgb) if sky else showing.rgb8(image.rgb, image.geometry)
     if isinstance(image.geometry, Equirectangular):
-        tags = PanoramaTags.whole(image.geometry.width_px, image.geometry.height_px, heading_rad=heading_rad)
+        azimuth = None if heading_rad is None else heading_rad + image.geometry.yaw_rad  # a sky's middle is north
+        tags = PanoramaTags.whole(image.geometry.width_px, image.geometry.height_px, heading_rad=azimuth)
     path = stem.with_name(stem.name + ".jpg")
     shown = made.on(shown) if label else shown
     write_jpeg(path, shown, panorama=tags, made=made, relative=not image.absolute, title=name)

@@ -15,7 +15,7 @@ Indices are of what one eye sees, as evalglare defines them, each with its uncer
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +139,7 @@ def glare_indices(
     Raises `ParameterError` for other pictures, or a task that the picture does not show.
     """
     geometry, level = image.geometry, luminance_map(image)
-    rays, _ = directions(geometry)
+    rays, _ = directions(replace(geometry, top_azimuth_rad=0.0) if isinstance(geometry, Fisheye) else geometry)
     area = np.where(image.validity == Validity.OUTSIDE, 0.0, solid_angles(geometry))
     if isinstance(geometry, Fisheye):
         rays, azimuths_rad = np.stack([-rays[..., 0], rays[..., 2], rays[..., 1]], axis=-1), (0.0,)

@@ -228,9 +228,9 @@ def _in_sight(floor: Floor, placed: Sequence[Stand]) -> float | None:
 
 def _cover_m(plan: FloorPlan, stand: Stand, window: Window) -> float:
     """Return the metres of a window, or of what hangs on a wall, that a piece at that wall stands before."""
-    if stand.edge is None or stand.edge != window.edge or stand.edge >= len(plan.corners):
+    if stand.edge != window.edge or stand.item.spec.base_m >= window.head_m:
         return 0.0
-    corner, along, _ = plan.edge(stand.edge)
+    corner, along, _ = plan.edge(window.edge)
     at = (np.array(stand.corners()) - corner) @ along
     return max(0.0, min(float(at.max()), window.end_m) - max(float(at.min()), window.start_m))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,10 +22,12 @@ from processing.light.scene.scene_file import write_scene
 from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
+from processing.pictures.panorama import read_tags
 from processing.pictures.radiance import write_radiance_hdr
 from processing.running.choices import remember
 from processing.running.runner import clean
 from processing.sphere import Equirectangular, Fisheye, LensMapping
+from station.session.store import load_manifest
 from tests.processing.finished import finish, finish_all
 from tests.processing.light.rooms import box_room, scene_of, uniform_sky
 from tests.station.session.sessions import complete_session
@@ -68,6 +71,20 @@ def test_pictures_in_every_format(session: Path, tmp_path: Path) -> None:
     assert b"compositeSynthetic" in staged
     assert b"compositeSynthetic" not in room
     assert b"GPano" in room
+
+
+def test_a_sky_with_north_in_its_middle_says_so(session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `--outdoor-view equirectangular` calibrates it: the session's heading is that of the room's panorama."""
+    heading = 0.7
+    manifest = load_manifest(session).model_copy(update={"heading_rad": heading})
+    monkeypatch.setattr("processing.exchange.export.load_manifest", lambda _: manifest)
+    sky = replace(picture(5000.0), geometry=Equirectangular(96, 48, -heading))
+    write_exr(session / "stages" / "calibrate" / "outdoor.exr", sky)
+    finish_all(session)
+    export(session, tmp_path / "out", ("jpeg",))
+    seen = {name: read_tags(tmp_path / "out" / f"{session.name}_{name}.jpg").gpano for name in ("room", "sky")}
+    assert float(seen["room"]["PoseHeadingDegrees"]) == pytest.approx(math.degrees(heading) % 360, abs=1e-3)
+    assert float(seen["sky"]["PoseHeadingDegrees"]) == pytest.approx(0, abs=1e-3)
 
 
 @pytest.mark.parametrize("url", ["", "https://example.org/7"])

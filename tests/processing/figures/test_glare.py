@@ -16,7 +16,7 @@ from processing.figures.figures import camera_figures, eye_view
 from processing.figures.glare import Task, glare_indices, linked, position_index, probability
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Equirectangular, Perspective, directions
+from processing.sphere import Equirectangular, Fisheye, Perspective, directions
 from tests.conftest import LONG
 
 
@@ -101,6 +101,14 @@ def test_a_panorama_and_the_eyes_view_of_it_say_the_same() -> None:
         views = glare(image, azimuth), glare(eye_view(image, azimuth, 500))
         for name, value in views[0].items():
             assert views[1][name] == pytest.approx(value, rel=0.01, abs=0.02), name
+
+
+def test_where_north_is_in_a_fisheye_at_the_eye_does_not_matter() -> None:
+    """The picture's up is the observer's, however a VIEW line or a calibrated sky has turned the axes under it."""
+    view = eye_view(room([(30, 10, 20, 15, 5000)]), 0.0, 250)
+    assert isinstance(view.geometry, Fisheye)
+    turned = replace(view, geometry=replace(view.geometry, top_azimuth_rad=2.0))
+    assert glare(turned) == pytest.approx(glare(view), rel=1e-9)
 
 
 def test_black_and_blinding_pictures_give_a_number() -> None:

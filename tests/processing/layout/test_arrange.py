@@ -111,6 +111,8 @@ def test_a_bed_along_the_wall_hides_its_length_of_it() -> None:
     along, across = (Stand(bed, 1.5, y, turn, bed.id, 0) for y, turn in ((0.45, math.pi / 2), (1.0, 0.0)))
     assert soft_scores(Floor(plan), [along])["in_sight"] == 0.0
     assert soft_scores(Floor(plan), [across])["in_sight"] == pytest.approx(0.875)  # to 1.95 m
+    screen = Stand(Item("tv", replace(ITEMS["tv"], base_m=1.0)), 2.1, 0.04, 0.0, "tv", 0)
+    assert soft_scores(Floor(plan), [screen])["in_sight"] == 1.0, "what hangs above it hides none of it"
 
 
 def test_what_hangs_is_found_where_a_network_saw_it() -> None:
