@@ -329,8 +329,8 @@ def score_at(room, table, u, slot, s, gap, anchors):  # type: ignore[no-untyped-
     sliver = 0.0
     for left in (s - gap[0], gap[1] - s):
         sliver += 0.25 if 0.02 < left < 0.35 else 0.0
-    x = s + main[0]
-    spot = Spot(at[0], at[1], at[2], at[3], int(line[5]), x - main[4], x + main[4], ends, centred)
+    x, half = s + main[0], main[4] * abs(main[3]) + main[5] * abs(main[2])  # of its width, or of its depth
+    spot = Spot(at[0], at[1], at[2], at[3], int(line[5]), x - half, x + half, ends, centred)
     return table.variants.bonus[v] - sliver + score_spot(table.roles[u], spot, room, anchors)
 
 

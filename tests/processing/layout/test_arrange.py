@@ -26,9 +26,13 @@ from processing.layout.items import SETS, Item, parse_items, set_items
 from processing.layout.plan import Door, FloorPlan, Hung, Window, from_room_model, make_plan
 from processing.layout.plan_files import plan_from_mapping, plan_to_mapping
 from processing.layout.rules import built_in_rules, read_rules
-from processing.layout.solver.field import Floor
+from processing.layout.solver.field import Floor, make_field
+from processing.layout.solver.places import make_placed, make_work, places_of
 from processing.layout.solver.poses import Stand, mirrored_plan
 from processing.layout.solver.scores import soft_scores
+from processing.layout.solver.search import Search
+from processing.layout.solver.steering import HUNG_WEIGHT
+from processing.layout.solver.units import Unit, sideways
 from processing.layout.styling import styled
 from processing.layout.verify import Judge, Piece
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -113,6 +117,21 @@ def test_a_bed_along_the_wall_hides_its_length_of_it() -> None:
     assert soft_scores(Floor(plan), [across])["in_sight"] == pytest.approx(0.875)  # to 1.95 m
     screen = Stand(Item("tv", replace(ITEMS["tv"], base_m=1.0)), 2.1, 0.04, 0.0, "tv", 0)
     assert soft_scores(Floor(plan), [screen])["in_sight"] == 1.0, "what hangs above it hides none of it"
+
+
+def test_the_search_knows_how_much_wall_a_piece_along_it_hides() -> None:
+    """A bed of 0.9 x 2 m along a wall, its end in the corner where a radiator of 0.5 m hangs."""
+    rules, bed = built_in_rules().named("tight"), Item("single-bed", ITEMS["single bed"])
+    unit, best = Unit((bed,), tuple(sideways(bed, rules, bonus=0.0)), "bed"), []
+    for things in ([], [Hung(0, 0.0, 0.5, 0.1, 0.7, "radiator")]):
+        plan = make_plan([[0, 0], [4, 0], [4, 3], [0, 3]], doors=[Door(2, 0.2, 1.1)], windows=things)
+        search = Search(make_field(Floor(plan), rules))
+        room, table = search._room(paths=False), search._table(unit)
+        work = make_work(room, table)
+        count = places_of(room, table, 0, make_placed(room, table), np.array([0.0, 1.0]), work)
+        wall = table.lines[table.slots[work.slots[:count], 1], 5]
+        best.append(work.scores[:count][(wall == 0) & (work.places[:count] < 1e-6)].max())
+    assert best[1] == pytest.approx(best[0] - 0.5 * HUNG_WEIGHT)
 
 
 def test_what_hangs_is_found_where_a_network_saw_it() -> None:
