@@ -21,7 +21,10 @@ from uuid import uuid4
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, StoreError
 from processing.ground.finished import digest
+from processing.pipeline import STAGES
 from processing.running.choices import FILE as CHOICES
+from processing.running.requests import digests
+from processing.segmentation.installed import installed
 from station.session import strict_json
 from station.session.folder import file_sha256
 from station.session.session import MANIFEST_NAME
@@ -150,18 +153,18 @@ def work_by_url(task: Task, *, do: Callable[[Task], Outcome] = work, sleep: Slee
 
 def process_in(store: Store, task: Task, do: Callable[[Task], Outcome]) -> Outcome:
     """Pull, process, push and mark a session as done, unless it is; raises `StoreError`."""
-    from processing.pipeline import STAGES
-
     manifest = store.read(MANIFEST_NAME)
     if manifest is None:
         raise StoreError(f"has no {MANIFEST_NAME}", where=store.url)
-    # The digest of what a result depends on: the session, what was chosen for it, arguments, files, stages
-    named = {text: file_sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
-    stages = {stage.name: stage.version for stage in STAGES}
+    # The digest of what a result depends on: the session, what was chosen for it, arguments, files and folders, stages
+    files = {text: Path(text) for text in task.arguments if Path(text).is_absolute()} | {"model": installed()}
+    files |= {name: Path(__file__).parents[1] / name for stage in STAGES for name in stage.data}
+    named = digests({name: path for name, path in files.items() if path and path.exists()})
     session = hashlib.sha256(manifest + (store.read(CHOICES) or b"")).hexdigest()
-    key = digest({"session": session, "arguments": list(task.arguments), "files": named, "stages": stages})
-    former = done_of(store)
-    if former is not None and former["key"] == key:
+    asked = {"session": session, "arguments": list(task.arguments), "zone": task.zone, "files": named}
+    key = digest(asked | {"stages": {stage.name: stage.version for stage in STAGES}})
+    former, again = done_of(store), {"--force", "--recheck"} & set(task.arguments)
+    if former is not None and former["key"] == key and not again:
         return Outcome(task.name, "done", stages=dict.fromkeys(former["stages"], "skipped"), row=former["row"])
     with tempfile.TemporaryDirectory(prefix="daylit-scratch-") as scratch:
         here = Path(scratch) / posixpath.basename(store.root)

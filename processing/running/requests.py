@@ -173,17 +173,17 @@ class StageInputs:
         """Return what the stage's result depends on, whatever the stage reads of parameters and earlier results."""
         answers = given_answers(stage, self.request)
         if answers:
-            return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
+            return {"stage": stage.name, "version": stage.version, "answers": digests(answers)}
         seen = fingerprint.visible_part(self.manifest, stage.reads)
         found: Ingredients = {
             "stage": stage.name,
             "version": stage.version,
             "trades": trade_values(stage, self.request),
             "session": fingerprint.session_ingredients(seen, stage.reads),
-            "files": _digests(given_files(stage, self.request)),
+            "files": digests(given_files(stage, self.request)),
         }
         if stage.data:
-            found["data"] = _digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
+            found["data"] = digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
         if fingerprint.FOLDER in stage.reads:
             # The digest of each file of the session on disk; "" where it is missing
             names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
@@ -215,7 +215,8 @@ class StageInputs:
                 return error.message
 
 
-def _digests(files: Mapping[str, Path]) -> dict[str, str]:
+def digests(files: Mapping[str, Path]) -> dict[str, str]:
+    """Return the SHA-256 of files, and of folders by what is in them, by name."""
     return {name: _folder_digest(path) if path.is_dir() else file_sha256(path) for name, path in files.items()}
 
 

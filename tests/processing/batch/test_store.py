@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from processing.batch import store
 from processing.batch.store import DONE, Store, done_of, is_url, remote_sessions, work_by_url
 from processing.batch.work import Outcome, Task
 from processing.errors import ParameterError, StoreError
@@ -45,6 +47,34 @@ def test_a_folder_by_url(tmp_path: Path) -> None:
         remote_sessions(f"{url}/one/indoor", 3)
 
 
+def test_what_a_result_depends_on_beside_the_arguments_is_not_skipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder of furniture, the zone of the table's row, an installed network; and what is forced."""
+    session, furniture, models = tmp_path / "one", tmp_path / "own", tmp_path / "models"
+    for folder in (session / "indoor", furniture, models):
+        folder.mkdir(parents=True)
+    (session / "session.json").write_text("{}")
+    (furniture / "sofa.obj").write_text("v 0 0 0")
+    monkeypatch.setenv("DAYLIT_MODELS", str(models))
+    task = Task(session.as_uri(), "one", ("--furniture", str(furniture)), 60.0)
+
+    def ran(task: Task) -> bool:
+        return work_by_url(task, do=digested).stages["merge"] == "ran"
+
+    assert ran(task)
+    assert not ran(task)
+    (furniture / "sofa.obj").write_text("v 1 0 0")
+    assert ran(task), "the furniture has changed"
+    assert ran(abroad := replace(task, zone="Asia/Tokyo")), "the row is in another zone"
+    assert not ran(abroad)
+    monkeypatch.setattr(store, "installed", lambda: furniture / "sofa.obj")
+    assert ran(abroad), "a network was installed"
+    assert not ran(abroad)
+    assert ran(forced := replace(abroad, arguments=(*abroad.arguments, "--force", "merge")))
+    assert ran(forced), "forced is forced each time"
+
+
 def test_what_a_store_does_wrong_is_listed(tmp_path: Path) -> None:
     url = tmp_path.as_uri()
     assert work_by_url(Task(f"{url}/none", "none", (), 60.0), do=digested, sleep=lambda _s: None).code == "BAT-005"
@@ -69,7 +99,7 @@ def test_what_a_store_raises_of_its_own_is_listed(tmp_path: Path, monkeypatch: p
     def find(*_args: object, **_options: object) -> None:
         raise NoCredentialsError("Unable to locate credentials")
 
-    store = Store.at(tmp_path.as_uri(), sleep=lambda _s: None)
-    monkeypatch.setattr(store.files, "find", find, raising=False)
+    there = Store.at(tmp_path.as_uri(), sleep=lambda _s: None)
+    monkeypatch.setattr(there.files, "find", find, raising=False)
     with pytest.raises(StoreError, match="listing: Unable to locate credentials"):
-        store.sizes()
+        there.sizes()
