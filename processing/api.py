@@ -75,9 +75,9 @@ class Session:
 
     def _repr_html_(self) -> str:
         """Return a table for a notebook: status, frames and stages."""
-        manifest = self.manifest
+        manifest, taken = self.manifest, self.manifest.taken_utc
         rows = {
-            "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC{' (simulated)' if manifest.simulated else ''}",
+            "taken": f"{taken:%Y-%m-%d %H:%M} UTC{' (simulated)' * manifest.simulated}" if taken else "unknown",
             "status": ", ".join([manifest.status.value, *manifest.missing]),
             "frames": str(len(manifest.frames)),
             **self.stages,

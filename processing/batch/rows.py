@@ -43,7 +43,7 @@ def session_row(path: Path, named: str | None = None) -> dict[str, str]:
     found = _paper(manifest, path, zone) | {
         "session": path.name,
         "session_id": manifest.session_id,
-        "utc": f"{manifest.created_utc:%Y-%m-%dT%H:%MZ}",
+        "utc": f"{manifest.taken_utc:%Y-%m-%dT%H:%MZ}" if manifest.taken_utc else "",
         "zone": str(zone),
         "latitude_deg": _number(manifest.site.latitude_deg),
         "longitude_deg": _number(manifest.site.longitude_deg),
@@ -58,11 +58,11 @@ def _paper(manifest: SessionManifest, path: Path, zone: tzinfo) -> dict[str, str
     outdoor = [device for device in manifest.devices if device.role == "outdoor"]
     facts = stage_json(path, "calibrate", "calibration").get("outdoor", {})
     lux = facts.get("measured_outdoor_lux", {}).get("value", facts.get("illuminance_lx", {}).get("up", {}).get("value"))
-    local = manifest.created_utc.astimezone(zone)
+    local = manifest.taken_utc and manifest.taken_utc.astimezone(zone)
     return {
-        "date": f"{local:%Y%m%d}",
+        "date": f"{local:%Y%m%d}" if local else "",
         "scene_name": manifest.name,
-        "theta_time": _begun(manifest, Side.INDOOR, zone) or f"{local:%H:%M}",
+        "theta_time": _begun(manifest, Side.INDOOR, zone) or (f"{local:%H:%M}" if local else ""),
         "luminance_cd_m2": f"{sum(readings) / len(readings):.2f}" if readings else "",
         "fisheye_time": _begun(manifest, Side.OUTDOOR, zone),
         "illuminance_lux": "" if lux is None else f"{lux:.0f}",

@@ -47,7 +47,7 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
         yield printable(outcome_line(one))
     done = len(report.outcomes) - len(report.failed)
     spent = sum(one.cpu_seconds for one in report.outcomes)
-    again = sum(1 for one in report.outcomes if one.tries > 1)
+    again = sum(1 for one in report.outcomes if one.tries > 1 and one.state == "done")
     retried = f", {again} of them after a second try" if again else ""
     yield (
         f"{done} of {len(report.outcomes)} sessions done{retried}, {len(report.failed)} failed, "

@@ -64,8 +64,7 @@ class SessionRoom:
     @property
     def time_utc(self) -> datetime:
         """Return when the room was captured: the middle of its frames, else when the session was made."""
-        times = sorted(f.taken_utc for f in self.manifest.frames if f.taken_utc is not None)
-        return times[len(times) // 2] if times else self.manifest.created_utc
+        return self.manifest.taken_utc or self.manifest.created_utc
 
 
 def read_session_room(session: Path, staged: int | None, rows: int, furniture: Path | None = None) -> SessionRoom:

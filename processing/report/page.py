@@ -13,7 +13,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,7 +167,7 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
     days = [w for s in lab.sections if s.title == "Times of day" for w in s.widgets if isinstance(w, report.Cards)]
     return ClientData(
         title=context.session.site.name or context.session.name,
-        facts=_facts(context.session),
+        facts=client_facts(context.session),
         stills=tuple(_still(folder, one) for one in stills),
         notices=_notices(context, room, [one["state"] for one in stills]),
         compared=_compared(folder, stills),
@@ -181,13 +180,12 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
     )
 
 
-def _facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
-    times = sorted(frame.taken_utc for frame in session.frames if frame.taken_utc is not None)
-    when: datetime = times[len(times) // 2] if times else session.created_utc
-    site = session.site
-    local = when.astimezone(zone_at(site.latitude_deg, site.longitude_deg))
+def client_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
+    """Return when and where a session was taken: label and text."""
+    site, when = session.site, session.taken_utc
+    local = (when or session.created_utc).astimezone(zone_at(site.latitude_deg, site.longitude_deg))
     text = f"{local.day} {local:%B %Y, %H:%M %Z}"
-    found = [("Photographed" if session.bracket.mode != "panorama" else "Received", text)]
+    found = [("Photographed" if when else "Received", text)]
     if site.latitude_deg is not None and site.longitude_deg is not None:
         found.append(("Place", f"{site.latitude_deg:.4f}°, {site.longitude_deg:.4f}°"))
     return tuple(found)

@@ -82,10 +82,9 @@ def _panorama(context: StageContext) -> list[str | bool]:
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     """Return what a reader wants to know of the session first: label and text."""
     site = session.site
-    # Of a picture that was given, nobody says when it was taken.
-    local = zone_at(site.latitude_deg, site.longitude_deg)
-    when = "Session made" if session.bracket.mode == "panorama" else "Taken"
-    found = [("Session", session.session_id), (when, with_zone(session.created_utc, local))]
+    local, when = zone_at(site.latitude_deg, site.longitude_deg), session.taken_utc
+    said = with_zone(when or session.created_utc, local)
+    found = [("Session", session.session_id), ("Taken" if when else "Session made", said)]
     if site.name:
         found.append(("Place", site.name))
     if site.latitude_deg is not None and site.longitude_deg is not None:

@@ -26,6 +26,7 @@ from processing.batch.cluster import (
 from processing.batch.rows import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, orientation, session_row, write_table
 from processing.batch.run import BatchReport, find_sessions
 from processing.batch.work import Outcome
+from processing.commands.batch import summary_lines
 from processing.errors import ClusterError, ParameterError
 from tests.station.session.sessions import complete_session
 
@@ -152,6 +153,30 @@ def test_a_row_has_the_papers_columns(tmp_path: Path) -> None:
     assert [one["index"] for one in read] == ["1", "2"]
     assert read[1]["message"] == "no scale"
     assert read[1]["code"] == "CAL-003"
+
+
+def test_a_row_of_an_imported_session_is_dated_by_its_frames_or_not_at_all(tmp_path: Path) -> None:
+    """Not by the day of its import."""
+    session = complete_session(tmp_path)
+    facts = json.loads((session / "session.json").read_text())
+    facts["bracket"]["mode"] = "imported"
+    (session / "session.json").write_text(json.dumps(facts))
+    row = session_row(session, "America/New_York")
+    assert (row["date"], row["theta_time"], row["utc"]) == ("", "", "")
+    facts["frames"][0]["taken_utc"] = "2019-06-02T01:30:00Z"
+    (session / "session.json").write_text(json.dumps(facts))
+    row = session_row(session, "America/New_York")
+    assert (row["date"], row["theta_time"], row["utc"]) == ("20190601", "21:30", "2019-06-02T01:30Z")
+
+
+def test_of_the_sessions_done_those_that_were_tried_twice_are_counted() -> None:
+    outcomes = [
+        Outcome("a", "done"),
+        Outcome("b", "done", tries=2),
+        Outcome("c", "failed", "BAT-002", "killed", tries=2),
+    ]
+    *_, last = summary_lines(BatchReport(Path("rooms"), outcomes, seconds=1.0))
+    assert last.startswith("2 of 3 sessions done, 1 of them after a second try, 1 failed")
 
 
 def test_headings_are_written_as_the_paper_does() -> None:

@@ -10,6 +10,7 @@ import re
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from processing.pictures.display import Display
 from processing.pictures.images import LuminanceImage
 from processing.report import room_states, states
 from processing.report.data import Cards, Comparison, Models, Viewer
+from processing.report.page import client_facts
 from processing.report.stage import report_data, run, session_facts
 from processing.report.staging import relight_section
 from processing.report.states import Look
@@ -29,6 +31,7 @@ from processing.sphere import Perspective
 from processing.sphere.views import cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters
+from station.session.session import FrameRecord
 from tests.processing.report.made_up import context, darker, picture, results, without
 from tests.processing.report.test_stills import Kept
 
@@ -166,6 +169,19 @@ def test_of_a_given_picture_nobody_says_when_it_was_taken(tmp_path: Path) -> Non
     session = context(tmp_path, results()).session
     given = session.model_copy(update={"bracket": session.bracket.model_copy(update={"mode": "panorama"})})
     assert [session_facts(one)[1][0] for one in (session, given)] == ["Taken", "Session made"]
+
+
+def test_an_imported_session_was_taken_when_its_frames_were_and_not_when_it_was_imported(tmp_path: Path) -> None:
+    session = context(tmp_path, results()).session
+    assert session.created_utc.year == 2023
+    made = session.model_copy(update={"bracket": session.bracket.model_copy(update={"mode": "imported"})})
+    frame = {"side": "indoor", "stop": 0, "file": "indoor/0.jpg", "size_bytes": 1, "sha256": "0" * 64, "asked_s": 1.0}
+    old = datetime(2019, 6, 1, 9, 30, tzinfo=UTC)
+    dated = made.model_copy(update={"frames": (FrameRecord(**frame, camera_s=1.0, taken_utc=old),)})
+    assert session_facts(dated)[1] == ("Taken", "2019-06-01 09:30 UTC")
+    assert session_facts(made)[1] == ("Session made", "2023-05-19 15:54 UTC")
+    facts = [client_facts(one)[0] for one in (dated, made)]
+    assert facts == [("Photographed", "1 June 2019, 09:30 UTC"), ("Received", "19 May 2023, 15:54 UTC")]
 
 
 def test_without_a_scale_units_are_relative(tmp_path: Path) -> None:
