@@ -13,6 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,7 +160,8 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
     """Return what the client's page shows, from the stills and what the laboratory's page gathered."""
     found = context.optional_artifact("stills", "stills") or {"stills": ()}
     folder = context.session_path / "stages" / "stills"
-    stills = [one for one in found["stills"] if (folder / one["file"]).is_file()]
+    made = partial(context.optional_artifact, "stills")  # fetched: the page is made anew where one of them is
+    stills = [one for one in found["stills"] if all(made(Path(one[name]).stem) for name in ("file", "original"))]
     room: RoomModel | None = context.optional_artifact("room", "room")
     widgets = [widget for section in lab.sections for widget in section.widgets]
     viewers = [widget for widget in widgets if isinstance(widget, report.Viewer)]

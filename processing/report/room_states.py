@@ -145,8 +145,8 @@ def viewer_section(cuts: Sequence[Cuts]) -> Section:
 
 def model_section(context: StageContext) -> Section | None:
     """Return the models of the staged room, as many as the page can hold; None where there is none."""
-    folder = context.session_path / "stages" / "render"
-    paths = [path for k in range(1, MOST_STAGED + 1) if (path := folder / f"staged-{k}.glb").is_file()]
+    every = (context.optional_artifact("render", f"staged-{k}-model") for k in range(1, MOST_STAGED + 1))
+    paths = [path for path in every if path is not None]
     if not paths:
         return None
     models: list[Model] = []

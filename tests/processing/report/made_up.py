@@ -83,7 +83,7 @@ def _made(alternatives: int, absolute: bool) -> Results:
         "render": {
             **staged,
             "staged": {"method": "differential", "alternatives": [result for _ in _up_to(alternatives)]},
-            "staged-1.glb": scene_glb(scene),
+            "staged-1-model": scene_glb(scene),
         },
     }
 
@@ -130,7 +130,8 @@ def darker(image: LuminanceImage, factor: float) -> LuminanceImage:
 
 
 def _file(name: str) -> str:
-    return name if "." in name else f"{name}.svg"
+    """What a file's artifact is called on disk."""
+    return f"{name.removesuffix('-model')}.glb" if name.endswith("-model") else f"{name}.svg"
 
 
 def _up_to(count: int) -> range:

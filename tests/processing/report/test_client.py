@@ -32,7 +32,8 @@ def with_stills(folder: Path, found: Results) -> StageContext:
     stills.mkdir(parents=True)
     made = frame(replace(first, folder=stills, parameters=StillsParameters())).artifacts
     (stills / "stills.json").write_text(json.dumps(made["stills"]))
-    return context(folder, {**found, "stills": {"display": made["display"], "stills": made["stills"]}})
+    files = {Path(one[key]).stem: stills / one[key] for one in made["stills"]["stills"] for key in ("file", "original")}
+    return context(folder, {**found, "stills": {"display": made["display"], "stills": made["stills"], **files}})
 
 
 @pytest.fixture
@@ -45,6 +46,22 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def staged(tmp_path_factory: pytest.TempPathFactory) -> StageContext:
     return with_stills(tmp_path_factory.mktemp("session"), results())
+
+
+@pytest.mark.usefixtures("small")
+def test_every_picture_and_model_within_the_pages_counts_for_them(tmp_path: Path) -> None:
+    """What a page embeds is fetched, so that a run notices where it was made anew and nothing else has changed."""
+    given, read = with_stills(tmp_path, results(alternatives=1)), set[tuple[str, str]]()
+
+    def fetch(stage: str, name: str) -> object:
+        read.add((stage, name))
+        return given.fetch(stage, name)
+
+    page = replace(given, fetch=fetch)
+    stills = client_data(page, report_data(page)).stills
+    assert stills
+    assert ("render", "staged-1-model") in read
+    assert read >= {("stills", f"still-{k}{kind}") for k in range(1, len(stills) + 1) for kind in ("", "-original")}
 
 
 def test_pictures_come_with_statement_original_and_full_size(staged: StageContext) -> None:

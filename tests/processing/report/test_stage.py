@@ -211,8 +211,9 @@ def test_the_same_results_give_the_same_page(tmp_path: Path) -> None:
 def test_further_models_are_named_when_the_page_would_be_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given = context(tmp_path, results())
-    (tmp_path / "stages" / "render" / "staged-2.glb").write_bytes(b"x" * 10_000)
+    found = results()
+    found["render"]["staged-2-model"] = b"x" * 10_000
+    given = context(tmp_path, found)
     first = (tmp_path / "stages" / "render" / "staged-1.glb").stat().st_size
     monkeypatch.setattr(room_states, "LARGEST_MODELS", first + 9_999)
     section = room_states.model_section(given)
