@@ -124,11 +124,11 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     else:
         day = parse_time(asked["date"], outside.zone) if asked["date"] else room.time_utc
         times = day_times(day, outside.place, outside.zone, _step(asked["step"] or "1h"))
-    lights = []
+    lights, other = [], "" if asked["weather"] == "captured" else f"-{asked['weather']}"
     for time_utc in times:
         outdoors, facts = outside.at(time_utc)
         local = time_utc.astimezone(outside.zone)
-        lights.append((f"{local:%Y-%m-%dT%H%M}", _caption(local, facts), outdoors, facts))
+        lights.append((f"{local:%Y-%m-%dT%H%M}{other}", _caption(local, facts), outdoors, facts))
     return {"modelled": True, "notes": list(outside.notes), "lights": lights}
 
 
@@ -169,7 +169,8 @@ def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) 
         _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, moments["made"])
     made: Made = moments["made"]
     small, sheet = ([made.on(shrunk(rgb8, rows)) for rgb8 in whole] for rows in (ANIMATION_ROWS, SHEET_ROWS))
-    day, captions = moments["lights"][0][0][:10], [caption for _, caption, _, _ in moments["lights"]]
+    first, captions = moments["lights"][0][0], [caption for _, caption, _, _ in moments["lights"]]
+    day = re.sub(r"T\d{4}", "", first)  # 2023-06-21, 2023-06-21-overcast
     write_animation(folder / f"{name}-{day}.webp", small, made)
     write_sheet(folder / f"{name}-{day}-sheet.png", sheet, captions, made)
     return _summary(ready, moments, [r.facts for r in relits], folder / f"{name}-{day}.json")

@@ -273,17 +273,18 @@ def _tour(lab: report.Viewer) -> report.Viewer:
 
 
 def _day(parts: Sequence[Sequence[report.Card]]) -> report.Cards | None:
-    """Return the moments of one day and state of which there are most: swept ones first, else those that a run makes.
+    """Return the moments of one day, state and weather of which there are most: swept ones first, else a run's own.
 
-    A title is "2023-06-21 09:00, staged 1".
+    A title is "2023-06-21 09:00, staged 1"; another sky is no moment of a day.
     """
     found = None
     for cards in parts:
-        days = Counter((one.title[:10], one.title[16:]) for one in cards)
-        (most, count), *_ = days.most_common(1)
-        same = tuple(one for one in cards if (one.title[:10], one.title[16:]) == most)
-        if found is None or len(found.cards) == 1 < count:
-            found = report.Cards(same, ("day.js",))
+        kinds = [(one.title[:10], one.title[16:], one.text) for one in cards]
+        days = Counter(kind for kind in kinds if kind[0][:1].isdigit())
+        (most, count), *_ = days.most_common(1) or [(None, 0)]
+        same = [one for one, kind in zip(cards, kinds, strict=True) if kind == most]
+        if same and (found is None or len(found.cards) == 1 < count):
+            found = report.Cards(tuple(sorted(same, key=lambda one: one.title)), ("day.js",))
     return found
 
 

@@ -248,9 +248,10 @@ def relit_moments(session: Path) -> Iterator[tuple[Path, str, Mapping[str, Any],
         made = made_of(session, name, further="relit")
         shown = made.state if staged is None else f"staged {staged}"
         for facts in data.get("moments", []):
-            stem = str(facts.get("local_time", "")).replace(" ", "T").replace(":", "")
-            path = folder / (f"{name}-{stem}.jpg" if stem else f"{summary.stem}.jpg")
-            if path.is_file() and path not in seen:
+            at = str(facts.get("local_time", "")).replace(" ", "T").replace(":", "")
+            stems = (f"{name}-{at}-{facts.get('weather')}", f"{name}-{at}") if at else (summary.stem,)
+            path = next((one for stem in stems if (one := folder / f"{stem}.jpg").is_file()), None)
+            if path is not None and path not in seen:
                 seen.add(path)
                 yield path, f"{facts.get('local_time', 'another sky')}, {shown}", facts, made
 

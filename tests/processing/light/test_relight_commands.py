@@ -24,6 +24,7 @@ from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
 from processing.relighting.relit_session import contact_sheet, display_of_day, read_session_room
+from processing.report.staging import relit_moments
 from processing.running.choices import forget
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
@@ -87,6 +88,21 @@ def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
             assert words in data
     assert b"compositeSynthetic" not in (session / "relight" / "original.jpg").read_bytes()
     assert size_of(session / "relight" / "original.jpg") == (128, 64)
+
+
+def test_another_weather_leaves_the_captured_ones_pictures_and_both_have_their_own_figures(session) -> None:
+    small = ("--rows", 64, "--quality", "draft")
+    captured = run(relight, session, "--sweep", "day", "--step", "6h", *small)["moments"]
+    before = (session / "relight" / "empty-2023-05-19T1200.jpg").read_bytes()
+    (dull,) = run(relight, session, "--at", "2023-05-19 12:00", "--weather", "overcast", *small)["moments"]
+    assert (session / "relight" / "empty-2023-05-19T1200.jpg").read_bytes() == before
+    assert (
+        run(relight, session, "--sweep", "day", "--step", "6h", "--weather", "overcast", *small)["moments"][0] == dull
+    )
+    assert (session / "relight" / "empty-2023-05-19-overcast.webp").is_file()
+    found = {path.name: facts for path, title, facts, _ in relit_moments(session) if title.startswith("2023-05-19 12")}
+    assert found["empty-2023-05-19T1200.jpg"] == captured[0]
+    assert found["empty-2023-05-19T1200-overcast.jpg"] == dull
 
 
 def test_another_sky(session, tmp_path) -> None:

@@ -196,8 +196,18 @@ def test_the_hours_that_a_run_makes_are_under_the_slider_until_somebody_sweeps_a
     assert day is not None
     assert [card.title for card in day.cards] == titles
     assert 'max="2"' in build_client_page(client_data(with_day, lab))
-    # A moment that was asked for does not push the day aside; a swept day does.
     own = next(section for section in lab.sections if section.title == "Times of day")
+    # Neither do other skies, which are no hours of a day; a day is of one weather, in the order of its hours.
+    skies = Cards((Card("another sky, emptied", b"", ""),) * 4)
+    sunny = [Card(f"2025-06-21 {hour}:00, emptied", b"", "", "clear") for hour in ("09", "12", "10")]
+    mixed = Cards((*sunny, Card("2025-06-21 11:00, emptied", b"", "", "overcast")))
+    sections = [one for one in lab.sections if one is not own]
+    for first, shown in ((skies, titles), (mixed, [sunny[k].title for k in (0, 2, 1)])):
+        page = replace(lab, sections=(*sections, replace(own, widgets=(first, *own.widgets))))
+        found = client_data(with_day, page).day
+        assert found is not None
+        assert [card.title for card in found.cards] == shown
+    # A moment that was asked for does not push the day aside; a swept day does.
     for count, shown in ((1, titles), (2, ["2025-12-01 09:00, emptied", "2025-12-01 10:00, emptied"])):
         swept = Cards(tuple(Card(f"2025-12-01 {9 + k:02}:00, emptied", b"", "") for k in range(count)))
         both = replace(own, widgets=(swept, *own.widgets))
