@@ -351,8 +351,6 @@ def write_animation(path: Path, pictures: Sequence[Bytes], made: Made) -> None:
 
 def shrunk(rgb8: Bytes, rows: int) -> Bytes:
     """Return a picture (H, W, 3) of sRGB codes at most ``rows`` high, by area."""
-    import cv2
-
     if rgb8.shape[0] <= rows:
         return rgb8
     size = (round(rgb8.shape[1] * rows / rgb8.shape[0]), rows)

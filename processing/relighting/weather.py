@@ -177,9 +177,8 @@ def daylight_at(
         advice = "give a time in daylight; twilight and night are not modelled"
         raise DaylightError(text, where=time_utc.isoformat(timespec="minutes"), advice=advice)
     clear = clear_beam(time_utc, place)
-    share = (
-        weather.diffuse * _clear_share(clear, min(weather.beam, 1.0), sun.elevation_rad) / max(clear.diffuse_lx, 1e-9)
-    )
+    measured_by_lx = _clear_share(clear, min(weather.beam, 1.0), sun.elevation_rad)
+    share = weather.diffuse * measured_by_lx / max(clear.diffuse_lx, 1e-9)
     normal_lx, diffuse_lx = weather.beam * clear.normal_lx, share * clear.diffuse_lx
     direction = sun_direction(sun, heading_rad)
     zenith = math.pi / 2 - sun.elevation_rad
@@ -262,9 +261,12 @@ def day_times(day: datetime, place: Place, zone: tzinfo, step: timedelta) -> lis
     """Return the times of a local day, whole steps from midnight, at which the sun is at least 1 degree high."""
     if not timedelta(minutes=5) <= step <= timedelta(hours=6):
         raise DaylightError(f"a step of {step}", advice="give 5 minutes to 6 hours, such as 30m or 1h")
-    midnight = day.astimezone(zone).replace(hour=0, minute=0, second=0, microsecond=0).astimezone(UTC)
+    local = day.astimezone(zone)
+    midnight = local.replace(hour=0, minute=0, second=0, microsecond=0).astimezone(UTC)
     times = [midnight + k * step for k in range(math.ceil(timedelta(days=1) / step))]
     found = [t for t in times if sun_place(t, place).elevation_rad > math.radians(1.0)]
     if not found:
-        raise DaylightError("the sun does not rise that day", where=day.date().isoformat(), advice="try another --date")
+        raise DaylightError(
+            "the sun does not rise that day", where=local.date().isoformat(), advice="try another --date"
+        )
     return found

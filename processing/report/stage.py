@@ -100,10 +100,8 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     if not room.get("absolute", True):
         return (Quantity("Clipped", round(100 * room["clipped_share"], 2), "% of all directions", note=room["source"]),)
     lux = room["illuminance_lx"]
-    where, light = (
-        "At the eye" if "eye" in lux else "Horizontal illuminance indoors, at the camera",
-        lux.get("eye") or lux["up"],
-    )
+    where = "At the eye" if "eye" in lux else "Horizontal illuminance indoors, at the camera"
+    light = lux.get("eye") or lux["up"]
     found = [
         Quantity("k1", room["k1"], "", room["k1"] * room["k1_relative_uncertainty"], "indoor scale, eq. 1"),
         Quantity(where, light["value"], "lx", light["uncertainty"]),
@@ -154,12 +152,8 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     found += _remove(context, display)
     for side in Side:
         if side.value in response:
-            shots = context.session.pictures(side)
-            found.append(
-                calibration_sections.camera_section(
-                    side, response[side.value], metrics[side.value], (context.session_path, shots)
-                )
-            )
+            taken = context.session_path, context.session.pictures(side)
+            found.append(calibration_sections.camera_section(side, response[side.value], metrics[side.value], taken))
     return tuple(found)
 
 

@@ -63,9 +63,8 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
     quantities = []
     if "measured_share" in metrics:
         note = "the rest is extrapolated from neighbouring surfaces"
-        quantities.append(
-            Quantity("Surfaces with measured albedo", round(100 * metrics["measured_share"], 1), "%", note=note)
-        )
+        measured_pct = round(100 * metrics["measured_share"], 1)
+        quantities.append(Quantity("Surfaces with measured albedo", measured_pct, "%", note=note))
     if "floor_gloss" in materials:
         quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 full varnish"))
     surfaces = materials.get("surfaces", [])

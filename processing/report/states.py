@@ -225,8 +225,6 @@ def _map(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _panorama(rgb: Floats, width_px: int) -> Floats:
-    import cv2
-
     width = min(width_px, rgb.shape[1])
     width -= width % 2
     if width == rgb.shape[1]:

@@ -49,10 +49,8 @@ AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which no frame more than the fewest is taken
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
 DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, and mostly open to a dark hall (chosen)
-NEAR_WALL, NEAR_WALL_SHARE = (
-    2.0,
-    0.3,
-)  # cost of columns with a wall nearer than this share of the farthest corner (chosen)
+NEAR_WALL, NEAR_WALL_SHARE = 2.0, 0.3
+"""Cost of columns with a wall nearer than this share of the farthest corner (chosen)."""
 OPENINGS = ("window", "door")
 
 

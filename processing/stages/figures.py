@@ -53,10 +53,8 @@ def run(context: StageContext) -> StageOutput:
 def _metrics(figures: dict[str, Any]) -> dict[str, Any]:
     camera = figures["camera"]
     brightest = camera["directions"][camera["brightest"]]
-    ratio, glare = (
-        figures["level_ratio"],
-        [look["glare"]["dgp"]["value"] for look in camera["directions"] if "glare" in look],
-    )
+    ratio = figures["level_ratio"]
+    glare = [look["glare"]["dgp"]["value"] for look in camera["directions"] if "glare" in look]
     return {
         "level_up": camera["level_up"] and camera["level_up"]["value"],
         "brightest_vertical": brightest["vertical"]["value"],

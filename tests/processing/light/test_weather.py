@@ -143,6 +143,9 @@ def test_night_is_refused_and_days_end_where_the_sun_does() -> None:
     assert {t.astimezone(zone).date() for t in times} == {datetime(2023, 6, 21).date()}
     with pytest.raises(DaylightError, match="does not rise"):
         day_times(datetime(2023, 12, 21, 12, tzinfo=UTC), Place(78.2, 15.6), UTC, timedelta(hours=1))
+    with pytest.raises(DaylightError, match="does not rise") as dark:
+        day_times(datetime(2023, 6, 20, 20, tzinfo=UTC), Place(-77.8, 166.7), zone_at(-77.8, 166.7), timedelta(hours=1))
+    assert dark.value.where == "2023-06-21", "the day that was asked for, by the place's clocks"
     with pytest.raises(DaylightError, match="a step"):
         day_times(NOON, PITTSBURGH, zone, timedelta(seconds=1))
 
