@@ -209,8 +209,7 @@ def _published(store: Store, here: Path, key: str, outcome: Outcome, former: dic
     results = store.below(prefix)
     # The results' files by their names in the session; not what only this machine can use, which is hidden
     found = {path.relative_to(here): path for path in sorted((here / "stages").rglob("*")) if path.is_file()}
-    shown = {name: path for name, path in found.items() if not any(part.startswith(".") for part in name.parts)}
-    files = {name.as_posix(): path for name, path in shown.items()}
+    files = {name.as_posix(): path for name, path in found.items() if not any(part[0] == "." for part in name.parts)}
     for name, path in files.items():
         results.push(path, name)
     stored, made = results.sizes(), {name: path.stat().st_size for name, path in files.items()}

@@ -58,7 +58,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sweep day --staged 1 --step 30m
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
     """
-    from processing.exchange.showing import session_shown
+    from processing.exchange.showing import session_shown, standing_sha256
     from processing.light.solver.basis import BASIS_EFFORTS
     from processing.relighting.relit_session import FOLDER, Relighting, check_sky, read_session_room
     from processing.running.choices import go_on_with, remember
@@ -75,8 +75,8 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     remember(session, given, by="daylit relight")
     ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
     folder.mkdir(parents=True, exist_ok=True)
-    moments["made"] = _made(session, room, "relit", folder)
     name = _name(room)
+    moments |= {"made": _made(session, room, "relit", folder), "of": standing_sha256(session, name)}
     found = (_sweep if asked["sweep"] else _one)(ready, moments, folder, name)
     then = "" if asked["output"] else f"; to add it to the report: daylit process {session}"
     lines = (*(f"note: {note}" for note in found["notes"]), *map(_line, found["moments"]), f"written to {folder}{then}")
@@ -180,7 +180,7 @@ def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, A
     """Return what was relit, and write it as JSON."""
     basis = "kept" if ready.basis_kept else "made"
     of_room = {"session": ready.room.manifest.name, "staged": ready.room.staged, "basis": basis}
-    found = {"schema_version": 1, **of_room, "notes": moments["notes"], "moments": facts}
+    found = {"schema_version": 1, **of_room, "of_sha256": moments["of"], "notes": moments["notes"], "moments": facts}
     path.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
     return found
 

@@ -113,6 +113,15 @@ def made_of(session: Path, name: str, **more: Any) -> Made:
     return made if removed or made.state == STAGED else made._replace(state=PHOTOGRAPH)
 
 
+def standing_sha256(session: Path, name: str) -> str:
+    """Return the SHA-256 of a session's picture of a name (empty, staged-2), as its stage has it; empty: none."""
+    stage, file = ("remove", "empty.exr") if name == "empty" else ("render", f"{name}.exr")
+    try:
+        return str(Finished(session, stage).facts["files"][file]["sha256"])
+    except (ResultFileError, KeyError):
+        return ""
+
+
 def photograph_of(session: Path) -> LuminanceImage | None:
     """Return the room's panorama as it was calibrated, upright where it was made so; None: there is none."""
     stages = session / "stages"

@@ -43,10 +43,8 @@ def clearness(diffuse_w_m2: float, normal_w_m2: float, zenith_rad: float) -> flo
 def coefficients(epsilon: float, brightness: float, zenith_rad: float) -> Doubles:
     """Return Perez's a to e, shape (5,), for his Delta ``brightness`` and the sun's distance from the zenith."""
     number = sum(epsilon >= edge for edge in EDGES)
-    delta = brightness
-    if EDGES[0] < epsilon < EDGES[4]:
-        # As in Radiance's gendaylit: below, the model was not fitted and describes no sky.
-        delta = max(delta, 0.2)
+    # As in Radiance's gendaylit: below, the model was not fitted and describes no sky.
+    delta = max(brightness, 0.2) if EDGES[0] < epsilon < EDGES[4] else brightness
     t = _TABLE[number]
     found = t[:, 0] + t[:, 1] * zenith_rad + delta * (t[:, 2] + t[:, 3] * zenith_rad)
     if number == 0:

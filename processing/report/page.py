@@ -186,8 +186,7 @@ def client_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     """Return when and where a session was taken: label and text."""
     site, when = session.site, session.taken_utc
     local = (when or session.created_utc).astimezone(zone_at(site.latitude_deg, site.longitude_deg))
-    text = f"{local.day} {local:%B %Y, %H:%M %Z}"
-    found = [("Photographed" if when else "Received", text)]
+    found = [("Photographed" if when else "Received", f"{local.day} {local:%B %Y, %H:%M %Z}")]
     if site.latitude_deg is not None and site.longitude_deg is not None:
         found.append(("Place", f"{site.latitude_deg:.4f}°, {site.longitude_deg:.4f}°"))
     return tuple(found)
@@ -281,7 +280,7 @@ def _day(parts: Sequence[Sequence[report.Card]]) -> report.Cards | None:
     for cards in parts:
         kinds = [(one.title[:10], one.title[16:], one.text) for one in cards]
         days = Counter(kind for kind in kinds if kind[0][:1].isdigit())
-        (most, count), *_ = days.most_common(1) or [(None, 0)]
+        (most, count), *_ = days.most_common(1) or [(("", "", ""), 0)]
         same = [one for one, kind in zip(cards, kinds, strict=True) if kind == most]
         if same and (found is None or len(found.cards) == 1 < count):
             found = report.Cards(tuple(sorted(same, key=lambda one: one.title)), ("day.js",))

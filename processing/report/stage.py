@@ -82,9 +82,9 @@ def _panorama(context: StageContext) -> list[str | bool]:
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     """Return what a reader wants to know of the session first: label and text."""
     site = session.site
-    local, when = zone_at(site.latitude_deg, site.longitude_deg), session.taken_utc
-    said = with_zone(when or session.created_utc, local)
-    found = [("Session", session.session_id), ("Taken" if when else "Session made", said)]
+    when = session.taken_utc
+    local = with_zone(when or session.created_utc, zone_at(site.latitude_deg, site.longitude_deg))
+    found = [("Session", session.session_id), ("Taken" if when else "Session made", local)]
     if site.name:
         found.append(("Place", site.name))
     if site.latitude_deg is not None and site.longitude_deg is not None:

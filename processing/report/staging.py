@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
 from processing.exchange.jpeg_files import Made, jpeg_bytes
-from processing.exchange.showing import made_of
+from processing.exchange.showing import made_of, standing_sha256
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section, views_of
@@ -105,9 +105,8 @@ def _tables(every: Sequence[Arrangement]) -> tuple[Table, ...]:
     """Return the pieces of the alternatives, those of the same pieces in one table; and what found no place."""
     groups: dict[tuple[tuple[str, str, str], ...], list[int]] = {}
     for number, one in enumerate(every, 1):
-        sizes = [" × ".join(f"{length:.2f}" for length in item.size_m) for item in one.items]
-        pairs = zip(one.items, sizes, strict=True)
-        groups.setdefault(tuple((i.id, i.model or i.category, f"{size} m") for i, size in pairs), []).append(number)
+        sized = ((item, " × ".join(f"{length:.2f}" for length in item.size_m)) for item in one.items)
+        groups.setdefault(tuple((i.id, i.model or i.category, f"{size} m") for i, size in sized), []).append(number)
     found = []
     for rows, numbers in groups.items():
         which = f"alternative{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
@@ -191,12 +190,8 @@ def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | N
 
 def _plans(context: StageContext) -> dict[int, bytes]:
     """Return the drawn floor plans by number."""
-    found = {}
-    for number in range(1, MOST_STAGED + 1):
-        path = context.optional_artifact("arrange", f"plan-{number}")
-        if isinstance(path, Path):
-            found[number] = path.read_bytes()
-    return found
+    paths = {number: context.optional_artifact("arrange", f"plan-{number}") for number in range(1, MOST_STAGED + 1)}
+    return {number: path.read_bytes() for number, path in paths.items() if isinstance(path, Path)}
 
 
 FOLDER = "relight"
@@ -235,7 +230,9 @@ def relight_section(session: Path, look: Look, hours: tuple[Card, ...] = ()) -> 
 
 
 def relit_moments(session: Path) -> Iterator[tuple[Path, str, Mapping[str, Any], Made]]:
-    """Yield the moments that a session's summaries name and have a picture of; damaged files are left out.
+    """Yield the moments that a session's summaries name and have a picture of.
+
+    Left out are damaged files, and moments of a room that has changed since.
 
     A title is when it is, and what is shown: "2023-06-21 09:00, staged 1".
     """
@@ -244,6 +241,9 @@ def relit_moments(session: Path) -> Iterator[tuple[Path, str, Mapping[str, Any],
         data = _read(summary)
         staged = data.get("staged")
         name = "empty" if staged is None else f"staged-{staged}"
+        now = standing_sha256(session, name)
+        if data.get("of_sha256", now) != now:
+            continue
         made = made_of(session, name, further="relit")
         shown = made.state if staged is None else f"staged {staged}"
         for facts in data.get("moments", []):

@@ -105,6 +105,20 @@ def test_another_weather_leaves_the_captured_ones_pictures_and_both_have_their_o
     assert found["empty-2023-05-19T1200-overcast.jpg"] == dull
 
 
+def test_moments_of_a_room_that_has_changed_since_are_not_shown(tmp_path) -> None:
+    room = lit_session(tmp_path / "bedroom")
+    finish_all(room)
+    run(relight, room, "--at", "2023-05-19 12:00", "--rows", 64, "--quality", "draft")
+    assert len(list(relit_moments(room))) == 1
+    empty = read_exr(room / "stages" / "remove" / "empty.exr")
+    assert isinstance(empty, LuminanceImage)
+    write_exr(room / "stages" / "remove" / "empty.exr", replace(empty, rgb=empty.rgb * np.float32(2)))
+    finish_all(room)
+    assert not list(relit_moments(room)), "they are of the room as it was"
+    run(relight, room, "--at", "2023-05-19 14:00", "--rows", 64, "--quality", "draft")
+    assert [title[11:16] for _, title, _, _ in relit_moments(room)] == ["14:00"]
+
+
 def test_another_sky(session, tmp_path) -> None:
     even = np.full((32, 64, 3), 3000.0, np.float32)
     sky = LuminanceImage(
