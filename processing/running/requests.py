@@ -171,8 +171,7 @@ class StageInputs:
 
     def ingredients(self, stage: Stage) -> Ingredients:
         """Return what the stage's result depends on, whatever the stage reads of parameters and earlier results."""
-        answers = given_answers(stage, self.request)
-        if answers:
+        if answers := given_answers(stage, self.request):
             return {"stage": stage.name, "version": stage.version, "answers": digests(answers)}
         seen = fingerprint.visible_part(self.manifest, stage.reads)
         found: Ingredients = {
@@ -186,7 +185,8 @@ class StageInputs:
             found["data"] = digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
         if fingerprint.FOLDER in stage.reads:
             # The digest of each file of the session on disk; "" where it is missing
-            names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
+            recorded = filter(None, (*self.manifest.frames, self.manifest.panorama))
+            names = {MANIFEST_NAME, JOURNAL_NAME, *(one.file for one in recorded)}
             for side in Side:
                 if self._root.lstat(side.value) is not None:
                     with self._root.sub(side.value) as folder:

@@ -256,8 +256,8 @@ class SessionManifest(Model):
     def taken_utc(self) -> datetime | None:
         """Return when its middle frame was taken, else a capture's begin; None: nobody says (imported, one picture)."""
         times = sorted(one.taken_utc for one in self.frames if one.taken_utc is not None)
-        captured = self.bracket.mode in ("full", "adaptive")
-        return times[len(times) // 2] if times else self.created_utc if captured else None
+        captured = self.created_utc if self.bracket.mode in ("full", "adaptive") else None
+        return times[len(times) // 2] if times else captured
 
     def frame(self, side: Side, stop: int, format_: str = "jpeg") -> FrameRecord | None:
         """Return the frame of that side, stop and format, or None."""

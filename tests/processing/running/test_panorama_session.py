@@ -19,6 +19,7 @@ from processing.running.panorama_session import panorama_session
 from processing.running.requests import RunRequest
 from processing.running.results import Action
 from processing.running.runner import process
+from station.errors import IntegrityError
 from station.session.session import SessionStatus, Site
 from station.session.store import load_manifest
 from station.session.verify import verify_session
@@ -57,6 +58,19 @@ def test_a_changed_or_missing_panorama_is_reported(photo: Path, tmp_path: Path) 
     assert [p.code for p in verify_session(path).problems] == ["digest"]
     file.unlink()
     assert [p.code for p in verify_session(path).problems] == ["missing"]
+
+
+def test_a_panorama_that_changes_on_disk_ends_the_next_run_too(photo: Path, tmp_path: Path) -> None:
+    """Not only the first: the results of before are no longer those of what lies there."""
+    path, request = panorama_session(photo, tmp_path / "sessions"), RunRequest(until="calibrate")
+    process(path, request)
+    file = path / "given" / "panorama.png"
+    file.chmod(0o644)
+    data = bytearray(file.read_bytes())
+    data[100] ^= 1
+    file.write_bytes(bytes(data))
+    with pytest.raises(IntegrityError, match="SHA-256"):
+        process(path, request)
 
 
 def test_nothing_is_made_of_what_is_refused(tmp_path: Path) -> None:
