@@ -40,7 +40,7 @@ def test_a_folder_is_handed_on_and_one_that_is_none_is_refused(models: Path) -> 
 
 def test_a_folder_counts_by_what_is_in_it(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def digest() -> str:
-        return requests._digests({"models": models})["models"]
+        return requests.digests({"models": models})["models"]
 
     first = digest()
     assert digest() == first
