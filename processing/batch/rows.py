@@ -87,8 +87,6 @@ def orientation(heading_rad: float | None) -> str:
 
 def _calibrated(path: Path) -> dict[str, str]:
     facts = stage_json(path, "calibrate", "calibration")
-    if not facts:
-        return {}
     indoor, outdoor = facts.get("indoor", {}), facts.get("outdoor", {})
     return {
         "k1": _number(indoor.get("k1")),

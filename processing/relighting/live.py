@@ -60,7 +60,9 @@ class Outside:
         zone = zone_at(place.latitude_deg, place.longitude_deg, asked["zone"])
         weather = _weather(room, kind, place)
         first = f"heading {math.degrees(heading) % 360:.1f} degrees ({source}); local time is that of {zone}"
-        return cls(room.scene.outdoors, place, heading, zone, weather, (first, *weather.notes))
+        untimed = "no frame says when it was taken: the captured sun and weather are read as of the session's making"
+        notes = (first, *[untimed] * (room.manifest.taken_utc is None), *weather.notes)
+        return cls(room.scene.outdoors, place, heading, zone, weather, notes)
 
     def at(self, time_utc: datetime) -> tuple[Outdoors, dict[str, Any]]:
         """Return the light outdoors at a time, and its facts; `DaylightError` while the sun is down."""

@@ -119,6 +119,18 @@ def test_moments_of_a_room_that_has_changed_since_are_not_shown(tmp_path) -> Non
     assert [title[11:16] for _, title, _, _ in relit_moments(room)] == ["14:00"]
 
 
+def test_an_imported_session_whose_frames_have_no_time_says_what_is_taken_for_it(tmp_path) -> None:
+    room = lit_session(tmp_path / "bedroom")
+    finish_all(room)
+    small = ("--at", "2023-05-19 12:00", "--rows", 64, "--quality", "draft")
+    facts = json.loads((room / "session.json").read_text())
+    assert (facts["bracket"]["mode"], facts["frames"]) == ("imported", [])
+    assert any("no frame says when it was taken" in note for note in run(relight, room, *small)["notes"])
+    facts["bracket"]["mode"] = "full"
+    (room / "session.json").write_text(json.dumps(facts))
+    assert not any("no frame says" in note for note in run(relight, room, *small)["notes"])
+
+
 def test_another_sky(session, tmp_path) -> None:
     even = np.full((32, 64, 3), 3000.0, np.float32)
     sky = LuminanceImage(
