@@ -185,8 +185,8 @@ class StageInputs:
             found["data"] = digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
         if fingerprint.FOLDER in stage.reads:
             # The digest of each file of the session on disk; "" where it is missing
-            recorded = filter(None, (*self.manifest.frames, self.manifest.panorama))
-            names = {MANIFEST_NAME, JOURNAL_NAME, *(one.file for one in recorded)}
+            names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
+            names |= {self.manifest.panorama.file} if self.manifest.panorama else set()
             for side in Side:
                 if self._root.lstat(side.value) is not None:
                     with self._root.sub(side.value) as folder:
