@@ -342,10 +342,10 @@ def _material(visual: Any, notes: list[str], *, textured: bool) -> Material:
         # An OBJ's Kd is meant for the screen; beside a texture it is mostly a leftover.
         colour = linear_of_srgb(np.rint(255 * colour).astype(np.uint8)) if texture is None else np.ones(3)
     r, g, b = (float(c) for c in colour)
-    # glTF's factors are 1 where they are left out, and multiply a picture's green and blue; OBJ knows neither.
+    # glTF's factors are 1 where they are left out, and multiply a picture's green and blue; OBJ has no metal.
     picture = _texture(getattr(pbr, "metallicRoughnessTexture", None), notes)
     means = np.ones(2) if picture is None else picture.mean(axis=(0, 1))[1:] / 255
-    usual = {"roughnessFactor": 1.0 if pbr is given else 0.6, "metallicFactor": float(pbr is given)}
+    usual = {"roughnessFactor": 1.0, "metallicFactor": float(pbr is given)}
     stated = [one if (v := getattr(pbr, key, None)) is None else v for key, one in usual.items()]
     rough, metal = np.clip(np.array(stated) * means, 0, 1).tolist()
     opacity = float(coded[3]) if coded[3] > 0.02 else 1.0
