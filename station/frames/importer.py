@@ -177,7 +177,7 @@ def _manifest(request: ImportRequest, found: _Sorted, clock: Clock) -> SessionMa
     sides = tuple(side for side in Side if side in found.frames)
     return SessionManifest(
         session_id=uuid4().hex,
-        name=request.room.encode("utf-8", "replace").decode(),
+        name=request.room,
         created_utc=clock.utc_now(),
         software=software_versions(),
         site=request.site,

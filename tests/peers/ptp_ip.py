@@ -139,9 +139,9 @@ class PtpIpServer:
                 name = (self._responder.identity.model + "\0").encode("utf-16-le")
                 stream.send(Packet.INIT_COMMAND_ACK, u32s([number]) + GUID + name + u32s([VERSION]))
                 self._serve_commands(stream, number)
-            elif kind == Packet.INIT_EVENT_REQUEST and body == u32s([self._client]):
+            elif kind == Packet.INIT_EVENT_REQUEST and body == u32s([client := self._client]):
                 stream.send(Packet.INIT_EVENT_ACK)
-                self._serve_events(stream, self._client)
+                self._serve_events(stream, client)  # not of a client that has come meanwhile
             else:
                 stream.send(Packet.INIT_FAIL, u32s([FAIL_BUSY]))
         except ConnectionOver:

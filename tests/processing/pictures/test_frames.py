@@ -160,7 +160,7 @@ def raw_file(level: float) -> bytes:
     mosaic = np.full((64, 96), round(black + level * (white - black)), dtype=np.uint16)
     taken = datetime(2026, 3, 1, 12, 0, 0)
     request = ShotRequest(1 / 60, 100, 5.6, 6500, 96, 64, taken, 1, "RICOH", "THETA Z1", "1", "3.0")
-    return mosaic_file(RawFrame(mosaic, black, white), request, cr2=False)
+    return mosaic_file(RawFrame(mosaic, black, white, ((1, 0, 0), (0, 1, 0), (0, 0, 1))), request, cr2=False)
 
 
 def test_simulated_raw_doubles_with_the_time(tmp_path: Path) -> None:

@@ -429,8 +429,3 @@ def test_what_phones_put_behind_a_picture_and_its_profile_are_noted(tmp_path, ch
     said = [w.message for w in report.manifest.warnings if w.code == "frame_note"]
     assert sum("profile is not sRGB's" in text for text in said) == len(TIMES_S)
     assert sum("a trailer after the picture" in text for text in said) == len(TIMES_S)
-
-
-def test_a_name_that_is_no_utf8_is_shown_with_question_marks(tmp_path, checker, room):
-    request = ImportRequest(room=os.fsdecode(b"caf\xe9"), into=tmp_path / "s", folders={Side.INDOOR: room})
-    assert load_manifest(import_session(request, checker=checker).session).name == "caf?"

@@ -107,7 +107,7 @@ def test_vignetting_and_colour_are_undone(seed: int, level: float, spread: float
     assert optics.filter is not None
     assert optics.vignetting is not None
     falloff = optics.vignetting.map(optics.lens.fisheye())[..., None]
-    dimmed = replace(image, rgb=optics.filter.apply(rgb) * falloff)
+    dimmed = replace(image, rgb=(rgb @ np.array(optics.filter.tint, np.float32)) * falloff)
     there = outdoor.correct_colour(outdoor.correct_vignetting(dimmed, optics), optics)
     assert there.attributes["nd_moved_share"] == 0
     assert np.abs(there.rgb / rgb - 1).max() < 1e-5
