@@ -24,6 +24,7 @@ _MOST_SPREAD = 1e4  # chosen: real charts are at 2 to 20, equal patches beyond 1
 _PAINT_FRAC = 0.01  # chosen: what no patch is surer than
 _LEAST_PATCHES = 6  # chosen: twice the unknowns of a channel
 _UNSURE_FRAC = 0.2  # of a channel: patches less sure are left out where enough are left; chosen
+_LEAST_SHARE = 0.1  # of a patch's luminance: what a channel is weighed as at least; chosen on drawn rigs of `hostile`
 _MIXED = 0.3  # standard deviation of what a filter mixes of other channels; chosen: published ones mix -0.05 to 0.16
 _TINT_FRAC, _HUE_FRAC = 0.025, 0.05  # of a blue sky's luminance and colour, from which a tint is warned of; chosen
 _BLUE_SKY = np.array((0.824, 1.012, 1.403))  # daylight of 10,000 K (CIE 15) in linear Rec. 709, luminance 1
@@ -181,12 +182,12 @@ def _column(plain: Doubles, seen: Doubles, doubt: Doubles, channel: int) -> tupl
     """
     held = np.diag([0.0 if c == channel else _MIXED**-2 for c in range(3)])
     shown = seen
-    for _ in range(4):  # A weight by what is seen alone would prefer what noise has made dark.
-        over = plain / np.square(doubt * np.maximum(seen, shown))[:, None]
+    for _ in range(4):  # A weight by what is seen alone would prefer what noise has made dark, or a gamut has cut.
+        over = plain / np.square(doubt * np.maximum(np.maximum(seen, shown), _LEAST_SHARE))[:, None]
         covariance = np.linalg.inv(over.T @ plain + held)
         found = covariance @ (over.T @ seen)
         shown = plain @ found
-    off = (shown - seen) / (doubt * np.maximum(seen, shown))
+    off = (shown - seen) / (doubt * np.maximum(np.maximum(seen, shown), _LEAST_SHARE))
     return found, np.asarray(covariance * max(1.0, float(off @ off) / max(len(off) - 3, 1)))
 
 

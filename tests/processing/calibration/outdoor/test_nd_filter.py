@@ -83,6 +83,15 @@ def test_noisy_patches_weigh_less() -> None:
     assert errors[1] < 0.05 < errors[0]
 
 
+def test_a_channel_that_the_gamut_cuts_decides_nothing() -> None:
+    """What a camera's matrix makes negative is cut at next to nothing, which no tint explains."""
+    plain, filtered = chart(0.0)
+    share = filtered / luminance_cd_m2(filtered.astype(np.float32))[:, None]
+    cut = np.where(share < 0.02, 1e-9 * filtered.max(), filtered)
+    assert np.count_nonzero(cut != filtered) == 4
+    assert np.abs(np.array(fit_nd_filter(cut, plain, np.full(24, 0.005)).tint) - ND3_TINT).max() < 0.006
+
+
 def test_black_patches_are_left_out_and_few_are_refused() -> None:
     plain, filtered = chart(0.0)
     filtered[5] = 0.0
