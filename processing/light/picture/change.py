@@ -193,7 +193,8 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
         where = sight.point[alone], sight.normal[alone], 2 * change.effort.pixel_samples, seed
         lit.old[alone] = gathered(change.bare, change.lights[0], *where)
         lit.new[alone] = gathered(change.full, change.lights[1], *where)
-        _even_out(sight, alone[furniture[alone]], lit.new)
+        _even_out(sight, alone[~furniture[alone]], lit.old)
+        _even_out(sight, alone, lit.new)
     if change.mirrors is not None:
         chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.glasses)))
         mirror[chosen, 6:9] = few_highlights(change.mirrors, sight, chosen, lit.new_sun, seed)
@@ -205,7 +206,7 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
 def _even_out(sight: Sight, pixels: Indices, light: Floats) -> None:
     """Replace the light (N, 3) of pixels (K,) by the mean over those of a thing that face alike within `EVEN_M`.
 
-    What no small pixel shows (a curtain's folds) is gathered by few rays a pixel, and would be grainy beside a window.
+    What no small pixel shows (a curtain's folds, a wall behind a slit) is gathered by few rays a pixel: it was grainy.
     """
     cell = np.concatenate([sight.point[pixels] / EVEN_M, 4 * sight.normal[pixels]], axis=1)
     keys = np.floor(cell).astype(np.int64) @ (1, 1 << 12, 1 << 24, 1 << 36, 1 << 40, 1 << 44)

@@ -85,3 +85,14 @@ def test_grain_of_gathered_light_is_evened_out_over_a_side_of_a_thing_alone() ->
     np.testing.assert_allclose(light[:300], np.repeat(sides[:3], 100, axis=0), rtol=1e-5)
     assert np.ptp(light[300:399], axis=0).max() < 1e-4
     np.testing.assert_array_equal(light[399], kept)
+
+
+def test_a_wall_behind_a_slit_is_not_grainy() -> None:
+    """No small pixel shows the wall between two cupboards 3 cm apart: few rays a pixel gather its light."""
+    room = scene_of(box_room(), uniform_sky(4000.0), 0.5, reveal_m=0.2)
+    pair = [box((side * 0.415, 1.6, 0.7), (0.8, 0.4, 1.4), name=str(side)) for side in (-1, 1)]
+    photograph = np.full((720, 1440, 3), 50, np.float32)
+    shown = differential(photograph, room, tuple(pair), EYE, effort=LOOK, seed=2)
+    slit = shown.rgb[380:440, 716:724, 1][:, ~shown.furniture[380:440, 716:724].any(axis=0)]
+    assert slit.shape[1] > 1
+    assert np.abs(np.diff(np.log(slit), axis=0)).mean() < 0.08  # 0.18 where each pixel has its own rays alone
