@@ -73,8 +73,9 @@ def run(context: StageContext) -> StageOutput:
     view, rows = frame.view(WIDE_PX), frame.height_px(WIDE_PX)
     scene, lights = room.scene, [outside.at(time_utc) for time_utc in times]
     if still["state"].startswith("staged"):
-        one, made = context.artifact("arrange", "arrangement").arrangements[0], context.artifact("render", "staged")
-        scene = furnished(scene, one, made["alternatives"][0], asked.furniture)
+        index = int(still["state"].removeprefix("staged-")) - 1
+        one, made = context.artifact("arrange", "arrangement"), context.artifact("render", "staged")
+        scene = furnished(scene, one.arrangements[index], made["alternatives"][index], asked.furniture)
     cut = np.asarray(cv2.resize(room.picture.rgb, (view.width_px, view.height_px)), np.float32)
     stage = Stage.of(scene, EFFORT.texel_m)
     ready = RelightView(stage, basis_of(stage, room.eye_m, effort=EFFORT), view)

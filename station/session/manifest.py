@@ -105,7 +105,7 @@ def require_names(*names: str, where: str) -> None:
             Site(name=name)
     except ValueError as error:
         text = "the room's name or its address is too long, or not in UTF-8"
-        raise UsageError(text, where=where, advice="use at most 60 characters, in UTF-8") from error
+        raise UsageError(text, where=where, advice="use at most 500 characters, in UTF-8") from error
 
 
 def manifest_bytes(manifest: SessionManifest) -> bytes:
