@@ -30,6 +30,7 @@ from processing.sphere import Equirectangular, directions, solid_angles
 
 FULL, NONE = 0.35, 0.9
 """Of log luminance between photograph and scene: up to which its detail is kept, and from which none of it is."""
+AROUND = 0.012  # of a picture's height, to all sides: where photograph and scene are compared
 MOST_GAIN = 50.0  # by which what is seen through a window may become brighter
 DARK, LIGHT = 0.45, 0.7
 """Of the sky's luminance: up to which a pixel of a window shows a tree or a house, and from which it shows the sky."""
@@ -60,10 +61,11 @@ def relit_photograph(
     lit_off, shade_off = _apart(shown, before.rgb @ _WEIGHTS), _apart(shown, shade @ _WEIGHTS)
     by_sun = np.abs(lit_off) <= np.abs(shade_off)
     model = np.where(by_sun[..., None], before.rgb, shade)
-    off = np.where(by_sun, np.abs(lit_off), np.abs(shade_off))
-    detail = np.clip((NONE - off) / (NONE - FULL), 0, 1).astype(np.float32)
-    known = (model > 0).all(axis=-1) & (photograph > 0).all(axis=-1)
-    detail = np.where((label >= 0) & known, detail, 0).astype(np.float32)
+    known = (label >= 0) & (model > 0).all(axis=-1) & (photograph > 0).all(axis=-1)
+    reveals = np.array([number for number, one in enumerate(view.stage.scene.surfaces) if one.plane < 0])
+    sunlit = before.sun.any(axis=-1) & ~np.isin(label, reveals)
+    off = _around(np.where(by_sun, lit_off, shade_off), known, sunlit)
+    detail = np.where(known, np.clip((NONE - off) / (NONE - FULL), 0, 1), 0).astype(np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         texture = np.exp(np.log(photograph / model) * detail[..., None])
     rgb = after.rgb * np.where(detail[..., None] > 0, texture, 1)
@@ -88,6 +90,18 @@ def photograph_under(
 
 def _apart(shown: np.ndarray, model: np.ndarray) -> Floats:
     return np.asarray(np.log(np.maximum(shown, 1e-6) / np.maximum(model, 1e-6)), dtype=np.float32)
+
+
+def _around(apart: Floats, known: Flags, sunlit: Flags) -> Floats:
+    """Return how far photograph and scene are apart (H, 2 H): a sill is finer than albedo, so what is around counts.
+
+    Not at the captured sun, whose edges the scene has a pixel beside.
+    """
+    side = 2 * round(AROUND * apart.shape[0]) + 1
+    near, *sums = (
+        cv2.blur(np.asarray(part, np.float32), (side, side)) for part in (sunlit, np.where(known, apart, 0), known)
+    )
+    return np.abs(np.where(near > 0, apart, sums[0] / np.maximum(sums[1], 1e-6)))
 
 
 def _window(photograph: Floats, view: RelightView, chosen: Int64s, lights: tuple[Outdoors, Outdoors]) -> Floats:

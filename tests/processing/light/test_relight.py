@@ -175,6 +175,19 @@ def test_photograph_keeps_its_detail_and_loses_a_sun_that_was_removed(view) -> N
     assert relit_photograph(strange, view, before, after, lights).rgb[25, 8] == pytest.approx(after.rgb[25, 8])
 
 
+def test_what_is_finer_than_the_scene_keeps_its_look(view) -> None:
+    large = RelightView(view.stage, view.basis, 3 * ROWS)
+    lights = (uniform_sky(1000.0), uniform_sky(3000.0))
+    before, after = (large.relit(light) for light in lights)
+    photograph = before.rgb.copy()
+    photograph[60, 10:20] *= 4
+    photograph[30:39, 30:39] *= 4
+    found = relit_photograph(photograph, large, before, after, lights).rgb / after.rgb
+    assert (found[60, 11:19] > 2.5).all()  # a sill, a cord
+    assert found[34, 34] == pytest.approx(1)  # a thing as large as what the scene would have
+    assert found[80, 10:20] == pytest.approx(1, rel=1e-4)
+
+
 def test_what_covers_windows_follows_the_light_on_them(view) -> None:
     gains = veil_gains(view.stage.scene, uniform_sky(1000.0), uniform_sky(3000.0))
     assert gains == pytest.approx([3.0], rel=1e-4)
