@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, Indices
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
@@ -125,7 +125,7 @@ def fill_plane(
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
     rest, upright = np.ones_like(hole), np.ones_like(hole)
-    for region in _with_seen_sills(opening_regions(texture.plane, room, hole.shape, texture.px_per_m), known, texture):
+    for region in _with_seen_frames(opening_regions(texture.plane, room, hole.shape, texture.px_per_m), known, texture):
         inside = hole & region
         if (sources & region).sum() < LEAST_OPEN * region.sum():
             # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
@@ -154,27 +154,43 @@ def fill_plane(
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 
-RAIL_SEEN = 0.25  # of a row of a frame's head or sill, from which the row goes on as it is seen (chosen by looking)
+RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
 
 
-def _with_seen_sills(regions: Iterator[Flags], known: Flags, texture: Texture) -> Iterator[Flags]:
-    """Yield the ``regions`` (H, W) of openings without sills of which little is ``known`` (H, W): below the pane the
-    wall goes on, not what is seen through it."""
+def _with_seen_frames(regions: Iterator[Flags], known: Flags, texture: Texture) -> Iterator[Flags]:
+    """Yield the ``regions`` (H, W) of openings without sills and sides of which little is ``known`` (H, W): below and
+    beside the pane the wall goes on, not what is seen through it. Of two sides it is enough to see one."""
+    wide = max(1, math.ceil(FRAME_M * texture.px_per_m))
     for region in regions:
-        sill = np.flatnonzero(region.any(axis=1))[-max(1, math.ceil(FRAME_M * texture.px_per_m)) :]
+        sill, columns = np.flatnonzero(region.any(axis=1))[-wide:], np.flatnonzero(region.any(axis=0))
+        hidden = _hidden_columns(known & region, region, columns)
         if not region[-1].any():
             region[sill[(known & region)[sill].sum(axis=1) <= RAIL_SEEN * region[sill].sum(axis=1)]] = False
+        region[:, columns[hidden & hidden[::-1] & _near_ends(len(columns), wide)]] = False
         yield region
+
+
+def _hidden_columns(known: Flags, region: Flags, columns: Indices) -> Flags:
+    return np.asarray(known[:, columns].sum(axis=0) <= RAIL_SEEN * region[:, columns].sum(axis=0))
+
+
+def _near_ends(count: int, wide: int) -> Flags:
+    return np.minimum(np.arange(count), np.arange(count)[::-1]) < wide
 
 
 def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m: float) -> Floats:
     """Return a texture (H, W, 3) whose ``hole`` (H, W) in the ``region`` (H, W) of an opening and its frame is filled.
 
     Linear light; ``known`` (H, W): what is seen of the region. Leaves, panes and curtains run upright: each column goes
-    on. Head and sill run level: so do their rows.
+    on. Head and sill run level: so do their rows. A frame's side that is hidden is as the other one.
     """
     found, rows = hanging(values, known, hole, px_per_m), np.flatnonzero(region.any(axis=1))
     rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
+    columns = np.flatnonzero(region.any(axis=0))
+    hidden = _hidden_columns(known, region, columns)
+    alike = hidden & ~hidden[::-1] & _near_ends(len(columns), 2 * wide)
+    side = np.ix_(np.arange(len(hole)), columns[alike])
+    found[side] = np.where(hole[side][..., None], found[:, columns[::-1][alike]], found[side])
     rail[rows[:wide]] = True
     if not region[-1].any():
         rail[rows[-wide:]] = True

@@ -15,7 +15,7 @@ from processing.removal.furniture import (
     without_skirting,
 )
 from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
-from processing.removal.plane_fill import _opening, _with_seen_sills, hanging
+from processing.removal.plane_fill import _opening, _with_seen_frames, hanging
 from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
@@ -251,11 +251,36 @@ def test_below_a_pane_whose_sill_is_hidden_the_wall_goes_on() -> None:
     region[20:80, 20:140] = known[:76, :60] = True  # at 100 px/m: 8 rows of sill, of which four are seen in a third
     dense = known.astype(np.float32)
     texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, np.zeros((100, 160, 3), np.float32), known, dense)
-    (found,) = _with_seen_sills(iter([region.copy()]), known, texture)
+    (found,) = _with_seen_frames(iter([region.copy()]), known, texture)
     assert np.array_equal(found[:76], region[:76])
     assert not found[76:].any()
     door = region | (np.arange(100) >= 80)[:, None] & region[50]
-    assert np.array_equal(next(_with_seen_sills(iter([door.copy()]), known, texture)), door), "it has no sill"
+    assert np.array_equal(next(_with_seen_frames(iter([door.copy()]), known, texture)), door), "it has no sill"
+
+
+def test_a_hidden_side_of_a_frame_is_as_the_other() -> None:
+    region = np.zeros((100, 160), bool)
+    region[20:80, 20:140] = True  # at 100 px/m: 8 columns of casing to either side, then 6 of the sash
+    seen = np.full((100, 160, 3), 0.4, np.float32)
+    seen[28:72, 28:132] = 0.8
+    seen[34:66, 34:126] = 20.0
+    hole = np.zeros_like(region)
+    hole[30:, 118:] = True  # a wardrobe before its end
+    known = region & ~hole
+    done = _opening(np.where(hole[..., None], 0, seen).astype(np.float32), known, hole & region, region, 100.0)
+    np.testing.assert_allclose(done[34:66, 124:140], seen[34:66, 20:36][:, ::-1], rtol=0.05)
+    assert (done[34:66, 118:124] > 10).all(), "glass up to there"
+
+
+def test_beside_a_pane_whose_sides_are_hidden_the_wall_goes_on() -> None:
+    region, known = np.zeros((2, 100, 160), bool)
+    region[20:80, 20:140] = known[20:80, 40:100] = True
+    texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, np.zeros((100, 160, 3), np.float32), known, known * 1.0)
+    (found,) = _with_seen_frames(iter([region.copy()]), known, texture)
+    assert np.array_equal(np.flatnonzero(found.any(axis=0)), np.arange(28, 132))
+    known[20:80, 20:40] = True
+    (found,) = _with_seen_frames(iter([region.copy()]), known, texture)
+    assert np.array_equal(found, region), "one side is seen, the other is like it"
 
 
 def test_a_curtain_goes_on_as_it_hangs() -> None:
