@@ -22,7 +22,7 @@ from processing.layout.assumed import (
 )
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import parse_pins
-from processing.layout.items import KINDS, Item, number_items, parse_items, set_list
+from processing.layout.items import KINDS, Item, ItemSpec, number_items, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import FloorPlan, Hung, from_room_model
 from processing.layout.rules import built_in_rules
@@ -99,8 +99,11 @@ def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Cho
 
 def _items(asked: ArrangeParameters, choice: Choice) -> list[Item]:
     """Return the items; with a folder of furniture, in the sizes of its models (kinds that it lacks are built in)."""
-    kinds = KINDS if asked.furniture is None else {**KINDS, **Catalogue.at(asked.furniture).kinds(asked.seed)}
-    return parse_items(asked.items if asked.items is not None else set_list(choice.name), kinds)
+    return parse_items(asked.items if asked.items is not None else set_list(choice.name), _kinds(asked))
+
+
+def _kinds(asked: ArrangeParameters) -> dict[str, ItemSpec]:
+    return KINDS if asked.furniture is None else {**KINDS, **Catalogue.at(asked.furniture).kinds(asked.seed)}
 
 
 SMALLER_BEDS = (("single bed", ""), ("bed", "tight"), ("single bed", "tight"))
@@ -111,8 +114,9 @@ def _with_bed(found: Arrangements, plan: FloorPlan, items: Sequence[Item], asked
     """Return the arrangements, or others with a smaller bed or by tighter rules, where a set's bed has no place."""
     if _beds(found) or not any(item.spec.category == "bed" for item in items):
         return found
+    kinds = _kinds(asked)
     for bed, rules in SMALLER_BEDS:
-        specs = [KINDS[bed] if item.spec.category == "bed" else item.spec for item in items]
+        specs = [kinds[bed] if item.spec.category == "bed" else item.spec for item in items]
         other = arrange(plan, number_items(specs), rules or asked.rules, n=asked.alternatives, seed=asked.seed)
         if _beds(other):
             said = f"the bed does not fit: {bed} used instead" + (f", by the rules '{rules}'" if rules else "")

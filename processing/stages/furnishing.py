@@ -26,13 +26,14 @@ def furniture_parts(
     """Return the parts of all items in the room's frame; ``lit``: lamps are on.
 
     An item that names a built-in design (`sofa/classic`, in another finish `sofa/classic/industrial`) has it, one that
-    names another model has that of ``own``, all others are ``built_in``. Raises `CatalogueError` or `ModelFileError`.
+    names another model has that of ``own``, all others are ``built_in``: those that name no more than their kind, where
+    ``own`` has none of it, too. Raises `CatalogueError` or `ModelFileError`.
     """
     found, every = [], Catalogue.builtin()
     for item in items:
         if item.model in every:
             model = every.mesh(item.model, item.size_m)
-        elif item.model and own is not None:
+        elif item.model and own is not None and (item.model != item.category or own.of_category(item.category)):
             model = own.mesh(item.model, item.size_m)
         else:
             model = built_in.mesh(item.category, item.size_m)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import daylit
 from processing.errors import CatalogueError, ItemError
+from processing.layout.arrange import arrange
 from processing.layout.arrangement import PlacedItem
 from processing.layout.furniture.bench import STYLES
 from processing.layout.furniture.builtin import BUILT_IN, build_model, design_of
 from processing.layout.furniture.model import FurnitureModel, noise, wood
 from processing.layout.furniture.solids import signed_volume_m3
-from processing.layout.items import KINDS, ItemSpec
-from processing.layout.models.catalogue import Catalogue
+from processing.layout.items import KINDS, ItemSpec, parse_items
+from processing.layout.models.catalogue import Catalogue, write_model
 from processing.layout.models.mesh_files import RawPart
 from processing.layout.models.mesh_pose import repaired
+from processing.layout.plan import Door, make_plan
 from processing.stages.furnishing import furniture_parts
 from tests.conftest import LONG
 
@@ -88,6 +91,20 @@ def test_lamps_send_out_their_lumens_only_when_lit() -> None:
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
         flux += np.pi * area * np.dot((0.2127, 0.7151, 0.0722), part.material.emission_cd_m2)
     assert flux == pytest.approx(400, rel=0.01)
+
+
+def test_kinds_that_a_folder_of_furniture_lacks_are_built_in(tmp_path: Path) -> None:
+    write_model(tmp_path / "low.glb", Catalogue.builtin("classic").mesh("sofa/classic", (1.9, 0.9, 0.8)))
+    (tmp_path / "catalog.json").write_text(json.dumps({"low.glb": {"category": "sofa", "front": "+z"}}))
+    own = Catalogue.at(tmp_path)
+    plan = make_plan([(-2, -2), (2, -2), (2, 2), (-2, 2)], doors=[Door(0, 1, 1.9)])
+    items = arrange(plan, parse_items("sofa, desk", {**KINDS, **own.kinds()}), n=1).arrangements[0].items
+    assert {item.category: item.model for item in items} == {"sofa": "low", "desk": "desk"}
+    parts = furniture_parts(items, Catalogue.builtin("industrial"), own)
+    desk = furniture_parts([one for one in items if one.category == "desk"], Catalogue.builtin("industrial"))
+    assert {part.name for part in desk} < {part.name for part in parts}
+    with pytest.raises(CatalogueError, match="no model 'lost'"):
+        furniture_parts([items[0].model_copy(update={"model": "lost"})], Catalogue.builtin("industrial"), own)
 
 
 def test_wood_runs_along_boards_at_true_scale() -> None:
