@@ -130,6 +130,15 @@ class _Room:
         offset = outline(item) - corner
         return offset @ u, offset @ np.array([-u[1], u[0]])
 
+    def behind(self, item: PlacedItem) -> int | None:
+        """Return the wall at which a piece has its back, wherever it was arranged; None where it stands free."""
+        for edge in range(len(self.plan.corners)):
+            along, away = self.along(edge, item)
+            back_m, middle_m = away[:2], along.mean()
+            if -0.05 < back_m.min() and back_m.max() < NEAR_WALL_M and 0 < middle_m < self.plan.edge(edge)[2]:
+                return edge
+        return None
+
     def at_wall(self, what: str, wall: Wall, deep: float, gap: float = 0.001) -> PlacedItem:
         """Return a piece that hangs in a rectangle of a wall, its front to the room."""
         edge, start, end, low, high = wall
@@ -222,7 +231,7 @@ def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
     """Yield something on top of each host, where nothing stands yet."""
     for host in room.hosts(row):
         side = 1.0 if room.rng.random() < 0.5 else -1.0
-        w, d, h = row["size"]
+        (w, d, h), wall = row["size"], room.behind(host)
         free = [max(0.0, (a - b) / 2 - 0.02) for a, b in zip(host.size_m, (w, d), strict=False)]
         top = host.base_m + host.size_m[2]
         for sign in (side, -side):
@@ -230,7 +239,7 @@ def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
             new = room.piece(row["what"], (w, d, h), *host.place(sign * x, y), top, host.theta_rad)
             others = (i for i in (*room.one.items, *room.added) if i.base_m > 0 and abs(i.base_m - top) < 0.3)
             shape = shapely.Polygon(outline(new, 0.01))
-            hides = h > 0.2 and any(p.edge == host.edge and top + h > p.sill_m + BEFORE_M for p in room.plan.windows)
+            hides = h > 0.2 and any(p.edge == wall and top + h > p.sill_m + BEFORE_M for p in room.plan.windows)
             clash = any(shape.intersects(shapely.Polygon(outline(i))) for i in others)
             if min(host.size_m[:2]) > min(w, d) and not hides and not clash:
                 yield [new]
@@ -240,9 +249,9 @@ def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
 def _above(room: _Room, row: Mapping[str, Any]) -> Groups:
     """Yield art on the wall over a host: one broad picture, a pair, or a single upright one, as the wall allows."""
     for host in room.hosts(row):
-        if host.edge is None or host.edge >= len(room.plan.corners):
+        if (edge := room.behind(host)) is None:
             continue
-        along, _ = room.along(host.edge, host)
+        along, _ = room.along(edge, host)
         screens = [i for i in room.one.items if i.category == "tv" and i.group == host.id]
         low = max([host.size_m[2], *(i.base_m + i.size_m[2] for i in screens)]) + ABOVE_M
         middle, wide = float(along.mean()), float(np.clip(0.62 * np.ptp(along), 0.40, 1.3))
@@ -251,8 +260,8 @@ def _above(room: _Room, row: Mapping[str, Any]) -> Groups:
         pairs = [(-wide / 2, -0.03), (0.03, wide / 2)]
         tries = [pairs, [(-wide / 2, wide / 2)]] if room.rng.random() < 0.6 else [[(-wide / 2, wide / 2)], pairs]
         for spans in (*tries, [(-0.2, 0.2)]) if high > 0.3 else ():
-            walls = [(host.edge, middle + a, middle + b, low, low + high) for a, b in spans]
-            beside = (h for h in room.plan.hung if h.edge == host.edge and h.head_m > low)
+            walls = [(edge, middle + a, middle + b, low, low + high) for a, b in spans]
+            beside = (h for h in room.plan.hung if h.edge == edge and h.head_m > low)
             alone = all(
                 h.start_m > middle + spans[-1][1] + APART_M or h.end_m < middle + spans[0][0] - APART_M for h in beside
             )

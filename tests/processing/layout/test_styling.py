@@ -115,3 +115,19 @@ def test_a_lamp_may_stand_before_the_foot_of_a_pane_and_no_more(solved: Arrangem
     )
     one = solved.model_copy(update={"items": (beside,)})
     assert any(i.category == "table lamp" for i in styled(one, PLAN, "classic", "light", 0)) == lit
+
+
+def test_art_hangs_over_its_host_wherever_that_was_moved() -> None:
+    """A sofa that was arranged at one wall and dragged to another, or pinned there, has its picture at that one."""
+    plan = make_plan([[0, 0], [5, 0], [5, 4], [0, 4]], doors=[Door(0, 0.2, 1.1)], ceiling_height_m=2.5)
+    sofa = PlacedItem(
+        id="sofa", category="sofa", size_m=(1.8, 0.85, 0.8), theta_rad=math.pi, t_m=(2.5, 3.5, 0.0), edge=1
+    )
+    one = Arrangement(rank=1, items=(sofa,), score=1.0, scores={}, rule_set="standard")
+    for edge in (1, None):
+        moved = one.model_copy(update={"items": (sofa.model_copy(update={"edge": edge}),)})
+        (art,) = [i for i in styled(moved, plan, "classic", "light", 0) if i.category == "art" and i.t_m[2] < 1.3]
+        assert spans(plan, art, 2) is not None
+        assert art.t_m[0] == pytest.approx(2.5)
+    free = one.model_copy(update={"items": (sofa.model_copy(update={"t_m": (2.5, 2.0, 0.0)}),)})
+    assert not [i for i in styled(free, plan, "classic", "light", 0) if i.category == "art"]
