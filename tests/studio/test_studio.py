@@ -37,12 +37,14 @@ from benchmarks.whole.studio import (
 )
 from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError, DeviceTimeoutError
+from processing.figures.foreign import region_figures
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room
+from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.preview import read_mask, write_mask
 from processing.running.choices import read_choices
 from processing.segmentation.evidence import SceneEvidence, write_evidence
 from station.capture.rig_file import example_text
-from station.session.session import Side, WarningRecord
+from station.session.session import BracketRecord, Side, WarningRecord
 from station.session.store import SessionStore
 from studio.command import listening
 from studio.programs import command_of
@@ -494,6 +496,50 @@ def test_a_still_is_aimed_in_the_panorama(opened: Opened) -> None:
     assert (float(yaw) > 10, lens, drop) == (True, "24", "0.08")
     page.keyboard.press("Control+z")
     assert "--aim" not in page.locator("footer code").inner_text()
+
+
+def test_a_regions_figures_are_those_of_the_command_beside_it(opened: Opened) -> None:
+    """In the picture's own unit, by solid angle, of the picture that is shown: the one that was made upright."""
+    session, page = opened.fresh("measured"), opened.page
+    picture = session / "stages" / "room" / "panorama.exr"
+    upright = read_exr(session / "stages" / "calibrate" / "indoor.exr")
+    ramp = np.geomspace(1, 50, upright.rgb.shape[0], dtype=np.float32)[:, None, None]
+    write_exr(picture, replace(upright, rgb=np.broadcast_to(ramp, upright.rgb.shape).copy()))
+    screen(page, session.name, "results")
+    page.wait_for_selector(".viewer.ready")
+    page.locator(".stage").first.focus()
+    for _ in range(12):
+        page.keyboard.press("ArrowUp")
+    page.keyboard.press("m")
+    said = page.locator("[data-part=region]")
+    page.get_by_text("Region: mean").wait_for()
+    assert "relative units" in said.inner_text()
+    assert "cd/m" not in said.inner_text()
+    _, file, box = said.locator("code").inner_text().split("daylit figures ")[1].partition(str(picture))
+    assert file == str(picture)
+    left, top, right, bottom = map(int, box.split()[-1].split(","))
+    found = region_figures(read_exr(picture), [(left, top, right, bottom)], ["box"])
+    for name in ("mean", "median", "lowest", "highest"):
+        shown = float(re.search(rf"{name} ([\d.]+)", said.inner_text())[1])  # type: ignore[index]
+        assert shown == pytest.approx(found[f"box-{name}"]["value"], rel=0.01), name
+
+
+def test_nothing_is_said_of_shutters_that_nobody_watched(opened: Opened) -> None:
+    """Folders that were imported, and how many frames the sides that there are should have."""
+    Image.new("RGB", (64, 32), (250, 252, 255)).save(picture := opened.folder / "frame.jpg")
+    for sides in ((Side.INDOOR,), tuple(Side)):
+        plan = BracketRecord(mode="imported", stops_s=STOPS_S, sides=sides)
+        with SessionStore.create(opened.folder, manifest(name="imported", bracket=plan)) as store:
+            for side in sides:
+                part = store.begin_frame(side, 0, STOPS_S[0])
+                part.write(picture.read_bytes())
+                store.add_frame(frame_record(side, 0, part.commit()))
+            store.finish()
+            screen(opened.page, store.path.name, "capture")
+        text = opened.page.locator(".figures").inner_text()
+        assert f"{len(sides)} of {len(sides) * len(STOPS_S)}" in text
+        assert "Shutters" not in text
+    picture.unlink()
 
 
 def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:

@@ -89,7 +89,7 @@ export interface Frame {
 export interface Capture {
   status: string;
   missing: string[];
-  bracket: { mode: string; stops_s: number[] };
+  bracket: { mode: string; stops_s: number[]; sides: string[] };
   devices: { role: string; model: string; simulated: boolean; clock_offset_s?: number; lens?: string; nd_filter?: string }[];
   frames: Frame[];
   readings: { luminance_cd_m2?: number; when: string; status: string }[];

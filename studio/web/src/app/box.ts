@@ -45,7 +45,8 @@ export class Regions {
   readonly control = button("Measure a region", () => this.frame(), { "data-part": "frame", title: "M: 10° around the cross" });
   private widget!: Widget;
 
-  constructor(private readonly file = "") {}
+  /** `session`: where its pictures' files are; empty: what is measured is in none. */
+  constructor(private readonly session = "") {}
 
   on(widget: Widget): void {
     this.widget = widget;
@@ -87,10 +88,11 @@ export class Regions {
   }
 
   private async measure(left: number, top: number, right: number, bottom: number): Promise<void> {
+    const { unit, file } = this.widget;
     const found = (await this.widget.probe()).within(left, top, right, bottom);
     if (!found) return note("Nothing to measure: draw a larger box", true);
     const parts = (["mean", "median", "lowest", "highest"] as const).map((name) => `${name} ${amount(found[name], found[name] * found.relativeUncertainty)}`);
-    this.said.textContent = `Region: ${parts.join(", ")} cd/m²`;
-    if (this.file && found.box_px) this.said.append(" · ", h("code", {}, `daylit figures ${this.file} --region ${found.box_px.join(",")}`));
+    this.said.textContent = `Region: ${parts.join(", ")} ${unit.replace("m2", "m²")}`;
+    if (this.session && found.box_px) this.said.append(" · ", h("code", {}, `daylit figures ${this.session}/${file} --region ${found.box_px.join(",")}`));
   }
 }

@@ -59,8 +59,8 @@ export async function captureScreen(session: Overview): Promise<Screen> {
       ...(stops.length ? [fact("Plan", `${stops.length} stops per camera, ${exposure(Math.max(...stops))} to ${exposure(Math.min(...stops))}: total exposure ${stops.reduce((sum, s) => sum + s, 0).toFixed(0)} s`)] : []),
       ...(one ? [] : [fact("Readings", readings.join(", ") || "no reading yet")]),
       ...(now.drift_frac === undefined ? [] : [fact("Light drift", `${(100 * now.drift_frac).toFixed(1)} %`)]),
-      ...(one ? [] : [fact("Frames", `${now.frames.length} of ${2 * now.bracket.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
-      ...(one || !now.frames.some((frame) => frame.side !== now.frames[0]!.side) ? [] : [fact("Shutters", late ? `${late} of ${stops.length} pairs opened further apart than the rig allows` : "every pair opened within the rig's limit")]),
+      ...(one ? [] : [fact("Frames", `${now.frames.length} of ${now.bracket.sides.length * stops.length}${clipped ? `, ${clipped} mostly clipped` : ""}`)]),
+      ...(one || now.bracket.mode === "imported" || !now.frames.some((frame) => frame.side !== now.frames[0]!.side) ? [] : [fact("Shutters", late ? `${late} of ${stops.length} pairs opened further apart than the rig allows` : "every pair opened within the rig's limit")]),
       ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));
     for (const one of [...now.frames].sort((a, b) => a.side.localeCompare(b.side) || a.stop - b.stop)) {
       const seconds = now.bracket.stops_s[one.stop];

@@ -15,9 +15,6 @@ const MOST_DROP = 0.3;
 const MOST_FRAMES = 6;
 const RAD = Math.PI / 180;
 
-const fileOf = (name: string): string =>
-  name === "Emptied" ? "remove/empty.exr" : name.startsWith("Staged") ? `render/staged-${name.slice(7)}.exr` : "calibrate/indoor.exr";
-
 export async function resultsScreen(session: Overview): Promise<Screen> {
   const box = h("div", { class: "result" });
   const choice = h("select", { "aria-label": "State of the room", change: () => void show() }, ...session.states.map((name) => h("option", {}, name)));
@@ -61,14 +58,14 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     widget = null;
     box.replaceChildren(h("p", { class: "facts" }, "Opening …"));
     try {
-      const regions = new Regions(`${session.path}/stages/${fileOf(name)}`);
+      const regions = new Regions(session.path);
       const found = markup(await api.viewer(session.name, name), regions.control, ...aiming.controls);
       box.replaceChildren(found, regions.said);
       widget = await setUpPanorama(found, true);
       regions.on(widget);
       aiming.on(widget.view, found.querySelector(".stage")!);
       box.dataset.shown = name;
-      downloads(name);
+      downloads(name, widget.file.replace("stages/", ""));
       void compare();
       if (name.startsWith("Staged")) await model(name.replace("Staged ", ""));
     } catch (error) {
@@ -135,8 +132,7 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     stills.dataset.count = String(all.length);
   }
 
-  function downloads(name: string): void {
-    const file = fileOf(name);
+  function downloads(name: string, file: string): void {
     const link = (text: string, href: string, download: string): HTMLElement => h("li", {}, h("a", { href, download }, text));
     takeaway.replaceChildren(
       link("Panorama, JPEG", api.picture(session.name, name, 4096, session.stamp), `${session.name}-${name.toLowerCase().replace(" ", "-")}.jpg`),

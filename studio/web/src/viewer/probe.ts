@@ -34,7 +34,7 @@ export interface Probe {
   luminance: Uint16Array;
   /** What stands at a longitude and latitude, degrees. */
   at(longitude: number, latitude: number): Reading;
-  /** Luminance within longitudes and latitudes, degrees; null where there is no value. It may go across the picture's edge. */
+  /** Luminance within longitudes and latitudes, degrees, by solid angle; null where there is no value. It may go across the picture's edge. */
   within(left: number, top: number, right: number, bottom: number): Region | null;
 }
 
@@ -54,21 +54,24 @@ export async function openProbe(maps: Maps): Promise<Probe> {
     luminance: light as Uint16Array,
     within(left, top, right, bottom) {
       const [x0, x1, y0, y1] = [column(left), column(right), Math.max(0, row(top)), Math.min(height, row(bottom))];
-      const [values, margins]: [number[], number[]] = [[], []];
+      const [values, margins]: [[value: number, area: number][], number[]] = [[], []];
       for (let y = y0; y < y1; y += 1)
         for (let x = x0; x !== x1; x = (x + 1) % width) {
           const value = luminance(light[y * width + x]!);
           if (Number.isNaN(value)) continue;
-          values.push(value);
+          values.push([value, Math.sin((Math.PI * (y + 0.5)) / height)]);
           margins.push(uncertainty(margin[y * width + x]!));
         }
       if (!values.length) return null;
-      const middle = (of: number[]): number => of.sort((a, b) => a - b)[Math.floor(of.length / 2)]!;
+      values.sort(([a], [b]) => a - b);
+      const known = margins.filter((one) => !Number.isNaN(one)).sort((a, b) => a - b);
+      const whole = values.reduce((sum, [, area]) => sum + area, 0);
+      let below = 0;
       const scale = [wide / width, high / height, wide / width, high / height];
       return {
-        mean: values.reduce((sum, value) => sum + value, 0) / values.length,
-        median: middle(values), lowest: values[0]!, highest: values.at(-1)!,
-        relativeUncertainty: middle(margins.filter((one) => !Number.isNaN(one))) ?? NaN,
+        mean: values.reduce((sum, [value, area]) => sum + value * area, 0) / whole,
+        median: values.find(([, area]) => (below += area) >= whole / 2)![0], lowest: values[0]![0], highest: values.at(-1)![0],
+        relativeUncertainty: known[Math.floor(known.length / 2)] ?? NaN,
         box_px: x0 < x1 ? ([x0, y0, x1, y1].map((v, i) => Math.round(v * scale[i]!)) as [number, number, number, number]) : null,
       };
     },

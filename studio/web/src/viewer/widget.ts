@@ -52,6 +52,10 @@ export function part<T extends HTMLElement = HTMLElement>(box: Element, name: st
 /** A panorama with its controls: its view, and what shows another picture in it as the controls stand. */
 export interface Widget {
   view: PanoramaView;
+  /** Of luminance. */
+  unit: string;
+  /** Of the picture that it began with, in its session; empty: none. */
+  file: string;
   replace(state: State): Promise<void>;
   probe(): Promise<Probe>;
 }
@@ -177,6 +181,8 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
   box.classList.add("ready");
   return {
     view,
+    unit: data.unit,
+    file: data.states[0]!.file,
     replace: async (state) => {
       data.states[current] = state;
       loaded.delete(current);
