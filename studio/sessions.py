@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,9 @@ from station.session.session import MANIFEST_NAME
 from station.session.store import SessionStore, load_manifest
 
 BY = "daylit studio"
+RECEIVED = "received "  # before the time of a picture of which nobody says when it was taken
+_TURN = threading.Lock()
+"""Whoever saves: what a correction was made on is compared and replaced in one go."""
 
 
 class StaleError(ParameterError, code="USE-005"):
@@ -35,7 +39,7 @@ def session_at(folder: Path, name: str) -> Path:
 def cards(folder: Path) -> list[dict[str, Any]]:
     """Return a row for each session of the folder, the newest first; one that cannot be read says so."""
     found = [_card(path.parent) for path in folder.glob(f"*/{MANIFEST_NAME}")]
-    return sorted(found, key=lambda card: (str(card["taken"]), str(card["name"])), reverse=True)
+    return sorted(found, key=lambda card: (str(card["taken"]).removeprefix(RECEIVED), str(card["name"])), reverse=True)
 
 
 def _card(session: Path) -> dict[str, Any]:
@@ -43,11 +47,12 @@ def _card(session: Path) -> dict[str, Any]:
         manifest = load_manifest(session)
     except Exception as error:  # noqa: BLE001 (one damaged session must not hide the others)
         return {"name": session.name, "title": session.name, "taken": "", "status": "damaged", "missing": [str(error)]}
-    site = manifest.site
+    site, when = manifest.site, manifest.taken_utc
+    local = with_zone(when or manifest.created_utc, zone_at(site.latitude_deg, site.longitude_deg))
     return {
         "name": session.name,
         "title": manifest.name,
-        "taken": with_zone(manifest.created_utc, zone_at(site.latitude_deg, site.longitude_deg)),
+        "taken": local if when else f"{RECEIVED}{local}",
         "status": manifest.status.value,
         "missing": list(manifest.missing),
         "simulated": manifest.simulated,
@@ -103,11 +108,12 @@ def save(session: Path, name: str, data: bytes, base: str) -> str:
 
     ``base`` names the state that it was made on; raises `StaleError` where that is not the current one any more.
     """
-    if base != digest(current(session, name)[0]):
-        raise StaleError("someone else changed this", where=name, advice="check it, then try again")
-    with open_session(session) as root:
-        write_file(root, name, data)
-    remember(session, {Path(name).stem: session / name}, by=BY)
+    with _TURN:
+        if base != digest(current(session, name)[0]):
+            raise StaleError("someone else changed this", where=name, advice="check it, then try again")
+        with open_session(session) as root:
+            write_file(root, name, data)
+        remember(session, {Path(name).stem: session / name}, by=BY)
     return digest(data)
 
 

@@ -15,6 +15,7 @@ import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,11 @@ from benchmarks.whole.studio import (
 from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError, DeviceTimeoutError
 from processing.figures.foreign import region_figures
-from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room
+from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room, room_text
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.preview import read_mask, write_mask
 from processing.running.choices import read_choices
+from processing.running.corrections import ROOM, current
 from processing.segmentation.evidence import SceneEvidence, write_evidence
 from station.capture.rig_file import example_text
 from station.session.session import BracketRecord, Side, WarningRecord
@@ -49,7 +51,7 @@ from station.session.store import SessionStore
 from studio.command import listening
 from studio.programs import command_of
 from studio.server import STATIC
-from studio.sessions import captured
+from studio.sessions import StaleError, captured, digest, save
 from tests.processing.relighting.lit_sessions import lit_session
 from tests.processing.room.evidence import boundary_of, classes_of
 from tests.station.capture.fake_camera import FakeCamera
@@ -157,6 +159,31 @@ def test_the_list_says_when_by_the_clocks_of_the_place(tmp_path: Path) -> None:
     there = load_manifest(session).model_copy(update={"site": Site(latitude_deg=40.44, longitude_deg=-79.99)})
     (session / "session.json").write_text(there.model_dump_json())
     assert cards(tmp_path)[0]["taken"] == "2023-05-19 11:54 EDT"
+    then = {"taken_utc": datetime(2022, 1, 2, 17, 30, tzinfo=UTC)}
+    frames = tuple(frame.model_copy(update=then) for frame in there.frames)
+    imported = {"bracket": there.bracket.model_copy(update={"mode": "imported"})}
+    for update, said in (({"frames": frames}, "2022-01-02 12:30 EST"), ({}, "received 2023-05-19 11:54 EDT")):
+        (session / "session.json").write_text(there.model_copy(update=imported | update).model_dump_json())
+        assert cards(tmp_path)[0]["taken"] == said, "not when it was imported"
+
+
+def test_of_two_tabs_that_save_at_once_one_is_refused(tmp_path: Path) -> None:
+    session = make_session(tmp_path, "two tabs", wrong(TRUTH), TRUTH)
+    for _ in range(4):
+        base = digest(current(session, ROOM)[0])
+        rooms = [room_text(TRUTH.model_copy(update={"note": f"{n} after {base}"})).encode() for n in range(6)]
+
+        def put(data: bytes, base: str = base) -> int:
+            try:
+                save(session, ROOM, data, base)
+            except StaleError:
+                return 0
+            return 1
+
+        with ThreadPoolExecutor(len(rooms)) as tabs:
+            kept = list(tabs.map(put, rooms))
+        assert sum(kept) == 1
+        assert current(session, ROOM)[0] == rooms[kept.index(1)]
 
 
 def test_corners_dragged_on_the_plan_to_the_truth(opened: Opened) -> None:
