@@ -72,7 +72,8 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     """Process every session in FOLDER (or URL), several at a time; takes the options of `daylit process`.
 
-    Each session keeps its saved options; options given here are saved for all of them.
+    Each session keeps its saved options; options given here are saved for all of them in a folder, and
+    count for this run only at a URL.
 
     A session that fails, hangs or kills its process is listed and does not stop the others. Run the same command again
     to continue where it was interrupted. At the end FOLDER holds batch.csv (one row per session) and batch.json.

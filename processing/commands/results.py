@@ -145,7 +145,7 @@ REPORT = Path("stages", "report", "index.html")
 def view(session: Path, *, no_open: bool, as_json: bool) -> int:
     """Open the report of SESSION in the browser and print its path.
 
-    The report is one self-contained file that you can copy and send.
+    It shows everything by itself; its links to full-size files need the session's folder beside it.
 
     \b
     Examples:
@@ -186,8 +186,8 @@ def _page(session: Path) -> Path:
 def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
     """Delete SESSION's intermediate files; keep frames, calibrated and staged pictures, and the report.
 
-    Kept are the stages calibrate, figures, arrange, render, stills and report. The next `daylit process` rebuilds only
-    the others, with the same results.
+    Kept are the stages calibrate, figures, arrange, render, stills, day and report. The next `daylit process` rebuilds
+    only the others, with the same results.
 
     \b
     Examples:
