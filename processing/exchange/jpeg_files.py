@@ -174,7 +174,7 @@ DIGITAL_SOURCE = "http://cv.iptc.org/newscodes/digitalsourcetype/"
 STAGED_SOURCE = DIGITAL_SOURCE + "compositeSynthetic"
 """IPTC's word for pictures of which some elements are synthetic: virtual furniture, or a floor that nobody saw."""
 
-_LONGEST_TITLE = 500  # chosen: a paragraph
+_LONGEST_TITLE = 600  # chosen: a session's name may have 500, and what is shown and when follows it
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class Said(TypedDict, total=False):
 def packet(width_px: int, height_px: int, **said: Unpack[Said]) -> bytes:
     """Return an XMP packet for a picture of this size, UTF-8; empty where there is nothing to say.
 
-    Raises `ParameterError` for a panorama that the picture does not fit into, and for a title above 500 characters.
+    Raises `ParameterError` for a panorama that the picture does not fit into, and for a title above 600 characters.
     """
     panorama, title, made = said.get("panorama"), said.get("title", ""), said.get("made", Made())
     attributes, statement = {} if panorama is None else _panorama(panorama, width_px, height_px), made.statement

@@ -177,7 +177,8 @@ def test_what_stands_at_the_camera_is_no_main_piece_and_a_bare_room_has_frames()
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
     given = context(tmp_path_factory.mktemp("session"), results())
-    given = replace(given, parameters=StillsParameters(original_url="https://example.org/7"))
+    long = given.session.model_copy(update={"name": ('"Büro" <b>🛋</b> & مكتب ' * 25)[:500]})  # as long as names can be
+    given = replace(given, session=long, parameters=StillsParameters(original_url="https://example.org/7"))
     return given.folder, dict(run(given).artifacts)
 
 
