@@ -18,7 +18,7 @@ from processing.pictures.exr import read_exr
 from processing.pictures.images import luminance_cd_m2
 from processing.report.page import VIEWER
 from processing.report.stage import run
-from processing.report.states import LARGEST_ERROR, map_pixels
+from processing.report.states import LARGEST_ERROR, luminance_codes, map_pixels, packed, uncertainty_codes
 from processing.sphere import Perspective, directions
 from tests.processing.report.made_up import SIZE_PX, context, results
 
@@ -157,6 +157,48 @@ def test_a_region_is_measured_by_dragging_and_a_ruler_by_the_rooms_surfaces(open
     below = opened.page.evaluate("(room) => daylit.placeIn(room, [10, -80])", room)
     assert below[2] == pytest.approx(-1.5)
     assert math.hypot(*below[:2]) == pytest.approx(1.5 * math.tan(math.radians(10)))
+
+
+def maps_of(luminance: np.ndarray, validity: np.ndarray) -> dict[str, Any]:
+    """The page's maps of a panorama (H, 2 H) that is 5 % uncertain; on disk it is ten times as large."""
+    height, width = luminance.shape
+    return {
+        "luminance": packed(luminance_codes(luminance)),
+        "uncertainty": packed(uncertainty_codes(np.full(luminance.shape, 0.05))),
+        "validity": packed(validity.astype(np.uint8)),
+        "map_px": [width, height],
+        "picture_px": [10 * width, 10 * height],
+    }
+
+
+def test_regions_count_by_solid_angle_and_say_what_is_clipped(opened: Opened) -> None:
+    """A cap of 5 cd/m2 from 40 degrees up in a room of 1: by pixels it is more than half of the upper half, by solid
+    angle 1 - sin 40.
+    """
+    height, cap = 36, 1 - math.sin(math.radians(40))
+    luminance = np.ones((height, 2 * height))
+    luminance[:10] = 5
+    validity = np.zeros_like(luminance)
+    validity[:10, 36:54] = 1
+    maps = maps_of(luminance, validity)
+    ask = """async (maps) => {
+        const probe = await daylit.openProbe(maps);
+        const region = daylit.regionOf(probe, maps.map_px, [-80, 90], [80, 0]);
+        return [probe.within(-90, 90, 90, 0), region, daylit.regionText(region, "cd/m2").detail,
+            probe.within(170, 10, 179.9, -10)];
+    }"""
+    whole, region, said, edge = opened.page.evaluate(ask, maps)
+    for one in (whole, region):
+        assert one["mean"] == pytest.approx(1 + 4 * cap, rel=3e-3)
+        assert one["clipped"] == pytest.approx(cap / 2, rel=3e-3)
+    assert (whole["median"], whole["lowest"], whole["highest"]) == pytest.approx((1, 1, 5), rel=LARGEST_ERROR)
+    assert whole["relativeUncertainty"] == pytest.approx(0.05, rel=0.024)
+    assert region["steradians"] == pytest.approx(math.radians(160))
+    assert region["deviation"] == pytest.approx(4 * math.sqrt(cap * (1 - cap)), rel=3e-3)
+    assert whole["box_px"] == [180, 0, 540, 180]
+    assert "18 % clipped" in said
+    assert edge["mean"] == pytest.approx(1, rel=LARGEST_ERROR)
+    assert edge["box_px"] is None
 
 
 def test_false_colours_take_another_scale(opened: Opened) -> None:

@@ -1,4 +1,6 @@
 // The viewer's controls, as the report's page has them, and boxes drawn in it that are measured.
+import { quantityText } from "../viewer/encoding";
+import { clippedText } from "../viewer/measure";
 import type { Widget } from "../viewer/widget";
 import { button, h, note } from "./dom";
 
@@ -33,11 +35,6 @@ export function markup(json: string, ...more: HTMLElement[]): HTMLElement {
         h("div", { class: "ticks" }, ...ticks.map((tick) => h("span", { class: "tick", style: `bottom: ${place(tick)}%` }, String(tick))))),
       h("p", { class: "reading", "data-part": "reading" }, h("strong", { "data-part": "value" }, "…"), " ", h("span", { "data-part": "detail" }, "…"))));
 }
-
-export const amount = (value: number, margin: number): string => {
-  const digits = Math.max(0, Math.min(3, 1 - Math.floor(Math.log10(Math.max(margin, 1e-3)))));
-  return `${value.toFixed(digits)} ± ${margin.toFixed(digits)}`;
-};
 
 /** Statistics of luminance within a box that is drawn in the picture, or (M) around its cross. */
 export class Regions {
@@ -91,8 +88,8 @@ export class Regions {
     const { unit, file } = this.widget;
     const found = (await this.widget.probe()).within(left, top, right, bottom);
     if (!found) return note("Nothing to measure: draw a larger box", true);
-    const parts = (["mean", "median", "lowest", "highest"] as const).map((name) => `${name} ${amount(found[name], found[name] * found.relativeUncertainty)}`);
-    this.said.textContent = `Region: ${parts.join(", ")} ${unit.replace("m2", "m²")}`;
+    const parts = (["mean", "median", "lowest", "highest"] as const).map((name) => `${name} ${quantityText(found[name], found[name] * found.relativeUncertainty)}`);
+    this.said.textContent = `Region: ${parts.join(", ")} ${unit.replace("m2", "m²")}${clippedText(found.clipped)}`;
     if (this.session && found.box_px) this.said.append(" · ", h("code", {}, `daylit figures ${this.session}/${file} --region ${found.box_px.join(",")}`));
   }
 }

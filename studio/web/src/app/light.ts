@@ -1,7 +1,8 @@
 // Light: the room at any hour of the year, measured where one points, and glare for somebody who sits in it.
+import { quantityText } from "../viewer/encoding";
 import { setUpPanorama, type State, type Widget } from "../viewer/widget";
 import { api, factsOf, type Overview, type Point, type Room } from "./api";
-import { amount, markup, Regions } from "./box";
+import { markup, Regions } from "./box";
 import { button, h, svg } from "./dom";
 import { ARROWS, draggable, Plan } from "./plan";
 import { onWall, round } from "./rooms";
@@ -204,7 +205,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
     try {
       const answer = await api.live(session.name, "glare", { ...asked(), seat_m: moment.seat, azimuth_deg: moment.azimuth });
       const { figures, rating, faint, seen_share, sun_in_view } = (await answer.json()) as Glare;
-      const of = (name: string): string => amount(figures[name]!.value, figures[name]!.uncertainty);
+      const of = (name: string): string => quantityText(figures[name]!.value, figures[name]!.uncertainty);
       glare.textContent = `Glare ${rating}: DGP ${of("dgp")}`;
       glare.classList.toggle("bad", figures.dgp!.value >= 0.4);
       glare.dataset.dgp = String(figures.dgp!.value);

@@ -1,6 +1,7 @@
 // Region and ruler on a panorama: what the light in a rectangle of directions is, how far two places are apart.
 import { luminance, quantityText, type Size } from "./encoding";
 import type { PanoramaView } from "./panorama";
+import { CLIPPED, type Probe } from "./probe";
 
 export type Direction = readonly [longitude: number, latitude: number];
 type Place = readonly [x: number, y: number, z: number];
@@ -20,6 +21,8 @@ export interface Region {
   /** Solid angle of what has a value, and share of the region that has none. */
   steradians: number;
   unknown: number;
+  /** Share of what has a value that is clipped: the values are then lower bounds. */
+  clipped: number;
 }
 
 const RAD = Math.PI / 180;
@@ -40,21 +43,23 @@ export function placeIn(room: Room, [longitude, latitude]: Direction): Place | n
   return Number.isFinite(away) ? [away * dx, away * dy, away * dz] : null;
 }
 
-/** Statistics of luminance between two directions, weighted by solid angle; `codes` row by row of a map of `size`. */
-export function regionOf(codes: Uint16Array, [width, height]: Size, from: Direction, to: Direction): Region {
+/** Statistics of luminance between two directions, weighted by solid angle; of a map of `size`. */
+export function regionOf({ luminance: codes, validity }: Pick<Probe, "luminance" | "validity">, [width, height]: Size, from: Direction, to: Direction): Region {
   const across = turned(to[0] - from[0]);
   const first = Math.floor((turned(Math.min(from[0], from[0] + across)) / 360 + 0.5) * width);
   const columns = Math.max(1, Math.round((Math.abs(across) / 360) * width));
   const [top, bottom] = [Math.max(from[1], to[1]), Math.min(from[1], to[1])].map((one) => (0.5 - one / 180) * height);
-  const found: Region = { mean: 0, least: Infinity, most: -Infinity, deviation: 0, steradians: 0, unknown: 0 };
+  const found: Region = { mean: 0, least: Infinity, most: -Infinity, deviation: 0, steradians: 0, unknown: 0, clipped: 0 };
   let [sum, squares, all] = [0, 0, 0];
   for (let row = Math.floor(top!); row <= Math.min(height - 1, Math.max(Math.floor(top!), Math.ceil(bottom!) - 1)); row += 1) {
     const own = ((2 * Math.PI) / width) * (Math.sin((0.5 - row / height) * Math.PI) - Math.sin((0.5 - (row + 1) / height) * Math.PI));
     for (let i = 0; i < columns; i += 1) {
-      const value = luminance(codes[row * width + ((first + i) % width)]!);
+      const at = row * width + ((first + i) % width);
+      const value = luminance(codes[at]!);
       all += own;
       if (Number.isNaN(value)) continue;
       found.steradians += own;
+      if (validity[at] === CLIPPED) found.clipped += own;
       sum += own * value;
       squares += own * value * value;
       found.least = Math.min(found.least, value);
@@ -63,9 +68,12 @@ export function regionOf(codes: Uint16Array, [width, height]: Size, from: Direct
   }
   found.mean = sum / found.steradians;
   found.deviation = Math.sqrt(Math.max(0, squares / found.steradians - found.mean ** 2));
+  found.clipped /= found.steradians;
   found.unknown = all ? 1 - found.steradians / all : 1;
   return found;
 }
+
+export const clippedText = (share: number): string => (share > 0 ? ` · ${(100 * share).toPrecision(2)} % clipped: values may be higher` : "");
 
 export function regionText(region: Region, unit: string): { value: string; detail: string } {
   if (!region.steradians) return { value: "no value", detail: "region without light" };
@@ -73,7 +81,7 @@ export function regionText(region: Region, unit: string): { value: string; detai
   const unknown = region.unknown > 0.005 ? ` · ${(100 * region.unknown).toFixed(0)} % without a value` : "";
   return {
     value: `mean ${short(region.mean)} ${unit}`,
-    detail: `${short(region.least)} to ${short(region.most)} · standard deviation ${short(region.deviation)} · ${short(region.steradians)} sr${unknown}`,
+    detail: `${short(region.least)} to ${short(region.most)} · standard deviation ${short(region.deviation)} · ${short(region.steradians)} sr${unknown}${clippedText(region.clipped)}`,
   };
 }
 

@@ -25,20 +25,34 @@ export interface Region {
   highest: number;
   /** Of its mean, standard: what the pixels state, taken for shared by all. */
   relativeUncertainty: number;
+  /** Share of its solid angle that is clipped: values are then lower bounds. */
+  clipped: number;
   /** Of the picture on disk: left, top, right, bottom; null across its edge. */
   box_px: [number, number, number, number] | null;
 }
 
 export interface Probe {
-  /** Codes of luminance, row by row. */
+  /** Codes of luminance, and what they are worth, row by row. */
   luminance: Uint16Array;
+  validity: Uint8Array;
   /** What stands at a longitude and latitude, degrees. */
   at(longitude: number, latitude: number): Reading;
   /** Luminance within longitudes and latitudes, degrees, by solid angle; null where there is no value. It may go across the picture's edge. */
   within(left: number, top: number, right: number, bottom: number): Region | null;
 }
 
+export const CLIPPED = 1;
 const WORTH = ["", "clipped: at least this", "too dark to be accurate", "outside the lens's field of view", "repaired: a modelled value"];
+
+type Pixel = { value: number; margin: number; area: number; clipped: boolean };
+const areaOf = (of: Pixel[]): number => of.reduce((sum, { area }) => sum + area, 0);
+
+/** Median by solid angle, NaN of none. */
+function middle(of: Pixel[], key: "value" | "margin"): number {
+  const known = of.filter((one) => !Number.isNaN(one[key])).sort((a, b) => a[key] - b[key]);
+  let left = areaOf(known) / 2;
+  return known.find(({ area }) => (left -= area) <= 0)?.[key] ?? NaN;
+}
 
 export async function openProbe(maps: Maps): Promise<Probe> {
   const [light, margin, validity] = await Promise.all([
@@ -48,30 +62,26 @@ export async function openProbe(maps: Maps): Promise<Probe> {
   ]);
   const [width, height] = maps.map_px;
   const [wide, high] = maps.picture_px;
-  const column = (longitude: number): number => Math.round(((((longitude / 360 + 0.5) % 1) + 1) % 1) * width);
+  const column = (longitude: number): number => Math.round(((((longitude / 360 + 0.5) % 1) + 1) % 1) * width) % width;
   const row = (latitude: number): number => Math.round((0.5 - latitude / 180) * height);
   return {
     luminance: light as Uint16Array,
+    validity: validity as Uint8Array,
     within(left, top, right, bottom) {
       const [x0, x1, y0, y1] = [column(left), column(right), Math.max(0, row(top)), Math.min(height, row(bottom))];
-      const [values, margins]: [[value: number, area: number][], number[]] = [[], []];
+      const found: Pixel[] = [];
       for (let y = y0; y < y1; y += 1)
         for (let x = x0; x !== x1; x = (x + 1) % width) {
-          const value = luminance(light[y * width + x]!);
-          if (Number.isNaN(value)) continue;
-          values.push([value, Math.sin((Math.PI * (y + 0.5)) / height)]);
-          margins.push(uncertainty(margin[y * width + x]!));
+          const at = y * width + x;
+          const one = { value: luminance(light[at]!), margin: uncertainty(margin[at]!), area: Math.cos((0.5 - (y + 0.5) / height) * Math.PI), clipped: validity[at] === CLIPPED };
+          if (!Number.isNaN(one.value)) found.push(one);
         }
-      if (!values.length) return null;
-      values.sort(([a], [b]) => a - b);
-      const known = margins.filter((one) => !Number.isNaN(one)).sort((a, b) => a - b);
-      const whole = values.reduce((sum, [, area]) => sum + area, 0);
-      let below = 0;
+      if (!found.length) return null;
       const scale = [wide / width, high / height, wide / width, high / height];
       return {
-        mean: values.reduce((sum, [value, area]) => sum + value * area, 0) / whole,
-        median: values.find(([, area]) => (below += area) >= whole / 2)![0], lowest: values[0]![0], highest: values.at(-1)![0],
-        relativeUncertainty: known[Math.floor(known.length / 2)] ?? NaN,
+        mean: found.reduce((sum, { value, area }) => sum + value * area, 0) / areaOf(found), median: middle(found, "value"),
+        lowest: found.reduce((least, { value }) => Math.min(least, value), Infinity), highest: found.reduce((most, { value }) => Math.max(most, value), 0),
+        relativeUncertainty: middle(found, "margin"), clipped: areaOf(found.filter((one) => one.clipped)) / areaOf(found),
         box_px: x0 < x1 ? ([x0, y0, x1, y1].map((v, i) => Math.round(v * scale[i]!)) as [number, number, number, number]) : null,
       };
     },

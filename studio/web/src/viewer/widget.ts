@@ -98,8 +98,7 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
     const points = measured ? drawnPoints(view, outline(tool, data.room ?? null, ...measured)) : "";
     box.querySelector("[data-part=drawn]")?.setAttribute("points", points);
     if (!measured) return false;
-    const size = data.states[current]!.map_px;
-    const region = regionOf(probe.luminance, size, ...measured);
+    const region = regionOf(probe, data.states[current]!.map_px, ...measured);
     const text = tool === "ruler" && data.room ? rulerText(data.room, ...measured) : regionText(region, data.unit);
     part(box, "value").textContent = text.value;
     part(box, "detail").textContent = text.detail;
