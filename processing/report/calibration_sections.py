@@ -213,7 +213,8 @@ def _quantity(name: str, figure: Mapping[str, Any], unit: str, note: str = "") -
 
 
 def _bounded(figure: Mapping[str, Any]) -> str:
-    return number_text(figure["value"], figure["uncertainty"]) + (" or more" if figure["bound"] else "")
+    beyond = {"lower": " or more", "upper": " or less"}.get(figure["bound"], "")
+    return number_text(figure["value"], figure["uncertainty"]) + beyond
 
 
 def _name(look: Mapping[str, Any], number: int) -> str:

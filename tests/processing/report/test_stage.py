@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from processing.figures.figures import camera_figures, surface_figures
+from processing.figures.figures import camera_figures, eye_view, surface_figures
 from processing.pictures.display import Display
 from processing.pictures.images import LuminanceImage
 from processing.report import room_states, states
+from processing.report.calibration_sections import light_figures_section
 from processing.report.data import Cards, Comparison, Models, Viewer
 from processing.report.page import client_facts
 from processing.report.stage import report_data, run, session_facts
@@ -32,6 +33,7 @@ from processing.sphere.views import cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters
 from station.session.session import FrameRecord
+from tests.processing.figures.test_glare import room
 from tests.processing.report.made_up import context, darker, picture, results, without
 from tests.processing.report.test_stills import Kept
 
@@ -93,6 +95,17 @@ def test_figures_have_uncertainties_and_say_which_are_bounds(tmp_path: Path) -> 
         looks, whole = section.tables[0].rows, section.tables[-1].rows[0]
         assert any("or more" in row[1] for row in looks) == ("or more" in whole[1]) == clipped
         assert all("±" in cell for cell in (looks[0][1], looks[0][2], whole[1]))
+
+
+def test_an_upper_bound_is_said_to_be_one() -> None:
+    """A clipped source makes the other indices lower bounds, and VCP, which falls with glare, an upper one."""
+    image = room([(0, 10, 20, 15, 5000)])
+    view = eye_view(replace(image, validity=(image.rgb[..., 0] > 4000).astype(np.uint8)), 0.0, 200)
+    figures = results()["figures"]["light_figures"]
+    section = light_figures_section(figures | {"camera": camera_figures(view, height_m=1.6, heading_rad=None)})
+    shown = dict(zip(section.tables[0].head, section.tables[0].rows[0], strict=True))
+    assert shown["VCP (%)"].endswith(" or less")
+    assert all(shown[name].endswith(" or more") for name in ("DGP", "DGI", "UGR", "CGI"))
 
 
 def test_what_was_skipped_is_named_and_the_rest_stands(tmp_path: Path) -> None:
