@@ -68,7 +68,8 @@ def _corrected(found: Masks, asked: DetectParameters, context: StageContext) -> 
 def drawn_over(name: str, mask: Flags, layers: Sequence[Flags | np.bool]) -> Flags:
     """Return a mask (H, W) with the `LAYERS` over it: what goes as well, what stays, what is direct sunlight."""
     add, keep, sun = layers
-    changed = {"target": mask | add | sun, "sunlight": mask & ~add | sun}.get(name, mask & ~sun)
+    changed = {"target": mask | add | sun, "sunlight": mask & ~add | sun, "furniture": (mask | add) & ~sun}
+    changed = changed.get(name, mask & ~sun)
     return np.asarray(changed & ~keep)
 
 

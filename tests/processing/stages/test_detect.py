@@ -94,6 +94,7 @@ def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, usual:
     made = run(context(painted, tmp_path, parameters=asked))
     assert np.array_equal(made.artifacts["target"], (plain | more) & ~kept)
     assert not any((made.artifacts[name] & kept).any() for name in MASKS if name in made.artifacts)  # type: ignore[operator,attr-defined]
+    assert np.array_equal(made.artifacts["furniture"], (usual.artifacts["furniture"] | more) & ~kept), "it is a thing"  # type: ignore[operator]
     assert made.metrics["shares"]["target"] == pytest.approx(share_of_sphere((plain | more) & ~kept), abs=1e-5)  # type: ignore[index,call-overload,operator]
     patch = usual.artifacts["sunlight"]
     write_mask(tmp_path / "more.png", patch)  # type: ignore[arg-type]
@@ -103,7 +104,7 @@ def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, usual:
     asked = DetectParameters(mask_add=tmp_path / "more.png", mask_sunlight=tmp_path / "sun.png")
     lit = run(context(painted, tmp_path, parameters=asked))
     assert np.array_equal(lit.artifacts["sunlight"], thing), "a thing was sunlight, and the other way round"
-    assert not (lit.artifacts.get("furniture", thing & ~thing) & thing).any()  # type: ignore[operator,attr-defined]
+    assert np.array_equal(lit.artifacts["furniture"], (usual.artifacts["furniture"] | patch) & ~thing)  # type: ignore[operator]
     assert np.array_equal(lit.artifacts["target"], plain | patch | thing)
     write_mask(tmp_path / "more.png", more[:80, :160])
     with pytest.raises(ParameterError, match="160 x 80"):

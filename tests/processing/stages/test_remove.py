@@ -20,6 +20,7 @@ from processing.report.sections import remove_section
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
+from processing.stages.detect import drawn_over
 from processing.stages.parameters import RemoveParameters
 from processing.stages.remove import nothing_to_remove, run
 from processing.stages.upright import UNTRUSTED
@@ -179,6 +180,16 @@ def test_sunlight_that_is_kept_keeps_its_rim_too(tmp_path: Path) -> None:
     assert not np.asarray(alone.artifacts["filled"]).any()
     gone = run(context(tmp_path, **found))
     assert np.array_equal(np.asarray(gone.artifacts["filled"]), found["target"])
+
+
+def test_what_was_drawn_goes_though_sunlight_stays(tmp_path: Path) -> None:
+    """A thing that a user adds (--mask-add) has no margin, and may stand in a patch of sun: none of it stays."""
+    drawn = patch(slice(18, 24), slice(28, 40))
+    sun = patch(slice(22, 26), slice(20, 30)) & ~drawn
+    things = drawn_over("furniture", target(empty=True), [drawn, np.False_, np.False_])
+    found = {"target": grown(sun, math.radians(MARGIN_DEG)) | drawn, "sunlight": sun, "furniture": things}
+    kept = run(context(tmp_path, RemoveParameters(keep_sunlight=True), **found))
+    assert np.asarray(kept.artifacts["filled"])[drawn].all()
 
 
 def test_a_doubtful_room_is_not_emptied_unasked_and_what_stands_is_said(tmp_path: Path) -> None:
