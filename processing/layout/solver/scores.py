@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -203,9 +204,21 @@ def _bed_wall(floor: Floor, placed: Sequence[Stand]) -> float | None:
     values = []
     for bed in beds:
         sides = sum(1 for x0, x1, _, _ in bed.zones if x1 <= 0 or x0 >= 0)
-        behind = min(1.0, sum(_cover_m(floor.plan, bed, w) for w in floor.plan.windows) / bed.item.spec.size_m[0])
+        head = replace(bed, edge=_edge_behind(floor.plan, bed))
+        behind = min(1.0, sum(_cover_m(floor.plan, head, w) for w in floor.plan.windows) / bed.item.spec.size_m[0])
         values.append((0.5 if _head_at_wall(floor, bed) else 0.0) * (1 - behind) + 0.25 * min(2, sides))
     return float(np.mean(values))
+
+
+def _edge_behind(plan: FloorPlan, bed: Stand) -> int | None:
+    """Return the wall behind a bed's head: one that lies along its own wall has another there."""
+    (fx, fy), back = bed.facing(), -bed.item.spec.size_m[1] / 2
+    for k in (*([] if bed.edge is None else [bed.edge]), *range(len(plan.corners))):
+        corner, (ax, ay), _ = plan.edge(k)
+        x, y = bed.corners((0.0, 0.0, back, back))[0] - corner
+        if abs(fx * ax + fy * ay) < math.sqrt(0.5) and (k == bed.edge or abs(ax * y - ay * x) < AT_WALL_M):
+            return k
+    return None
 
 
 def _head_at_wall(floor: Floor, bed: Stand) -> bool:

@@ -119,6 +119,16 @@ def test_a_bed_along_the_wall_hides_its_length_of_it() -> None:
     assert soft_scores(Floor(plan), [screen])["in_sight"] == 1.0, "what hangs above it hides none of it"
 
 
+def test_a_window_beside_a_bed_is_not_behind_its_head() -> None:
+    """A single bed along wall 0, its head at wall 1: a window there is behind it, one in wall 0 at its side."""
+    corners, bed = [[0, 0], [4, 0], [4, 3], [0, 3]], Item("single-bed", ITEMS["single bed"])
+    along, across = Stand(bed, 3.0, 0.45, math.pi / 2, bed.id, 0), Stand(bed, 3.5, 1.0, 0.0, bed.id, 0)
+    for window, of_along, of_across in ((Window(0, 2.5, 4.0), 0.5, 0.0), (Window(1, 0.0, 1.0), 0.0, 0.5)):
+        floor = Floor(make_plan(corners, windows=[window]))
+        assert soft_scores(floor, [along])["bed_wall"] == of_along
+        assert soft_scores(floor, [across])["bed_wall"] == of_across
+
+
 def test_the_search_knows_how_much_wall_a_piece_along_it_hides() -> None:
     """A bed of 0.9 x 2 m along a wall, its end in the corner where a radiator of 0.5 m hangs."""
     rules, bed = built_in_rules().named("tight"), Item("single-bed", ITEMS["single bed"])
