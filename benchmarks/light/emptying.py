@@ -19,8 +19,8 @@ strength by the patches that it lights in the room (`sources.sun_strength`) is o
 often its interval holds the true one, over the ``clipped_sun`` rooms that show such a patch.
 
 ``infinigen_*``: rooms of another generator and another renderer (Infinigen Indoors, Cycles), furnished and emptied
-under the same daylight, as single panoramas in relative units without a picture of the sky; left out where they are not
-beside the checkout.
+under the same daylight (`benchmarks.light.independent`; made by `benchmarks.light.infinigen_rooms`);
+``infinigen_unseen_*``: the half of them that nobody looks at. A quick run takes one pair of pictures of the first half.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.light.albedo import outdoors_of_room, picture
+from benchmarks.light.independent import independent
 from benchmarks.sessions import write_session
-from benchmarks.shared_data import DATA
 from benchmarks.truth_rooms import LIGHT_QUALITY, room_model_of, truth_list, truth_of
 from benchmarks.whole.end_to_end import FULL_DIVISOR, FULL_ROOMS, QUICK_DIVISOR, QUICK_ROOMS, rig_profile, rows_of
-from benchmarks.whole.end_to_end_run import PANORAMA_PX, bias_pct, errors_of, taken_of
+from benchmarks.whole.end_to_end_run import PANORAMA_PX, taken_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.truth import TruthPictures
@@ -52,10 +52,7 @@ from processing.light.scene.standins import standins_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import GLASS, sight_of
 from processing.light.solver.stage import Stage
-from processing.pictures.exr import read_exr, read_exr_rgb
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
-from processing.pictures.preview import read_mask
-from processing.running.panorama_session import panorama_session
 from processing.running.requests import RunRequest
 from processing.running.runner import process
 from processing.sphere import Equirectangular, solid_angles
@@ -87,9 +84,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     clipped = [one for number, use in rooms for one in clipped_windows(number, use, PANORAMA_PX // divisor // 2)]
     lifted |= clipped_metrics("windows", clipped)
     lifted |= clipped_metrics("sun", [sun for one in rooms if (sun := clipped_sun(*one, PANORAMA_PX // divisor // 2))])
-    independent, notes = _independent()
-    lifted |= independent.get("lift", {})
-    others |= independent.get("keep", {})
+    found, notes = independent(quick=quick)
+    lifted |= found.get("lift", {})
+    others |= found.get("keep", {})
     return {"metrics": lifted, "rivals": {"keep": others}, "notes": [*(_line(row) for row in rows), *notes]}
 
 
@@ -185,44 +182,6 @@ def clipped_metrics(kind: str, found: Sequence[tuple[str, float, float, float, f
         f"clipped_{kind}_worst_stops": round(max(off), 2),
         f"clipped_{kind}_cover90_pct": round(100 * float(np.mean(inside)), 1),
     }
-
-
-def _independent() -> tuple[dict[str, dict[str, float]], list[str]]:
-    """Return metrics by ``--shade``, medians over the rooms of Infinigen, and notes."""
-    pairs = sorted(path.parent for path in (DATA / "infinigen").glob("*/furnished.exr"))
-    if not pairs:
-        return {}, [f"infinigen: left out, no pairs of pictures in {DATA / 'infinigen'}"]
-    rows = {shade: [infinigen_row(pair, shade) for pair in pairs] for shade in ("lift", "keep")}
-    names = ("filled_median_err_pct", "filled_bias_pct", "all_median_err_pct", "all_bias_pct")
-    found = {
-        shade: {f"infinigen_{name}": _median(mine, name) for name in names if any(name in row for row in mine)}
-        for shade, mine in rows.items()
-    }
-    return found, [f"infinigen {row['room']}, {shade}: {row}" for shade, mine in rows.items() for row in mine]
-
-
-def infinigen_row(pair: Path, shade: str) -> dict[str, Any]:
-    """Return the errors of one room, ``furnished.exr`` emptied and compared with ``empty.exr`` of the same folder."""
-    before, true = (read_exr_rgb(pair / f"{name}.exr")[0] for name in ("furnished", "empty"))
-    with tempfile.TemporaryDirectory() as folder:
-        session = panorama_session(pair / "furnished.exr", Path(folder) / pair.name)
-        asked: dict[str, object] = {"--shade": shade, "--doubtful-room": True}
-        done = process(session, RunRequest(quality=Quality.STANDARD, until="remove", options=asked))
-        row: dict[str, Any] = {
-            "room": pair.name,
-            "left_out": [s.stage for s in done.stages if s.summary.get("skipped")],
-        }
-        made = session / "stages" / "remove"
-        if not (made / "empty.exr").is_file():
-            return row
-        given = luminance_cd_m2(read_exr(session / "stages" / "calibrate" / "indoor.exr").rgb)
-        scale = np.float32(np.median(luminance_cd_m2(before)) / np.median(given))
-        rgb, filled = scale * read_exr(made / "empty.exr").rgb, read_mask(made / "filled.png")
-    ours, whole = luminance_cd_m2(rgb).astype(np.float64), np.ones(filled.shape, bool)
-    for name, where in (("filled", filled), ("all", whole)):
-        row |= errors_of(name, rgb, true, where)
-        row[f"{name}_bias_pct"] = bias_pct(ours, luminance_cd_m2(true).astype(np.float64), where)
-    return row
 
 
 def _metrics(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
