@@ -260,7 +260,8 @@ def rig_figures(curves: Curves, draws: Sequence[int], divisor: int, wanted: int)
     for key in found[0] if found else ():
         values = [one[key] for one in found]
         figures[f"hostile_{key}"] = float(np.median(values))
-        figures[f"hostile_{key.replace('_err_pct', '_worst_pct')}"] = max(values)
+        worst = key.replace("_err_pct", "_worst_pct") if key.endswith("_err_pct") else f"{key}_worst"
+        figures[f"hostile_{worst}"] = max(values)
     if found:
         figures["hostile_lux_cover95_pct"] = 100 * float(np.mean([one["lux_sigmas"] <= 1.96 for one in found]))
     notes += [" ".join(f"{key} {value:.2f}" for key, value in one.items()) for one in found]

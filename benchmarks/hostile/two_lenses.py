@@ -129,6 +129,7 @@ def error_of(image: RelativeImage, bracket: HostileBracket) -> tuple[float, floa
     tied = image.attributes.get(SEAM_KEY)
     seam = seam_mode(None, tied) if isinstance(tied, float) else seam_mode(None)
     picture = widened(picture, [*unmeasured_modes(picture), seam])
-    off = np.abs(shown * scale / np.maximum(truth, 1e-9) - 1)[good]
+    ratio = shown[good] * scale / truth[good]
+    off, stops = np.abs(ratio - 1), np.abs(np.log2(np.maximum(ratio, 1e-9)))
     sigma = np.hypot(picture.uncertainty[good], SCALE_SIGMA)
-    return float(np.median(np.abs(np.log2(1 + off)))), 100 * float(np.mean(off <= 1.96 * sigma))
+    return float(np.median(stops)), 100 * float(np.mean(off <= 1.96 * sigma))

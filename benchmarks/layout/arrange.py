@@ -4,16 +4,15 @@ Rooms: the shared floor plans (even-numbered ones served for tuning: `placed_all
 ones with slanted walls, bays, columns and 24 corners. Items: the built-in sets of eight, `living` where the label says
 so, else `bedroom`; rule set `tight` (paths of 0.6 m), and rooms >= 12 m2 by `standard` too. Every arrangement is judged
 anew by `verify` and by a 1 cm raster. For rooms >= 12 m2 that are not fully furnished, a full run tries every place of
-what was left out and asks an oracle (CP-SAT) whether any arrangement holds everything (`_layout_reasons.py`).
+what was left out and asks an oracle (CP-SAT) whether any arrangement holds everything (`benchmarks.layout.reasons`).
 Times are of one thread after warm-up (the search uses one): CPU time, which a busy machine changes less, and wall time.
 SceneEval's figures: out of bounds, collision, opening clearance (a door keeps one leaf's depth, at most 0.9 m, and its
 own width, in rooms whose doors have no known hand; a window 0.5 m against what is taller than its sill), navigability
-with its own walker (0.2 m). A full run keeps its rows and can be resumed (`_arrange_rows.py`).
+with its own walker (0.2 m). A full run keeps its rows and can be resumed (`benchmarks.layout.rows`).
 """
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +36,7 @@ Row = dict[str, Any]
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics and rivals; see the module's docstring."""
-    rooms = _rooms(quick=quick, seed=seed)
+    rooms, notes = _rooms(quick=quick, seed=seed)
     for plan, use, _ in rooms[:2]:  # warm-up: compiled code from the cache
         for n in (1, 7):
             arrange(plan, set_items(use), "tight", n=n)
@@ -47,21 +46,25 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     large = [row for (plan, _, _), row in zip(rooms, rows, strict=True) if plan.area_m2 >= MIN_AREA_M2]
     if not quick:
         time_plot(large, Path("arrange-time.png"))
-    return {"metrics": _metrics(rows, large), "rivals": _rivals(rows, large), "units": UNITS, "notes": _notes(large)}
+    return {
+        "metrics": _metrics(rows, large),
+        "rivals": _rivals(rows, large),
+        "units": UNITS,
+        "notes": notes + _notes(large),
+    }
 
 
-def _rooms(*, quick: bool, seed: int) -> list[tuple[FloorPlan, str, int]]:
-    """Return (plan, use, group), the large ones first; group: 0 tuning, 1 report, 2 generated."""
+def _rooms(*, quick: bool, seed: int) -> tuple[list[tuple[FloorPlan, str, int]], list[str]]:
+    """Return (plan, use, group), the large ones first, and notes; group: 0 tuning, 1 report, 2 generated."""
     numbered = list(enumerate(shared_rooms()))
     listed = [(n, room) for n, room in numbered if any(o["kind"] == "door" for o in room["openings"])]
     step = max(1, len(listed) // QUICK_ROOMS) if quick else 1
-    if len(listed) < len(numbered):
-        print(f"rooms without a door, refused: {len(numbered) - len(listed)}", file=sys.stderr)
+    notes = [f"{len(numbered) - len(listed)} of {len(numbered)} shared rooms have no door and are left out"]
     rooms = [(plan_of(r), use_of(r["label"]), n % 2) for n, r in listed[step // 2 :: step]]
     for kind in KINDS:
         for k in range(QUICK_GENERATED if quick else FULL_GENERATED):
             rooms.append((generated(kind, 900_000 + seed * 1000 + k), "bedroom" if k % 2 else "living", 2))
-    return sorted(rooms, key=lambda room: room[0].area_m2 < MIN_AREA_M2)
+    return sorted(rooms, key=lambda room: room[0].area_m2 < MIN_AREA_M2), notes
 
 
 def _metrics(rows: Sequence[Row], large: Sequence[Row]) -> dict[str, float]:
@@ -77,9 +80,7 @@ def _metrics(rows: Sequence[Row], large: Sequence[Row]) -> dict[str, float]:
         "layouts": sum(row["layouts"] for row in done),
         "rooms": len(rows),
         "refused_rooms": len(rows) - len(done),
-        "placed_all_pct": _placed_pct(large, 1),
-        "placed_all_tuning_pct": _placed_pct(large, 0),
-        "placed_all_generated_pct": _placed_pct(large, 2),
+        **_placed(large),
         "rooms_12m2": len(large),
         "named_reason_pct": _pct([bool(row["reasons"]) for row in unplaced]),
         "reasons_confirmed": sum(bool(row.get("confirmed")) for row in unplaced),
@@ -143,8 +144,13 @@ def _ratio(theirs: list[float], rows: Sequence[Row]) -> float:
     return round(float(np.median(theirs) / np.median([row["one_ms"][0] for row in rows])), 2)
 
 
-def _placed_pct(large: Sequence[Row], group: int) -> float:
-    return _pct([bool(row.get("complete")) for row in large if row["group"] == group])
+def _placed(large: Sequence[Row]) -> dict[str, float]:
+    """Return the shares of rooms that hold everything, by group; of a group without rooms none."""
+    groups = {"placed_all_tuning_pct": 0, "placed_all_pct": 1, "placed_all_generated_pct": 2}
+    found = {
+        key: [bool(row.get("complete")) for row in large if row["group"] == group] for key, group in groups.items()
+    }
+    return {key: _pct(values) for key, values in found.items() if values}
 
 
 def _pct(values: list[bool]) -> float:

@@ -3,7 +3,7 @@
 *Confirmed*: beside the pieces that stand, none of those left out has a legal place: all poses on a 5 cm grid are tried
 (at walls: every 5 cm along each, back or, by the solver's custom, a side to it; what stands free: every 5 cm of the
 floor, along the walls' directions), by the judge, not by the solver. A piece whose host is left out has none by rule.
-This is of the arrangement returned; whether any other holds everything is the oracle's question (`_arrange_oracle`).
+This is of the arrangement returned; whether any other holds everything is the oracle's question (`oracle`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 Rooms: simulated ones (test seeds) and generated boxes and L-shapes, by the rules `standard`, three alternatives, the
 camera's place kept free. Each is arranged as it is and with three draws of noise, uniform within 1 cm in every
-coordinate of a corner and at both ends of each opening. Pieces are matched by category, alternatives by rank.
+coordinate of a corner and at both ends of each opening. Pieces are matched by category, alternatives by rank; in a room
+that is refused once it is measured anew, all have moved.
 """
 
 from __future__ import annotations
@@ -36,12 +37,13 @@ OpeningT = TypeVar("OpeningT", Door, Window)
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return the share of alternatives in which every piece stays where it is, and how far the worst piece moves."""
     arrange(*boxed(0), "standard", n=ALTERNATIVES)  # warm-up: compiled code from the cache
-    rows = [_measured(plan, items, number) for number, (plan, items) in enumerate(rooms("test", quick, seed))]
-    rows = [row for row in rows if row is not None]
+    every = [_measured(plan, items, number) for number, (plan, items) in enumerate(rooms("test", quick, seed))]
+    rows = [row for row in every if row is not None]
     moved = np.concatenate([row["moved"] for row in rows])
     scores = [score for row in rows for score in row["scores"]]
     metrics = {
         "rooms": float(len(rows)),
+        "refused_rooms": float(len(every) - len(rows)),
         "steady_pct": round(100 * float(np.mean(moved < STEADY_M)), 1),
         "steady_first_pct": round(100 * float(np.mean(np.concatenate([r["first"] for r in rows]) < STEADY_M)), 1),
         "moved_p50_m": round(float(np.median(moved)), 3),
@@ -107,10 +109,9 @@ def _measured(plan: FloorPlan, items: list[Any], number: int) -> dict[str, Any] 
         start = time.process_time()
         first = arrange(plan, items, "standard", n=ALTERNATIVES)
         ms = 1e3 * (time.process_time() - start)
-        others = [arrange(noisy(plan, DRAWS * number + k), items, "standard", n=ALTERNATIVES) for k in range(DRAWS)]
     except LayoutError:
         return None
-    moved = [moves(first, other) for other in others]
+    moved = [moves(first, _anew(plan, items, DRAWS * number + k)) for k in range(DRAWS)]
     return {
         "moved": np.concatenate(moved),
         "first": [one[0] for one in moved if one],
@@ -120,9 +121,17 @@ def _measured(plan: FloorPlan, items: list[Any], number: int) -> dict[str, Any] 
     }
 
 
-def moves(first: Arrangements, other: Arrangements) -> list[float]:
+def _anew(plan: FloorPlan, items: list[Any], seed: int) -> Arrangements | None:
+    """Return the arrangements of a room measured anew; None where it is refused then."""
+    try:
+        return arrange(noisy(plan, seed), items, "standard", n=ALTERNATIVES)
+    except LayoutError:
+        return None
+
+
+def moves(first: Arrangements, other: Arrangements | None) -> list[float]:
     """Return how far each alternative's worst piece moved; one that is missing moved infinitely far."""
-    theirs = dict(enumerate(other.arrangements))
+    theirs = dict(enumerate(other.arrangements)) if other else {}
     return [moved_m(a, theirs[k]) if k in theirs else float("inf") for k, a in enumerate(first.arrangements)]
 
 

@@ -6,7 +6,7 @@ without lit lamps, ``lamps_*`` of those with. ``measured_pct`` is the share of p
 ``relight_median_err_pct``: the recovered room under another sky against the simulated room under it, luminance of all
 visible surfaces; as in `daylit relight`, what covers windows follows the light on them, and the land outside is that of
 the first picture. The light outdoors comes from a picture of the upper half with the sun in it; what lies below the
-horizon is not given. Rows are kept (`_render_rows`).
+horizon is not given. Rows are kept (`benchmarks.kept_rows`).
 """
 
 from __future__ import annotations

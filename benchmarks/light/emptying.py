@@ -5,7 +5,8 @@ where removal filled in; ``all_*``: all valid pixels; ``near_holes_*``: seen pix
 where ghosts would be; ``staged_*``: the first staged picture where furniture changes it, ``staged_above_15`` the number
 of rooms of which it is more than 15 % off; ``pane_worst_pct``: the worst pane's mean radiance towards the camera, of
 what the camera sees on it; ``pane_median_pct`` the median of the rooms' worst; ``depth_err_pct``: distance of the old
-furniture's stand-ins. Medians over rooms, but for the worst pane. ``cpu_s``: the stages light and remove together,
+furniture's stand-ins. Medians over the rooms that were emptied, but for the worst pane; ``rooms_not_emptied`` of all
+``rooms`` were refused, or nothing was found to remove. ``cpu_s``: the stages light and remove together,
 ``full_size_cpu_s``: the same of the first room at the rig's full size (not in a quick run). Rival: ``keep``, the same
 rooms with the shade kept (what every other tool does), in a quick run only on the first room.
 
@@ -186,6 +187,7 @@ def clipped_metrics(kind: str, found: Sequence[tuple[str, float, float, float, f
 
 def _metrics(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     found = {name: _median(rows, key) for name, key in KEYS.items() if any(key in row for row in rows)}
+    found |= {"rooms": len(rows), "rooms_not_emptied": sum(KEYS["filled_median_err_pct"] not in row for row in rows)}
     panes = [row["pane_worst_pct"] for row in rows if "pane_worst_pct" in row]
     spent = [sum(row["stage_cpu_s"].get(stage, 0.0) for stage in STAGES) for row in rows if "stage_cpu_s" in row]
     found |= {"pane_worst_pct": max(panes, default=0.0), "cpu_s": round(float(np.median(spent)), 2)}
@@ -198,4 +200,5 @@ def _median(rows: Sequence[dict[str, Any]], key: str) -> float:
 
 
 def _line(row: dict[str, Any]) -> str:
-    return f"{row['room']}: " + ", ".join(f"{name} {row[key]:.3g}" for name, key in KEYS.items() if key in row)
+    figures = ", ".join(f"{name} {row[key]:.3g}" for name, key in KEYS.items() if key in row)
+    return f"{row['room']}: {row.get('refused') or figures or row.get('left_out')}"

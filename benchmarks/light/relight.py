@@ -9,8 +9,8 @@ and twelve lights over one fresh render (wanted: at most 3). ``sun_err_deg``: di
 pvlib's own figures, largest. ``viewpoint_median_err_pct``: a simulated room's emptied panorama shown from 0.6 m lower,
 against the simulated room from there, what the camera saw but for windows; ``viewpoint_seen_pct`` how much of it that
 is. ``photo_*``: an emptied room's photograph at another time of the day against the simulated room then
-(`_relight_photo`), its light from a picture of that sky (``picture``) or the model's (``model``); ``unchanged``: the
-photograph as it is. Figures are medians over rooms; rows are kept (`_relight_rows`).
+(`relight_photo`), its light from a picture of that sky (``picture``) or the model's (``model``); ``unchanged``: the
+photograph as it is. Figures are medians over rooms; rows are kept (`benchmarks.kept_rows`).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ factors and daylight through openings (Walsh's closed form; CIE 171's roof and f
 ``radiance_diff_pct``: illuminance of a grid at table height in a room with a window under an even sky, against
 Radiance (`rtrace -I`, -ab 9; quick: 6), root mean square.
 
-**Time against error** (`_render_time`): rooms of test seeds, a third each with a small window and sun, a large window
+**Time against error** (`render_time`): rooms of test seeds, a third each with a small window and sun, a large window
 under clouds, and lamps at night; quick runs take one and look at fewer pixels. ``to_3_pct_cpu_s`` and ``to_1_5_..``:
 our CPU seconds for a panorama of 512 x 256 of that relative rms error, median of rooms. ``equal_error_speedup``: CPU
 time of Mitsuba's stock ``path`` with the sky as environment map, brought to 3 % by its own law (error falls with the
@@ -14,10 +14,10 @@ Radiance (mkillum, ambient cache): their CPU time over ours at their own error.
 
 **Staging**: ``changed_median_err_pct``: boxes staged with ``differential`` into a bare room against the furnished room
 rendered at length, where light or surface changed; ``unchanged_identical_pct``: kept pixels that are bit-identical.
-Full runs also stage furniture in simulated rooms by all four methods (`_render_methods`; rivals, with a contact
-sheet), and draw what pixels, triangles and error cost (`_render_growth`).
+Full runs also stage furniture in simulated rooms by all four methods (`render_methods`; rivals, with a contact sheet),
+and measure and draw what pixels, triangles and error cost (``growth_width``, ``full_size_*``: `render_growth`).
 
-Rows are kept (`_render_rows`): DAYLIT_BENCH_CPU_S ends a run after so much CPU time; run again to go on.
+Rows are kept (`benchmarks.kept_rows`): DAYLIT_BENCH_CPU_S ends a run after so much CPU time; run again to go on.
 """
 
 from __future__ import annotations
@@ -78,11 +78,10 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     notes = [f"analytic: worst is {worst}", *(_methods(row) for row in race)]
     found = growth(rows, quick=quick, seed=seed)
     widths = list(found["width"])
-    staged["growth_width"] = found["width"][widths[-1]]["cpu_s"] / found["width"][widths[0 if quick else 1]]["cpu_s"]
-    staged["full_size_cpu_s"], staged["full_size_peak_mb"] = (
-        found["width"][widths[-1]][k] for k in ("cpu_s", "peak_mb")
-    )
     if not quick:
+        largest = found["width"][widths[-1]]
+        staged["growth_width"] = largest["cpu_s"] / found["width"][widths[1]]["cpu_s"]
+        staged |= {"full_size_cpu_s": largest["cpu_s"], "full_size_peak_mb": largest["peak_mb"]}
         draw(found, race)
         methods, more = staged_by_methods(rows, seed)
         rivals |= methods

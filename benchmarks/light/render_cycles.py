@@ -1,6 +1,6 @@
 """A room in Blender's Cycles with portals and Open Image Denoise; run by a Python that has ``bpy``, not by ours.
 
-    PYTHON _render_cycles.py room.npz out.npz SAMPLES HEIGHT
+    PYTHON render_cycles.py room.npz out.npz SAMPLES HEIGHT
 
 ``room.npz``: triangles (N, 3, 3), part (N,), colour and emission (parts, 3), panes (p, 3, 3: corner, across, up), sky
 (h, 2 h, 3, centre towards +y), sun (7: direction, illuminance; empty without one), eye (3). ``out.npz``: picture

@@ -1,7 +1,7 @@
 """CIE 171:2006, 5.9 to 5.14: daylight through roof and facade openings, unglazed and glazed, by our own scene code.
 
 Black rooms of 4 x 4 x 3 m; the overcast and a uniform sky, ground of albedo 0.3 where it is seen. Against quadrature
-(`_analytic.through_opening_lux`); glass of 6 mm (0.88 head on, one sheet) by Fresnel's equations written anew here.
+(`analytic.through_opening_lux`); glass of 6 mm (0.88 head on, one sheet) by Fresnel's equations written anew here.
 """
 
 from __future__ import annotations

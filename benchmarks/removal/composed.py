@@ -1,4 +1,4 @@
-"""Real rooms with rendered furniture (`_remove_composites`), emptied as the pipeline does; rivals on the same hole."""
+"""Real rooms with rendered furniture (`composites`), emptied as the pipeline does; rivals on the same hole."""
 
 from __future__ import annotations
 
@@ -54,6 +54,9 @@ def composed_real(
         if all(not isinstance(row, str) for row in rows_of):
             mean = _rounded(np.mean(np.array(rows_of, np.float64), axis=0))
             found[name] = dict(zip([f"real_{key}" for key in REAL_KEYS[3:]], mean, strict=True))
+    for room, rivals_row in zip(names, theirs, strict=True):
+        failed = {name: row for name, row in rivals_row.items() if isinstance(row, str)}
+        notes += [f"{name} failed on {room} and has no means: {row}" for name, row in failed.items()]
     best = max(one["real_psnr_db"] for one in found.values())
     unseen = [i for i, name in enumerate(names) if name not in TUNED]
     metrics |= {"real_gain_db": round(metrics["real_psnr_db"] - best, 2), "real_rooms": len(mine)}

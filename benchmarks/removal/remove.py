@@ -1,9 +1,9 @@
 """Removal: near-periodic textures, generated floors, simulated rooms against the truly emptied ones; rivals beside.
 
-``npp_``: the two public textures of NPP-Net's samples, each with its own hole and blobs of 15 and 40 % (both were
-looked at while the method was made). ``new_``: patterns that were not: a photographed brick wall, generated tiles,
-chequers and herringbone of test seeds. ``rough_``: what does not repeat (photographed gravel and grass, generated
-laminate and carpet). Floors one by one: test seeds, lit and in perspective, laid flat. Rooms: test seeds, furnished
+``npp_``: the two public textures of NPP-Net's samples, each with its own hole and, in full runs, blobs of 15 and 40 %
+(both were looked at while the method was made). ``new_``: patterns that were not: a photographed brick wall, generated
+tiles, chequers and herringbone of test seeds. ``rough_``: what does not repeat (photographed gravel and grass,
+generated laminate and carpet). Floors one by one: test seeds, lit and in perspective, laid flat. Rooms: test seeds, furnished
 against emptied under the same sky; the mask is the true one, 2 pixels wider, with the near shadows.
 `room_median_err_pct` holds also what furniture takes from the light of the whole room, which no filling may put back
 without changing what is seen; `room_consistent_err_pct` is against the emptied room scaled by what the *unmasked*
@@ -11,9 +11,9 @@ pixels of each half lost. ``composed_``: exact truth: the same masks on the empt
 had been put into their pictures and covered with the mask. ``large_``: 2048 x 1024, the rooms whose truth is kept at
 that size. `room_seamless_err_pct` is the error of the truth itself, made to join the darker surroundings: what no
 filling gets below. `room_edge_sharpness`: steepest step across filled edges of the room over the true one. ``real_``:
-furniture rendered into real pictures (`_remove_composites`); `real_smooth_err_pct` of means over some pixels, as the
-loops of a carpet are nobody's to guess. ``_texture``: the texture distance (`_remove_scores`), 0 is alike.
-``_gain_db``: over the best rival. Rows are kept (`_remove_rows`).
+furniture rendered into real pictures (`composites`); `real_smooth_err_pct` of means over some pixels, as the
+loops of a carpet are nobody's to guess. ``_texture``: the texture distance (`scores`), 0 is alike.
+``_gain_db``: over the best rival. Rows are kept (`benchmarks.kept_rows`).
 Published figures are quoted in docs/reference/removal.md.
 """
 

@@ -3,10 +3,10 @@
 All scores are by solid angle. Simulated rooms: furniture is what stands on the floor and what stands on that (rugs and
 what hangs on walls are fixtures, shelves on walls are left out); sunlight is scored where direct sun covers at least
 0.2 % of the sphere on floor and walls (``sunlight_iou_sim``), and the false share elsewhere is given. Masks without
-"true_room" are found with the estimated room. Of the two real rooms with hand-drawn masks, bedroom_hn was looked at
-while this was made; hotel_visualizer was only scored. ``target`` recall counts the mask that is removed, margin and
-shadows included. ``full_`` keys: one room at 6720 x 3360; ``penn_`` and ``coda_``: the paper's rooms
-(`benchmarks.room.detect_paper`). A full run keeps its rows (`benchmarks.kept_rows`).
+"true_room" are found with the estimated room; where it is refused, nothing is (``refused_rooms``). Of the two real
+rooms with hand-drawn masks, bedroom_hn was looked at while this was made; hotel_visualizer was only scored. ``target``
+recall counts the mask that is removed, margin and shadows included. ``full_`` keys: one room at 6720 x 3360; ``penn_``
+and ``coda_``: the paper's rooms (`benchmarks.room.detect_paper`). A full run keeps its rows (`benchmarks.kept_rows`).
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             for name in (QUICK_SUN if quick else FURNISHED)
         }
         metrics["false_sun_pictures"] = sum(share > 0 for share in sunny.values())
-        notes.append("direct sun in pictures without any: " + ", ".join(f"{k} {v:.2%}" for k, v in sunny.items()))
+        metrics["false_sun_refused"] = sum(share < 0 for share in sunny.values())
+        said = (f"{name} {'refused' if share < 0 else f'{share:.2%}'}" for name, share in sunny.items())
+        notes.append("direct sun in pictures without any: " + ", ".join(said))
     metrics["seconds"] = round(max(one["seconds"] for one in (*found, *real.values())), 2)
     if not quick:
         metrics |= kept.row("full size", lambda: _full(*rooms[0]))
@@ -194,14 +196,16 @@ def _simulated(number: int, use: Use) -> dict[str, Any]:
     try:
         ours = estimated(image, evidence, sun_of(room))
     except ProcessingError as error:
-        notes.append(f"{room.name}: no room ({error.message}); masks with the true one")
-        ours = true
+        notes.append(f"{room.name}: no room ({error.message}), so that nothing is detected")
+        ours = None
     end_s = time.process_time()
-    found = _masks(image, evidence, ours, room)
+    none = np.zeros(masks.furniture.shape, bool)
+    found = Masks(none, none, none, none, none) if ours is None else _masks(image, evidence, ours, room)
     seconds = time.process_time() - end_s + middle_s - start_s
     known = _masks(image, evidence, true, room)
     sunlit = share(masks.sunlight)
     result: dict[str, Any] = {"name": room.name, "seconds": seconds, "sunlit": sunlit, "notes": notes}
+    result["refused"] = ours is None
     result["ours"] = score(found.furniture, masks.furniture, masks.ignore)
     result["true_room"] = score(known.furniture, masks.furniture, masks.ignore)
     result["target"] = score(found.target, masks.furniture | masks.equipment, masks.ignore)
@@ -266,14 +270,14 @@ def _fused(image: RelativeImage, own: SceneEvidence, name: str) -> dict[str, Any
 
 
 def _false_sun(name: str) -> float:
-    """Return the share of the sphere that is taken for direct sun in a furnished picture without any."""
+    """Return the share of the sphere that is taken for direct sun in a furnished picture without any; -1: refused."""
     image = photograph(picture_file(name))
     own = scene_evidence(image)
     evidence = fused(own, image, open_installed(MODEL)) if MODEL.is_file() else own
     try:
         return share(find_masks(image, evidence, estimated(image, evidence)).sunlight)
     except ProcessingError:
-        return 0.0
+        return -1.0
 
 
 def _simulated_metrics(found: list[dict[str, Any]]) -> dict[str, float]:
@@ -290,6 +294,7 @@ def _simulated_metrics(found: list[dict[str, Any]]) -> dict[str, float]:
         "equipment_left_sim": round(max(one["equipment_left"] for one in found), 4),
         "sunlight_false_share_pct": round(100 * max(one["false_sun"] for one in found), 3),
         "sunny_rooms": len(sunny),
+        "refused_rooms": sum(one["refused"] for one in found),
     } | _sun_metrics(sunny)
 
 

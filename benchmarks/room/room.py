@@ -84,9 +84,8 @@ def _row(found: Estimated, true: RoomModel) -> dict[str, Any]:
         "cpu_s": sum(found.cpu_s.values()),
     }
     row["rivals"] = {name: score_room(room, true).iou3d for name, room in rivals_of(found).items()}
-    openings: dict[str, Any] = {"window": [], "window_false": 0}
-    if found.estimate:
-        openings = score_openings(true, found.estimate.room, found.openings)
+    # Of a room that is refused all windows are missed.
+    openings = score_openings(true, found.estimate.room if found.estimate else true, found.openings)
     return row | {"windows": openings["window"], "windows_false": openings["window_false"]}
 
 

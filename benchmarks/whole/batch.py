@@ -1,6 +1,6 @@
 """Many sessions through `daylit batch`, a worker killed in the middle: all done or listed, none wrong; throughput.
 
-Sessions are the paper's 137 conditions in small rooms (`_batch_sessions`), processed up to `UNTIL`. "Wrong" is a
+Sessions are the paper's 137 conditions in small rooms (`batch_sessions`), processed up to `UNTIL`. "Wrong" is a
 session that is called done and whose results a second batch does not find whole and up to date, or whose results
 differ from those of a run without any batch.
 """

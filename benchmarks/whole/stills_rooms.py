@@ -75,12 +75,15 @@ def judged(seed: int, *, quick: bool) -> dict[str, Any]:
     start_s, limit_s = time.process_time(), float(os.environ.get("DAYLIT_BENCH_CPU_S", "inf"))
     rooms = truth_list("test", QUICK_ROOMS if quick else FULL_ROOMS, seed)
     shots: dict[str, list[Judged]] = {}
+    not_staged: list[str] = []
     for number, use in rooms:
         if shots and time.process_time() - start_s > limit_s:
             break
         session = room_session(number, use, seed, quick=quick)
         if (session / "stages" / "render" / "staged-1.exr").is_file():
             shots[f"{use}-{number}"] = stills_of(session)
+        else:
+            not_staged.append(f"{use}-{number}: not staged")
     niqe = {
         room: {way: statistics.fmean(naturalness(one.pictures[way]) for one in found) for way in WAYS}
         for room, found in shots.items()
@@ -89,6 +92,7 @@ def judged(seed: int, *, quick: bool) -> dict[str, Any]:
     grades = [statistics.fmean(one["grades"].values()) for one in tomllib.loads(GRADES.read_text("utf-8")).values()]
     metrics = {
         "stills_rooms": len(shots),
+        "stills_rooms_not_staged": len(not_staged),
         "stills": sum(map(len, shots.values())),
         "niqe_captured": mean["captured"],
         "niqe_staged": mean["staged"],
@@ -96,7 +100,8 @@ def judged(seed: int, *, quick: bool) -> dict[str, Any]:
         "realism_share_at_4": round(sum(one >= SHOWABLE for one in grades) / len(grades), 3),
     }
     notes = [f"{room}: NIQE " + ", ".join(f"{way} {row[way]:.2f}" for way in WAYS) for room, row in niqe.items()]
-    return {"metrics": metrics, "rivals": {k: {"niqe_staged": mean[k]} for k in WAYS[2:]}, "notes": notes}
+    rivals = {k: {"niqe_staged": mean[k]} for k in WAYS[2:]}
+    return {"metrics": metrics, "rivals": rivals, "notes": [*notes, *not_staged]}
 
 
 def room_session(number: int, use: Any, seed: int, *, quick: bool) -> Path:

@@ -70,7 +70,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         folder = Path(place)
         truths = {number: truth(number) for number in seeds("test", count, seed)}
         made = {number: make_session(folder, f"room {number}", wrong(room), room) for number, room in truths.items()}
-        large = make_session(folder, "large", wrong(room := next(iter(truths.values()))), room, 2 if quick else FULL)
+        times = 2 if quick else FULL
+        large = make_session(folder, "large", wrong(room := next(iter(truths.values()))), room, times)
         light = studio_lit.session(folder, next(iter(truths)), quick=quick)
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
         with served(folder) as (links, server):
@@ -117,7 +118,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "notes": [
             "preview_s: of one object clicked away; first_preview_s: with the start of the program that makes it",
             "relit_ms: from a move of a dragged piece to its picture in the captured light; worst: the slowest piece",
-            "full_size_s: until a panorama of full size is on the screen with its numbers; server and tab meanwhile",
+            f"full_size_s: until a panorama of {times * SIZE_PX[0]} pixels across is on the screen with its numbers "
+            "(of full size in full runs alone); server and tab meanwhile",
         ],
     }
 
