@@ -3,8 +3,8 @@
 ``npp_``: the two public textures of NPP-Net's samples, each with its own hole and, in full runs, blobs of 15 and 40 %
 (both were looked at while the method was made). ``new_``: patterns that were not: a photographed brick wall, generated
 tiles, chequers and herringbone of test seeds. ``rough_``: what does not repeat (photographed gravel and grass,
-generated laminate and carpet). Floors one by one: test seeds, lit and in perspective, laid flat. Rooms: test seeds, furnished
-against emptied under the same sky; the mask is the true one, 2 pixels wider, with the near shadows.
+generated laminate and carpet). Floors one by one: test seeds, lit and in perspective, laid flat. Rooms: test seeds,
+furnished against emptied under the same sky; the mask is the true one, 2 pixels wider, with the near shadows.
 `room_median_err_pct` holds also what furniture takes from the light of the whole room, which no filling may put back
 without changing what is seen; `room_consistent_err_pct` is against the emptied room scaled by what the *unmasked*
 pixels of each half lost. ``composed_``: exact truth: the same masks on the emptied rooms themselves, as if furniture
