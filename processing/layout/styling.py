@@ -135,7 +135,7 @@ class _Room:
         for edge in range(len(self.plan.corners)):
             along, away = self.along(edge, item)
             back_m, middle_m = away[:2], along.mean()
-            if -0.05 < back_m.min() and back_m.max() < NEAR_WALL_M and 0 < middle_m < self.plan.edge(edge)[2]:
+            if back_m.min() > -0.05 and back_m.max() < NEAR_WALL_M and 0 < middle_m < self.plan.edge(edge)[2]:
                 return edge
         return None
 

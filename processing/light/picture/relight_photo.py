@@ -15,7 +15,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int64s
 from processing.light.scene.scene import Outdoors, Pane, Scene
-from processing.light.solver.relight import RelightView, Relit, panes_for_sun
+from processing.light.solver.relight import RelightView, Relit
 from processing.light.solver.sight import GLASS, looked_up
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, directions, solid_angles
@@ -132,10 +132,10 @@ def _window(photograph: Floats, view: RelightView, chosen: Int64s, lights: tuple
 def _covered(view: RelightView, chosen: Int64s) -> np.ndarray:
     """Return which pixels see what covers a pane: bars, curtains, blinds."""
     out, sight = np.zeros(len(chosen), bool), view.full
-    for number, pane in enumerate(panes_for_sun(view.stage.scene.panes, view.basis.eye_m[2])):
+    for number, pane in enumerate(view.stage.scene.panes):
         mine = np.flatnonzero(sight.pane[chosen] == number)
         row, column = pane.cells(sight.point[chosen[mine]])
-        out[mine] = pane.clear[row, column] < 0.5
+        out[mine] = pane.clear_for_sun[row, column] < 0.5
     return out
 
 

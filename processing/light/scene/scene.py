@@ -187,6 +187,13 @@ class Pane:
     """(H, W, 3), of the size of ``clear``: radiance of what covers it, towards the room."""
     sheets: int = 0
     """Of clear glass: ``transmittance`` is then that head on, and falls with the angle (`glass`); 0: alike at all."""
+    sun_clear: Floats | None = None
+    """(H, W): ``clear`` for the sun's beam, which no tree behind the glass stops; as ``clear`` where not known."""
+
+    @property
+    def clear_for_sun(self) -> Floats:
+        """Return how much of each cell (H, W) the sun's beam passes, 0 to 1."""
+        return self.clear if self.sun_clear is None else self.sun_clear
 
     def through(self, rays: npt.NDArray[np.floating]) -> Floats:
         """Return the transmittance (N, 3) of the clear glass along rays (N, 3), unit."""
@@ -210,7 +217,10 @@ class Pane:
             raise MaterialError(f"a transmittance of {self.transmittance}", where=where, advice="give 0 to 1")
         if self.veil_cd_m2.shape != (*self.clear.shape, 3):
             raise SceneError("veil and clear share of a pane differ in size", advice="give (h, w, 3) and (h, w)")
-        _check_albedo(where, self.clear)
+        if self.clear_for_sun.shape != self.clear.shape:
+            raise SceneError("a pane's clear shares differ in size", advice="give (h, w) for both")
+        for share in (self.clear, self.clear_for_sun):
+            _check_albedo(where, share)
         _check_emission(where, self.veil_cd_m2)
 
     def shares(self, points: npt.NDArray[np.floating]) -> tuple[Doubles, Doubles]:

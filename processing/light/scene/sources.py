@@ -25,6 +25,7 @@ from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up, seen_outdoors
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
+from processing.light.solver.sun import clear_of_sun
 from processing.light.solver.transport import bounced, links_of, patch_points
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
@@ -158,11 +159,12 @@ def _covered(stage: Stage, pane: Pane, outdoors: Outdoors, panorama: Floats, eye
     veil = np.where((clear == 1)[:, None], 0, shown)
     if seen.any():
         clear[~seen], veil[~seen] = clear[seen].mean(), veil[seen].mean(axis=0)
-    return replace(
+    found = replace(
         pane,
         clear=clear.reshape(rows, columns).astype(np.float32),
         veil_cd_m2=veil.reshape(rows, columns, 3).astype(np.float32),
     )
+    return replace(found, sun_clear=clear_of_sun(found, eye_m[2]))
 
 
 def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Rgb) -> Floats | None:

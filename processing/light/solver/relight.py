@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from processing.errors import RelightError
-from processing.ground.arrays import Flags, Floats
-from processing.light.scene.scene import Outdoors, Pane
+from processing.ground.arrays import Floats
+from processing.light.scene.scene import Outdoors
 from processing.light.solver.basis import LightBasis, scene_digest
 from processing.light.solver.irradiance import cleaned, denoiser_available, relative_error
 from processing.light.solver.sight import albedo_of, emission_of, seen_outdoors, sight_of
@@ -21,53 +21,6 @@ from processing.light.solver.sun import sun_of, sunlight
 from processing.light.solver.transport import bounced, patch_points, settled
 from processing.light.solver.upsample import Neighbours, Places, Steps
 from processing.sphere import Equirectangular, Perspective
-
-MOST = 0.7  # of a row or a column, from which on what is covered runs along it
-BAR_M = 0.12
-"""As wide as a bar in the middle of a window may be; what is wider and does not hang from its top is outdoors."""
-DRAWN = 0.85  # of what is seen before the sky: covered as much, all of it is a drawn blind or curtain
-
-
-def panes_for_sun(panes: tuple[Pane, ...], eye_height_m: float) -> tuple[Pane, ...]:
-    """Return the panes with what shades the sun: ``clear`` of the same size, 0 or 1."""
-    return tuple(replace(pane, clear=clear_of_sun(pane, eye_height_m)) for pane in panes)
-
-
-def clear_of_sun(pane: Pane, eye_height_m: float) -> Floats:
-    """Return which cells (H, W) of a pane let the sun in, 0 or 1; ``eye_height_m``: from where it was looked through.
-
-    A pane of a single cell is left as it is: nothing is known of where its covering is.
-    """
-    if pane.clear.size == 1:
-        return pane.clear
-    covered = pane.clear < 0.5
-    rows, columns = covered.shape
-    high_m, wide_m = (float(np.linalg.norm(v)) for v in (pane.up_m, pane.across_m))
-    height = pane.corner_m[2] + pane.up_m[2] * (1 - (np.arange(rows) + 0.5) / rows)
-    sky = height > eye_height_m
-    if sky.mean() < 0.2:
-        sky = np.ones(rows, bool)
-    if covered[sky].mean() >= DRAWN:
-        return np.where(covered, np.float32(0), np.float32(1))
-    upright = covered[sky].mean(axis=0) >= MOST
-    level = covered.mean(axis=1) >= MOST
-    hung = np.logical_and.accumulate(level)
-    bars = _thin(level & ~hung, BAR_M * rows / max(high_m, 1e-9))
-    curtains = np.logical_and.accumulate(upright) | np.logical_and.accumulate(upright[::-1])[::-1]
-    posts = _thin(upright & ~curtains, 2 * BAR_M * columns / max(wide_m, 1e-9))
-    shut = (hung | bars)[:, None] | (curtains | posts)[None, :]
-    return np.where(shut, np.float32(0), np.float32(1))
-
-
-def _thin(flags: Flags, most: float) -> Flags:
-    """Return the runs of true values that are at most so long (at least one is always thin)."""
-    out = np.zeros_like(flags)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - start <= max(most, 1.0):
-            out[start:end] = True
-    return out
-
 
 PATCH_SHOTS, PIXEL_SHOTS = 4, 2  # at what the sun lights; chosen (benchmark relight)
 SUN_PLACES = 16  # places on each patch from which the sun is looked for
@@ -129,11 +82,10 @@ class RelightView:
             both = zip(panes, veils, strict=True)
             panes = tuple(replace(p, veil_cd_m2=p.veil_cd_m2 * np.float32(v)) for p, v in both)
         stage = self.stage.under(outdoors, panes)
-        sunny = self.stage.under(outdoors, panes_for_sun(panes, self.basis.eye_m[2]))
-        small, error = self._irradiance(stage, sunny, seed)
+        small, error = self._irradiance(stage, seed)
         full = self.full
         sky = small.reshape(-1, 3) if self._steps is None else self._steps.apply(small)
-        sun = sun_of(sunny, full, self.basis.effort.sun_samples, seed)
+        sun = sun_of(stage, full, self.basis.effort.sun_samples, seed)
         light = sky + sun
         rgb = self.albedo * light * np.float32(1 / np.pi) + self.emission
         glass = np.flatnonzero(full.pane >= 0)
@@ -142,14 +94,14 @@ class RelightView:
         shape = (*full.shape, 3)
         return Relit(rgb.reshape(shape), light.reshape(shape), sun.reshape(shape), error)
 
-    def _irradiance(self, stage: Stage, sunny: Stage, seed: int) -> tuple[Floats, float]:
+    def _irradiance(self, stage: Stage, seed: int) -> tuple[Floats, float]:
         """Return the small picture's irradiance (H, 2 H, 3) without the sun's own disc, and its relative error."""
         basis = self.basis
         values = sky_values(stage.scene.outdoors, stage.scene.panes)
         # The light of all patches but for lamps, which the basis holds
         first = np.zeros((stage.patches.count, 3), np.float32)
         add_sky(self.basis.patch_sky, self._colours, values, first, np.zeros(len(first), np.float32))
-        sun = sunlight(sunny, self._places, stage.patches.normal, SUN_PLACES, (seed, 87))
+        sun = sunlight(stage, self._places, stage.patches.normal, SUN_PLACES, (seed, 87))
         given = first.astype(np.float64), sun, np.zeros_like(sun)
         light = settled(stage, self.basis.patch_links, given, self._places, PATCH_SHOTS, (seed, 88))
         out, apart = basis.fixed.copy(), np.zeros(len(basis.pixel), np.float32)

@@ -14,7 +14,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
 from processing.ground.kernels import compiled, inner
-from processing.light.scene.scene import Sun
+from processing.light.scene.scene import Pane, Sun
 from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, random, towards_panes
 from processing.light.solver.sight import Sight
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
@@ -23,6 +23,48 @@ RIM_RAYS, RIM_AREA = 12, 0.98
 """Rays to the sun's rim (as a share of its area): if they agree, less than 2 % of the disc can look otherwise."""
 BLOCK_RAD, MOST_STEP = 0.004, 8
 """Width of a block: 1 cm at 2.5 m, thinner than what shades a room; in pixels at most ``MOST_STEP``. Chosen."""
+
+
+ALONG = 0.7  # of a row or a column, from which on what is covered runs along it
+BAR_M = 0.12
+"""As wide as a bar in the middle of a window may be; what is wider and does not hang from its top is outdoors."""
+DRAWN = 0.85  # of what is seen before the sky: covered as much, all of it is a drawn blind or curtain
+
+
+def clear_of_sun(pane: Pane, eye_height_m: float) -> Floats:
+    """Return which cells (H, W) of a pane let the sun in, 0 or 1; ``eye_height_m``: from where it was looked through.
+
+    A pane of a single cell is left as it is: nothing is known of where its covering is.
+    """
+    if pane.clear.size == 1:
+        return pane.clear
+    covered = pane.clear < 0.5
+    rows, columns = covered.shape
+    high_m, wide_m = (float(np.linalg.norm(v)) for v in (pane.up_m, pane.across_m))
+    height = pane.corner_m[2] + pane.up_m[2] * (1 - (np.arange(rows) + 0.5) / rows)
+    sky = height > eye_height_m
+    if sky.mean() < 0.2:
+        sky = np.ones(rows, bool)
+    if covered[sky].mean() >= DRAWN:
+        return np.where(covered, np.float32(0), np.float32(1))
+    upright = covered[sky].mean(axis=0) >= ALONG
+    level = covered.mean(axis=1) >= ALONG
+    hung = np.logical_and.accumulate(level)
+    bars = _thin(level & ~hung, BAR_M * rows / max(high_m, 1e-9))
+    curtains = np.logical_and.accumulate(upright) | np.logical_and.accumulate(upright[::-1])[::-1]
+    posts = _thin(upright & ~curtains, 2 * BAR_M * columns / max(wide_m, 1e-9))
+    shut = (hung | bars)[:, None] | (curtains | posts)[None, :]
+    return np.where(shut, np.float32(0), np.float32(1))
+
+
+def _thin(flags: Flags, most: float) -> Flags:
+    """Return the runs of true values that are at most so long (at least one is always thin)."""
+    out = np.zeros_like(flags)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - start <= max(most, 1.0):
+            out[start:end] = True
+    return out
 
 
 class _Glass(NamedTuple):
@@ -47,7 +89,7 @@ def _glass_of(stage: Stage, sun: Sun) -> _Glass:
     first = np.cumsum([0] + [p.clear.size for p in panes[:-1]])
     sizes = [(*p.clear.shape, start) for p, start in zip(panes, first, strict=True)]
     tints = [p.through(towards)[0] for p in panes]
-    clear = np.concatenate([p.clear.ravel() for p in panes]).astype(np.float32)
+    clear = np.concatenate([p.clear_for_sun.ravel() for p in panes]).astype(np.float32)
     arrays = np.array(frames, np.float64), np.array(sizes, np.int32), np.array(tints, np.float64), clear
     return _Glass(stage.patches.owner, stage.patches.item, *arrays)
 

@@ -16,6 +16,7 @@ from processing.light.scene.sources import measured_windows
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import FIRST_PART, GLASS, albedo_of, looked_up, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
+from processing.light.solver.sun import sun_of
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import planes_of
@@ -177,6 +178,26 @@ def test_a_pane_gives_the_camera_what_the_camera_sees_on_it(cover: str, ground: 
     # How clear it is above the horizon; below, a grey blind looks like a grey street.
     high, up = rays[:, 2] > 0.02, panes[0].clear[: round(len(panes[0].clear) * float(v[rays[:, 2] > 0.02].max()))]
     assert up.mean() == pytest.approx((shown == through).all(axis=1)[high].mean(), abs=0.1)
+
+
+def test_a_tree_behind_the_glass_keeps_skylight_off_and_not_the_sun() -> None:
+    sun = Sun(tuple(np.array([0.2, -0.75, 0.6]) / np.linalg.norm([0.2, -0.75, 0.6])), (7e4, 7e4, 7e4))
+    stage = Stage.of(scene_of(box_room(), uniform_sky(SKY_CD_M2, sun), colours, reveal_m=0.2), 0.5)
+    sight = sight_of(stage, Equirectangular(2 * GLASS_ROWS, GLASS_ROWS), EYE)
+    glass = np.flatnonzero(sight.label == GLASS)
+    u, v = stage.scene.panes[0].shares(sight.point[glass])
+    rgb = np.full((len(sight.label), 3), 30.0, np.float32)
+    rgb[glass] = GLASS_SHARE * looked_up(stage.scene.outdoors.rgb, sight.rays[glass])
+    post, tree = u < 0.1, np.hypot(u - 0.6, v - 0.45) < 0.22
+    rgb[glass[post | tree]] = 150.0
+    seen = rgb.reshape(*sight.shape, 3)
+    (pane,), outdoors, _ = measured_windows(stage, sight, seen, np.ones(sight.shape, bool), EYE)
+    rows, columns = pane.clear.shape
+    assert pane.clear[round(0.45 * rows), round(0.6 * columns)] < 0.1
+    assert pane.clear_for_sun[1:, round(0.15 * columns) : -1].all()
+    assert not pane.clear_for_sun[:, : round(0.05 * columns)].any()
+    found, ragged = (stage.under(outdoors, (one,)) for one in (pane, replace(pane, sun_clear=None)))
+    assert sun_of(found, sight, 32, 0).sum() > 1.1 * sun_of(ragged, sight, 32, 0).sum()
 
 
 def wall_as_seen(albedo: np.ndarray, light: np.ndarray, density: np.ndarray | float = 1.0) -> Texture:

@@ -7,7 +7,7 @@ import pytest
 
 from processing.light.picture.relight_photo import bare_sky, land_of, level_lx, with_captured_land
 from processing.light.scene.scene import Outdoors, Pane
-from processing.light.solver.relight import clear_of_sun, panes_for_sun
+from processing.light.solver.sun import clear_of_sun
 from tests.processing.light.rooms import uniform_sky
 from tests.processing.light.test_relight import sun_at
 
@@ -49,8 +49,7 @@ def test_trees_and_shadows_on_the_ground_do_not() -> None:
     tree, hedge, speck = (slice(6, 22), slice(12, 22)), (slice(16, 24), ALL), (slice(20, 21), slice(3, 30))
     assert clear_of_sun(pane_with(tree, speck), EYE_M).all()
     assert clear_of_sun(pane_with(hedge), EYE_M).all()
-    (both,) = panes_for_sun((pane_with(tree, BARS["post"][0]),), EYE_M)
-    assert (both.clear == pane_with(BARS["post"][0]).clear).all()
+    assert (clear_of_sun(pane_with(tree, BARS["post"][0]), EYE_M) == pane_with(BARS["post"][0]).clear).all()
 
 
 def test_drawn_and_unknown_coverings_stay() -> None:
