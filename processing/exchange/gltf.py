@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Doubles, Floats, Indices, Vector
 from processing.ground.colour import srgb_of_linear
+from processing.ground.mesh import y_up
 from processing.ground.room_model import RoomModel
 from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Sun, Surface
@@ -182,12 +183,6 @@ def _welded(corners: Floats) -> tuple[Floats, Indices]:
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     return corners[first[order]], place[same.ravel()]
-
-
-def y_up(vectors: npt.NDArray[np.floating]) -> Floats:
-    """Return (N, 3) vectors of our frame (z up, metres) in glTF's (y up, metres)."""
-    # Adding 0 makes -0 plain.
-    return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)
 
 
 MODEL_PX_PER_M, MOST_DETAIL = 220.0, 1.5

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Int32s, Vector
+from processing.ground.arrays import Doubles, Floats, Int32s, Vector
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,12 @@ def crosses(vertices: Doubles, faces: npt.NDArray[np.integer]) -> Doubles:
     """Return normals (M, 3) of faces (M, 3) over vertices (N, 3), as long as twice each face's area in m2."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
+
+
+def y_up(vectors: npt.NDArray[np.floating]) -> Floats:
+    """Return (N, 3) vectors of our frame (z up, metres) in glTF's (y up, metres)."""
+    # Adding 0 makes -0 plain.
+    return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)
 
 
 def grid_faces(rows: int, columns: int) -> Int32s:

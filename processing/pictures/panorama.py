@@ -46,6 +46,8 @@ class PhotoTags:
     orientation: int
     profile: bytes
     """ICC."""
+    adobe: bool = False
+    """Its EXIF says Adobe RGB (DCF's mark R03), as cameras do that embed no profile."""
 
 
 def read_tags(path: Path) -> PhotoTags:
@@ -59,6 +61,7 @@ def read_tags(path: Path) -> PhotoTags:
                 profile = image.info.get("icc_profile") or b""
                 packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
                 orientation = image.getexif().get(_ORIENTATION, 1)
+                adobe = b"R03\0" in (image.info.get("exif") or b"")
     except Exception:  # noqa: BLE001 (Pillow raises nearly anything over damaged files)
         return PhotoTags({}, 1, b"")
     raw = packet.encode("utf-8", "replace") if isinstance(packet, str) else bytes(packet)
@@ -66,6 +69,7 @@ def read_tags(path: Path) -> PhotoTags:
         gpano={key.decode(): value.decode("utf-8", "replace") for key, value in _TAG.findall(raw[:MAX_XMP_BYTES])},
         orientation=orientation if isinstance(orientation, int) else 1,
         profile=profile if len(profile) <= MAX_PROFILE_BYTES else b"",
+        adobe=adobe,
     )
 
 
@@ -95,7 +99,9 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
     ``codes``: (H, W, 3), uint8 or uint16.
     """
     if not tags.profile:
-        return codes, ()
+        return codes, (
+            "it is in Adobe RGB by its EXIF, without a profile: taken as sRGB, so colours are off",
+        ) * tags.adobe
     from PIL import Image, ImageCms
 
     levels, srgb = np.arange(256, dtype=np.uint8), ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))

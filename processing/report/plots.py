@@ -33,7 +33,7 @@ PAGE_WIDTH_PX = 1200  # chosen: a page's width
 
 
 def every_nth(picture: Floats) -> slice:
-    """Return which rows and columns of a picture (H, W, 3) a page shows, so that it is `PAGE_WIDTH_PX` wide at most."""
+    """Return which rows and columns of a picture, shape (H, W, 3) or (H, W), a page shows: `PAGE_WIDTH_PX` at most."""
     step = max(1, -(-picture.shape[1] // PAGE_WIDTH_PX))
     return slice(step // 2, None, step)
 
@@ -141,7 +141,7 @@ def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, 
 
 
 def luminance_picture(luminance: Floats, unit: str = "cd/m2") -> bytes:
-    """Return a JPEG (4:4:4) of luminance (H, W) in false colours with its scale, at most `MAP_PX` wide."""
+    """Return a JPEG (4:4:4) of luminance (H, W) in false colours with its scale, at most `PAGE_WIDTH_PX` wide."""
     small = _shrunk(luminance)
     low, high = display_range(small)
     return jpeg_bytes(with_legend(false_colour(small, low, high), legend(low, high, unit, small.shape[0])))
@@ -161,13 +161,10 @@ def cct_picture(rgb: Floats) -> bytes:
     return jpeg_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
 
 
-MAP_PX = 1200  # width of maps on the page; chosen by eye
-
-
 def _shrunk(values: Floats) -> Floats:
     """Return every n-th pixel: numbers stay numbers of the picture, no means of valid and invalid."""
-    step = max(1, -(-values.shape[1] // MAP_PX))
-    return values[step // 2 :: step, step // 2 :: step]
+    some = every_nth(values)
+    return values[some, some]
 
 
 def empty_figure(width_in: float, height_in: float) -> Figure:

@@ -131,6 +131,8 @@ def _take(marker: int, payload: bytes, walk: _Walk) -> None:
         if walk.exif is not None:
             raise FrameProblemError(Reason.EXIF_DAMAGED, "two EXIF segments, which may contradict each other")
         walk.exif = payload[len(_EXIF_MARK) :]
+        if b"R03\0" in walk.exif:  # DCF's mark of Adobe RGB; cameras embed no profile beside it
+            walk.notes.append("it is in Adobe RGB by its EXIF, and is taken as sRGB: strong colours are somewhat off")
     elif marker == _APP2 and payload.startswith(b"MPF\0"):
         walk.has_previews = True
     elif marker == _APP2 and payload.startswith(b"ICC_PROFILE\0\1") and not _SRGB.search(payload):

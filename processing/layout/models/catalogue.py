@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from processing.errors import CatalogueError, ModelFileError
-from processing.ground.arrays import Floats
+from processing.ground.mesh import y_up
 from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.bench import STYLES, style_named
@@ -307,8 +307,3 @@ def _trimesh(part: Part) -> Any:
     return trimesh.Trimesh(
         vertices=y_up(part.vertices), faces=part.faces, vertex_normals=y_up(part.normals), visual=visual, process=False
     )
-
-
-def y_up(vectors: Floats) -> Floats:
-    """Return (N, 3) vectors of our frame (z up) in glTF's (y up)."""
-    return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32)

@@ -259,6 +259,13 @@ def profile(name: str, xyz: np.ndarray, gamma: float) -> bytes:
 D50 = np.array([0.9642, 1.0, 0.8249])
 
 
+def test_adobe_rgb_that_only_exif_says_is_noted(tmp_path: Path) -> None:
+    block = Image.Exif()
+    block.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    assert any("Adobe RGB" in note for note in read_panorama(saved(tmp_path / "p.jpg", grey(), exif=block)).notes)
+    assert not read_panorama(saved(tmp_path / "p.jpg", grey())).notes
+
+
 @pytest.mark.parametrize(
     ("name", "xyz", "gamma"),
     [("Linear sRGB", SRGB_XYZ, 1.0), ("Adobe RGB (1998)", ADOBE_XYZ, 2.2), ("sRGB of nobody", ADOBE_XYZ, 2.2)],

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 import daylit
 from station.commands.sessions import import_session as command
@@ -20,7 +21,7 @@ from station.frames.importer import ImportReport, ImportRequest, import_session
 from station.session.session import SessionStatus, Side
 from station.session.store import load_manifest
 from station.session.verify import verify_session
-from tests.station.frames.pictures import dng, jpeg
+from tests.station.frames.pictures import dng, exif, jpeg
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "brackets"
 TIMES_S = (1 / 60, 4.0, 1.0, 1 / 15, 1 / 4)
@@ -230,6 +231,29 @@ def test_the_moment_is_known_where_the_zone_is(tmp_path, checker, room):
     assert {f.taken_utc for f in report.manifest.frames} == {None}
     report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone_min=-240)
     assert report.manifest.frames[0].taken_utc == datetime(2023, 5, 19, 19, 54, 10, tzinfo=UTC)
+
+
+def test_a_camera_whose_clock_was_reset_is_noticed_by_the_others(tmp_path, checker, room):
+    """A battery change sends old cameras back to their first year: dates and the sun's place would be of then."""
+    zone = {"camera_zone_min": -240}
+    for name, taken, warned in (("reset", "2008:01:01 00:03:10", True), ("true", "2023:05:19 15:58:00", False)):
+        sky = fill(tmp_path / name, TAKEN_TAG=taken)
+        report = run(tmp_path, checker, folders={Side.INDOOR: room, Side.OUTDOOR: sky}, **zone)
+        said = [w.message for w in report.manifest.warnings if w.code == "clocks_apart"]
+        assert len(said) == warned, said
+        assert all("5617 days" in text for text in said)
+
+
+def test_adobe_rgb_without_a_profile_is_noted(tmp_path, checker):
+    folder = fill(tmp_path / "adobe")
+    block = exif(TIMES_S[0])
+    block.get_ifd(0x8769)[0xA001] = 65535
+    block.get_ifd(0x8769)[0xA005] = {1: "R03", 2: b"0100"}
+    with Image.open(folder / "IMG_0.JPG") as plain:
+        plain.save(folder / "IMG_0.JPG", exif=block, quality=95)
+    report = run(tmp_path, checker, folders={Side.INDOOR: folder})
+    said = [w.message for w in report.manifest.warnings if "Adobe RGB" in w.message]
+    assert [text.partition(":")[0] for text in said] == ["indoor/IMG_0.JPG"]
 
 
 def test_hostile_names_are_text(tmp_path, checker, room):

@@ -3,7 +3,7 @@ import { PanoramaView } from "../viewer/panorama";
 import { api, factsOf, type Overview, type Piece, type Point, type Pose, type Room } from "./api";
 import { button, h, note, svg } from "./dom";
 import { ARROWS, draggable, Plan } from "./plan";
-import { onWall, round } from "./rooms";
+import { round } from "./rooms";
 import type { Screen } from "./screens";
 import { Latest, Turns, Undo } from "./undo";
 
@@ -35,7 +35,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   const lights = new Latest();
   const undo = new Undo<Places>((before) => void keep(before, places));
   const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
-  const plan = new Plan(room.floor, "Plan: drag pieces; R rotates, Delete removes");
+  const plan = new Plan(room.floor, "Plan: drag pieces; R rotates, Delete removes").showing(room);
   const layer = svg("g");
   const bar = h("div", { class: "bar" },
     button("Undo", () => undo.back(places), { "data-part": "undo" }), button("Redo", () => undo.again(places)),
@@ -54,15 +54,6 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     stage.classList.remove("opening");
   };
 
-  plan.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
-  room.floor.forEach(([x, y], i) => {
-    const to = room.floor[(i + 1) % room.floor.length]!;
-    plan.element.append(svg("line", { class: "wall still", x1: x, y1: -y, x2: to[0], y2: -to[1] }));
-  });
-  for (const o of room.openings) {
-    const [from, to] = [onWall(room, o.wall, o.start_m), onWall(room, o.wall, o.end_m)];
-    plan.element.append(svg("line", { class: `opening still ${o.kind}`, x1: from[0], y1: -from[1], x2: to[0], y2: -to[1] }));
-  }
   plan.element.append(svg("circle", { class: "camera", r: 1.3 * plan.scale }), layer);
 
   function place(mark: SVGGElement, id: string): void {

@@ -146,16 +146,7 @@ export async function lightScreen(session: Overview): Promise<Screen> {
     }
   }
 
-  const plan = new Plan(room.floor, "Plan: place the seat where someone sits; R rotates");
-  plan.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
-  room.floor.forEach(([x, y], i) => {
-    const to = room.floor[(i + 1) % room.floor.length]!;
-    plan.element.append(svg("line", { class: "wall still", x1: x, y1: -y, x2: to[0], y2: -to[1] }));
-  });
-  for (const o of room.openings) {
-    const [from, to] = [onWall(room, o.wall, o.start_m), onWall(room, o.wall, o.end_m)];
-    plan.element.append(svg("line", { class: `opening still ${o.kind}`, x1: from[0], y1: -from[1], x2: to[0], y2: -to[1] }));
-  }
+  const plan = new Plan(room.floor, "Plan: place the seat where someone sits; R rotates").showing(room);
   const reach = 9 * plan.scale;
   const seat = svg("g", { class: "seat", tabindex: 0, role: "button", "aria-label": "Seat: drag, or arrow keys; R rotates" },
     svg("path", { d: `M0 0L${-0.5 * reach} ${-reach}A${1.118 * reach} ${1.118 * reach} 0 0 1 ${0.5 * reach} ${-reach}Z` }), svg("circle", { r: 2.2 * plan.scale }));

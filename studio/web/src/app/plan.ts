@@ -1,6 +1,7 @@
-// A plan to drag things on: SVG in metres, north of the picture up, everything with a name and a keyboard.
-import type { Point } from "./api";
+// A plan to drag things on: SVG in metres, ahead of the camera up, everything with a name and a keyboard.
+import type { Point, Room } from "./api";
 import { svg } from "./dom";
+import { onWall } from "./rooms";
 
 export class Plan {
   readonly element: SVGSVGElement;
@@ -14,6 +15,15 @@ export class Plan {
     /** Metres that a hundredth of the plan's larger side is: strokes and handles are sized by it. */
     this.scale = Math.max(wide, tall) / 100;
     this.element = svg("svg", { class: "plan", viewBox: `${left - margin} ${-high - margin} ${wide} ${tall}`, role: "group", "aria-label": label });
+  }
+
+  /** Draw the floor, and walls and openings that stay. */
+  showing(room: Room): this {
+    const line = (kind: string, from: Point, to: Point): void => this.element.append(svg("line", { class: kind, x1: from[0], y1: -from[1], x2: to[0], y2: -to[1] }));
+    this.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
+    room.floor.forEach((from, i) => line("wall still", from, room.floor[(i + 1) % room.floor.length]!));
+    for (const o of room.openings) line(`opening still ${o.kind}`, onWall(room, o.wall, o.start_m), onWall(room, o.wall, o.end_m));
+    return this;
   }
 
   /** Metres of the room at a place of the page. */
