@@ -214,6 +214,12 @@ class BracketRecord(Model):
     raw_sides: tuple[Side, ...] = ()
     """Sides whose camera was asked for a raw file beside each JPEG."""
 
+    @model_validator(mode="after")
+    def _order_is_of_its_stops(self) -> Self:
+        if len(self.order) > len(self.stops_s):
+            raise ValueError(f"order names {len(self.order)} stops, and there are {len(self.stops_s)}")
+        return self
+
 
 class WarningRecord(Model):
     """Something worth knowing that does not stop the work."""

@@ -77,6 +77,7 @@ def test_a_manifest_reads_back_as_written(tmp_path: Path) -> None:
         text(frames=[frame(stop=3)]),
         text(frames=[frame(size_bytes=0)]),
         text(frames=[frame(sha256="x")]),
+        text(bracket={"mode": "full", "stops_s": [4.0], "sides": ["indoor"], "order": [0, 0]}),
     ],
 )
 def test_what_is_not_a_manifest_is_refused_with_file_and_reason(tmp_path: Path, raw: bytes) -> None:
