@@ -154,10 +154,11 @@ def _report(error: Exception, arguments: list[str]) -> int:
     """Show an error a user can act on; anything unexpected goes to a file that can be sent in."""
     from drivers.errors import DaylitError
 
-    if isinstance(error, OSError) and error.errno and error.filename is not None:
-        from station.session.durable import disk_error
+    if isinstance(error, OSError) and error.errno:
+        from station.session.durable import WRITE_FAULTS, disk_error
 
-        error = disk_error(error, Path(os.fsdecode(error.filename)), "reading or writing")
+        if error.filename is not None or error.errno in WRITE_FAULTS:
+            error = disk_error(error, Path(os.fsdecode(error.filename or "a file")), "reading or writing")
     if isinstance(error, DaylitError):
         text = f"{error.code} {error}".replace(" | ", "\n  ")
         return _fail(error.to_dict(), text, error.exit_code, arguments)

@@ -42,10 +42,12 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
       daylit figures bracket --view fisheye,equisolid,180 --cal vignetting.cal
       daylit figures bracket --view fisheye,equisolid,180 --response camera.rsp --cal vignetting.cal --cal factor.cal
     """
+    from station.session.durable import disk_errors
+
     image = _opened(file, asked)
     found = _figures(image, asked)
     if table is not None:
-        with table.open("w", newline="", encoding="utf-8") as out:
+        with disk_errors(table, "writing"), table.open("w", newline="", encoding="utf-8") as out:
             rows = csv.writer(out)
             rows.writerow(["figure", "value", "standard_uncertainty", "bound"])
             rows.writerows([name, one["value"], one["uncertainty"], one["bound"]] for name, one in found.items())

@@ -81,6 +81,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
       daylit furniture show --style industrial --into industrial.png
     """
     from processing.layout.drawn.thumbnails import model_sheet, two_sides
+    from station.session.durable import disk_errors
 
     found = _catalogue(where["catalogue"], where["style"])
     if model is None:
@@ -90,7 +91,8 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
         models = [found.mesh(model, _size(size))]
         picture, name = two_sides(models[0]), models[0].model_id.replace("/", "-").replace(" ", "-")
     path = output or Path(f"{name}.png")
-    picture.save(path, "PNG")
+    with disk_errors(path, "writing"):
+        picture.save(path, "PNG")
     return _report_written(path, models, as_json=as_json)
 
 
@@ -185,14 +187,17 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
       daylit arrange room.json --set living --pin tv-stand=0.2,2.4,-90 --place sofa=window,0.5,0,in
     Exit code: 0 all items placed · 1 some could not be placed (each with its reason) · 2, 5 invalid input.
     """
+    from station.session.durable import disk_errors
+
     result = _solve(room, **options)
     folder = output or room.with_name(f"{room.stem if room.is_file() else room.name}-layout")
-    folder.mkdir(parents=True, exist_ok=True)
-    result.write(folder / "arrangement.json")
-    if not no_pictures:
-        from processing.layout.drawn.drawing import write_drawings
+    with disk_errors(folder, "writing"):
+        folder.mkdir(parents=True, exist_ok=True)
+        result.write(folder / "arrangement.json")
+        if not no_pictures:
+            from processing.layout.drawn.drawing import write_drawings
 
-        write_drawings(result, folder, _book(options).named(options["rules"]))
+            write_drawings(result, folder, _book(options).named(options["rules"]))
     complete = bool(result.arrangements) and result.arrangements[0].complete
     facts = {"ok": complete, "folder": str(folder), **result.model_dump(mode="json")}
     return answer(facts, [*_lines(result), f"written to {folder}"], as_json=as_json, exit_code=0 if complete else 1)

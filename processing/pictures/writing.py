@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 from collections.abc import Callable
@@ -110,7 +111,8 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
             try:
                 write(path.with_name(temporary))
             except RuntimeError as error:
-                raise OSError(5, str(error)) from error
+                full = next((n for n in durable.FULL if os.strerror(n) in str(error)), None)
+                raise OSError(full or errno.EIO, os.strerror(full) if full else str(error)) from error
             fd = durable.os_calls.open(temporary, os.O_RDONLY, dir_fd=folder.fd)
             try:
                 durable.os_calls.fsync(fd)

@@ -121,6 +121,10 @@ class ResultStore:
         building = Building(parent.sub(name), stage)
         try:
             yield building
+        except OSError as error:
+            if error.filename is None:  # Python's own writing names no file
+                raise durable.disk_error(error, building.folder.path, "writing") from error
+            raise
         finally:
             building.folder.close()
             if parent.lstat(name) is not None:

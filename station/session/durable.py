@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 IS_FOLDER = "is a folder"
 _RENAME_EXCHANGE = 2  # of Linux's renameat2(2)
-_FULL = {errno.ENOSPC, errno.EDQUOT}
+FULL = {errno.ENOSPC, errno.EDQUOT}
+WRITE_FAULTS = {*FULL, errno.EFBIG, errno.EIO}
+"""What a write can end in whose `OSError` names no file, as Python's own do not."""
 _EXHAUSTED = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
 _UNSUPPORTED = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP}
 
@@ -70,7 +72,7 @@ def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
     """Return the typed error of ``exc`` while ``doing`` something with ``path``."""
     kind: type[ResourceError] = DiskError
     likely, advice = ("the disk is failing, read-only or unplugged", "check the disk and its cable, then resume")
-    if exc.errno in _FULL:
+    if exc.errno in FULL:
         kind = DiskFullError
         likely, advice = "no space or quota left", "free space on this disk, then resume"
     elif exc.errno in _EXHAUSTED:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -86,6 +88,32 @@ def test_internal_error_leaves_a_report_without_personal_paths(
         report = file.read()
     assert "a fault of our own" in report
     assert str(__import__("pathlib").Path.home()) not in report
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize(
+    "words",
+    [["furniture", "export", "armchair/classic", "--into"], ["furniture", "show", "armchair/classic", "--into"]],
+)
+def test_a_disk_that_is_full_is_said_to_be(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Python's own writing names no file in its error: it was reported as internal, with a crash report."""
+    (tmp_path / "full.png").symlink_to("/dev/full")
+    assert daylit.main([*words, str(tmp_path / "full.png"), "--json"]) == 6
+    found = json.loads(capsys.readouterr().out)["error"]
+    assert (found["code"], found["where"]) == ("RES-001", str(tmp_path / "full.png"))
+
+
+def test_a_full_disk_that_no_command_expects_is_no_internal_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(daylit.cli, "main", full)
+    assert daylit.main(["view", "--json"]) == 6
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "RES-001"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import json
+import os
 import struct
 from dataclasses import fields, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from processing.errors import PictureFileError
 from processing.pictures.exr import ZSTD_LEVEL, read_exr, read_exr_rgb, write_exr, write_stage_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.writing import write_whole
 from processing.sphere import Equirectangular
 from station.errors import DiskError, DiskFullError
 from station.session import durable
@@ -364,6 +366,15 @@ def test_header_that_promises_too_much(tmp_path: Path) -> None:
 class FailingCalls(durable.OsCalls):
     def fsync(self, fd: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_library_that_says_only_in_words_that_the_disk_is_full(tmp_path: Path) -> None:
+    def no_space(part: Path) -> None:
+        raise RuntimeError(f'Failed to write pixel data to image file "{part}". {os.strerror(errno.ENOSPC)}.')
+
+    with pytest.raises(DiskFullError) as caught:
+        write_whole(tmp_path / "picture.exr", no_space)
+    assert "failed: No space left on device" in caught.value.message
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

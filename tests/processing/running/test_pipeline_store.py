@@ -244,6 +244,17 @@ def test_a_full_disk_leaves_what_was_there(session: Path, nth: int) -> None:
     assert contents(session) == before
 
 
+def test_a_disk_that_fills_up_while_a_stage_writes_by_itself(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """NumPy's and Python's own writing name no file: the stage's folder is named."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(DiskFullError, match="frames"):
+        run(session, options={"--rounds": 5})
+
+
 def test_leftovers_of_a_killed_run_are_cleared(session: Path) -> None:
     left = session / "stages" / ".part-0badcafe-total"
     (left / "deep").mkdir(parents=True)
