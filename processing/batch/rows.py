@@ -19,10 +19,12 @@ import numpy as np
 from processing.batch.run import BatchReport
 from processing.batch.work import Outcome
 from processing.calibration.outdoor.sun_place import zone_at
+from processing.errors import ResultFileError
 from processing.ground.polygons import signed_area
 from processing.ground.tables import table_of
 from processing.pictures.writing import write_bytes
 from processing.running.choices import read_choices
+from station.session import strict_json
 from station.session.session import SessionManifest, Side
 from station.session.store import load_manifest
 
@@ -35,12 +37,12 @@ _MAX_JSON_BYTES = 8 << 20
 def session_row(path: Path, named: str | None = None) -> dict[str, str]:
     """Return a session's row but for its index; times in the zone named, else the chosen one, else its place's.
 
-    Raises `SessionError` for no session.
+    Raises `SessionError` for no session, `ResultFileError` for results of another form than stages write.
     """
     manifest = load_manifest(path)
     place = manifest.site.latitude_deg, manifest.site.longitude_deg
     zone = zone_at(*place, named or read_choices(path).value(path, "zone"))
-    found = _paper(manifest, path, zone) | {
+    found = {
         "session": path.name,
         "session_id": manifest.session_id,
         "utc": f"{manifest.taken_utc:%Y-%m-%dT%H:%MZ}" if manifest.taken_utc else "",
@@ -50,7 +52,11 @@ def session_row(path: Path, named: str | None = None) -> dict[str, str]:
         "simulated": "YES" if manifest.simulated else "NO",
         "captured": manifest.status.value,
     }
-    return found | _calibrated(path) | _light(path) | _room(path) | _staged(path)
+    try:
+        return found | _paper(manifest, path, zone) | _calibrated(path) | _light(path) | _room(path) | _staged(path)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        advice = f"daylit process {path} rebuilds them"
+        raise ResultFileError(f"its results are damaged ({error!r})", where=str(path), advice=advice) from error
 
 
 def _paper(manifest: SessionManifest, path: Path, zone: tzinfo) -> dict[str, str]:
@@ -140,7 +146,7 @@ def stage_json(path: Path, stage: str, name: str) -> dict[str, Any]:
     file = path / "stages" / stage / f"{name}.json"
     with suppress(OSError, ValueError):
         if file.stat().st_size <= _MAX_JSON_BYTES:
-            found = json.loads(file.read_text("utf-8"))
+            found = strict_json.loads(file.read_bytes())
             return found if isinstance(found, dict) else {}
     return {}
 

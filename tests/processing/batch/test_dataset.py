@@ -23,7 +23,7 @@ from processing.batch.dataset import (
     split_of,
     summary,
 )
-from processing.errors import ParameterError
+from processing.errors import ParameterError, ResultFileError
 from station.session.session import MANIFEST_NAME, Site
 from station.session.store import SessionStore
 from tests.station.session.sessions import manifest, put
@@ -122,6 +122,33 @@ def test_no_index_and_no_licence_are_named(folder: Path) -> None:
     (folder / "index.csv").write_text("a,b\n1,2\n")
     with pytest.raises(ParameterError, match="columns"):
         summary(folder)
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("figures/light_figures.json", '{"a": 1}'),
+        ("figures/result.json", '{"metrics": null}'),
+        ("room/room.json", '{"floor": [[0], [1, 2]]}'),
+        ("calibrate/calibration.json", '{"outdoor": []}'),
+    ],
+)
+def test_a_session_whose_results_are_damaged_is_named(folder: Path, file: str, content: str) -> None:
+    """It ended in an internal error, with a crash report that named no session."""
+    path = folder / "2-hall" / "stages" / file
+    path.parent.mkdir(parents=True)
+    path.write_text(content)
+    if "result" in file:
+        path.with_name("light_figures.json").write_text('{"units": {"luminance": "cd/m2"}, "absolute": true}')
+    with pytest.raises(ResultFileError, match="2-hall: its results are damaged"):
+        build(folder, ABOUT)
+
+
+def test_a_result_of_too_many_levels_counts_as_none(folder: Path) -> None:
+    path = folder / "2-hall" / "stages" / "figures" / "light_figures.json"
+    path.parent.mkdir(parents=True)
+    path.write_text("[" * 100_000)
+    assert build(folder, ABOUT)
 
 
 def test_splits_are_by_share_and_stay() -> None:
