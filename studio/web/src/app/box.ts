@@ -1,6 +1,6 @@
 // The viewer's controls, as the report's page has them, and boxes drawn in it that are measured.
 import { quantityText } from "../viewer/encoding";
-import { clippedText } from "../viewer/measure";
+import { clippedText, type Direction } from "../viewer/measure";
 import type { Widget } from "../viewer/widget";
 import { button, h, note } from "./dom";
 
@@ -50,7 +50,7 @@ export class Regions {
     const { view } = widget;
     view.stage.addEventListener("keydown", (event) => {
       if (event.key !== "m" && event.key !== "M") return;
-      void this.measure(view.yaw - MIDDLE_DEG, Math.min(89, view.pitch + MIDDLE_DEG), view.yaw + MIDDLE_DEG, Math.max(-89, view.pitch - MIDDLE_DEG));
+      void this.measure([view.yaw - MIDDLE_DEG, Math.min(89, view.pitch + MIDDLE_DEG)], [view.yaw + MIDDLE_DEG, Math.max(-89, view.pitch - MIDDLE_DEG)]);
     });
   }
 
@@ -79,15 +79,15 @@ export class Regions {
         view.held = false;
         shape.remove();
         const [x0, y0, x1, y1] = sides(up);
-        void this.measure(...view.directionAt({ clientX: x0, clientY: y0 }), ...view.directionAt({ clientX: x1, clientY: y1 }));
+        void this.measure(view.directionAt({ clientX: x0, clientY: y0 }), view.directionAt({ clientX: x1, clientY: y1 }));
       }, { once: true });
     }, { once: true });
   }
 
-  private async measure(left: number, top: number, right: number, bottom: number): Promise<void> {
+  private async measure(from: Direction, to: Direction): Promise<void> {
     const { unit, file } = this.widget;
-    const found = (await this.widget.probe()).within(left, top, right, bottom);
-    if (!found) return note("Nothing to measure: draw a larger box", true);
+    const found = (await this.widget.probe()).within(from, to);
+    if (!found.steradians) return note("Nothing to measure: no pixel there has a value", true);
     const parts = (["mean", "median", "lowest", "highest"] as const).map((name) => `${name} ${quantityText(found[name], found[name] * found.relativeUncertainty)}`);
     this.said.textContent = `Region: ${parts.join(", ")} ${unit.replace("m2", "m²")}${clippedText(found.clipped)}`;
     if (this.session && found.box_px) this.said.append(" · ", h("code", {}, `daylit figures ${this.session}/${file} --region ${found.box_px.join(",")}`));

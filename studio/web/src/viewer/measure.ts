@@ -1,7 +1,7 @@
 // Region and ruler on a panorama: what the light in a rectangle of directions is, how far two places are apart.
-import { luminance, quantityText, type Size } from "./encoding";
+import { quantityText } from "./encoding";
 import type { PanoramaView } from "./panorama";
-import { CLIPPED, type Probe } from "./probe";
+import type { Region } from "./probe";
 
 export type Direction = readonly [longitude: number, latitude: number];
 type Place = readonly [x: number, y: number, z: number];
@@ -13,20 +13,9 @@ export interface Room {
   ceiling_m: number;
 }
 
-export interface Region {
-  mean: number;
-  least: number;
-  most: number;
-  deviation: number;
-  /** Solid angle of what has a value, and share of the region that has none. */
-  steradians: number;
-  unknown: number;
-  /** Share of what has a value that is clipped: the values are then lower bounds. */
-  clipped: number;
-}
-
 const RAD = Math.PI / 180;
-const turned = (degrees: number): number => ((((degrees + 180) % 360) + 360) % 360) - 180;
+/** An angle between -180 and 180 degrees. */
+export const turned = (degrees: number): number => ((((degrees + 180) % 360) + 360) % 360) - 180;
 
 /** Where a ray from the camera meets floor, ceiling or a wall, relative to the camera; null where no wall stands. */
 export function placeIn(room: Room, [longitude, latitude]: Direction): Place | null {
@@ -43,36 +32,6 @@ export function placeIn(room: Room, [longitude, latitude]: Direction): Place | n
   return Number.isFinite(away) ? [away * dx, away * dy, away * dz] : null;
 }
 
-/** Statistics of luminance between two directions, weighted by solid angle; of a map of `size`. */
-export function regionOf({ luminance: codes, validity }: Pick<Probe, "luminance" | "validity">, [width, height]: Size, from: Direction, to: Direction): Region {
-  const across = turned(to[0] - from[0]);
-  const first = Math.floor((turned(Math.min(from[0], from[0] + across)) / 360 + 0.5) * width);
-  const columns = Math.max(1, Math.round((Math.abs(across) / 360) * width));
-  const [top, bottom] = [Math.max(from[1], to[1]), Math.min(from[1], to[1])].map((one) => (0.5 - one / 180) * height);
-  const found: Region = { mean: 0, least: Infinity, most: -Infinity, deviation: 0, steradians: 0, unknown: 0, clipped: 0 };
-  let [sum, squares, all] = [0, 0, 0];
-  for (let row = Math.floor(top!); row <= Math.min(height - 1, Math.max(Math.floor(top!), Math.ceil(bottom!) - 1)); row += 1) {
-    const own = ((2 * Math.PI) / width) * (Math.sin((0.5 - row / height) * Math.PI) - Math.sin((0.5 - (row + 1) / height) * Math.PI));
-    for (let i = 0; i < columns; i += 1) {
-      const at = row * width + ((first + i) % width);
-      const value = luminance(codes[at]!);
-      all += own;
-      if (Number.isNaN(value)) continue;
-      found.steradians += own;
-      if (validity[at] === CLIPPED) found.clipped += own;
-      sum += own * value;
-      squares += own * value * value;
-      found.least = Math.min(found.least, value);
-      found.most = Math.max(found.most, value);
-    }
-  }
-  found.mean = sum / found.steradians;
-  found.deviation = Math.sqrt(Math.max(0, squares / found.steradians - found.mean ** 2));
-  found.clipped /= found.steradians;
-  found.unknown = all ? 1 - found.steradians / all : 1;
-  return found;
-}
-
 export const clippedText = (share: number): string => (share > 0 ? ` · ${(100 * share).toPrecision(2)} % clipped: values may be higher` : "");
 
 export function regionText(region: Region, unit: string): { value: string; detail: string } {
@@ -81,7 +40,7 @@ export function regionText(region: Region, unit: string): { value: string; detai
   const unknown = region.unknown > 0.005 ? ` · ${(100 * region.unknown).toFixed(0)} % without a value` : "";
   return {
     value: `mean ${short(region.mean)} ${unit}`,
-    detail: `${short(region.least)} to ${short(region.most)} · standard deviation ${short(region.deviation)} · ${short(region.steradians)} sr${unknown}${clippedText(region.clipped)}`,
+    detail: `${short(region.lowest)} to ${short(region.highest)} · standard deviation ${short(region.deviation)} · ${short(region.steradians)} sr${unknown}${clippedText(region.clipped)}`,
   };
 }
 

@@ -1,5 +1,6 @@
 // Reads a state's numbers at a direction: one pixel of the picture on disk, and what it is worth.
 import { luminance, quantityText, type Size, uncertainty, unpacked } from "./encoding";
+import { type Direction, turned } from "./measure";
 
 /** Maps of single pixels of a picture on disk. */
 export interface Maps {
@@ -18,30 +19,32 @@ export interface Reading {
   y: number;
 }
 
+/** Luminance between two directions, by solid angle; NaN where nothing has a value. */
 export interface Region {
   mean: number;
   median: number;
   lowest: number;
   highest: number;
+  deviation: number;
   /** Of its mean, standard: what the pixels state, taken for shared by all. */
   relativeUncertainty: number;
-  /** Share of its solid angle that is clipped: values are then lower bounds. */
+  /** Solid angle of what has a value; share of it that is clipped, so that values may be higher; share of all that has none. */
+  steradians: number;
   clipped: number;
+  unknown: number;
   /** Of the picture on disk: left, top, right, bottom; null across its edge. */
   box_px: [number, number, number, number] | null;
 }
 
 export interface Probe {
-  /** Codes of luminance, and what they are worth, row by row. */
+  /** Codes of luminance, row by row. */
   luminance: Uint16Array;
-  validity: Uint8Array;
   /** What stands at a longitude and latitude, degrees. */
   at(longitude: number, latitude: number): Reading;
-  /** Luminance within longitudes and latitudes, degrees, by solid angle; null where there is no value. It may go across the picture's edge. */
-  within(left: number, top: number, right: number, bottom: number): Region | null;
+  within(from: Direction, to: Direction): Region;
 }
 
-export const CLIPPED = 1;
+const CLIPPED = 1;
 const WORTH = ["", "clipped: at least this", "too dark to be accurate", "outside the lens's field of view", "repaired: a modelled value"];
 
 type Pixel = { value: number; margin: number; area: number; clipped: boolean };
@@ -62,27 +65,35 @@ export async function openProbe(maps: Maps): Promise<Probe> {
   ]);
   const [width, height] = maps.map_px;
   const [wide, high] = maps.picture_px;
-  const column = (longitude: number): number => Math.round(((((longitude / 360 + 0.5) % 1) + 1) % 1) * width) % width;
-  const row = (latitude: number): number => Math.round((0.5 - latitude / 180) * height);
+  const row = (latitude: number): number => (0.5 - latitude / 180) * height;
   return {
     luminance: light as Uint16Array,
-    validity: validity as Uint8Array,
-    within(left, top, right, bottom) {
-      const [x0, x1, y0, y1] = [column(left), column(right), Math.max(0, row(top)), Math.min(height, row(bottom))];
+    within(from, to) {
+      const across = turned(to[0] - from[0]);
+      const x0 = Math.floor((turned(Math.min(from[0], from[0] + across)) / 360 + 0.5) * width);
+      const columns = Math.max(1, Math.round((Math.abs(across) / 360) * width));
+      const y0 = Math.min(height - 1, Math.floor(row(Math.max(from[1], to[1]))));
+      const y1 = Math.max(y0 + 1, Math.ceil(row(Math.min(from[1], to[1]))));
       const found: Pixel[] = [];
-      for (let y = y0; y < y1; y += 1)
-        for (let x = x0; x !== x1; x = (x + 1) % width) {
-          const at = y * width + x;
-          const one = { value: luminance(light[at]!), margin: uncertainty(margin[at]!), area: Math.cos((0.5 - (y + 0.5) / height) * Math.PI), clipped: validity[at] === CLIPPED };
-          if (!Number.isNaN(one.value)) found.push(one);
+      let all = 0;
+      for (let y = y0; y < y1; y += 1) {
+        const area = ((2 * Math.PI) / width) * (Math.sin((0.5 - y / height) * Math.PI) - Math.sin((0.5 - (y + 1) / height) * Math.PI));
+        all += columns * area;
+        for (let i = 0; i < columns; i += 1) {
+          const at = y * width + ((x0 + i) % width);
+          const value = luminance(light[at]!);
+          if (!Number.isNaN(value)) found.push({ value, margin: uncertainty(margin[at]!), area, clipped: validity[at] === CLIPPED });
         }
-      if (!found.length) return null;
-      const scale = [wide / width, high / height, wide / width, high / height];
+      }
+      const steradians = areaOf(found);
+      const meanOf = (of: (one: Pixel) => number): number => found.reduce((sum, one) => sum + of(one) * one.area, 0) / steradians;
+      const mean = meanOf(({ value }) => value);
+      const box = [x0 * wide / width, y0 * high / height, (x0 + columns) * wide / width, y1 * high / height].map(Math.round);
       return {
-        mean: found.reduce((sum, { value, area }) => sum + value * area, 0) / areaOf(found), median: middle(found, "value"),
+        mean, median: middle(found, "value"), deviation: Math.sqrt(meanOf(({ value }) => (value - mean) ** 2)),
         lowest: found.reduce((least, { value }) => Math.min(least, value), Infinity), highest: found.reduce((most, { value }) => Math.max(most, value), 0),
-        relativeUncertainty: middle(found, "margin"), clipped: areaOf(found.filter((one) => one.clipped)) / areaOf(found),
-        box_px: x0 < x1 ? ([x0, y0, x1, y1].map((v, i) => Math.round(v * scale[i]!)) as [number, number, number, number]) : null,
+        relativeUncertainty: middle(found, "margin"), steradians, clipped: meanOf((one) => Number(one.clipped)), unknown: 1 - steradians / all,
+        box_px: x0 + columns <= width ? (box as [number, number, number, number]) : null,
       };
     },
     at(longitude, latitude) {

@@ -1,11 +1,11 @@
 // What moves on the report's pages: each panorama and each model gets its view when somebody comes near.
 import { fromBase64, quantityText } from "./encoding";
-import { placeIn, regionOf, regionText, rulerText } from "./measure";
+import { placeIn, regionText, rulerText } from "./measure";
 import { ModelView } from "./model";
 import { openProbe, readingText } from "./probe";
 import { panoramas, part, setUpPanorama } from "./widget";
 
-export { openProbe, panoramas, placeIn, quantityText, readingText, regionOf, regionText, rulerText };
+export { openProbe, panoramas, placeIn, quantityText, readingText, regionText, rulerText };
 /** The models on the page, in its order. */
 export const models: ModelView[] = [];
 

@@ -1,6 +1,6 @@
 // A panorama with exposure, false colours and probe: the page has the controls, this moves them.
 import { fromBase64, LEAST, type Size, STEP } from "./encoding";
-import { type Direction, drawnPoints, outline, regionOf, regionText, type Room, rulerText } from "./measure";
+import { type Direction, drawnPoints, outline, regionText, type Room, rulerText } from "./measure";
 import { PanoramaView } from "./panorama";
 import { type Maps, openProbe, type Probe, readingText } from "./probe";
 
@@ -98,7 +98,7 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Wi
     const points = measured ? drawnPoints(view, outline(tool, data.room ?? null, ...measured)) : "";
     box.querySelector("[data-part=drawn]")?.setAttribute("points", points);
     if (!measured) return false;
-    const region = regionOf(probe, data.states[current]!.map_px, ...measured);
+    const region = probe.within(...measured);
     const text = tool === "ruler" && data.room ? rulerText(data.room, ...measured) : regionText(region, data.unit);
     part(box, "value").textContent = text.value;
     part(box, "detail").textContent = text.detail;
