@@ -130,8 +130,10 @@ def outdoor_figures(image: LuminanceImage | None, facts: Mapping[str, Any]) -> F
     """Return the light on level ground outdoors, with a measured value where one was given; None without a picture."""
     if image is None:
         return None
-    measured = facts.get("outdoor", {}).get("measured_outdoor_lux")
-    return {"level_up": light_figure(illuminance_lx(image)), "measured": measured}
+    measured, light = facts.get("outdoor", {}).get("measured_outdoor_lux"), illuminance_lx(image)
+    # What is clipped in a sky is the sun, however little of its light the picture shows.
+    bound = {"bound": "lower"} if light.lower_bound else {}
+    return {"level_up": light_figure(light) | bound, "measured": measured}
 
 
 def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m2: list[float]) -> Facts | None:

@@ -116,11 +116,11 @@ def _illuminance(image: LuminanceImage, normal: Vector, sums: Doubles, levels: D
     shared = math.hypot(level_error(image, levels), *off.tolist())
     scale = value * image.scale_uncertainty
     reading: Any = image.attributes.get(READING_KEY, (0.0, 0.0))
-    if normal == UP and abs(value - reading[0]) <= SAME_LIGHT * reading[0]:
-        # Whatever its pixels are wrong by, their sum is what the meter read.
-        pixels, shared, doubtful, scale = 0.0, 0.0, 0.0, value * reading[1]
+    if read := normal == UP and abs(value - reading[0]) <= SAME_LIGHT * reading[0]:
+        # Whatever its pixels are wrong by, clipped or unseen, their sum is what the meter read.
+        pixels, shared, doubtful, scale, seen = 0.0, 0.0, 0.0, value * reading[1], math.pi
     shares = {
-        code.name.lower(): float(sums[5 + code]) / value if value > 0 else 0.0
+        code.name.lower(): float(sums[5 + code]) / value if value > 0 and not read else 0.0
         for code in (Validity.CLIPPED, Validity.DARK, Validity.REPAIRED)
     }
     return Illuminance(

@@ -10,8 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from processing.calibration.scale.photometry import READING_KEY, illuminance_lx
 from processing.errors import ParameterError
-from processing.figures.figures import camera_figures, eye_view, level_ratio, meter_figures, reduced, surface_figures
+from processing.figures.figures import (
+    camera_figures,
+    eye_view,
+    level_ratio,
+    meter_figures,
+    outdoor_figures,
+    reduced,
+    surface_figures,
+)
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Fisheye, LensMapping
 from processing.stages.contract import StageContext
@@ -100,6 +109,27 @@ def test_the_meter_beside_the_picture() -> None:
     assert meter_figures(even(), {"target": {"source": "none"}}, [1.0]) is None
     assert meter_figures(even(), facts, []) is None
     assert meter_figures(even(), facts | {"k1_parts": {"given": 0.0}}, [50.0])["sets_scale"] is False
+
+
+def test_a_clipped_sun_makes_the_outdoor_illuminance_a_lower_bound_however_little_of_it_is_shown() -> None:
+    """Without a density filter a clipped sun shows less than a hundredth of the sky's light, and has five times it."""
+    sky = even()
+    validity = sky.validity.copy()
+    validity[20, 30] = Validity.CLIPPED
+    sunny = replace(sky, validity=validity)
+    found = outdoor_figures(sunny, {})
+    assert found is not None
+    assert found["level_up"]["clipped_share"] < 0.01
+    assert found["level_up"]["bound"] == "lower"
+    open_sky = outdoor_figures(sky, {})
+    assert open_sky is not None
+    assert open_sky["level_up"]["bound"] is None
+    # A lux meter's reading has all of the light, whatever its picture lacks.
+    reading = illuminance_lx(sky).value_lx
+    read = outdoor_figures(replace(sunny, attributes={READING_KEY: (reading, 0.05)}), {})
+    assert read is not None
+    assert (read["level_up"]["bound"], read["level_up"]["clipped_share"]) == (None, 0.0)
+    assert read["level_up"]["uncertainty"] == pytest.approx(0.05 * reading)
 
 
 def test_ratio_needs_light_outdoors() -> None:
