@@ -1,1 +1,1 @@
-"""Figures in worlds that share no model with the estimators."""
+"""Figures in worlds that share no code with the estimators."""
