@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats, Int16s
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s, weighted_median
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components
 from processing.surfaces import sun as beams
@@ -87,7 +87,7 @@ def find_sunlight(
         return SunFound(none, None, False, "the sun is below the horizon")
     if usable.sum() < LEAST_PX:
         return SunFound(none, None, False, "hardly any floor or wall is visible")
-    relative = relative_log2(luminance, plane, usable)
+    relative = relative_log2(luminance, plane, usable, weight)
     if not beams.glazed(room) and sun is None:
         return SunFound(none, None, False, "neither a window nor the sun's position is known: no sunlight assumed")
     if not beams.glazed(room):
@@ -156,12 +156,15 @@ def _fullness(points_m: Doubles, here: Flags) -> float:
     return float(drawn.sum() / max(1, outline.sum()))
 
 
-def relative_log2(luminance: Floats, plane: Int16s, usable: Flags) -> Floats:
-    """Return (H, W): log2 of the luminance over the median of its plane's ``usable`` pixels; -20 at least."""
+def relative_log2(luminance: Floats, plane: Int16s, usable: Flags, weight: Doubles) -> Floats:
+    """Return (H, W): log2 of the luminance over the median of its plane's ``usable`` directions; -20 at least.
+
+    ``weight`` (H, W): solid angles. By count, a patch of sun below the camera would be the median of all the floor.
+    """
     found = np.full(luminance.shape, -20.0, np.float32)
     for index in np.unique(plane[usable]):
         here = usable & (plane == index)
-        middle = float(np.median(luminance[here]))
+        middle = float(weighted_median(luminance[here], weight[here]))
         if middle > 0:
             found[here] = np.log2(np.maximum(luminance[here] / middle, 2.0**-20))
     return found

@@ -12,7 +12,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import row_solid_angles
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.sunlight import Scene, SunFound, find_sunlight, unmistakable
-from processing.surfaces.maps import CEILING
+from processing.surfaces.maps import CEILING, FLOOR
 from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
@@ -65,6 +65,13 @@ def test_a_beam_is_found_with_the_sun_known_and_roughly_known(sun: tuple[float, 
     assert iou(found.mask, painted.sunlit) > 0.9
     assert found.confirmed
     assert found.direction is not None
+
+
+def test_a_patch_at_the_camera_s_feet_is_found() -> None:
+    """Of the bare floor 16 % is in the sun, a third of its directions, and more than half of its pixels."""
+    painted = paint(things=False)
+    assert painted.sunlit[painted.maps.plane == FLOOR].mean() > 0.5
+    assert iou(sunlight(painted, SUN).mask, painted.sunlit) > 0.9
 
 
 @pytest.mark.parametrize("off", [(0.3, 0.0), (0.0, 0.25), (-0.2, -0.2), (0.12, 0.0)])
