@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypedDict, Unpack
@@ -117,9 +118,12 @@ def _qr(link: str, height: int) -> Image.Image:
 # statement, with where the unaltered original is (California AB 723, in force since 2026-01-01; listing services).
 
 PHOTOGRAPH, EMPTIED, STAGED = "photograph", "emptied", "staged"
-PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT}
+FURNITURE, EQUIPMENT = "furniture", "equipment"
+"""What was removed: furniture, whatever went with it; or no more than the photographer's things and direct sunlight."""
+PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT, EQUIPMENT: "Retouched"}
 EDITS = {
     EMPTIED: "Furniture was removed digitally and the room's light recalculated without it.",
+    EQUIPMENT: "The photographer's equipment or direct sunlight was removed digitally.",
     STAGED: "The furniture is virtual; the room's own furniture was removed digitally and the light recalculated.",
     "added": "The furniture is virtual, and the room's light was recalculated with it.",
     "relit": "The light was computed for another time or sky.",
@@ -131,9 +135,9 @@ class Made(NamedTuple):
     """What a picture is, and all that it says of that."""
 
     state: str = PHOTOGRAPH
-    """A key of `PLATES`."""
-    removed: bool = True
-    """Of a staged one: whether furniture was removed before."""
+    """`PHOTOGRAPH`, `EMPTIED` or `STAGED`."""
+    removed: str = FURNITURE
+    """Of an emptied or staged one: `FURNITURE`, `EQUIPMENT`, or nothing."""
     further: str = ""
     """relit, computed view, or neither."""
     original: str = ""
@@ -148,19 +152,28 @@ class Made(NamedTuple):
     @property
     def plate(self) -> str:
         """Return the text of its label; empty: as the camera took it."""
-        return ", ".join(filter(None, (PLATES[self.state], self.further))).capitalize()
+        own = EQUIPMENT if (self.state, self.removed) == (EMPTIED, EQUIPMENT) else self.state
+        return ", ".join(filter(None, (PLATES[own], self.further))).capitalize()
 
     @property
     def statement(self) -> str:
         """Return what was changed, and where the unaltered original is; empty: as the camera took it."""
-        edits = "added" if self.state == STAGED and not self.removed else self.state
-        said = " ".join(EDITS[one] for one in (edits, self.further) if one in EDITS)
+        edits = ["added"] * (self.state == STAGED) + [self.removed] * (self.state != PHOTOGRAPH)
+        edits = [self.state] if self.removed == FURNITURE else edits
+        said = " ".join(EDITS[one] for one in (*edits, self.further) if one in EDITS)
         return f"{said} Unaltered original: {self.original}" if said and self.original else said
 
     def on(self, rgb8: Bytes, *, panorama: bool | None = None) -> Bytes:
         """Return an 8-bit picture (H, W, 3) with its label, if it is to have one; see `labelled`."""
         link = self.original if self.original.startswith("http") else None
         return labelled(rgb8, self.plate, panorama=panorama, link=link) if self.plate else np.ascontiguousarray(rgb8)
+
+
+def removed_by(facts: Mapping[str, Any]) -> str:
+    """Return what the stage remove took away (`Made.removed`), by its result; empty: nothing."""
+    if facts.get("skipped") or "empty" in facts["left_out"]:
+        return ""
+    return FURNITURE if facts["metrics"].get("furniture", True) else EQUIPMENT
 
 
 # XMP packets by hand: how a panorama covers the sphere (GPano), what kind of picture it is (IPTC), and its title.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ProcessingError, ResultFileError
-from processing.exchange.jpeg_files import PHOTOGRAPH, STAGED, Made
+from processing.exchange.jpeg_files import FURNITURE, PHOTOGRAPH, STAGED, Made, removed_by
 from processing.ground.arrays import Bytes, Floats
 from processing.ground.finished import Finished
 from processing.ground.room_model import RoomModel, read_json, read_room
@@ -106,9 +106,10 @@ def session_shown(session: Path) -> Shown:
 def made_of(session: Path, name: str, **more: Any) -> Made:
     """Return what a session's picture of a name (empty, staged-2) is, by what its stages did; ``more``: see `Made`."""
     try:
-        removed = "empty.exr" in Finished(session, "remove")
+        done = Finished(session, "remove")
+        removed = removed_by(done.facts) if "empty.exr" in done else ""
     except ResultFileError:
-        removed = True  # nobody knows: nothing is said to be unchanged
+        removed = FURNITURE  # nobody knows: nothing is said to be unchanged
     made = Made.of(name, removed=removed, **more)
     return made if removed or made.state == STAGED else made._replace(state=PHOTOGRAPH)
 

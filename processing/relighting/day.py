@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from processing.errors import DaylightError, RelightError
-from processing.exchange.jpeg_files import Made, write_jpeg
+from processing.exchange.jpeg_files import Made, removed_by, write_jpeg
 from processing.exchange.showing import panes_of
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.scene.scene_file import read_scene
@@ -85,7 +85,8 @@ def run(context: StageContext) -> StageOutput:
     panes = panes_of(known_room(context), Equirectangular(4 * WIDE_PX, 2 * WIDE_PX), display.views)
     look = Look(display_of_day(display, lit), panes)
     original = asked.original_url or f"../stills/{still['original']}"
-    what = Made.of(still["state"], removed=context.has("remove", "empty"), further="relit", original=original)
+    removed = removed_by(context.summary("remove"))
+    what = Made.of(still["state"], removed=removed, further="relit", original=original)
     for number, (rgb, (_, facts)) in enumerate(zip(lit, lights, strict=True), 1):
         rgb8 = shown(rgb, look, view)
         title = f"{context.session.name}, {facts['local_time']}"

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from processing.calibration.outdoor.sun_place import zone_at
+from processing.exchange.jpeg_files import FURNITURE, removed_by
 from processing.ground.room_model import RoomModel
 from processing.report import data as report
 from processing.report.sections import floor_area_m2
@@ -220,8 +221,11 @@ def _notices(context: StageContext, room: RoomModel | None, states: list[str]) -
     found = []
     if any(state.startswith("staged") for state in states):
         found.append("Pictures marked as virtually staged show furniture that is not in the room.")
-    if context.has("remove", "filled"):
-        found.append("The room's own furniture was removed digitally: what it hid is computed, not photographed.")
+    if removed := removed_by(context.summary("remove")):
+        what = (
+            "The room's own furniture" if removed == FURNITURE else "The photographer's equipment, or direct sunlight,"
+        )
+        found.append(f"{what} was removed digitally: what it hid is computed, not photographed.")
     if room is not None and room.source == "estimated" and room.confidence < DOUBTFUL:
         found.append(f"The room's shape is doubtful (confidence {room.confidence:.0%}){_meaning(context, *found)}")
     return tuple(found)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from processing.exchange.jpeg_files import EMPTIED, STAGED, TEXT, Made
+from processing.exchange.jpeg_files import EMPTIED, STAGED, TEXT, Made, removed_by
 from processing.exchange.showing import panes_of
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.layout.arrangement import Arrangements
@@ -39,14 +39,15 @@ def room_states(context: StageContext) -> Iterator[State]:
     file = "stages/room/panorama.exr" if context.has("room", "panorama") else "stages/calibrate/indoor.exr"
     yield State("Photograph", photograph, Made(), file, "the room as photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
-    if context.has("remove", "empty"):
+    if removed := removed_by(context.summary("remove")):
         read = partial(emptied_as_shown, context)
-        yield State("Emptied", read, Made(EMPTIED), "stages/remove/empty.exr", "the room without its furniture")
+        yield State(
+            "Emptied", read, Made(EMPTIED, removed), "stages/remove/empty.exr", "the room without its furniture"
+        )
     for name, title, alt in ((f"staged-{k}", f"Staged {k}", alt) for k, alt in staged):
         if context.has("render", name):
             read = partial(context.artifact, "render", name)
-            made = Made(STAGED, removed=context.has("remove", "empty"))
-            yield State(title, read, made, f"stages/render/{name}.exr", alt)
+            yield State(title, read, Made(STAGED, removed), f"stages/render/{name}.exr", alt)
 
 
 def emptied_as_shown(context: StageContext) -> LuminanceImage:

@@ -60,7 +60,7 @@ def nothing_to_lift(context: StageContext) -> str | None:
     room = context.optional_artifact("room", "room")
     if room is None:
         return why_no_room(context)
-    if share_of_sphere(_furniture(context)) < LEAST_SHARE:
+    if share_of_sphere(furniture_of(context)) < LEAST_SHARE:
         return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shading is negligible"
     if not any(opening.kind is OpeningKind.WINDOW for opening in room.openings):
         return "no window is known, so the room's light cannot be estimated"
@@ -73,7 +73,7 @@ def run(context: StageContext) -> StageOutput:
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)
     context.progress(0.0, "outdoor light and stand-ins for the furniture")
-    work, furniture, reach_m = WORK[context.quality], _furniture(context), _reach_m(context, room)
+    work, furniture, reach_m = WORK[context.quality], furniture_of(context), _reach_m(context, room)
     (outdoors, source, warnings), parts = together(
         partial(light_outdoors, context, image, room), partial(standins_of, room, furniture, reach_m)
     )
@@ -95,17 +95,14 @@ def _reach_m(context: StageContext, room: RoomModel) -> Floats | None:
     return None if reach is None else reach * np.float32(room.camera_height_m)
 
 
-def _furniture(context: StageContext) -> Flags:
-    """Return what is furniture (H, W): the mask of it, or all of a given target but equipment and sunlight."""
+def furniture_of(context: StageContext) -> Flags:
+    """Return what is furniture (H, W): the mask of it, or all of a given target."""
     furniture = context.optional_artifact("detect", "furniture")
     if furniture is not None:
         return np.asarray(furniture, bool)
-    found = np.array(context.artifact("detect", "target"), bool)
-    for name in ("tripod", "sunlight", "shadow"):
-        mask = context.optional_artifact("detect", name)
-        if mask is not None:
-            found &= ~np.asarray(mask, bool)
-    return found
+    target = np.asarray(context.artifact("detect", "target"), bool)
+    # Where none was found there is none: the rest of that target is the rim of equipment and of sunlight.
+    return target & ("target" in context.summary("detect").get("given", ()))
 
 
 def _write(context: StageContext, found: FurnishedLight) -> None:

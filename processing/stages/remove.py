@@ -23,7 +23,7 @@ from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.sphere import Equirectangular
 from processing.stages import upright
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from processing.stages.light import read_shade
+from processing.stages.light import furniture_of, read_shade
 from processing.stages.parameters import RemoveParameters
 from processing.surfaces.maps import FIRST_WALL, FLOOR, plane_map
 
@@ -191,6 +191,7 @@ def _output(found: Emptied, change: Floats | None, relit_share: float, context: 
         artifacts={"empty": found.image, "filled": filled, "surfaces": True, "lift": None if change is None else True},
         metrics={
             "filled_share": round(float(filled.mean()), 5),
+            "furniture": bool((upright.mask_in_size(furniture_of(context), filled.shape[1]) & filled).any()),
             "relit_share": round(relit_share, 5),
             "synthesised_share": round(float((found.provenance == 2).mean()), 5),
             "mean_confidence": round(sure, 4),

@@ -56,7 +56,10 @@ def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
             (),
         ),
         (Made.of("staged-2"), "Virtually staged", ("virtual", "removed digitally"), ("original:",)),
-        (Made.of("Staged 2", removed=False), "Virtually staged", ("virtual",), ("removed",)),
+        (Made.of("Staged 2", removed=""), "Virtually staged", ("virtual",), ("removed",)),
+        (Made.of("staged-2", removed="equipment"), "Virtually staged", ("virtual", "equipment"), ("own furniture",)),
+        (Made.of("empty", removed="equipment"), "Retouched", ("equipment", "removed digitally"), ("urniture",)),
+        (Made.of("room", removed="equipment", further="relit"), "Relit", ("another time",), ("removed",)),
         (Made.of("staged-1", further="relit"), "Virtually staged, relit", ("virtual", "another time"), ()),
         (
             Made.of("room", further="relit", original="b"),

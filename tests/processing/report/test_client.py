@@ -133,7 +133,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
     given = with_stills(tmp_path, without(found, *(stage for one in skipped for stage in gone[one])))
 
     def summary(stage: str) -> dict[str, object]:
-        facts = {"wall_confidences": [0.9, 0.2, 0.8, 0.1]} if stage == "room" else {}
+        facts = {"wall_confidences": [0.9, 0.2, 0.8, 0.1]} if stage == "room" else {"furniture": bool(left_out)}
         why = {"skipped": "the room's shape is doubtful (confidence 0.07)"} if stage in skipped else {}
         own = dict(given.summary(stage))
         mine = {**own["left_out"], **(left_out if stage == "remove" else {})}
@@ -146,6 +146,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
     assert walls[0] == "wall 0", "the laboratory's page counts them alike"
     removed = [text for text in notices if "removed digitally" in text]
     assert len(removed) == ("remove" not in skipped), "its sentences depend on what was done"
+    assert not removed or ("own furniture" in removed[0]) == bool(left_out)
 
 
 @pytest.mark.usefixtures("small")

@@ -80,8 +80,10 @@ def test_windows_without_a_sky_are_as_bright_as_the_light_that_they_cast(tmp_pat
 
 
 def test_a_given_target_counts_as_furniture(tmp_path: Path) -> None:
-    assert nothing_to_lift(context(tmp_path, furniture=None)) is None
-    assert "less than" in str(nothing_to_lift(context(tmp_path, furniture=None, tripod=furniture())))
+    """Where none was found the target is equipment and sunlight, with a margin of up to ten degrees: no furniture."""
+    given = replace(context(tmp_path, furniture=None), summary=lambda _stage: {"metrics": {}, "given": ["target"]})
+    assert nothing_to_lift(given) is None
+    assert "less than" in str(nothing_to_lift(context(tmp_path, furniture=None)))
 
 
 def test_removal_lifts_the_shade_that_it_found(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
+from processing.exchange.jpeg_files import removed_by
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
@@ -157,6 +158,20 @@ def test_rests_of_things_that_the_network_sees_are_no_part_of_the_floor(
     assert isinstance(found, LuminanceImage)
     assert (found.rgb[hole][:, 1] > 25).all(), "grey, as the floor"
     assert np.array_equal(found.rgb[thing], image.rgb[thing]), "what is no target stays"
+
+
+def test_it_says_whether_furniture_went(tmp_path: Path) -> None:
+    """A bare room without its tripod had no furniture; of a mask that somebody gave nobody knows."""
+    given = replace(context(tmp_path, target=target()), summary=lambda _stage: {"metrics": {}, "given": ["target"]})
+    every = [
+        context(tmp_path, target=target(), tripod=target()),
+        context(tmp_path, target=target(), furniture=target()),
+    ]
+    said = [run(one).metrics["furniture"] for one in (*every, given)]
+    assert said == [False, True, True]
+    results = [{"metrics": {"furniture": one}, "left_out": {}, "skipped": ""} for one in said]
+    assert [removed_by(one) for one in results] == ["equipment", "furniture", "furniture"]
+    assert removed_by({"metrics": {}, "left_out": {}, "skipped": "nothing to remove"}) == ""
 
 
 def patch(rows: slice, columns: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
