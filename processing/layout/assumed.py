@@ -11,7 +11,7 @@ import shapely
 from processing.errors import LayoutError, RoomTooSmallError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
-from processing.ground.seam import components, resized
+from processing.ground.seam import components, resized, row_latitudes
 from processing.ground.tables import table_of
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement
@@ -21,7 +21,7 @@ from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import FIRST_WALL, in_sight, latitudes, planes_of, surface_maps
+from processing.surfaces.maps import FIRST_WALL, in_sight, planes_of, surface_maps
 
 
 def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
@@ -183,7 +183,7 @@ def open_doors(room: RoomModel, evidence: SceneEvidence, removed: Flags) -> Flag
     wall = (maps.plane >= FIRST_WALL) & (maps.opening < 0) & (resized(removed.astype(np.float32), shape) < 0.5)
     near = wall & (far_m < NEARER * maps.depth_m)
     near = cv2.morphologyEx(near.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-    level_m = room.camera_height_m + far_m * np.sin(latitudes(geometry))[:, None]
+    level_m = room.camera_height_m + far_m * np.sin(row_latitudes(geometry.height_px))[:, None]
     leaves, (count, labels) = np.zeros(shape, bool), components(near)
     for one in (labels == k for k in range(1, count + 1)):
         low, high = np.percentile(level_m[one], [3, 97])

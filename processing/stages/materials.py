@@ -25,7 +25,7 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import light_outdoors, read_shade
 from processing.stages.parameters import MaterialsParameters
-from processing.stages.upright import known_room, mask_in_size, why_unfit, working_panorama
+from processing.stages.upright import detected, known_room, things, why_unfit, working_panorama
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
@@ -158,16 +158,10 @@ def emptied(context: StageContext) -> EmptyRoom:
     if empty is None:
         return EmptyRoom(before)
     filled = np.asarray(context.artifact("remove", "filled"), bool)
-    sunlight = context.optional_artifact("detect", "sunlight")
-    if sunlight is None or filled.shape != before.rgb.shape[:2]:
+    sunlit = detected(context, "sunlight", filled.shape[1])
+    if sunlit is None or filled.shape != before.rgb.shape[:2]:
         return EmptyRoom(empty, filled, filled)
-    hidden = np.zeros_like(filled)
-    for name in ("furniture", "tripod", "shadow"):
-        mask = context.optional_artifact("detect", name)
-        if mask is not None:
-            hidden |= mask_in_size(np.asarray(mask, bool), filled.shape[1])
-    sunlit = mask_in_size(np.asarray(sunlight, bool), filled.shape[1])
-    shade = read_shade(context)
+    hidden, shade = things(context, filled.shape), read_shade(context)
     returned = None if shade is None else shade.returned
     found = with_sunlight(empty, before, filled, sunlit, hidden, returned)
     if returned is None or found.sunless is None or found.sunlit is None:

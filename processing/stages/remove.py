@@ -48,7 +48,7 @@ def nothing_to_remove(context: StageContext) -> str | None:
     why = upright.why_unfit(context, asked=context.parameters_of(RemoveParameters).doubtful_room)
     if not _in_part(context):
         return why
-    some, _ = _on_trusted(context, mask, _optional_mask(context, "shadow", mask.shape[1]))
+    some, _ = _on_trusted(context, mask, upright.detected(context, "shadow", mask.shape[1]))
     return None if some.any() else f"{why}; nothing to remove touches only these"
 
 
@@ -78,7 +78,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     target = np.asarray(context.artifact("detect", "target"), bool)
     upright.check_mask_size(target, context)
     target = upright.mask_in_size(target, width_px)
-    sunlight, shadow = (_optional_mask(context, name, width_px) for name in ("sunlight", "shadow"))
+    sunlight, shadow = (upright.detected(context, name, width_px) for name in ("sunlight", "shadow"))
     if _in_part(context):
         target, shadow = _on_trusted(context, target, shadow)
     if asked.keep_sunlight and sunlight is not None:
@@ -118,11 +118,6 @@ def _on_trusted(context: StageContext, target: Flags, shadow: Flags | None) -> t
     return target & ~stays, None if shadow is None else shadow & ~stays
 
 
-def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:
-    mask = context.optional_artifact("detect", name)
-    return None if mask is None else upright.mask_in_size(np.asarray(mask, bool), width_px)
-
-
 def _others(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> Others:
     """Return what the network takes for furniture, fixtures (rugs) or equipment, in the target or not, or on the floor
     for anything but floor (an open door's leaf), the share (h, w) of skirting, and what it sees of other planes."""
@@ -147,11 +142,7 @@ def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> 
     The target was grown over what was found; so its part around a patch of sunlight goes too, where nothing else is.
     """
     margin_rad = math.radians(float(context.summary("detect")["metrics"]["margin_deg"]))
-    others = np.zeros_like(target)
-    for name in ("furniture", "tripod", "shadow"):
-        mask = _optional_mask(context, name, target.shape[1])
-        others |= False if mask is None else mask
-    return target & grown(others, margin_rad) & ~sunlight, grown(sunlight, margin_rad)
+    return target & grown(upright.things(context, target.shape), margin_rad) & ~sunlight, grown(sunlight, margin_rad)
 
 
 def _write_details(path: Path, found: Emptied) -> None:

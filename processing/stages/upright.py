@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+import numpy as np
+
 from processing.calibration.outdoor.sun_place import Place, shortest_taken, sun_place
 from processing.errors import ParameterError
 from processing.ground.arrays import Flags
@@ -45,6 +47,18 @@ def in_size(image: LuminanceImage, width_px: int) -> LuminanceImage:
 def mask_in_size(mask: Flags, width_px: int) -> Flags:
     """Return a mask (H, W) in a width that divides its own: a block is in it where any of its pixels is."""
     return mask if mask.shape[1] == width_px else worst_in_blocks(mask, mask.shape[1] // width_px)
+
+
+def detected(context: StageContext, name: str, width_px: int) -> Flags | None:
+    """Return a mask (H, W) that the stage detect made, in a width that divides its own; None: it left it out."""
+    mask = context.optional_artifact("detect", name)
+    return None if mask is None else mask_in_size(np.asarray(mask, bool), width_px)
+
+
+def things(context: StageContext, shape: tuple[int, ...]) -> Flags:
+    """Return where (H, W), of a ``shape``, furniture, equipment or the shadow of furniture was found."""
+    found = [detected(context, name, shape[1]) for name in ("furniture", "tripod", "shadow")]
+    return np.logical_or.reduce([np.zeros(shape, bool), *(mask for mask in found if mask is not None)])
 
 
 def known_room(context: StageContext) -> RoomModel:

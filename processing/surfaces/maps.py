@@ -13,6 +13,7 @@ import numpy.typing as npt
 from processing.errors import RoomError
 from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel, geometry_problems
+from processing.ground.seam import row_latitudes
 from processing.sphere import Equirectangular
 
 FLOOR, CEILING, FIRST_WALL = 0, 1, 2  # indices of planes; wall i of the room is plane FIRST_WALL + i
@@ -191,21 +192,16 @@ def longitudes(geometry: Equirectangular) -> Doubles:
     return np.asarray(turns * (2 * math.pi) + geometry.yaw_rad)
 
 
-def latitudes(geometry: Equirectangular) -> Doubles:
-    """Return the latitudes (H,) of row middles."""
-    return np.asarray((0.5 - (np.arange(geometry.height_px) + 0.5) / geometry.height_px) * math.pi)
-
-
 def plane_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
     """Return `SurfaceMaps.plane`, shape (H, W), alone."""
     check_stands(room)
-    return _planes(columns_of(room, geometry), latitudes(geometry))
+    return _planes(columns_of(room, geometry), row_latitudes(geometry.height_px))
 
 
 def opening_map(room: RoomModel, geometry: Equirectangular, behind_m: float = 0, frame_m: float = 0) -> Int16s:
     """Return `SurfaceMaps.opening`, shape (H, W), alone; or of what is ``behind_m`` its wall's face, less a frame."""
     check_stands(room)
-    return _openings(room, columns_of(room, geometry), latitudes(geometry), behind_m, frame_m)
+    return _openings(room, columns_of(room, geometry), row_latitudes(geometry.height_px), behind_m, frame_m)
 
 
 def boundary_rows(room: RoomModel, geometry: Equirectangular) -> tuple[Doubles, Doubles]:
@@ -222,7 +218,7 @@ def surface_maps(room: RoomModel, geometry: Equirectangular) -> SurfaceMaps:
     Raises `RoomError`: the room cannot stand: `processing.ground.room_model.geometry_problems` says why.
     """
     check_stands(room)
-    columns, latitude = columns_of(room, geometry), latitudes(geometry)
+    columns, latitude = columns_of(room, geometry), row_latitudes(geometry.height_px)
     plane = _planes(columns, latitude)
     depth = np.empty(plane.shape, np.float32)
     normal = np.empty((*plane.shape, 3), np.float32)

@@ -15,10 +15,10 @@ from scipy import ndimage
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
 from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import components
+from processing.ground.seam import components, row_latitudes
 from processing.light.scene.scene import Material, Part
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import Columns, columns_of, latitudes
+from processing.surfaces.maps import Columns, columns_of
 
 VOXEL_M = 0.08  # chosen: finer than furniture is deep, and some 50,000 voxels in a room
 EDGE_M, UNEVEN = 0.5, 0.25
@@ -107,7 +107,8 @@ def _outline_of(
     piece: Flags, box: tuple[slice, slice], columns: Columns, room: RoomModel, geometry: Equirectangular
 ) -> _Outline:
     """Return the outline of a piece, (h, w) in its ``box`` of the panorama."""
-    (high, across), rows, latitude = box, geometry.height_px, latitudes(geometry)
+    (high, across), rows = box, geometry.height_px
+    latitude = row_latitudes(rows)
     used = np.zeros(geometry.width_px, bool)
     first, last = np.zeros(geometry.width_px, int), np.full(geometry.width_px, rows - 1)
     used[across], first[across] = piece.any(axis=0), high.start + piece.argmax(axis=0)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from shapely import LinearRing, LineString, Polygon
 
 from processing.errors import RoomError
+from processing.ground.seam import row_latitudes
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import (
     CEILING,
@@ -16,7 +17,6 @@ from processing.surfaces.maps import (
     FLOOR,
     boundary_latitudes,
     in_sight,
-    latitudes,
     longitudes,
     opening_map,
     plane_map,
@@ -108,7 +108,7 @@ def test_random_stars_agree_with_crossings(seed: int) -> None:
 def test_floor_and_ceiling_end_where_the_nearest_wall_stands() -> None:
     room = model(ELL)
     geometry = Equirectangular(256, 128)
-    planes, latitude = plane_map(room, geometry), latitudes(geometry)
+    planes, latitude = plane_map(room, geometry), row_latitudes(geometry.height_px)
     up, down = boundary_latitudes(room, longitudes(geometry))
     assert ((planes == FLOOR) == (latitude[:, None] < down)).all()
     assert ((planes == CEILING) == (latitude[:, None] > up)).all()
