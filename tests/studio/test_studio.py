@@ -40,6 +40,11 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError, DeviceTimeoutError
 from processing.figures.foreign import region_figures
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, read_room, room_text
+from processing.layout.arrange import arrange
+from processing.layout.arrangement import PlacedItem, read_arrangements
+from processing.layout.assumed import with_door
+from processing.layout.items import parse_items
+from processing.layout.plan import from_room_model
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.preview import read_mask, write_mask
 from processing.running.choices import read_choices
@@ -451,6 +456,34 @@ def test_a_piece_in_a_wall_is_refused_with_the_reason(opened: Opened) -> None:
     kept = json.loads((session / "arrangement.json").read_bytes())["arrangements"][0]["items"]
     assert {item["id"] for item in kept} == {"bed", "nightstand"}
     assert read_choices(session).chosen["arrangement"].file == "arrangement.json"
+
+
+def test_what_stands_on_a_piece_goes_with_it(opened: Opened) -> None:
+    """A television stays on its stand wherever that is dragged or turned to, and does not float where it was."""
+    session, page = opened.fresh("television"), opened.page
+    plan = from_room_model(with_door(wrong(TRUTH))[0], name="room", keep_camera_free=True)
+    arranged = arrange(plan, parse_items("tv stand, tv, chest"), n=1)
+    arranged.write(session / "stages" / "arrange" / "arrangement.json")
+
+    def placed() -> dict[str, PlacedItem]:
+        now = read_arrangements(session / "arrangement.json").arrangements[0]
+        return {item.id: item for item in now.items}
+
+    screen(page, session.name, "furnish")
+    stood = {item.id: item for item in arranged.arrangements[0].items}["tv-stand"]
+    page.locator(".piece[data-id=tv-stand]").focus()
+    for _ in range(4):
+        page.keyboard.press("Shift+ArrowDown")
+        page.wait_for_timeout(500)
+    wait(lambda: placed()["tv-stand"].t_m[1] == pytest.approx(stood.t_m[1] - 0.4, abs=0.005))
+    assert placed()["tv"].t_m[:2] == pytest.approx(placed()["tv-stand"].t_m[:2], abs=0.002)
+    assert placed()["tv"].t_m[2] == stood.size_m[2]
+    page.locator(".piece[data-id=tv-stand]").focus()
+    page.keyboard.press("r")
+    wait(lambda: abs(placed()["tv-stand"].theta_rad - stood.theta_rad) > 0.1)
+    assert placed()["tv"].theta_rad == pytest.approx(placed()["tv-stand"].theta_rad)
+    page.keyboard.press("Delete")
+    wait(lambda: set(placed()) == {"chest"})
 
 
 def test_a_piece_is_lit_while_it_moves_and_takes_another_design(opened: Opened) -> None:

@@ -32,6 +32,8 @@ export interface Piece {
   size_m: [number, number, number];
   theta_rad: number;
   t_m: [number, number, number];
+  /** The piece that it stands with, or on. */
+  group: string;
 }
 
 export interface Job {

@@ -76,7 +76,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
       place(mark, one.id);
       mark.addEventListener("focus", () => choose(one.id));
       mark.addEventListener("keydown", (event) => key(event, one.id));
-      draggable(mark, (down) => drag(down, one.id, mark));
+      draggable(mark, (down) => drag(down, one.id));
       return mark;
     }));
     list.replaceChildren(...pieces.map((one) => {
@@ -112,6 +112,21 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     if (Math.abs(((yaw - view.yaw + 540) % 360) - 180) > ASIDE) view.look(yaw, view.pitch);
   }
 
+  /** Places with a piece where it is put, or taken away, and all that stands on it with it. */
+  function put(from: Places, id: string, to: Pose | null): Places {
+    const { [id]: was, ...others } = from;
+    const now: Places = to ? { ...others, [id]: to } : others;
+    for (const top of pieces.filter((one) => one.group === id && one.t_m[2] > 0 && others[one.id])) {
+      const [x, y, theta, design] = others[top.id]!;
+      delete now[top.id];
+      if (!to || !was) continue;
+      const [dx, dy, by] = [x - was[0], y - was[1], to[2] - was[2]];
+      const [c, s] = [Math.cos(by), Math.sin(by)];
+      now[top.id] = [round(to[0] + c * dx - s * dy), round(to[1] + s * dx + c * dy), theta + by, design];
+    }
+    return now;
+  }
+
   const exchange = (id: string, design: string): void => {
     const [x, y, theta] = places[id]!;
     void keep({ ...places, [id]: [x, y, theta, design] }, places, true);
@@ -145,14 +160,14 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     });
   };
 
-  function drag(down: PointerEvent, id: string, mark: SVGGElement): { move: (event: PointerEvent) => void; end: () => void } {
+  function drag(down: PointerEvent, id: string): { move: (event: PointerEvent) => void; end: () => void } {
     const [start, before] = [plan.at(down), places];
     const [x, y, ...rest] = before[id]!;
     return {
       move: (event) => {
         const here = plan.at(event);
-        places = { ...places, [id]: [round(x + here[0] - start[0]), round(y + here[1] - start[1]), ...rest] };
-        place(mark, id);
+        places = put(before, id, [round(x + here[0] - start[0]), round(y + here[1] - start[1]), ...rest]);
+        for (const mark of marks()) place(mark, mark.dataset.id!);
         void judge(places);
         void light(places);
       },
@@ -173,7 +188,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     event.preventDefault();
   }
 
-  const move = (id: string, to: Pose): void => void keep({ ...places, [id]: to }, places, true);
+  const move = (id: string, to: Pose): void => void keep(put(places, id, to), places, true);
 
   /** Turn by a step; nearly along a wall it is along it. */
   function turn(by: number): void {
@@ -190,8 +205,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
 
   function away(): void {
     if (!places[focused]) return note("Select a piece first");
-    const { [focused]: _gone, ...rest } = places;
-    void keep(rest, places, true);
+    void keep(put(places, focused, null), places, true);
   }
 
   function putBack(one: Piece): void {
