@@ -79,6 +79,12 @@ class RoomModel(_Part):
         """Return the length of a wall."""
         return math.dist(self.floor[wall], self.floor[(wall + 1) % len(self.floor)])
 
+    def on_wall(self, wall: int, along_m: float) -> tuple[float, float]:
+        """Return x and y, m, of a place so far along a wall from its first corner."""
+        (x0, y0), (x1, y1) = self.floor[wall], self.floor[(wall + 1) % len(self.floor)]
+        share = along_m / max(self.wall_length_m(wall), 1e-9)
+        return x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+
 
 def geometry_problems(room: RoomModel) -> list[str]:
     """Say all that is wrong with a room's geometry, each with its key first; empty: it can stand."""

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from datetime import datetime, tzinfo
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,12 +26,11 @@ from processing.pictures.images import LuminanceImage
 from processing.relighting import relit_session as sessions
 from processing.relighting import weather as weathers
 from processing.relighting.relit_session import Relighting, RelitRoom, SessionRoom
-from processing.relighting.weather import Weather
+from processing.relighting.weather import Sky, Weather
 from processing.report.states import Look, State, viewer
 from processing.sphere import Equirectangular
 from station.commands.views import numbers
 
-Kind = Literal["captured", "clear", "overcast"]
 ROWS = 512  # of live pictures (chosen: as many as the viewer's map of numbers has; another hour then takes 0.8 CPU s)
 SEATED_M = 1.2  # height of a sitting observer's eyes, as EN 12464-1 and EN 17037 take it
 
@@ -48,7 +47,7 @@ class Outside:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, room: SessionRoom, kind: Kind, asked: dict[str, Any]) -> Self:
+    def of(cls, room: SessionRoom, kind: Sky, asked: dict[str, Any]) -> Self:
         """Return a room's; ``asked``: "site" ("LAT,LON"), "heading" (degrees) and "zone"; None: as the session says.
 
         Raises `DaylightError` where the place or the heading is not known.
@@ -71,7 +70,7 @@ class Outside:
         return found.outdoors, said | weathers.daylight_facts(found, time_utc)
 
 
-def _weather(room: SessionRoom, kind: Kind, place: Place) -> Weather:
+def _weather(room: SessionRoom, kind: Sky, place: Place) -> Weather:
     if kind == "captured":
         return weathers.captured_weather(room.scene.outdoors, room.time_utc, place)
     panes = room.scene.panes
@@ -102,13 +101,13 @@ class LiveRoom:
         """Return when the room was captured, by its clocks."""
         return self.room.time_utc.astimezone(self.outside("captured").zone)
 
-    def outside(self, kind: Kind) -> Outside:
+    def outside(self, kind: Sky) -> Outside:
         """Return the room's place and weather."""
         if kind not in self._outside:
             self._outside[kind] = Outside.of(self.room, kind, self._asked)
         return self._outside[kind]
 
-    def under(self, at: str, kind: Kind) -> RelitRoom:
+    def under(self, at: str, kind: Sky) -> RelitRoom:
         """Relight by a local time such as "2023-06-21 16:00"; glare is then that of this light."""
         if (at, kind) != self._moment:
             outside = self.outside(kind)

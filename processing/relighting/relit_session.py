@@ -17,6 +17,7 @@ import numpy as np
 from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, ParameterError, ProcessingError, RelightError
 from processing.exchange.jpeg_files import Made, packet
+from processing.figures.figures import reduced
 from processing.ground.arrays import Bytes, Floats, Vector
 from processing.ground.room_model import read_json, read_room
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
@@ -36,7 +37,6 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validi
 from processing.pictures.writing import write_bytes, write_whole
 from processing.running.artifacts import MAX_JSON_BYTES
 from processing.sphere import Equirectangular, Perspective
-from processing.sphere.resampling import resample
 from processing.stages.furnishing import furniture_parts
 from station.session.session import SessionManifest
 from station.session.store import load_manifest
@@ -133,16 +133,7 @@ def _picture(path: Path, rows: int) -> LuminanceImage:
     image = read_exr(path)
     if not isinstance(image, LuminanceImage) or not isinstance(image.geometry, Equirectangular):
         raise RelightError("not a calibrated panorama", where=path.name, advice="process the session again")
-    source = image.geometry
-    rows = min(rows, source.height_px)
-    if rows == source.height_px:
-        return image
-    target = replace(source, width_px=2 * rows, height_px=rows)
-    rgb, _ = resample(image.rgb, source, target)
-    clean = np.zeros(rgb.shape[:2], np.uint8)
-    doubt = np.minimum(image.uncertainty, np.float32(1e3))
-    uncertainty = np.asarray(cv2.resize(doubt, (2 * rows, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
-    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=clean, geometry=target, ghost=None)
+    return reduced(image, 2 * rows)
 
 
 def seen_picture(

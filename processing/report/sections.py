@@ -1,6 +1,5 @@
 """Sections of the report on what is to be removed, on the emptied room, and on the room's shape."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -135,9 +134,10 @@ def room_section(
     ]
     if "tilt_deg" in facts:
         quantities.append(Quantity("Tilt of the panorama", facts["tilt_deg"], "degrees", facts.get("tilt_sigma_deg")))
+    openings = [(o.kind.value, room.on_wall(o.wall, o.start_m), room.on_wall(o.wall, o.end_m)) for o in room.openings]
     pictures = (
         Picture("Layout", jpeg_bytes(drawn(image, room, display)), "panorama with its edges and openings", wide=True),
-        Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
+        Picture("Plan", plan_plot(room.floor, openings), "floor plan"),
     )
     source = "given by the user" if room.source == "given" else f"estimated from the panorama ({room.note})"
     text = f"The room is {source}. Segmentation: {facts.get('source', 'none')}."
@@ -178,15 +178,6 @@ def _tables(room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, st
     if left_out:
         found.append(Table("Not done", ("what", "why"), tuple((str(k), str(v)) for k, v in left_out.items())))
     return tuple(found)
-
-
-def _ends(room: RoomModel, opening: int) -> tuple[str, tuple[float, float], tuple[float, float]]:
-    """Return an opening's kind and its ends in the plan."""
-    one = room.openings[opening]
-    (x0, y0), (x1, y1) = room.floor[one.wall], room.floor[(one.wall + 1) % len(room.floor)]
-    length = max(math.dist((x0, y0), (x1, y1)), 1e-9)
-    a, b = ((x0 + (x1 - x0) * s / length, y0 + (y1 - y0) * s / length) for s in (one.start_m, one.end_m))
-    return one.kind.value, a, b
 
 
 def floor_area_m2(room: RoomModel) -> float:

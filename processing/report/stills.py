@@ -170,11 +170,9 @@ def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
 
 def _openings(room: RoomModel) -> list[_Thing]:
     found = []
-    corners = np.array(room.floor)
     for one in room.openings:
-        start, end = corners[one.wall], corners[(one.wall + 1) % len(corners)]
-        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
-        places = [(*(start + along * s), z) for s in (one.start_m, one.end_m) for z in (one.sill_m, one.head_m)]
+        ends = (room.on_wall(one.wall, along_m) for along_m in (one.start_m, one.end_m))
+        places = [(*end, z) for end in ends for z in (one.sill_m, one.head_m)]
         if one.kind.value != "door":
             found.append(_Thing("window", np.array(places), WINDOW, CUT_WINDOW))
         elif np.hypot(*np.array(places)[:, :2].T).min() < NEAR_DOOR_M:
