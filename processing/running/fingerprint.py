@@ -9,6 +9,7 @@ import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any
 
 from drivers.errors import DaylitError
@@ -136,10 +137,14 @@ def session_ingredients(part: SessionManifest, reads: tuple[str, ...]) -> Json:
 
 
 def changes(old: Mapping[str, Json], new: Mapping[str, Json]) -> list[tuple[str, Json, Json]]:
-    """Return (path, old, new) of every leaf that differs, in order of path; what is absent is None."""
+    """Return (path, old, new) of every leaf that differs, in order of path; what is absent is None.
+
+    Where one side has something inside what the other has empty, only the leaves inside are named.
+    """
     before, after = dict(_leaves(old)), dict(_leaves(new))
     paths = sorted(set(before) | set(after))
-    return [(path, before.get(path), after.get(path)) for path in paths if before.get(path) != after.get(path)]
+    leaves = [path for path, following in pairwise([*paths, ""]) if not following.startswith(f"{path} ")]
+    return [(path, before.get(path), after.get(path)) for path in leaves if before.get(path) != after.get(path)]
 
 
 def _leaves(value: Json, path: str = "") -> list[tuple[str, Json]]:

@@ -14,6 +14,7 @@ import pytest
 from processing.errors import ParameterError, ProcessingError
 from processing.ground.finished import digest
 from processing.pipeline import STAGES, Artifact, Stage, check_table, options, resolve, selected, stage_named
+from processing.running.fingerprint import changes
 from processing.running.requests import RunRequest, decide, planned
 from processing.running.result_store import Stored
 from processing.running.results import Action, RunEvent, RunEventKind, RunReport, StageResult
@@ -392,3 +393,9 @@ def test_a_result_with_other_empty_fields_is_made_anew() -> None:
     decision = decide(Stored(result=result), lambda _: now, forced=False)
     assert decision.result is None
     assert "another version" in decision.reason
+
+
+def test_a_file_that_comes_where_there_was_none_is_what_is_named() -> None:
+    """The reason said "changed: data: {} -> none (and 1 more)" after the report's viewer was built."""
+    found = changes({"data": {}, "a": {"b": 1}}, {"data": {"viewer.js": "0123"}, "a": {}})
+    assert found == [("a b", 1, None), ("data viewer.js", None, "0123")]
