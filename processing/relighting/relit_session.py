@@ -38,7 +38,7 @@ from processing.pictures.writing import write_bytes, write_whole
 from processing.running.artifacts import MAX_JSON_BYTES
 from processing.sphere import Equirectangular, Perspective
 from processing.stages.furnishing import furniture_parts
-from station.session.session import SessionManifest
+from station.session.session import SessionManifest, Side
 from station.session.store import load_manifest
 
 MEASURED = "outdoor picture"
@@ -154,11 +154,11 @@ def seen_picture(
 def check_sky(room: SessionRoom) -> None:
     """Raise `RelightError` where the light outdoors was not measured: the windows are then pictures that glow."""
     if not room.outdoors_measured:
-        raise RelightError(
-            "no picture of the sky was captured, so the light of another sky through the windows is unknown",
-            where=room.manifest.name,
-            advice="capture the outdoor picture too; daylit view-from works without",
-        )
+        what, todo = "was captured", "capture the outdoor picture too"
+        if any(frame.side is Side.OUTDOOR for frame in room.manifest.frames):
+            what, todo = "is in cd/m2", "give its scale to daylit process: --calibration, --k2 or --outdoor-lux"
+        text = f"no picture of the sky {what}, so the light of another sky through the windows is unknown"
+        raise RelightError(text, where=room.manifest.name, advice=f"{todo}; daylit view-from works without")
 
 
 def place_of(room: SessionRoom, site: Sequence[float] | None) -> Place:

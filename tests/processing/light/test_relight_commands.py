@@ -7,6 +7,7 @@ import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import OpenEXR
@@ -23,12 +24,13 @@ from processing.layout.plan import from_room_model
 from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
-from processing.relighting.relit_session import contact_sheet, display_of_day, read_session_room
+from processing.relighting.relit_session import check_sky, contact_sheet, display_of_day, read_session_room
 from processing.report.staging import relit_moments
 from processing.running.choices import forget
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
 from station.errors import SessionNotFoundError
+from station.session.session import Side
 from tests.processing.finished import finish_all
 from tests.processing.light.rooms import box_room
 from tests.processing.relighting.lit_sessions import lit_session
@@ -209,6 +211,14 @@ def test_without_a_picture_of_the_sky_nobody_knows_another(session, tmp_path) ->
     )
     with pytest.raises(RelightError, match="no picture of the sky"):
         run(relight, copy, "--at", "2023-05-19T19:00Z", "--rows", 64)
+
+
+def test_a_sky_without_a_scale_is_not_called_missing() -> None:
+    """A user with nine frames of the sky and no k2 was sent to capture the sky."""
+    sky = SimpleNamespace(side=Side.OUTDOOR)
+    room = SimpleNamespace(outdoors_measured=False, manifest=SimpleNamespace(name="hall", frames=(sky,)))
+    with pytest.raises(RelightError, match=r"no picture of the sky is in cd/m2.*--k2"):
+        check_sky(room)
 
 
 def test_sheets_and_exposures() -> None:
