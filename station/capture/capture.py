@@ -208,8 +208,9 @@ class Capture:
             yield from self._withdraw_damaged(self._store)
             yield self._warn("resumed", "the session was completed later: the light may have changed in between")
         for check in findings.checks:
-            if check.level is Level.WARN:
-                self._store.add(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+            warning = WarningRecord(code=f"preflight: {check.name}", message=check.text[:500])
+            if check.level is Level.WARN and warning not in self._store.manifest.warnings:  # it may be resumed
+                self._store.add(warning)
 
     def _stop_checks(self) -> Iterator[Check]:
         """Refuse stops that a connected camera does not have: it would take the nearest under their name."""

@@ -28,7 +28,7 @@ _RESUME = "Complete a partial session with the rig it was started with (or anoth
 @click.command()
 @click.argument("rooms", nargs=-1)
 @click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
+@click.option("--into", type=FOLDER, show_default="sessions", help="Sessions folder.")
 @click.option(
     "--simulate",
     metavar="WORLD",
@@ -100,8 +100,10 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
     if bool(options["every"]) != bool(options["until"]):
         raise UsageError("--every and --until belong together", where="capture", advice="--every 60m --until 18:00")
     if options["resume_path"] is None:
+        if options["rooms"] and options["rooms_path"]:
+            raise UsageError("rooms are given twice", where="--rooms", advice="give ROOM or --rooms, not both")
         return
-    taken = ("rooms", "rooms_path", "every", "stops", "bracket", "noise", "target", "address", "dry_run")
+    taken = ("rooms", "rooms_path", "into", "every", "stops", "bracket", "noise", "target", "address", "dry_run")
     given = [name for name in taken if options[name]]
     if given:
         names_given = ", ".join("ROOM" if n in ("rooms", "rooms_path") else f"--{n.replace('_', '-')}" for n in given)
@@ -131,7 +133,7 @@ def _request(room: str, options: dict[str, Any]) -> CaptureRequest:
 
     return CaptureRequest(
         room=room,
-        into=options["into"],
+        into=options["into"] or Path("sessions"),
         mode=options["bracket"],
         stops_s=parse_shutters(options["stops"]),
         typed_readings=options["readings"],

@@ -41,7 +41,7 @@ def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: P
     Exit code: 0 ready to capture · 1 something prevents a capture.
     """
     if write_rig is not None:
-        return _write_example(write_rig)
+        return _write_example(write_rig, as_json=as_json)
     from station.capture.preflight import check_computer, list_instruments
 
     plugged = list_instruments() if simulate is None else ()
@@ -66,14 +66,14 @@ def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[
         rig.close()
 
 
-def _write_example(path: Path) -> int:
+def _write_example(path: Path, *, as_json: bool) -> int:
     from station.capture.rig_file import example_text
     from station.session import durable
 
     with durable.disk_errors(path, "writing"), durable.new_file(path) as file:
         file.write(example_text())
-    click.echo(f"wrote {path}: edit it, then run daylit doctor --rig {path}")
-    return 0
+    line = f"wrote {path}: edit it, then run daylit doctor --rig {path}"
+    return answer({"ok": True, "file": str(path)}, [line], as_json=as_json)
 
 
 def _lines(check: Check) -> Iterator[str]:

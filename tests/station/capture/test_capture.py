@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from drivers.camera import CameraIdentity, CameraSettings, ExposureProgress, SettingReadback
+from drivers.camera import CameraIdentity, CameraSettings, CameraStatus, ExposureProgress, SettingReadback
 from drivers.clock import SteadyClock, SystemClock
 from drivers.errors import (
     BatteryLowError,
@@ -215,6 +215,22 @@ def test_what_needs_a_person_stops_and_is_resumed(tmp_path: Path, error: DeviceE
     assert before.items() <= {f.file: f.sha256 for f in after.frames}.items()
     assert "resumed" in {w.code for w in after.warnings}
     assert verify_session(path).intact
+
+
+def test_a_session_that_is_resumed_warns_once_of_what_stayed_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status = CameraStatus(0.9, 10**10, 1000, None, ready=True, warnings=("the dial is not reported",))
+    monkeypatch.setattr(FakeCamera, "status", lambda _: status)
+    cameras = [FakeCamera(SystemClock(), failures={("release", 3): StoreFullError("full")}), FakeCamera(SystemClock())]
+    with pytest.raises(StoreFullError):
+        run(make_rig(*cameras), tmp_path)
+    (path,) = tmp_path.iterdir()
+    with SessionStore.open(path, writable=True) as store:
+        list(Capture.resume(make_rig(*cameras), store).events())
+        found = [w for w in store.manifest.warnings if w.code.startswith("preflight")]
+    assert found
+    assert len(set(found)) == len(found)
 
 
 def test_a_camera_that_stays_broken_leaves_a_partial_session_that_names_what_is_missing(tmp_path: Path) -> None:

@@ -29,6 +29,8 @@ from station.commands.views import printable
         ["--resume", "S", "--target", "0,0"],
         ["--resume", "S", "--dry-run"],
         ["--resume", "S", "--address", "7 Elm Street"],
+        ["--resume", "S", "--into", "elsewhere"],
+        ["kitchen", "--rooms", "rooms.txt"],
         ["kitchen", "--size", "half"],
         ["kitchen", "--simulate", "recorded:t.jsonl", "--size", "half"],
         ["kitchen", "--simulate", "recorded:t.jsonl", "--rig", "rig.toml"],
@@ -41,6 +43,12 @@ def test_options_that_would_do_nothing_are_refused(
     monkeypatch.chdir(tmp_path)
     assert daylit.main(["capture", *arguments, "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["code"] == "USE-001"
+
+
+def test_an_example_rig_is_answered_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rig.toml"
+    assert daylit.main(["doctor", "--write-rig", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"ok": True, "file": str(path)}
 
 
 def test_conform_without_the_instrument_has_not_passed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
