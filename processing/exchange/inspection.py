@@ -115,13 +115,17 @@ WORDS = {code.value: code.name.lower() for code in Validity}
 
 
 def picture_facts(picture: OpenPicture) -> Facts:
-    """Return size, geometry, unit, metadata and the range of a picture's luminance, as plain values."""
+    """Return size, geometry, unit, metadata and the range of a picture's luminance, as plain values.
+
+    Median and mean are by solid angle where the projection is known.
+    """
     height, width = picture.rgb.shape[:2]
     level = _level(picture)
     chosen = np.ones(level.shape, bool) if picture.validity is None else picture.validity != Validity.OUTSIDE
     facts: Facts = {"kind": picture.kind, "unit": picture.unit, "width_px": width, "height_px": height}
     facts |= {"geometry": _named(picture), "scale_uncertainty": picture.scale_uncertainty}
-    facts |= {"range": _range(level[chosen]), "attributes": dict(picture.attributes)}
+    area = np.ones(level.shape) if picture.geometry is None else solid_angles(picture.geometry)
+    facts |= {"range": _range(level[chosen], area[chosen]), "attributes": dict(picture.attributes)}
     if picture.validity is not None:
         count = np.bincount(picture.validity.ravel(), minlength=max(WORDS) + 1) / picture.validity.size
         facts["pixels"] = {name: float(count[code]) for code, name in WORDS.items()}
@@ -181,11 +185,12 @@ def _level(picture: OpenPicture) -> Floats:
     return picture.rgb.mean(axis=2, dtype=np.float32) if codes else luminance_cd_m2(picture.rgb)
 
 
-def _range(tone: Floats) -> Facts:
-    if not tone.size:
+def _range(tone: Floats, area: Doubles) -> Facts:
+    if not area.any():
         return {"lowest": None, "median": None, "mean": None, "highest": None}
-    mean = float(tone.mean(dtype=np.float64))
-    return {"lowest": float(tone.min()), "median": float(np.median(tone)), "mean": mean, "highest": float(tone.max())}
+    median = float(np.quantile(tone, 0.5, weights=area, method="inverted_cdf"))
+    mean = float(np.average(tone, weights=area))
+    return {"lowest": float(tone.min()), "median": median, "mean": mean, "highest": float(tone.max())}
 
 
 def _named(picture: OpenPicture) -> str:

@@ -52,6 +52,16 @@ def test_an_exr_of_ours(tmp_path: Path) -> None:
     assert (middle["lowest"], middle["highest"]) == pytest.approx((100, 300), rel=1e-5)
 
 
+def test_median_and_mean_of_a_panorama_are_by_solid_angle(tmp_path: Path) -> None:
+    """A belt 40 degrees up and down is 44 % of the pixels, yet 64 % of the sphere."""
+    image = calibrated(360)
+    image.rgb[:], image.rgb[100:260] = 100.0, 1000.0
+    write_exr(tmp_path / "a.exr", image)
+    shown = picture_facts(open_picture(tmp_path / "a.exr"))["range"]
+    assert shown["mean"] == pytest.approx(100 + 900 * math.sin(math.radians(40)), rel=1e-3)
+    assert shown["median"] == pytest.approx(1000, rel=1e-3)
+
+
 def test_seam_poles_and_too_small_a_radius(tmp_path: Path) -> None:
     write_exr(tmp_path / "a.exr", calibrated())
     picture = open_picture(tmp_path / "a.exr")
