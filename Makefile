@@ -48,7 +48,7 @@ $(VENV)/.bytecode: $(VENV)/.dev
 	@$(RUN) -m pytest --collect-only -qq >/dev/null 2>&1 || true
 	@touch $@
 
-## make test      set up, then run all tests
+## make test      set up, then run all tests but those that are marked for make torture
 # Kernels first, once: workers that need the same ones at the same time would each compile them. Files stay whole, in
 # their order: what a file's tests share (a demo, a profile of a rig, a room's light) is made by one worker.
 test: $(VENV)/.bytecode $(VENV)/.web
@@ -63,10 +63,10 @@ check: $(VENV)/.dev $(VENV)/.web
 	$(RUN) -m studio.build --types
 	$(RUN) -m pytest -q tests/architecture
 
-## make torture   the long fault-injection runs, all seeds, every benchmark on the smallest input; figures go to docs/measurements/reliability.md
+## make torture   the long fault-injection runs, all seeds, tests marked `long`, every benchmark on the smallest input; figures go to docs/measurements/reliability.md
 torture: $(VENV)/.dev
 	$(RUN) -m tests.torture
-	DAYLIT_TORTURE=1 $(RUN) -m pytest -q -n 2 -m sweep
+	DAYLIT_TORTURE=1 $(RUN) -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "sweep or long"
 	DAYLIT_TORTURE=1 $(RUN) -m pytest -q tests/benchmarks/test_smoke.py
 
 ## make bench     every benchmark in full

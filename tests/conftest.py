@@ -71,6 +71,12 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["DAYLIT_CACHE"] = str(folder)
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Leave to the long runs what is marked for them: a dearer test of what another one finds, too."""
+    if not LONG and item.get_closest_marker("long"):
+        pytest.skip("dearer than what it adds: make torture")
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """With ``--dist loadfile`` keep the files of rigs on one worker, too: their cameras are the same ones (`once`)."""
