@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import json
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,45 +36,29 @@ ROOT = Path(__file__).resolve().parents[3]
 NAMES = ("a", "b", "broken", "cursed", "mortal")
 
 RUN = """
-import json, sys
-from pathlib import Path
-from processing.batch.run import BatchRequest, run_batch
-from tests.processing.batch.doings import as_named
-if __name__ == "__main__":
-    report = run_batch(BatchRequest(Path(sys.argv[1]), workers=2), do=as_named)
-    print(json.dumps(report.to_dict()))
-"""
-
-ELSEWHERE = """
-import json, sys
+import json, sys, threading
 from pathlib import Path
 from distributed import LocalCluster
 from processing.batch.run import BatchRequest, run_batch
-from tests.processing.batch.doings import as_named
-if __name__ == "__main__":
-    with LocalCluster(
+from tests.processing.batch.doings import as_named, together
+
+def there():
+    return LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
         dashboard_address=None, worker_dashboard_address=None,
-    ) as there:
-        report = run_batch(BatchRequest(Path(sys.argv[1]), cluster=there.scheduler_address), do=as_named)
-    print(json.dumps(report.to_dict()))
-"""
+    )
 
+def done(folder, do, **where):
+    return run_batch(BatchRequest(Path(sys.argv[1], folder), **where), do=do).to_dict()
 
-LATE = """
-import json, sys, threading, time
-from pathlib import Path
-from distributed import LocalCluster
-from processing.batch.run import BatchRequest, run_batch
-from tests.processing.batch.doings import together
 if __name__ == "__main__":
-    with LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
-        dashboard_address=None, worker_dashboard_address=None,
-    ) as there:
-        threading.Timer(1.0, lambda: there.scale(4)).start()
-        report = run_batch(BatchRequest(Path(sys.argv[1]), cluster=there.scheduler_address), do=together)
-    print(json.dumps(report.to_dict()))
+    found = {"killed": done("killed", as_named, workers=2)}
+    with there() as cluster:
+        found["elsewhere"] = done("elsewhere", as_named, cluster=cluster.scheduler_address)
+    with there() as cluster:
+        threading.Timer(1.0, lambda: cluster.scale(4)).start()
+        found["late"] = done("late", together, cluster=cluster.scheduler_address)
+    print(json.dumps(found))
 """
 
 
@@ -82,12 +68,24 @@ def empty_sessions(folder: Path, names: tuple[str, ...]) -> None:
         (folder / name / "session.json").write_text("{}")
 
 
-def answer_of(text: str, folder: Path) -> dict[str, Any]:
-    """What a script that is given the folder's sessions prints last."""
+@dataclass(frozen=True)
+class Batches:
+    """What became of three folders of sessions, and where they are."""
+
+    folder: Path
+    reports: dict[str, dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def batches(tmp_path_factory: pytest.TempPathFactory) -> Batches:
+    """In one process of their own: a cluster's threads and sockets are none of the other tests' business."""
+    folder = tmp_path_factory.mktemp("batches")
+    for name, sessions in (("killed", NAMES), ("elsewhere", ("a", "b")), ("late", ("a", "b", "c", "d"))):
+        empty_sessions(folder / name, sessions)
     script = folder / "batch_here.py"
-    script.write_text(text)
+    script.write_text(RUN)
     done = subprocess.run(
-        [sys.executable, str(script), str(folder / "sessions")],
+        [sys.executable, str(script), str(folder)],
         capture_output=True,
         text=True,
         timeout=550,
@@ -96,37 +94,32 @@ def answer_of(text: str, folder: Path) -> dict[str, Any]:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return answer
+    return Batches(folder, json.loads(done.stdout.splitlines()[-1]))
 
 
 @pytest.mark.timeout(600)
-def test_killed_workers_lose_no_session_and_make_none_wrong(tmp_path: Path) -> None:
-    """In a process of its own: a cluster's threads and sockets are none of the other tests' business."""
-    empty_sessions(tmp_path / "sessions", NAMES)
-    report = answer_of(RUN, tmp_path)
+def test_killed_workers_lose_no_session_and_make_none_wrong(batches: Batches) -> None:
+    report = batches.reports["killed"]
     states = {one["session"]: (one["state"], one["code"]) for one in report["outcomes"]}
     assert list(states) == sorted(NAMES)
     assert states.pop("cursed") == ("failed", "BAT-004")
     assert states.pop("broken") == ("failed", "BAT-004")
     assert set(states.values()) == {("done", "")}, "the mortal one was given to another worker"
     assert (report["sessions"], report["done"], report["failed"]) == (5, 3, 2)
-    assert (tmp_path / "sessions" / "mortal" / "tried-1").exists()
+    assert (batches.folder / "killed" / "mortal" / "tried-1").exists()
 
 
 @pytest.mark.timeout(600)
-def test_a_cluster_that_is_there_already_is_used(tmp_path: Path) -> None:
-    empty_sessions(tmp_path / "sessions", ("a", "b"))
-    report = answer_of(ELSEWHERE, tmp_path)
+def test_a_cluster_that_is_there_already_is_used(batches: Batches) -> None:
+    report = batches.reports["elsewhere"]
     assert [(one["session"], one["state"]) for one in report["outcomes"]] == [("a", "done"), ("b", "done")]
     assert report["workers"] == 1
 
 
 @pytest.mark.timeout(600)
-def test_workers_that_join_late_get_sessions(tmp_path: Path) -> None:
+def test_workers_that_join_late_get_sessions(batches: Batches) -> None:
     """Four workers, of which three join after a second: four sessions at once, or none of them ends."""
-    empty_sessions(tmp_path / "sessions", ("a", "b", "c", "d"))
-    report = answer_of(LATE, tmp_path)
+    report = batches.reports["late"]
     assert [one["state"] for one in report["outcomes"]] == ["done"] * 4
     assert report["at_once"] == 4
 
@@ -213,12 +206,21 @@ def test_workers_share_the_cores() -> None:
     assert thread_settings(3)["OPENBLAS_NUM_THREADS"] == "1"
 
 
+@pytest.fixture(scope="module")
+def few_to_search() -> None:
+    """What is there stays: where no scheduler answers, all else is searched for the half-made client, for a second."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.mark.usefixtures("few_to_search")
 @pytest.mark.parametrize("address", ["no such thing", "tcp://"])
 def test_a_cluster_that_is_none_is_a_named_error(tmp_path: Path, address: str) -> None:
     with pytest.raises(ClusterError), connected(address, 1, tmp_path):
         pass
 
 
+@pytest.mark.usefixtures("few_to_search")
 @pytest.mark.parametrize("fault", [AssertionError(), TimeoutError("timed out\nafter 30 s"), KeyError("tcp")])
 def test_however_dask_refuses_an_address_it_is_the_named_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception

@@ -10,6 +10,7 @@ from PIL import Image
 
 import daylit
 from processing.commands import demo as command
+from processing.ground import kernels
 from station.commands.views import Rendering
 from station.session.store import load_manifest
 from tests.station.session.sessions import complete_session
@@ -96,6 +97,20 @@ def test_what_is_waited_for_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     with command._beside(tmp_path, "sessions", waited_for=True):
         pass
     assert f"waiting for the rig's sessions, captured in parallel ({tmp_path}/sessions.log)" in capsys.readouterr().err
+
+
+def test_beside_the_capture_the_rigs_sessions_are_captured_and_kernels_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the processes beside do, here; a rig that is calibrated is left alone."""
+    made: list[object] = []
+    monkeypatch.setattr(command, "_rig_session", lambda folder, name, **_: made.append((folder, name)))
+    monkeypatch.setattr(kernels, "load_kernels", lambda: made.append("kernels"))
+    command._meanwhile("kernels", tmp_path)
+    command._meanwhile("sessions", tmp_path)
+    (tmp_path / "calibration.json").write_text("{}")
+    command._meanwhile("sessions", tmp_path)
+    assert made == ["kernels", (tmp_path, "chart"), (tmp_path, "sphere")]
 
 
 def test_what_is_rendered_says_how_long_it_takes_yet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,59 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import daylit
-from benchmarks.photometry.rig import CHART_STOPS_S, DENSE_STOPS_S
 from benchmarks.sessions import Taken, write_session
-from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, UniformWorld, luminance_cd_m2
-from mocks.worlds.simple_room import SimpleRoom
-from mocks.worlds.sky import SimpleSky
 from processing.calibration.profile import RigProfile, load_profile, save_profile
 from station.session.session import Side
+from tests.processing.commands.rigs import INDOOR, OUTDOOR, RAW, SMALL, UnderTheSky, without_raw
 
-SMALL, SMALLER = 12, 16
-"""Of the frames' size: the rig's, whose chart must be found, and the session's."""
-INDOOR, OUTDOOR = Side.INDOOR, Side.OUTDOOR
-RAW = {INDOOR: 1 / 1.5, OUTDOOR: 1.0}
-"""The indoor camera's raw files are 1.5 times as bright as its JPEGs: k2 of one is none of the other."""
+SMALLER = 16
+"""Of the frames' size: the session's; the rig's are `SMALL`."""
 OFF = {"linear": 0.02, "profile": 0.05}
 """Of the sky's illuminance, by frames; 1.0 and 1.9 % are found, and with the other frames' k2 it would be 50 %."""
-SKY = SimpleSky(sun_luminance_cd_m2=0.0)
-
-
-@dataclass(frozen=True)
-class PaperedRoom(ChartRoom):
-    """The chart's room with patterned walls, by which the panorama camera's lenses can be placed."""
-
-    def radiance(self, site, directions, pixel_rad=0.0, component=None):  # type: ignore[no-untyped-def]
-        light = super().radiance(site, directions, pixel_rad, component)
-        x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
-        east, up = np.arctan2(x, y) / np.pi + 1, np.arcsin(np.clip(z, -1, 1)) / np.pi + 0.5
-        paper = np.ones(light.shape[:-1])
-        for n in (16, 32, 64):
-            cells = np.random.default_rng(n).uniform(0.25, 1, (n, 2 * n)) ** 0.7
-            paper *= cells[np.clip(up * n, 0, n - 1).astype(int), np.clip(east * n, 0, 2 * n - 1).astype(int)]
-        paper[y > np.cos(np.radians(40))] = 1  # around chart and board
-        return (light * paper[..., None]).astype(np.float32) if site is Site.INDOOR else light
-
-
-@dataclass(frozen=True)
-class UnderTheSky(PaperedRoom):
-    """The same room, and an overcast sky outdoors."""
-
-    def radiance(self, site, directions, pixel_rad=0.0, component=None):  # type: ignore[no-untyped-def]
-        if site is Site.INDOOR:
-            return super().radiance(site, directions, pixel_rad, component)
-        return 4 * SKY.radiance(directions)
-
-    def open_sky(self, site: Site, directions: np.ndarray) -> np.ndarray:
-        return np.full(directions.shape[:-1], site is Site.OUTDOOR, np.float32)
 
 
 def sky_lux() -> float:
@@ -68,20 +31,15 @@ def sky_lux() -> float:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("rig")
-    write_session(folder / "chart", Taken(PaperedRoom(), SMALL, stops_s=CHART_STOPS_S, raw=RAW))
-    write_session(folder / "room", Taken(SimpleRoom(3), SMALL, (INDOOR,), stops_s=DENSE_STOPS_S))
-    write_session(folder / "plain", Taken(PaperedRoom(), SMALL, (OUTDOOR,), nd=False, stops_s=DENSE_STOPS_S, raw=RAW))
-    write_session(folder / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), raw=RAW))
-    write_session(folder / "session", Taken(UnderTheSky(), SMALLER, raw=RAW, seed=1))
-    return folder
+def rig(raw_rig: Path) -> Path:
+    write_session(raw_rig / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), raw=RAW))
+    write_session(raw_rig / "session", Taken(UnderTheSky(), SMALLER, raw=RAW, seed=1))
+    return raw_rig
 
 
 def calibrated(rig: Path, chart: str, into: str) -> RigProfile:
     words = [*(str(rig / name) for name in (chart, "room")), "--nd", str(rig / chart), str(rig / "plain")]
     words += ["--flat", str(rig / "flat"), "--lens-data", "theta_z1", "--into", str(rig / into)]
-    words += [f"--shutter={side}:thirds" for side in Side]  # test_rig_command.py: found by itself
     assert daylit.main(["rig", "calibrate", *words]) == 0
     return load_profile(rig / into)
 
@@ -89,17 +47,6 @@ def calibrated(rig: Path, chart: str, into: str) -> RigProfile:
 @pytest.fixture(scope="module")
 def profile(rig: Path) -> RigProfile:
     return calibrated(rig, "chart", "lab.json")
-
-
-def without_raw(at: Path, side: Side, into: Path) -> Path:
-    """Copy a session but for a side's raw files."""
-    shutil.copytree(at, into, ignore=shutil.ignore_patterns("stages"))
-    found = json.loads((into / "session.json").read_text())
-    found["frames"] = [f for f in found["frames"] if (f["side"], f["format"]) != (side.value, "dng")]
-    (into / "session.json").write_text(json.dumps(found))
-    for dng in (into / side.value).glob("*.dng"):
-        dng.unlink()
-    return into
 
 
 def processed(at: Path, profile: Path, frames: str = "auto") -> tuple[dict, dict]:
@@ -151,7 +98,7 @@ def test_a_session_with_raw_files_of_one_camera_is_merged_from_both_cameras_jpeg
     rig: Path, profile: RigProfile, tmp_path: Path
 ) -> None:
     assert profile.raw is not None
-    at = without_raw(rig / "session", OUTDOOR, tmp_path / "session")
+    at = without_raw(rig / "session", tmp_path / "session", OUTDOOR)
     merge, found = processed(at, rig / "lab.json")
     assert sources(merge) == {"indoor": "profile", "outdoor": "profile"}
     assert "0 raw files beside 9 pictures" in merge["left_out"]["indoor raw files"]
@@ -175,7 +122,7 @@ def test_a_raw_file_that_breaks_leaves_both_cameras_jpegs(rig: Path, profile: Ri
 
 
 def test_a_rig_with_raw_files_of_one_camera_holds_for_just_that_pair(rig: Path, tmp_path: Path) -> None:
-    without_raw(rig / "chart", OUTDOOR, rig / "chart-mixed")
+    without_raw(rig / "chart", rig / "chart-mixed", OUTDOOR)
     mixed = calibrated(rig, "chart-mixed", "mixed.json")
     assert mixed.raw is not None
     assert mixed.raw.frames == {INDOOR: "raw", OUTDOOR: "jpeg"}

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +15,13 @@ from processing.pictures.images import RelativeImage
 from processing.sphere import Perspective, directions
 
 
-def chart_view(
+def chart_view(**how: Any) -> RelativeImage:
+    """Return what a camera sees of the chart (`_seen`), a picture of its own."""
+    return deepcopy(_seen(**how))
+
+
+@lru_cache(maxsize=8)
+def _seen(
     *,
     width_px: int = 320,
     fov_deg: float = 60.0,
