@@ -27,7 +27,7 @@ from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes, without_glare
-from processing.errors import ProcessingError
+from processing.errors import LensError, ProcessingError
 from processing.ground.arrays import Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import widened
@@ -40,6 +40,7 @@ EVEN, NEAR_SHARE, NEAR_RAD = 0.005, 0.01, 0.15
 CLOSE_RAD = (math.radians(3), math.radians(12))
 BRIGHT_PCT, DARK_PCT = 99.9, 5.0
 LAMPS = ((0.2, 0.9, 0.1), (-0.8, 0.5, 0.3), (0.4, -0.8, 0.0))
+LAMP, WEAKER = 3e4, 4  # its light, 0.75 of what saturates the shortest frame; lamps tried, each half as bright
 WHITE_S = 5.0
 
 
@@ -91,15 +92,33 @@ def lamp_kernel(
 ) -> GlareKernel:
     """Return the kernel by three lamps, seen and hidden by a world's camera, whose curve is ``fit``'s.
 
-    ``scattering``: of two lenses, on the light; None: the world's own, of one.
+    ``scattering``: of two lenses, on the light; None: the world's own, of one. Lamps clipped in all frames are refused;
+    then weaker ones are taken, as the refusal advises.
     """
+    for weaker in range(WEAKER):
+        try:
+            return _by_three_lamps(world, geometry, fit, seed, scattering, LAMP / 2**weaker)
+        except LensError as error:
+            if weaker == WEAKER - 1 or "weaker lamp" not in error.advice:
+                raise
+    raise AssertionError
+
+
+def _by_three_lamps(
+    world: HostileWorld,
+    geometry: Equirectangular,
+    fit: ResponseFit,
+    seed: int,
+    scattering: Callable[[Floats], Floats] | None,
+    lamp: float,
+) -> GlareKernel:
     rays, _ = directions(geometry)
     pairs = []
     for ahead in LAMPS:
         near = rays @ (np.array(ahead) / np.linalg.norm(ahead))
         dark = np.repeat((0.3 + 0.1 * rays[..., :1]).astype(np.float32), 3, axis=2)
         seen, hidden = dark.copy(), dark.copy()
-        seen[near > math.cos(math.radians(3))] = 3e4
+        seen[near > math.cos(math.radians(3))] = lamp
         hidden[near > math.cos(math.radians(7))] = 0.01
         both = [scattering(light) if scattering else light for light in (seen, hidden)]
         frames = [hostile_bracket(world, light, WHITE_S, seed + 50).frames for light in both]

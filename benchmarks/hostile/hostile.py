@@ -243,9 +243,8 @@ def _measured(merged: RelativeImage, spot: Flags, reading: float, kernel: GlareK
     picture = scaled(merged, ScaleFactor(reading / displayed, METER_SIGMA, measured=reading))
     row, column = (np.flatnonzero(spot.any(axis=axis)).mean() + 0.5 for axis in (1, 0))
     place = (column / spot.shape[1] * 2 * np.pi - np.pi, np.pi / 2 - row / spot.shape[0] * np.pi)
-    stray = unmeasured_modes(picture, (reading, *place))
-    if kernel is not None:
-        stray = kernel_modes(picture, kernel, measured=reading)
+    known = (reading, *place)
+    stray = unmeasured_modes(picture, known) if kernel is None else kernel_modes(picture, kernel, known)
     return widened(picture, [*stray, seam_mode(place[0])])
 
 

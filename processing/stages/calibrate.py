@@ -205,8 +205,7 @@ def calibrate_indoor(
         spot = (scale.measured, math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
     sigma = tied if isinstance(tied, float) else SEAM_SIGMA
     seam = [seam_mode(spot[1] if spot else None, sigma)] if lenses else []
-    level = scale.measured or None
-    stray = kernel_modes(picture, kernel, measured=level) if kernel else unmeasured_modes(picture, spot)
+    stray = kernel_modes(picture, kernel, spot) if kernel else unmeasured_modes(picture, spot)
     picture = widened(picture, [*stray, *seam])
     if falloff and falloff.relative_uncertainty:
         cosine = math.cos(spot[1]) * math.cos(spot[2]) if spot else 1.0

@@ -1,7 +1,7 @@
 """Our method: curve, noise and shutter times from the same patches, in turn, until they agree."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -59,8 +59,9 @@ class ChannelFit:
     weighed: Weighed
     kept: Flags
     """(n,) observations of patches that did not move."""
-    left_out: Doubles | None = None
-    """(frames, 256) stops: by how much the curve moves when each frame is left out, 0 at code 128."""
+    left_out: Doubles = field(default_factory=lambda: np.zeros((0, 256)))
+    """(frames, 256) stops: by how much the curve moves when each frame is left out, 0 at code 128; what else channels
+    have together follows."""
     held_out: float = 1.0
     """Chi-squared a degree of freedom of patches that the curve was not fitted to."""
 

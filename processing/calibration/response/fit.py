@@ -262,17 +262,17 @@ def solve(eq: Equations, start: Doubles, prior: CurvePrior, independent: float =
     right = eq.right[:k]
     count = max(eq.count * independent / CELL_COUNT - 2, 1)
     scores, answers = np.empty(len(prior.candidates)), np.empty((len(prior.candidates), k))
+    inverses = np.linalg.inv(data + np.array([one.precision for one in prior.candidates]))
     for number, one in enumerate(prior.candidates):
         whole = data + one.precision
-        answers[number] = np.linalg.solve(whole, right - one.precision @ start)
+        answers[number] = inverses[number] @ (right - one.precision @ start)
         total = answers[number] + start
         fit = max(eq.misfit(answers[number]) + float(total @ one.precision @ total), 1e-12)
         scores[number] = count * np.log(fit) + np.linalg.slogdet(whole)[1] - one.log_determinant
     share = np.exp((scores.min() - scores) / 2)
     share /= share.sum()
     chosen = prior.candidates[int(np.argmin(scores))]
-    inverse = np.asarray(np.linalg.inv(data + chosen.precision), dtype=np.float64)
-    answer = np.asarray(share @ answers)
+    inverse, answer = np.tensordot(share, inverses, 1), np.asarray(share @ answers)
     apart = (answers - answer) * np.sqrt(share)[:, None]
     cross = eq.matrix[k:, :k]
     return Solution(

@@ -105,7 +105,7 @@ def recover_response(
         balance_sigma=three(sigma[:, gauge].tolist()),
         n_samples=sum(data.n_samples for data in samples.channels),
         residual_stops=1.4826 * float(np.median(sizes)) if sizes.size else 0.0,
-        modes=_curve_modes(channels, MIDDLE_CODE),
+        modes=_curve_modes(channels),
         clip_together=together,
         held_out=tuple(one.held_out for one in channels),
         prior_strength=tuple(one.solution.strength for one in channels),
@@ -149,7 +149,8 @@ def _fitted(
 def _tied(samples: Samples, fit: DaylitFit, priors: Sequence[CurvePrior], *, free_times: bool) -> DaylitFit:
     """Return the fit with channels that are not seen near white held to the one that is seen farthest up.
 
-    Under coloured light the weaker channels' upper codes are seen only where another channel is clipped.
+    Under coloured light the weaker channels' upper codes are seen only where another channel is clipped. What is unsure
+    of the one is so of those held to it, together.
     """
     best = max(fit.channels, key=lambda one: one.high)
     if best.high - best.low < LEAST_CODES:
@@ -159,8 +160,11 @@ def _tied(samples: Samples, fit: DaylitFit, priors: Sequence[CurvePrior], *, fre
         return fit
     held = [tied_prior(best.log2) if tie else prior for tie, prior in zip(short, priors, strict=True)]
     fit = fit_daylit(samples, free_times=free_times, priors=held)
-    highs = [best.high if tie else one.high for tie, one in zip(short, fit.channels, strict=True)]
-    red, green, blue = (replace(one, high=high) for one, high in zip(fit.channels, highs, strict=True))
+    doubt = np.concatenate([_own_modes(best), best.left_out])
+    red, green, blue = (
+        replace(one, high=best.high if tie else one.high, left_out=np.concatenate([one.left_out, tie * doubt]))
+        for tie, one in zip(short, fit.channels, strict=True)
+    )
     return replace(fit, channels=(red, green, blue))
 
 
@@ -168,8 +172,8 @@ def clip_together(samples: Samples, fit: DaylitFit) -> bool:
     """Return whether a channel's codes may be others where another channel is clipped: the camera mixes its channels.
 
     Cameras bring their own colours to sRGB by a matrix after their wells have saturated. Samples with a clipped channel
-    must agree with ``fit``, to those without, about the light of the same patches; where they are many and too few
-    can be compared, they are not believed.
+    must agree with ``fit``, to those without, about the light of the same patches, as far as it knows the curve there;
+    where they are many and too few can be compared, they are not believed.
     """
     rows, every = [], 0
     for data, one in zip(samples.channels, fit.channels, strict=True):
@@ -182,15 +186,17 @@ def clip_together(samples: Samples, fit: DaylitFit) -> bool:
         known = (seen.weight > 0) & (total[data.sample] > weight) & (data.mean >= one.low) & (data.mean <= one.high)
         cell = data.frame * CLIP_CELLS + (seen.predicted * (CLIP_CELLS / 256)).astype(np.int64)
         every += int(np.count_nonzero(~data.clear))
+        curve = curve_sigma(one, MIDDLE_CODE)[256 // CLIP_CELLS // 2 :: 256 // CLIP_CELLS]
         for k in np.unique(cell[known & ~data.clear]):
             part = off[known & ~data.clear & (cell == k)]
             beside = off[known & data.clear & (data.frame == k // CLIP_CELLS)]
             if min(part.size, beside.size) >= CLIP_PATCHES:
                 middle = float(np.median(part))
                 doubt = 1.253 * 1.4826 * float(np.median(np.abs(part - middle))) / part.size**0.5  # of a median
+                doubt = math.hypot(CLIP_SIGMAS * doubt, curve[k % CLIP_CELLS])
                 rows.append((abs(middle - float(np.median(beside))), doubt, part.size))
-    apart, sigma, count = np.array(rows or [(0.0, 0.0, 0)]).T
-    clear = (apart > CLIP_STOPS) & (apart > CLIP_SIGMAS * sigma)
+    apart, doubts, count = np.array(rows or [(0.0, 0.0, 0)]).T
+    clear = (apart > CLIP_STOPS) & (apart > doubts)
     many = every > CLIP_MANY * sum(data.mean.size for data in samples.channels)
     return bool((many and count.sum() < CLIP_KNOWN * every) or count[clear].sum() > CLIP_SHARE * count.sum())
 
@@ -248,30 +254,29 @@ def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
     slope = np.gradient(fit.log2)
     model = (MODEL_CODES * slope) ** 2 * fit.noise.pixel.code
     sigma = np.sqrt(covered + model + model[gauge])
-    if fit.left_out is not None:
-        sigma = np.hypot(sigma, np.sqrt(np.square(fit.left_out - fit.left_out[:, gauge : gauge + 1]).sum(axis=0)))
+    sigma = np.hypot(sigma, np.sqrt(np.square(fit.left_out - fit.left_out[:, gauge : gauge + 1]).sum(axis=0)))
     sigma[gauge] = 0.0
     return np.asarray(sigma)
 
 
-def _curve_modes(channels: Sequence[ChannelFit], middle: int) -> Doubles:
+def _curve_modes(channels: Sequence[ChannelFit]) -> Doubles:
     """Return the largest independent errors (M, 3, 256) of the curves in stops, 0 at the middle code.
 
     Of each channel's fit by itself; and of all channels together what one frame decides.
     """
+    found = [np.eye(3)[c][:, None] * alone for c, fit in enumerate(channels) for alone in _own_modes(fit)]
+    return np.array([*found, *np.stack([fit.left_out for fit in channels], axis=1)])
+
+
+def _own_modes(fit: ChannelFit) -> Doubles:
+    """Return the largest independent errors of a channel's fit by itself in stops, of shape (`MODES`, 256)."""
     rows = spline_basis().codes
-    rows = rows - rows[middle]
-    found = []
-    for c, fit in enumerate(channels):
-        scale = INFLATION**2 * max(fit.held_out, fit.solution.scale2, 1.0)
-        size, ways = np.linalg.eigh(scale * fit.solution.covariance)
-        alone = (rows @ (ways * np.sqrt(np.maximum(size, 0)))).T
-        largest = np.argsort(-np.square(alone[:, FIRST : LAST + 1]).sum(axis=1))[:MODES]
-        found += [np.eye(3)[c][:, None] * alone[k] for k in largest]
-    together = [fit.left_out for fit in channels if fit.left_out is not None]
-    if len(together) == len(channels):
-        found += list(np.stack(together, axis=1))
-    return np.array(found)
+    rows = rows - rows[MIDDLE_CODE]
+    scale = INFLATION**2 * max(fit.held_out, fit.solution.scale2, 1.0)
+    size, ways = np.linalg.eigh(scale * fit.solution.covariance)
+    alone = (rows @ (ways * np.sqrt(np.maximum(size, 0)))).T
+    largest = np.argsort(-np.square(alone[:, FIRST : LAST + 1]).sum(axis=1))[:MODES]
+    return np.asarray(alone[largest])
 
 
 @dataclass(frozen=True)

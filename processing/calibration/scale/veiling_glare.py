@@ -33,7 +33,10 @@ _DARKEST_SHARE = 0.001  # of the field; chosen
 _ENOUGH_PX = 400  # of a radius, at least; chosen
 _CELLS_A_RADIUS = 24  # chosen: 3.75 degrees, half the narrowest part's width at half its height
 _TARGETS = 512  # cells worked out at once: 15 MB. Chosen.
-_UNMEASURED = 3  # modes; chosen: 98 % of the variance in three real scenes
+_UNMEASURED = 6  # modes; chosen: with more, coverage in three real scenes is the same
+UNEVEN = 1.0
+"""Relative standard deviation by which stray light of an unmeasured lens is stronger towards one side. A kernel misses
+half of what the surround of a Canon's image circle shows; chosen on hostile halos, with 0.5 fewer are covered."""
 
 
 class Cells(NamedTuple):
@@ -170,13 +173,15 @@ def without_glare(image: Picture, kernel: glare_fit.GlareKernel) -> Picture:
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, attributes=attributes)
 
 
-def kernel_modes(
-    image: LuminanceImage, kernel: glare_fit.GlareKernel, *, measured: float | None = None
-) -> list[SharedMode]:
-    """Return what is left uncertain of a kernel's glare in a picture: a mode for each axis of its covariance.
+Metered = tuple[float, float, float]
+"""Luminance in cd/m2, longitude and latitude in radians of the spot that set a picture's scale: it has what scatters
+there."""
 
-    ``measured``: luminance by which the picture was scaled, cd/m2: what is wrong there is in the scale.
-    """
+
+def kernel_modes(
+    image: LuminanceImage, kernel: glare_fit.GlareKernel, measured: Metered | None = None
+) -> list[SharedMode]:
+    """Return what is left uncertain of a kernel's glare in a picture: a mode for each axis of its covariance."""
     cells, light = _shown_and_clipped(image, kernel.two_lenses)
     covariance, (total, clipped) = np.array(kernel.covariance), cells.area @ light
     if len(covariance) == len(kernel.shares) and clipped > 0:
@@ -185,39 +190,45 @@ def kernel_modes(
     parts = np.concatenate(np.moveaxis(cells.scattered(light), -1, 0))[: len(covariance)]
     variances, axes = np.linalg.eigh(covariance)
     left = np.sqrt(np.maximum(variances, 0))[:, None] * (axes.T @ parts)
-    found = []
-    for number, glare in enumerate(left, start=1):
-        known = 0.0 if measured is None else float(np.clip(glare.mean() / measured, -2, 2))
-        size = (*map(float, cells.shape), known)
-        found.append(SharedMode(f"stray light, measured {number}", "scatter", size, tuple(glare.tolist())))
-    return found
+    return _scatter("stray light, measured", cells, left, np.clip(_known(cells, left, measured), -2, 2))
 
 
-def unmeasured_modes(image: LuminanceImage, measured: tuple[float, float, float] | None = None) -> list[SharedMode]:
+def _known(cells: Cells, glare: Doubles, measured: Metered | None) -> Doubles:
+    """Return the relative error (K,) that each glare (K, N) makes where the scale was measured."""
+    if measured is None:
+        return np.zeros(len(glare))
+    (x, y, z), (level, longitude, latitude) = cells.places.T, measured
+    near = math.cos(latitude) * (x * math.sin(longitude) + y * math.cos(longitude)) + z * math.sin(latitude)
+    return np.asarray(glare[:, int(np.argmax(near))] / level)
+
+
+def _scatter(name: str, cells: Cells, glare: Doubles, known: Doubles) -> list[SharedMode]:
+    return [
+        SharedMode(f"{name} {number}", "scatter", (*map(float, cells.shape), float(own)), tuple(one.tolist()))
+        for number, (one, own) in enumerate(zip(glare, known, strict=True), start=1)
+    ]
+
+
+def unmeasured_modes(image: LuminanceImage, measured: Metered | None = None) -> list[SharedMode]:
     """Return what a lens may scatter whose glare was not measured: the parts of a kernel, each by itself.
 
-    Shares are the prior's; clipped light is a factor of what it shows, as likely at every size. ``measured``: luminance
-    in cd/m2, longitude and latitude in radians of the spot that set the picture's scale, which has what scatters there.
+    Shares are the prior's; clipped light is a factor of what it shows, as likely at every size; no side of the field
+    need have as much as another.
     """
     cells, light = _shown_and_clipped(image)
     parts = glare_fit.PRIOR_SHARE * np.moveaxis(cells.scattered(light), -1, 0)
     total, clipped = cells.area @ light
     if clipped > 0:
         parts[1] *= math.sqrt(_hidden(total, clipped))
-    left = parts[: 2 if clipped > 0 else 1].reshape(-1, len(light))
-    known = np.zeros(len(left))
-    if measured is not None:
-        (x, y, z), (level, longitude, latitude) = cells.places.T, measured
-        near = math.cos(latitude) * (x * math.sin(longitude) + y * math.cos(longitude)) + z * math.sin(latitude)
-        known = left[:, int(np.argmax(near))] / level
+    left = parts[: 2 if clipped > 0 else 1]
+    uneven = UNEVEN * np.sqrt(np.square(left).sum(axis=1, keepdims=True)) * cells.places.T
+    left = np.concatenate([left, uneven], axis=1).reshape(-1, len(light))
+    known = _known(cells, left, measured)
     # A few sums of the parts make nearly all of the relative error, and are as independent. Where glare is more than
     # twice the light (chosen), nothing is known of it either way.
     relative = np.clip(left / np.maximum(light[:, 0], 1e-30) - known[:, None], -2, 2) * np.sqrt(cells.area)
     turn = np.linalg.svd(relative, full_matrices=False)[0].T[:_UNMEASURED]
-    return [
-        SharedMode(f"stray light {number}", "scatter", (*map(float, cells.shape), float(own)), tuple(glare.tolist()))
-        for number, (glare, own) in enumerate(zip(turn @ left, turn @ known, strict=True), start=1)
-    ]
+    return _scatter("stray light", cells, turn @ left, turn @ known)
 
 
 def _hidden(total: float, clipped: float) -> float:

@@ -12,7 +12,7 @@ from processing.calibration.scale.lamp_glare import kernel_from_lamps
 from processing.calibration.scale.veiling_glare import kernel_modes, without_glare
 from processing.errors import LensError, ParameterError
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import widened
+from processing.pictures.modes import relative_error, widened
 from processing.sphere import Equirectangular
 
 HEIGHT = 96
@@ -139,6 +139,23 @@ def test_clipped_windows_widen_what_a_measured_kernel_leaves(kernel) -> None:
         np.median(np.square(one.uncertainty)) - 1e-4 for one in (widened(cut, kernel_modes(cut, kernel)), whole)
     )
     assert more > 3 * less
+
+
+def test_what_a_measured_kernel_leaves_is_in_the_scale_where_that_was_measured(kernel) -> None:
+    """It was the mean over the picture's cells: of a spot beside a window far too little, of one far away too much."""
+    truth = room(20.0)
+    truth[30:50, 80:100] = 3000.0
+    image = LuminanceImage(
+        *(getattr(picture(truth), name) for name in ("rgb", "uncertainty", "validity")), PANORAMA, 0.01
+    )
+    height, width = truth.shape
+    for row, column in ((40, 104), (40, 10)):
+        place = ((column + 0.5) / width * 2 * np.pi - np.pi, np.pi / 2 - (row + 0.5) / height * np.pi)
+        left, whole = (
+            np.linalg.norm([relative_error(mode, image, truth)[row, column] for mode in modes])
+            for modes in (kernel_modes(image, kernel, (float(truth[row, column]), *place)), kernel_modes(image, kernel))
+        )
+        assert left < 0.5 * whole
 
 
 def test_no_lamp_and_other_light_are_refused() -> None:
