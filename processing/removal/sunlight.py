@@ -16,6 +16,7 @@ from processing.ground.arrays import Doubles, Flags, Floats, Int16s, weighted_me
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components
 from processing.surfaces import sun as beams
+from processing.surfaces.maps import FLOOR
 
 SURE_RATIO = 2.5  # the same, where no window is known that could confirm it
 # Without time and site nothing says that there is a sun. Only what looks like nothing else is then taken for its light.
@@ -32,6 +33,9 @@ LEAST_PX = 40  # chosen, never swept
 SEARCH_AZIMUTHS, SEARCH_ELEVATIONS = 72, 12
 LOWEST_RAD, HIGHEST_RAD = math.radians(8), math.radians(75)
 FINE_STEPS_RAD = (math.radians(2.0), math.radians(0.7))
+SUNNY_RATIO, SUNNY_SHARE = 5.0, 0.5
+"""Times the brightest plane's median from which a place on the floor is lit by the sun for sure, whatever it reflects;
+share of such places that beams have to explain. Chosen: a clipped photograph has no such place."""
 LEAST_SR = 1e-4  # 5 by 5 cm at 5 m; chosen, never swept
 
 
@@ -60,6 +64,8 @@ class SunFound:
     """Whether windows explain it."""
     reason: str
     """What was done, or why nothing was found."""
+    times: float = 0.0
+    """How many times the light in the shade the sun adds on what faces it; 0: not known."""
 
 
 def find_sunlight(
@@ -102,17 +108,27 @@ def find_sunlight(
         why = "no window's beam explains the bright areas: overcast, or the sun is elsewhere"
         return SunFound(none, None, False, why)
     lit = _in_beams(scene, room, beams.sun_vector(*direction))
-    mask = none.copy()
+    mask, times = none.copy(), _times(scene, luminance[usable], lit, direction[1])
     mask[usable] = lit
     if sun is None and not seen:
         mask = unmistakable(mask, relative, points_m, np.where(usable, plane, np.int16(-1)))
         if not mask.any():
-            return SunFound(none, None, False, "time and site are unknown, and no patch is certain to be sunlight")
+            why = "time and site are unknown, and no patch is certain to be sunlight"
+            return SunFound(none, direction if times else None, False, why, times)
     if float(weight[mask].sum()) < LEAST_SR:
         return SunFound(none, None, False, "no window's beam is brighter than the shade beside it")
     how = "given" if sun is not None else "searched"
     where = f"azimuth {math.degrees(direction[0]):.0f}, elevation {math.degrees(direction[1]):.0f} degrees"
-    return SunFound(mask, direction, True, f"windows along the sun's {how} direction ({where}) confirm it")
+    return SunFound(mask, direction, True, f"windows along the sun's {how} direction ({where}) confirm it", times)
+
+
+def _times(scene: Scene, luminance: Floats, lit: Flags, elevation_rad: float) -> float:
+    """Return how many times the floor's light in the shade the sun adds on what faces it; 0 where it is not certain."""
+    middle = {int(one): float(np.median(luminance[scene.plane == one])) for one in np.unique(scene.plane)}
+    bright = (scene.plane == FLOOR) & (luminance > SUNNY_RATIO * max(middle.values()))  # on walls it may be a window
+    if (bright & lit).sum() < LEAST_PX or scene.weight[bright & lit].sum() < SUNNY_SHARE * scene.weight[bright].sum():
+        return 0.0
+    return (float(np.median(luminance[bright & lit])) / max(middle[FLOOR], 1e-9) - 1) / math.sin(elevation_rad)
 
 
 def unmistakable(mask: Flags, relative: Floats, points_m: Doubles, bare: Int16s) -> Flags:

@@ -124,6 +124,8 @@ def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: 
     }
     if found.sun is not None:
         metrics["sun_azimuth_deg"], metrics["sun_elevation_deg"] = (round(math.degrees(a), 2) for a in found.sun)
+    if found.sun_times:
+        metrics["sun_times"] = round(found.sun_times, 2)
     return StageOutput(
         artifacts={name: mask for name, mask in masks.items() if name not in left_out} | {"target": found.target},
         metrics=metrics,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.errors import SceneError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import share_of_sphere
 from processing.ground.threads import together
@@ -25,6 +25,7 @@ from processing.segmentation.evidence import read_evidence
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.parameters import LightParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_no_room, why_unfit
+from processing.surfaces.sun import sun_vector
 
 LEAST_SHARE = 0.005  # of the sphere: furniture below it takes less than the light's own error from the room; chosen
 
@@ -83,7 +84,8 @@ def run(context: StageContext) -> StageOutput:
         target = target & (furniture | ~np.asarray(sunlight, bool))
     context.progress(0.3, "light with and without furniture")
     rows = min(work.rows, image.rgb.shape[0])
-    both = furnished_light(image, room, outdoors, OldFurniture(furniture, target, parts), rows=rows, effort=work.effort)
+    old, sun = OldFurniture(furniture, target, parts), _sun_by_patches(context) if outdoors is None else None
+    both = furnished_light(image, room, outdoors, old, rows=rows, effort=work.effort, known_sun=sun)
     _write(context, both)
     return _output(both, source, warnings)
 
@@ -93,6 +95,15 @@ def _reach_m(context: StageContext, room: RoomModel) -> Floats | None:
     kept = context.optional_artifact("room", "evidence")
     reach = None if kept is None else read_evidence(kept).reach
     return None if reach is None else reach * np.float32(room.camera_height_m)
+
+
+def _sun_by_patches(context: StageContext) -> tuple[Vector, float] | None:
+    """Return the unit vector towards the sun whose patches the room shows, and how strong they say that it is."""
+    metrics = context.summary("detect")["metrics"]
+    if not metrics.get("sun_times"):
+        return None
+    x, y, z = sun_vector(*(math.radians(metrics[f"sun_{name}_deg"]) for name in ("azimuth", "elevation")))
+    return (float(x), float(y), float(z)), float(metrics["sun_times"])
 
 
 def furniture_of(context: StageContext) -> Flags:

@@ -17,9 +17,9 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.light.scene import sources
-from processing.light.scene.albedo import LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
+from processing.light.scene.albedo import DARK, LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
-from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene
+from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, Sun
 from processing.light.solver.irradiance import Effort, cleaned, evened, gathered
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import FIRST_PART, GLASS, Sight, sight_of
@@ -81,12 +81,15 @@ def furnished_light(
     rows: int = 256,
     effort: Effort,
     seed: int = 0,
+    known_sun: tuple[Vector, float] | None = None,
 ) -> FurnishedLight:
     """Return the light in a room with and without what stands in it.
 
     ``panorama``: the furnished room, upright, equirectangular, in cd/m2.
     ``outdoors``: the light outside at the same moment; None: windows as they look, scaled by the light they cast.
     ``rows``: height of the pictures returned.
+    ``known_sun``: where ``outdoors`` is not known, the unit vector towards it, and how many times the light in the shade it
+      adds on what faces it: the room gets what the furniture keeps from it.
     Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
     rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
@@ -102,6 +105,9 @@ def furnished_light(
         full, strength = sources.brightened(full, shown.given, shown.known, effort.patch_samples, seed)
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, measured = _measured(full, bare, shown, effort, seed)
+    if known_sun is not None:
+        bare, said = _with_sun_back(full, bare, shown, known_sun, effort.patch_samples, seed)
+        measured += (said,)
     both = _both_lights(full, bare, shown, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
     own = large.solid & both.known & ~gone.ravel()
@@ -199,6 +205,23 @@ def _measured(
     return among, without, (f"{int(shines.sum())} patches of lamps", *sources.sun_note(full.scene.outdoors.sun, share))
 
 
+def _with_sun_back(
+    full: Stage, bare: Stage, shown: _Shown, sun: tuple[Vector, float], samples: int, seed: int
+) -> tuple[Stage, str]:
+    """Return the bare room whose own patches give back the sun that falls on them without furniture alone; a note."""
+    lit, outdoors = list[Doubles](), Outdoors(DARK, Sun(sun[0], (1.0, 1.0, 1.0)))
+    for stage in (full, bare):
+        clear = tuple(replace(pane, clear=np.ones_like(pane.clear)) for pane in stage.scene.panes)
+        points, normals = patch_points(stage, samples, (seed, 78)), stage.patches.normal
+        lit.append(sunlight(stage.under(outdoors, clear), points, normals, samples, (seed, 79)))
+    columns, rows, _ = full.patches.grids[0]
+    floor = np.flatnonzero(shown.known[: columns * rows])
+    shade_lx = np.median((shown.given @ WEIGHTS)[floor] / (full.albedo @ WEIGHTS)[floor]) if len(floor) else 0.0
+    back = np.maximum(lit[1] - lit[0][: len(lit[1])], 0) * (sun[1] * shade_lx)
+    note = f"sun: {sun[1]:.0f} times the light in the shade, by its patches in the room"
+    return replace(bare, exitance=bare.exitance + bare.albedo * back), note
+
+
 def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
     """Return albedo (P, 3) of all patches: hidden ones take that of their surface nearby, or of their own body."""
     out = np.clip(albedo, LEAST_ALBEDO, MOST_ALBEDO)
@@ -244,7 +267,7 @@ def _as_shown(full: Stage, bare: Stage, shown: _Shown, samples: int, seed: int) 
     without = replace(without, rest=gain[:count] * without.rest)
     if full.scene.outdoors.sun is None:
         # No sun falls anew: what the room's own surfaces show beyond what they reflect, they show without it too.
-        stays = np.where(shown.seen[:count, None], glow[:count], bare.exitance)
+        stays = np.where(shown.seen[:count, None], glow[:count] - full.exitance[:count], 0) + bare.exitance
         without = replace(without, bright=BrightPatches.of(bare, stays))
     return lit, without
 

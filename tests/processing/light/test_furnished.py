@@ -370,6 +370,31 @@ def test_an_overexposed_sun_is_as_strong_as_the_patches_that_it_lights_say(shown
     assert low <= 1 / shown <= high
 
 
+def test_a_single_photograph_s_room_gets_the_sun_back_that_fell_on_its_furniture() -> None:
+    """A black cabinet takes all of a window's sun; the empty room is brighter by what its floor gives back."""
+    towards = np.array([0.5, -0.6, 0.6]) / np.linalg.norm([0.5, -0.6, 0.6])
+    sun = Sun((float(towards[0]), float(towards[1]), float(towards[2])), (40_000.0, 40_000.0, 40_000.0))
+    empty = scene_of(box_room(), uniform_sky(4000.0, sun), colours, reveal_m=0.2)
+    full = replace(empty, parts=(box((-0.6, 0.2, 0.4), (1.8, 2.4, 0.8), (0.03,) * 3),))
+    truth, picture = (
+        image(render(one, GEOMETRY, EYE, effort=replace(LOOK, sun_samples=32), seed=5).rgb) for one in (empty, full)
+    )
+    furniture = (sight_of(Stage.of(full, 0.5), GEOMETRY, EYE).label >= FIRST_PART).reshape(ROWS, 2 * ROWS)
+    old = OldFurniture(furniture, furniture, full.parts)
+    plane = surface_maps(box_room(), GEOMETRY).plane
+    shade = luminance_cd_m2(picture.rgb)[(plane == FLOOR) & ~furniture]
+    times = 40_000.0 / (math.pi * float(np.median(shade)) / 0.3)
+    off = []
+    for known in (None, (sun.direction, times)):
+        found = furnished_light(picture, box_room(), None, old, rows=ROWS, effort=WORK, known_sun=known)
+        there = found.seen & (plane != FLOOR)
+        true = np.log(luminance_cd_m2(truth.rgb)[there] / luminance_cd_m2(picture.rgb)[there])
+        off.append(float(np.median(found.log_change[there].mean(axis=-1) - true)))
+    assert off[0] < -0.3, "the sun is missed"
+    assert abs(off[1]) < 0.15
+    assert any(note.startswith("sun: ") for note in found.notes)
+
+
 def test_an_overexposed_sun_that_lights_nothing_seen_stays_a_lower_bound() -> None:
     behind = Sun((0.0, 0.8, 0.6), (2000.0, 2000.0, 2000.0), clipped=True)
     outdoors = uniform_sky(4000.0, behind)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -144,6 +145,27 @@ def test_without_knowledge_of_a_sun_only_what_nothing_else_can_be_is_its_light(c
         bare[(x > 260) | (y < 165)] = -1
     found = unmistakable(patch, relative, points, bare)
     assert (found == patch).all() if case == "a patch" else not found.any()
+
+
+@pytest.mark.parametrize("ratio", [3.0, 30.0, 300.0])
+def test_a_sun_far_brighter_than_any_white_in_the_shade_is_known_by_its_patches(ratio: float) -> None:
+    """Where no patch is certain enough to be removed; what white paint could show as well says nothing of a sun."""
+    found = sunlight(paint(sun_ratio=ratio), None)
+    assert not found.mask.any()
+    if ratio < 20:
+        assert found.times == 0
+    else:
+        assert found.direction is not None
+        assert float(sun_vector(*found.direction) @ sun_vector(*SUN)) > math.cos(math.radians(4))
+        assert found.times == pytest.approx((ratio - 1) / math.sin(SUN[1]), rel=0.1)
+
+
+def test_patches_that_no_beam_explains_say_nothing_of_a_sun() -> None:
+    painted = paint(sun_ratio=30.0)
+    rgb = painted.image.rgb.copy()
+    floor = (painted.maps.plane == FLOOR) & (np.abs(painted.points_m[..., 0] - 1.3) < 0.7)
+    rgb[floor & (painted.points_m[..., 1] > 0.5) & ~painted.furniture] *= 60
+    assert sunlight(replace(painted, image=replace(painted.image, rgb=rgb)), SUN).times == 0
 
 
 def test_without_windows_luminance_alone_decides_and_says_so() -> None:
