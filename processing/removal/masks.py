@@ -59,10 +59,8 @@ class Masks:
     target: Flags
     notes: tuple[str, ...] = ()
     """What was skipped, dropped or not found, and why."""
-    sun: tuple[float, float] | None = None
-    """Azimuth (from +y towards +x) and elevation (rad) of the sun that the sunlight fits."""
-    sun_times: float = 0.0
-    """How many times the light in the shade it adds on what faces it; 0: not known."""
+    sun: tuple[float, float, float] | None = None
+    """Azimuth (from +y towards +x) and elevation (rad) of the sun that the sunlight fits, and its `SunFound.times`."""
     shares: dict[str, float] = field(default_factory=dict)
     """Of the sphere, 0..1, by mask."""
 
@@ -310,8 +308,8 @@ def _united(found: _Found, image: LuminanceImage | RelativeImage, sphere: Equire
     target |= (stats[:, cv2.CC_STAT_AREA] <= CRUMB_PX * max(1.0, shape[0] / len(found.openings)) ** 2)[labels]
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
-    sun = found.sunlight
-    return Masks(**named, notes=found.notes, sun=sun.direction, sun_times=sun.times, shares=shares)
+    way, times = found.sunlight.direction, found.sunlight.times
+    return Masks(**named, notes=found.notes, sun=None if way is None else (*way, times), shares=shares)
 
 
 def _at(mask: Flags, shape: tuple[int, int]) -> Flags:

@@ -123,9 +123,8 @@ def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: 
         "notes": [*evidence.notes, *found.notes],
     }
     if found.sun is not None:
-        metrics["sun_azimuth_deg"], metrics["sun_elevation_deg"] = (round(math.degrees(a), 2) for a in found.sun)
-    if found.sun_times:
-        metrics["sun_times"] = round(found.sun_times, 2)
+        metrics["sun_azimuth_deg"], metrics["sun_elevation_deg"] = (round(math.degrees(a), 2) for a in found.sun[:2])
+        metrics["sun_times"] = round(found.sun[2], 2)
     return StageOutput(
         artifacts={name: mask for name, mask in masks.items() if name not in left_out} | {"target": found.target},
         metrics=metrics,

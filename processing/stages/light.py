@@ -100,10 +100,8 @@ def _reach_m(context: StageContext, room: RoomModel) -> Floats | None:
 def _sun_by_patches(context: StageContext) -> tuple[Vector, float] | None:
     """Return the unit vector towards the sun whose patches the room shows, and how strong they say that it is."""
     metrics = context.summary("detect")["metrics"]
-    if not metrics.get("sun_times"):
-        return None
-    x, y, z = sun_vector(*(math.radians(metrics[f"sun_{name}_deg"]) for name in ("azimuth", "elevation")))
-    return (float(x), float(y), float(z)), float(metrics["sun_times"])
+    x, y, z = sun_vector(*(math.radians(metrics.get(f"sun_{name}_deg", 0)) for name in ("azimuth", "elevation")))
+    return ((float(x), float(y), float(z)), metrics["sun_times"]) if metrics.get("sun_times") else None
 
 
 def furniture_of(context: StageContext) -> Flags:

@@ -88,8 +88,8 @@ def furnished_light(
     ``panorama``: the furnished room, upright, equirectangular, in cd/m2.
     ``outdoors``: the light outside at the same moment; None: windows as they look, scaled by the light they cast.
     ``rows``: height of the pictures returned.
-    ``known_sun``: where ``outdoors`` is not known, the unit vector towards it, and how many times the light in the shade it
-      adds on what faces it: the room gets what the furniture keeps from it.
+    ``known_sun``: where ``outdoors`` is not known, the unit vector towards it, and how many times the light in the
+      shade it adds on what faces it: the room gets what the furniture keeps from it.
     Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
     rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
