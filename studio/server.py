@@ -8,6 +8,7 @@ import asyncio
 import json
 import re
 import secrets
+import shlex
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
@@ -142,7 +143,9 @@ class Studio:
     async def cards(self, _request: Request) -> Response:
         """Return the folder's sessions."""
         found = await run_in_threadpool(seen.cards, self.folder)
-        return JSONResponse({"folder": str(self.folder), "sessions": found, "job": self.jobs.state(self.folder)})
+        return JSONResponse(
+            {"folder": shlex.quote(str(self.folder)), "sessions": found, "job": self.jobs.state(self.folder)}
+        )
 
     async def begin(self, request: Request) -> Response:
         """Begin a capture into the folder."""
@@ -174,7 +177,7 @@ class Studio:
         """Return what there is of a session."""
         session = self.session(request)
         found = await run_in_threadpool(seen.overview, session)
-        return JSONResponse({**found, "path": str(session), "job": self.jobs.state(session)})
+        return JSONResponse({**found, "path": shlex.quote(str(session)), "job": self.jobs.state(session)})
 
     async def picture(self, request: Request) -> Response:
         """Return a panorama of the room."""

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import socket
@@ -102,7 +103,7 @@ class Opened:
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
-    folder = tmp_path_factory.mktemp("sessions")
+    folder = tmp_path_factory.mktemp("my sessions")
     session = make_session(folder, "lounge & <b>hall", wrong(TRUTH), TRUTH)
     lit = lit_session(folder / "lit")
     for stage in ("calibrate", "materials", "remove", "room"):
@@ -424,6 +425,55 @@ def test_light_by_hour_weather_region_and_seat(opened: Opened) -> None:
     assert not list((opened.lit / "relight").glob("*.exr")), "nothing is kept that was not asked for"
 
 
+def test_glare_of_a_seat_that_was_left_meanwhile_is_not_shown(opened: Opened) -> None:
+    """Nor of another hour: what is still rendered is for whoever sat there."""
+    page, glare = opened.page, opened.page.locator("[data-part=glare]")
+    screen(page, opened.lit.name, "light")
+    page.wait_for_selector(".viewer.ready")
+    page.locator(".seat").focus()
+    with page.expect_response("**/live/glare"):
+        page.keyboard.press("Enter")
+        page.keyboard.press("r")
+    page.wait_for_timeout(300)
+    assert glare.inner_text() == ""
+    assert page.locator("[data-part=glare-detail]").inner_text() == ""
+
+
+def test_the_last_minutes_of_a_leap_year_are_on_the_sliders(opened: Opened) -> None:
+    """There is no 24:00, and the 366th day is one of its own."""
+    page = opened.page
+
+    def late(route: Any) -> None:
+        answer = route.fetch()
+        facts = json.loads(answer.headers["x-facts"]) | {"captured": "2024-12-31 23:57"}
+        route.fulfill(response=answer, headers=answer.headers | {"x-facts": json.dumps(facts)})
+
+    page.route("**/live/light", late)
+    try:
+        screen(page, opened.lit.name, "room")
+        screen(page, opened.lit.name, "light")
+        page.wait_for_selector(".viewer.ready")
+        assert '--at "2024-12-31 23:50"' in page.locator("footer code").inner_text()
+        assert page.get_by_label("Day of the year").input_value() == "365"
+    finally:
+        page.unroute("**/live/light")
+
+
+def test_the_commands_that_are_shown_name_files_that_are_there(opened: Opened) -> None:
+    """Before anything is corrected, and in a folder whose name has a space."""
+    session = opened.fresh("commands")
+    for kind in ("capture", "room", "remove", "furnish", "results"):
+        screen(opened.page, session.name, kind)
+        command = shlex.split(opened.page.locator("footer code").inner_text().partition(";")[0])
+        paths = [Path(part) for part in command if part.startswith(str(opened.folder))]
+        assert paths[:1] == [session], command
+        assert all(path.exists() for path in paths), command
+    opened.page.evaluate("location.hash = ''")
+    opened.page.get_by_label("Room name").fill("hall")
+    command = shlex.split(opened.page.locator("footer code").inner_text())
+    assert command == ["daylit", "capture", "hall", "--into", str(opened.folder)]
+
+
 LATE_VERDICTS = """() => {
     const ask = window.fetch;
     window.fetch = async (to, ...rest) => {
@@ -577,9 +627,9 @@ def test_a_regions_figures_are_those_of_the_command_beside_it(opened: Opened) ->
     page.get_by_text("Region: mean").wait_for()
     assert "relative units" in said.inner_text()
     assert "cd/m" not in said.inner_text()
-    _, file, box = said.locator("code").inner_text().split("daylit figures ")[1].partition(str(picture))
+    _, _, file, _, box = shlex.split(said.locator("code").inner_text())
     assert file == str(picture)
-    left, top, right, bottom = map(int, box.split()[-1].split(","))
+    left, top, right, bottom = map(int, box.split(","))
     found = region_figures(read_exr(picture), [(left, top, right, bottom)], ["box"])
     for name in ("mean", "median", "lowest", "highest"):
         shown = float(re.search(rf"{name} ([\d.]+)", said.inner_text())[1])  # type: ignore[index]
@@ -651,7 +701,7 @@ def test_a_capture_with_faults_is_followed_to_its_end(opened: Opened) -> None:
     opened.page.get_by_text(f"Partial: {', '.join(manifest.missing)}").wait_for()
     until(opened.page, f"() => document.querySelectorAll('[data-file] img').length === {len(manifest.frames)}")
     assert [one.side for one in manifest.rejected] == [Side.OUTDOOR], "taken again"
-    assert f"--resume {path}" in opened.page.locator("footer code").inner_text()
+    assert f"--resume '{path}'" in opened.page.locator("footer code").inner_text()
 
 
 def test_a_capture_is_begun_here_and_followed_to_its_end(opened: Opened) -> None:

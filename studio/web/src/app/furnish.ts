@@ -1,5 +1,5 @@
 // Furnish: pieces on the plan, dragged, turned and exchanged, with the judge's verdict and their light while they move.
-import { PanoramaView } from "../viewer/panorama";
+import { PanoramaView, RAD } from "../viewer/panorama";
 import { api, factsOf, type Overview, type Piece, type Point, type Pose, type Room } from "./api";
 import { button, h, note, svg } from "./dom";
 import { ARROWS, draggable, Plan } from "./plan";
@@ -17,7 +17,6 @@ const SNAP_RAD = 0.07;
 const read = async (answer: Response): Promise<Piece[]> => ((await answer.json()) as Arranged).arrangements[0]!.items;
 const placesOf = (pieces: Piece[]): Places => Object.fromEntries(pieces.map((one) => [one.id, [one.t_m[0], one.t_m[1], one.theta_rad, one.model]]));
 const named = (text: string): string => text.replaceAll("-", " ");
-const RAD = Math.PI / 180;
 /** Beyond this to the side, degrees, a piece that is chosen is turned to. */
 const ASIDE = 35;
 
@@ -267,7 +266,7 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     undo: () => undo.back(places),
     redo: () => undo.again(places),
     close: () => view.dispose(),
-    command: `daylit process ${session.path} --arrangement ${session.path}/arrangement.json`,
+    command: `daylit process ${session.path}`,
     run: { until: "report", text: "Render with these places" },
   };
 }

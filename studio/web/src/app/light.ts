@@ -126,10 +126,11 @@ export async function lightScreen(session: Overview): Promise<Screen> {
 
   /** Begin at the moment of the capture. */
   function begin(captured: string): void {
-    const [on, at] = captured.split(" ") as [string, string];
-    const [hours, minutes] = at.split(":").map(Number) as [number, number];
-    year = Number(on.slice(0, 4));
-    moment = kept = { ...moment, day: Math.round((Date.parse(on) - Date.UTC(year, 0, 1)) / DAY_MS), minute: 10 * Math.round((60 * hours + minutes) / 10) };
+    const at = Date.parse(`${captured.replace(" ", "T")}Z`);
+    year = new Date(at).getUTCFullYear();
+    const days = (at - Date.UTC(year, 0, 1)) / DAY_MS;
+    day.max = String((Date.UTC(year + 1, 0, 1) - Date.UTC(year, 0, 1)) / DAY_MS - 1);
+    moment = kept = { ...moment, day: Math.floor(days), minute: Math.min(1430, 10 * Math.round(144 * (days % 1))) };
     controls();
   }
 
@@ -190,12 +191,14 @@ export async function lightScreen(session: Overview): Promise<Screen> {
   const turn = (by: number): void => sit({ azimuth: ((moment.azimuth + by + 540) % 360) - 180 });
 
   const ask = (): Promise<void> => seats.ask(async () => {
+    const wanted = moment;
     glare.classList.remove("bad");
     glare.textContent = "Rendering from the seat …";
     more.textContent = "";
     try {
       const answer = await api.live(session.name, "glare", { ...asked(), seat_m: moment.seat, azimuth_deg: moment.azimuth });
       const { figures, rating, faint, seen_share, sun_in_view } = (await answer.json()) as Glare;
+      if (moment !== wanted) return; // another seat or light by now
       const of = (name: string): string => quantityText(figures[name]!.value, figures[name]!.uncertainty);
       glare.textContent = `Glare ${rating}: DGP ${of("dgp")}`;
       glare.classList.toggle("bad", figures.dgp!.value >= 0.4);

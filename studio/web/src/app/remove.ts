@@ -378,7 +378,7 @@ export async function removeScreen(session: Overview): Promise<Screen> {
     close: () => clearTimeout(idle),
     undo: () => undo.back(mask),
     redo: () => undo.again(mask),
-    command: `daylit process ${session.path} ${["add", "keep", "sunlight"].map((one) => `--mask-${one} ${session.path}/mask-${one}.png`).join(" ")} --until remove`,
+    command: `daylit process ${session.path} --until remove`,
     run: { until: "remove", text: "Empty the room" },
   };
 }

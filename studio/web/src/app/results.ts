@@ -1,6 +1,6 @@
 // Results: every state of the room with exposure and probe, stills aimed by hand, the model, and what can be taken away.
 import { ModelView } from "../viewer/model";
-import { PanoramaView } from "../viewer/panorama";
+import { PanoramaView, RAD } from "../viewer/panorama";
 import { setUpPanorama, type Widget } from "../viewer/widget";
 import { api, type Overview } from "./api";
 import { markup, Regions } from "./box";
@@ -13,7 +13,6 @@ const LENSES_MM = [16, 18, 20, 24, 28, 35];
 const SENSOR_MM = { wide: 36, high: 24 };
 const MOST_DROP = 0.3;
 const MOST_FRAMES = 6;
-const RAD = Math.PI / 180;
 
 export async function resultsScreen(session: Overview): Promise<Screen> {
   const box = h("div", { class: "result" });

@@ -1,6 +1,6 @@
 // Region and ruler on a panorama: what the light in a rectangle of directions is, how far two places are apart.
 import { quantityText } from "./encoding";
-import type { PanoramaView } from "./panorama";
+import { type PanoramaView, RAD } from "./panorama";
 import type { Region } from "./probe";
 
 export type Direction = readonly [longitude: number, latitude: number];
@@ -13,7 +13,6 @@ export interface Room {
   ceiling_m: number;
 }
 
-const RAD = Math.PI / 180;
 /** An angle between -180 and 180 degrees. */
 export const turned = (degrees: number): number => ((((degrees + 180) % 360) + 360) % 360) - 180;
 

@@ -45,7 +45,7 @@ void main() {
   shown = vec4(found, 1.0);
 }`;
 
-const RAD = Math.PI / 180;
+export const RAD = Math.PI / 180;
 const FIELD = { least: 25, most: 140 };
 const STEP_DEG = 4;
 
