@@ -142,10 +142,8 @@ class Studio:
 
     async def cards(self, _request: Request) -> Response:
         """Return the folder's sessions."""
-        found = await run_in_threadpool(seen.cards, self.folder)
-        return JSONResponse(
-            {"folder": shlex.quote(str(self.folder)), "sessions": found, "job": self.jobs.state(self.folder)}
-        )
+        folder, found = shlex.quote(str(self.folder)), await run_in_threadpool(seen.cards, self.folder)
+        return JSONResponse({"folder": folder, "sessions": found, "job": self.jobs.state(self.folder)})
 
     async def begin(self, request: Request) -> Response:
         """Begin a capture into the folder."""
@@ -219,9 +217,8 @@ class Studio:
         if not data:
             raise ParameterError("not available yet", where=name)
         kind = "image/png" if name.endswith(".png") else "application/json"
-        return Response(
-            data, media_type=kind, headers={"x-digest": seen.digest(data), "x-corrected": str(int(corrected))}
-        )
+        state = {"x-digest": seen.digest(data), "x-corrected": str(int(corrected))}
+        return Response(data, media_type=kind, headers=state)
 
     async def judge(self, request: Request) -> Response:
         """Return the rules that an arrangement breaks, while a piece is dragged."""
