@@ -66,6 +66,18 @@ def test_a_third_of_the_sky_dark_and_flare_outside() -> None:
     assert abs(found.radius_px - 130.0) < 1.0
 
 
+def test_an_edge_that_stray_light_makes_flat() -> None:
+    """A full-frame bracket of a fisheye was refused: no edge within three of its pixels was steep enough."""
+    x, y = np.arange(3000) + 0.5, np.arange(2000)[:, None] + 0.5
+    beyond = np.hypot(x - 1510, y - 990) - 960
+    field = (1 + 0.3 * np.sin(x / 170) * np.cos(y / 230)) * np.clip(0.5 - beyond / 48, 0, 1)
+    picture = (field + 0.12 * np.exp(-np.clip(beyond, 0, None) / 300)).astype(np.float32)
+    found = find_image_circle(picture)
+    assert math.dist(found.centre_px, (1510, 990)) < 8
+    assert abs(found.radius_px - 960) < 24
+    assert found.size_px == (3000, 2000)
+
+
 def test_a_linear_picture_with_a_sun() -> None:
     picture = scene((240.0, 160.0), 130.0).astype(np.float32) * 40
     picture[100:103, 200:203] = 1e9
