@@ -175,9 +175,11 @@ STATEMENT = (
 def stills_of(session: Path) -> list[dict[str, Any]]:
     """Return the facts of a session's stills (docs/guides/report.md), the first the best; none where there are none.
 
-    Raises `ResultFileError` where the facts, a still or its original are not as the stage wrote them.
+    Raises `ResultFileError` where the facts, a still or its original are not as the stage wrote them, `SessionError`
+    for no session.
     """
     if not (session / STILLS).is_dir():
+        load_manifest(session)  # which says where there is no session
         return []
     made = Finished(session, STILLS.name)
     found = list(made.json("stills.json")["stills"]) if "stills.json" in made else []

@@ -93,8 +93,12 @@ def require(findings: Findings) -> None:
 
 
 def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
-    """Check that the folder's disk has room for the session and the margin of the rig file."""
-    seen = next(p for p in (folder, *folder.absolute().parents) if os.path.exists(p))  # noqa: PTH110 (see make_folders)
+    """Check that sessions can be put into the folder, and its disk has room for one and the margin of the rig file."""
+    seen = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))  # see make_folders
+    ours = os.access in os.supports_effective_ids
+    if not (os.path.isdir(seen) and os.access(seen, os.W_OK | os.X_OK, effective_ids=ours)):  # noqa: PTH112 (as there)
+        text = f"{seen} is no folder that can be written to"
+        return Check(Level.FAIL, "disk", text, advice="choose another folder with --into, or permit writing")
     free = shutil.disk_usage(seen).free
     needed = bytes_needed + int(limits.min_free_disk_mb * 1e6)
     text = f"{free / 1e9:.1f} GB free, {needed / 1e9:.1f} GB needed with margin"

@@ -82,6 +82,8 @@ def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
         likely, advice = "no permission to write here", "choose a folder you can write to"
     elif exc.errno in (errno.ENOENT, errno.ENOTDIR):
         likely, advice = "its folder does not exist", "create the folder, or check that its disk is mounted"
+    elif exc.errno in (errno.ENAMETOOLONG, errno.ELOOP, errno.EISDIR, errno.EEXIST):
+        likely, advice = "the name is too long, leads in a circle, or is taken", "choose another name or folder"
     elif exc.errno == errno.EFBIG:
         likely, advice = ("a limit on the size of files", "lift the limit (ulimit -f) or use another file system")
     reason = exc.strerror or str(exc)

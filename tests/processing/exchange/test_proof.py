@@ -183,6 +183,9 @@ def test_what_is_missing_is_named_and_the_command_has_its_exit_codes(
     shutil.rmtree(session / "stages" / "stills")
     with pytest.raises(ParameterError, match="no stills"):
         write_proof(session, tmp_path / "none")
+    capsys.readouterr()
+    assert daylit.main(["stills", str(tmp_path / "nowhere")]) == 4
+    assert "no such folder" in capsys.readouterr().err
 
 
 def test_shares_removed_and_light_lifted_are_said(session: Path, tmp_path: Path) -> None:

@@ -42,6 +42,12 @@ def test_each_error_has_its_type_and_names_the_file(number: int, kind: type[Reso
     assert caught.value.advice
 
 
+def test_a_name_that_cannot_be_is_not_blamed_on_the_disk(tmp_path: Path) -> None:
+    with pytest.raises(DiskError) as caught, durable.disk_errors(tmp_path, "writing"):
+        (tmp_path / ("y" * 300)).mkdir()
+    assert caught.value.advice == "choose another name or folder"
+
+
 def test_a_write_without_progress_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(durable.os_calls, "write", lambda _fd, _data: 0)
     with pytest.raises(OSError, match="no progress"):
@@ -166,9 +172,20 @@ def forbidden(tmp_path: Path) -> Iterator[Path]:
         closed.chmod(0o700)
 
 
+@pytest.mark.parametrize("place", ["file", "file/sessions", "circle", "circle/sessions"])
+def test_no_folder_can_be_made_in_what_is_none(tmp_path: Path, place: str) -> None:
+    """`daylit doctor` said ok, and the capture failed after it had set up all instruments."""
+    (tmp_path / "file").write_text("no folder")
+    (tmp_path / "circle").symlink_to("circle")
+    assert check_disk(tmp_path / place, LimitsTable(min_free_disk_mb=0), 0).level == "fail"
+    assert check_disk(tmp_path / "new" / "sessions", LimitsTable(min_free_disk_mb=0), 0).level == "ok"
+
+
 def test_a_folder_that_may_not_be_entered_is_named(forbidden: Path) -> None:
-    """As the disk of another user under /media; the check of the disk goes by what can be seen."""
-    assert check_disk(forbidden, LimitsTable(min_free_disk_mb=0), 0).level == "ok"
+    """As the disk of another user under /media; the check before a capture says so, too."""
+    found = check_disk(forbidden, LimitsTable(min_free_disk_mb=0), 0)
+    assert found.level == "fail"
+    assert found.text.endswith("is no folder that can be written to")
     with pytest.raises(DiskError, match="Permission denied") as caught:
         make_folders(forbidden)
     assert "choose a folder you can write to" in caught.value.advice
