@@ -67,6 +67,8 @@ def test_rooms_that_were_not_emptied_are_counted() -> None:
 def test_a_group_without_rooms_has_not_furnished_them_all() -> None:
     rows: list[dict[str, Any]] = [{"group": 0, "complete": True}, {"group": 0, "refused": "why"}]
     assert arrange._placed(rows) == {"placed_all_tuning_pct": 50.0}
+    assert arrange._scene_eval(np.array([])) == {}
+    assert arrange._scene_eval(np.array([[0, 0.1, 0, 0.5], [0, 0.3, 0, 0.7]]))["sceneeval_collision_pct"] == 20.0
 
 
 def test_a_room_refused_when_measured_anew_has_moved(monkeypatch: pytest.MonkeyPatch) -> None:
