@@ -104,7 +104,7 @@ def _quarter(angle: float) -> float:
 
 
 def make_upright(image: Image, rotation: Doubles) -> Image:
-    """Return a picture turned by a rotation of shape (3, 3); the same object where that is the identity.
+    """Return a picture turned by a rotation of shape (3, 3), twice as wide as high; the same object where it is both.
 
     Light is sampled cubic, held within the 16 pixels around (linear beside what lies outside the picture, of the rest
     alone); validity, uncertainty and ghosts are those of the nearest pixel. The turn is kept in the attributes
@@ -116,12 +116,15 @@ def make_upright(image: Image, rotation: Doubles) -> Image:
     turn = np.asarray(rotation, dtype=np.float64)
     if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
         raise ParameterError("a matrix that is no rotation", where="levelling", advice="give Upright.rotation")
-    if np.array_equal(turn, np.eye(3)):
+    rows = round(geometry.width_px / 2)
+    target = replace(geometry, width_px=2 * rows, height_px=rows)  # of one that has lost rows
+    if np.array_equal(turn, np.eye(3)) and target == geometry:
         return image
-    rgb, row, column = _turned(image, geometry, turn)
+    rgb, row, column = _turned(image, geometry, target, turn)
     attributes = {**image.attributes, "level_rotation": [[float(v) for v in line] for line in turn]}
     carried: dict[str, Any] = {
         "rgb": rgb,
+        "geometry": target,
         "uncertainty": image.uncertainty[row, column],
         "validity": image.validity[row, column],
         "ghost": None if image.ghost is None else image.ghost[row, column],
@@ -130,7 +133,7 @@ def make_upright(image: Image, rotation: Doubles) -> Image:
     return replace(image, **carried)
 
 
-def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any, Any, Any]:
+def _turned(image: Image, geometry: Equirectangular, target: Equirectangular, turn: Doubles) -> tuple[Any, Any, Any]:
     """Return the light (H, W, 3) and the row and column (H, W) of the nearest pixel of the tilted picture."""
     light = padded_sphere(np.ascontiguousarray(image.rgb, dtype=np.float32))
     seen = padded_sphere((image.validity != Validity.OUTSIDE).astype(np.float32))
@@ -138,14 +141,14 @@ def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any
     # Cubic sampling looks a pixel farther than linear.
     far = np.asarray(cv2.erode(seen, np.ones((3, 3), np.uint8)), np.float32) if some else seen
     shown = np.where(seen[..., None] > 0, light, np.float32(0)) if some else light
-    shape: tuple[int, int] = (geometry.height_px, geometry.width_px)
+    shape: tuple[int, int] = (target.height_px, target.width_px)
     rgb = np.empty((*shape, 3), dtype=np.float32)
     rows, columns = np.empty(shape, dtype=np.int32), np.empty(shape, dtype=np.int32)
-    band = max(1, ROWS_AT_ONCE // geometry.width_px)
-    for start in range(0, geometry.height_px, band):
-        part = slice(start, min(start + band, geometry.height_px))
+    band = max(1, ROWS_AT_ONCE // target.width_px)
+    for start in range(0, target.height_px, band):
+        part = slice(start, min(start + band, target.height_px))
         # Rows of a matrix product: d @ turn is the inverse turn of each d.
-        x, y, _ = pixels(geometry, directions(geometry, part)[0] @ turn)
+        x, y, _ = pixels(geometry, directions(target, part)[0] @ turn)
         at_x, at_y = (x + (PAD_PX - 0.5)).astype(np.float32), (y + (PAD_PX - 0.5)).astype(np.float32)
         sampled = cubic_samples(light, at_x, at_y)
         if some:
@@ -155,8 +158,8 @@ def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any
             held = linear_samples(shown, at_x, at_y) / np.maximum(share, 1e-6)
             sampled = np.where(whole[..., None], sampled, np.where(share > 0, held, np.float32(0)))
         rgb[part] = sampled
-        rows[part] = np.minimum(y.astype(np.int32), shape[0] - 1)
-        columns[part] = np.minimum(x.astype(np.int32), shape[1] - 1)
+        rows[part] = np.minimum(y.astype(np.int32), geometry.height_px - 1)
+        columns[part] = np.minimum(x.astype(np.int32), geometry.width_px - 1)
     return rgb, rows, columns
 
 

@@ -81,14 +81,11 @@ def _levelled(image: LuminanceImage, asked: RoomParameters, gathered: _Gathered)
         "tilt_sigma_deg": round(math.degrees(found.sigma_rad), 3) if math.isfinite(found.sigma_rad) else None,
         "walls_azimuth_deg": round(math.degrees(found.manhattan_rad), 2),
     }
-    if asked.level == "off":
-        gathered.left_out["panorama"] = "levelling is off: the calibrated picture is assumed upright"
-        return image, found
-    if not found.turned:
-        gathered.left_out["panorama"] = f"the calibrated picture is used unchanged: {found.note}"
-        return image, found
     upright = make_upright(image, found.rotation)
-    gathered.artifacts["panorama"] = upright
+    if upright is image:
+        gathered.left_out["panorama"] = f"the calibrated picture is used unchanged: {found.note}"
+    else:
+        gathered.artifacts["panorama"] = upright
     return upright, found
 
 

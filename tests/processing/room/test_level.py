@@ -79,6 +79,21 @@ def test_the_levelled_picture_is_the_upright_room() -> None:
     assert not find_upright(upright).turned
 
 
+@pytest.mark.parametrize("rows", [63, 65])
+def test_a_picture_of_a_row_too_many_or_too_few_is_twice_as_wide_as_high(rows: int) -> None:
+    drawn = draw(256, patches=PATCHES).luminance
+    light = cv2.resize(drawn, (128, rows), interpolation=cv2.INTER_AREA)
+    flat = np.full(light.shape, 0.02, np.float32)
+    image = LuminanceImage(
+        np.repeat(light[..., None], 3, 2), flat, np.zeros(light.shape, np.uint8), Equirectangular(128, rows), 0.03
+    )
+    whole = make_upright(image, np.eye(3))
+    assert whole.geometry == Equirectangular(128, 64)
+    wanted = cv2.resize(drawn, (128, 64), interpolation=cv2.INTER_AREA)
+    assert np.median(np.abs(np.log(whole.rgb[..., 0] / wanted))) < 0.01
+    assert whole.validity.shape == whole.uncertainty.shape == (64, 128)
+
+
 def test_light_is_kept() -> None:
     d = directions(128)
     wave = 1 + 0.5 * np.sin(9 * d[..., 0]) * np.cos(7 * d[..., 2]) + 40 * (d @ [0.6, 0.0, 0.8] > 0.99)

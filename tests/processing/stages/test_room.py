@@ -11,9 +11,11 @@ import pytest
 from processing.errors import RoomError
 from processing.ground.room_model import OpeningKind, check_room, write_room
 from processing.ground.seam import resized
+from processing.light.scene.albedo import brought_to
 from processing.pictures.images import LuminanceImage
 from processing.room.estimate import estimate_room
 from processing.segmentation.evidence import SceneClass, read_evidence
+from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import RoomParameters
 from processing.stages.room import run
@@ -103,6 +105,17 @@ def test_the_camera_height_given_sets_the_scale(tmp_path: Path) -> None:
     assert output.artifacts["room"].camera_height_m == 3.2
     assert output.artifacts["room"].ceiling_height_m == pytest.approx(5.1, rel=0.02)
     assert "off" in output.left_out["panorama"]
+
+
+@pytest.mark.usefixtures("by_hand")
+def test_a_panorama_that_has_lost_a_row_is_made_whole_for_what_follows(tmp_path: Path) -> None:
+    """Calibration takes it; light, materials and render would refuse it at the end of a long run."""
+    image = calibrated(painted(room_of(BOX), 256))
+    parts = {name: getattr(image, name)[:-1] for name in ("rgb", "uncertainty", "validity")}
+    cut = replace(image, **parts, geometry=Equirectangular(256, 127))
+    output = run(context(cut, tmp_path, level="off"))
+    assert brought_to(output.artifacts["panorama"], 64, None)[0].shape == (64, 128, 3)
+    assert "panorama" not in output.left_out
 
 
 @pytest.mark.usefixtures("by_hand")
