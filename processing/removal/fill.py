@@ -6,7 +6,7 @@ Fills never cross an edge between planes: those edges are the layout's. Pixels o
 
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -111,12 +111,11 @@ class Quick:
     def __init__(self) -> None:
         self._kept: dict[bytes, FilledPlane] = {}
 
-    def fill(
-        self, texture: Texture, hole: Flags, apart: tuple[Flags, Flags], work: Callable[[], FilledPlane]
-    ) -> FilledPlane:
-        """Return the `fill_plane` of a texture (H, W) with its hole and what lies apart, by ``work`` or remembered."""
-        parts = (texture.values, texture.known, hole, *apart)
-        key = hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest() + bytes([texture.plane.index % 256])
+    def fill(self, texture: Texture, masks: Sequence[Flags], own: str, work: Callable[[], FilledPlane]) -> FilledPlane:
+        """Return the `fill_plane` of a texture (H, W) with its ``masks``, and what its plane has of its ``own``, by
+        ``work`` or remembered."""
+        parts = [part.tobytes() for part in (texture.values, texture.known, *masks)]
+        key = hashlib.sha256(b"".join([*parts, own.encode()])).digest()
         found = self._kept.pop(key, None) or work()
         self._kept = {**dict([*self._kept.items()][1 - MOST_KEPT :]), key: found}
         return found
@@ -213,7 +212,7 @@ def empty_room(
         where = target & (shown == plane.index)
         _draw(done, seen, where, (out, provenance, confidence))
         notes.append(f"{plane.name}: {where.sum()} px, {done.how}")
-        if (done.confidence[done.hole] < 0.06).all():
+        if done.hole.any() and (done.confidence[done.hole] < 0.06).all():  # no hole: thinner than a texel
             notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
     soften_edges(out, target, room, geometry)
     return Emptied(_image(image, out, provenance, confidence), provenance, confidence, tuple(filled), tuple(notes))
@@ -282,7 +281,8 @@ def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting |
     hole = (texture.density > 0) & ~texture.known
     given = texture, hole, (mixed, other)
     work = partial(fill_plane, *given, room, seen.usual[plane.index >= FIRST_WALL], skirting)
-    done = work() if isinstance(quality, str) else quality.fill(*given, work)
+    own = f"{plane.index} {[one for one in room.openings if one.wall + FIRST_WALL == plane.index]}"
+    done = work() if isinstance(quality, str) else quality.fill(texture, (hole, mixed, other), own, work)
     most = MOST_RISE_FLOOR if plane.index == FLOOR else 0.0
     done = replace(done, values=seamless(done.values, texture.known & ~mixed, hole, px_per_m, most))
     values, lit = sunlit(done.values, texture.known, hole, sunny)

@@ -15,7 +15,7 @@ from processing.errors import FillerError, ParameterError, RemovalError
 from processing.ground.arrays import Flags
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, Validity
-from processing.removal.fill import Others, empty_room
+from processing.removal.fill import Others, Quick, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.plane_fill import SURE, FilledPlane
 from processing.sphere import Equirectangular
@@ -124,6 +124,32 @@ def test_a_floor_hidden_altogether_is_said() -> None:
     assert (found.confidence[planes == 0] < 0.1).all()
     assert (found.provenance[planes == 0] == 2).all()
     assert any("hidden altogether" in note for note in found.notes)
+
+
+def test_a_target_thinner_than_a_texel_is_not_hidden_altogether() -> None:
+    shape, target = (512, 1024), np.zeros((512, 1024), bool)
+    target[60:62, 300:302] = True
+    flat = np.full(shape, 0.02, np.float32), np.zeros(shape, np.uint8), Equirectangular(1024, 512), 0.02
+    found = empty_room(
+        LuminanceImage(np.full((*shape, 3), 9.0, np.float32), *flat), target, box_room(), quality=Quick()
+    )
+    assert not found.textures[0].hole.any()
+    assert not any("hidden altogether" in note for note in found.notes)
+
+
+def test_a_preview_knows_that_a_door_was_moved() -> None:
+    """The picture and the mask are the same, and so is the wall but for its door."""
+    image, _, _ = painted()
+    target, quick = patch(slice(44, 60), slice(92, 108)), Quick()
+
+    def emptied(start_m: float, quality: Quick) -> npt.NDArray[np.float32]:
+        door = Opening(kind=OpeningKind.DOOR, wall=2, start_m=start_m, end_m=start_m + 1.5, sill_m=0.0, head_m=2.1)
+        room = box_room().model_copy(update={"openings": (door,)})
+        return np.asarray(empty_room(image, target, room, quality=quality).image.rgb)
+
+    before, after = emptied(0.1, quick), emptied(2.3, quick)
+    assert np.array_equal(after, emptied(2.3, Quick()))
+    assert not np.array_equal(after, before)
 
 
 def test_a_target_that_covers_everything_is_refused() -> None:
