@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Perspective, point_directions, view_axes
@@ -57,9 +58,12 @@ class Arcs:
 def tone_mapped(image: RelativeImage | LuminanceImage) -> Bytes:
     """Return an 8-bit grey copy (H, W) in which edges of sunny and of dim parts have like contrast.
 
-    Log luminance against its surround, `CONTRAST_STOPS` from black to white. All black or constant: mid-grey.
+    Log luminance against its surround, `CONTRAST_STOPS` from black to white. All black or constant: mid-grey. Raises
+    `ParameterError`: values that are not finite.
     """
     grey = reduced(luminance_cd_m2(image.rgb))
+    if not np.isfinite(grey).all():
+        raise ParameterError("a picture with NaN or Inf", advice="set such pixels to 0 and mark them invalid")
     height, width = grey.shape
     valid = image.validity != Validity.OUTSIDE
     shown = grey[grey > 0]

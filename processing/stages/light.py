@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,24 +29,18 @@ from processing.surfaces.sun import sun_vector
 LEAST_SHARE = 0.005  # of the sphere: furniture below it takes less than the light's own error from the room; chosen
 
 
-class _Work(NamedTuple):
-    """What is computed at which size."""
-
-    rows: int
-    effort: Effort
-
-
 def _effort(rows: int, patch_samples: int, pixel_samples: int) -> Effort:
     less = Effort(texel_m=0.15, rows=rows, sun_samples=32, cleaning="fast")
     return replace(less, patch_samples=patch_samples, pixel_samples=pixel_samples)
 
 
 WORK = {
-    Quality.DRAFT: _Work(256, _effort(96, 48, 32)),
-    Quality.STANDARD: _Work(256, _effort(128, 64, 48)),
-    Quality.REFERENCE: _Work(512, _effort(256, 256, 128)),
+    Quality.DRAFT: (256, _effort(96, 48, 32)),
+    Quality.STANDARD: (256, _effort(128, 64, 48)),
+    Quality.REFERENCE: (512, _effort(256, 256, 128)),
 }
-"""Light is smooth: the same chance with and without furniture leaves 1 % of noise in the ratio at 48 rays."""
+"""Rows of what is kept, and the work: the same chance with and without furniture leaves 1 % of noise in the ratio at 48
+rays, and light is smooth."""
 
 
 def nothing_to_lift(context: StageContext) -> str | None:
@@ -74,7 +67,7 @@ def run(context: StageContext) -> StageOutput:
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)
     context.progress(0.0, "outdoor light and stand-ins for the furniture")
-    work, furniture, reach_m = WORK[context.quality], furniture_of(context), _reach_m(context, room)
+    (most_rows, effort), furniture, reach_m = WORK[context.quality], furniture_of(context), _reach_m(context, room)
     (outdoors, source, warnings), parts = together(
         partial(light_outdoors, context, image, room), partial(standins_of, room, furniture, reach_m)
     )
@@ -83,9 +76,9 @@ def run(context: StageContext) -> StageOutput:
         # What the sun falls on is to go, but gives light to the room as it is seen.
         target = target & (furniture | ~np.asarray(sunlight, bool))
     context.progress(0.3, "light with and without furniture")
-    rows = min(work.rows, image.rgb.shape[0])
+    rows = min(most_rows, image.rgb.shape[0])
     old, sun = OldFurniture(furniture, target, parts), _sun_by_patches(context) if outdoors is None else None
-    both = furnished_light(image, room, outdoors, old, rows=rows, effort=work.effort, known_sun=sun)
+    both = furnished_light(image, room, outdoors, old, rows=rows, effort=effort, known_sun=sun)
     _write(context, both)
     return _output(both, source, warnings)
 

@@ -94,6 +94,14 @@ def test_a_picture_of_a_row_too_many_or_too_few_is_twice_as_wide_as_high(rows: i
     assert whole.validity.shape == whole.uncertainty.shape == (64, 128)
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_no_light_is_is_refused(bad: float) -> None:
+    image, _ = tilted(0.1, 0.0, 0.0, rows=64)
+    image.rgb[30, 40] = bad
+    with pytest.raises(ParameterError, match="NaN or Inf"):
+        find_upright(image)
+
+
 def test_light_is_kept() -> None:
     d = directions(128)
     wave = 1 + 0.5 * np.sin(9 * d[..., 0]) * np.cos(7 * d[..., 2]) + 40 * (d @ [0.6, 0.0, 0.8] > 0.99)
