@@ -113,7 +113,7 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
     door = Opening(
         kind=OpeningKind.PASSAGE, wall=wall, start_m=start_m, end_m=end_m, sill_m=0.0, head_m=head_m, confidence=0.0
     )
-    text = f"no door was found here: one is assumed at the start of wall {wall} (to correct it: daylit room --edit)"
+    text = f"no door was found here: one is assumed at the start of wall {wall + 1} (to correct it: daylit room --edit)"
     return room.model_copy(update={"openings": (*room.openings, door)}), text
 
 

@@ -165,13 +165,13 @@ def _edges(labels: Int16s) -> Flags:
 def _tables(room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]) -> tuple[Table, ...]:
     sure = facts.get("wall_confidences", [])
     walls = tuple(
-        (f"wall {i}", f"{room.wall_length_m(i):.2f} m", f"{sure[i]:.2f}" if i < len(sure) else "-")
+        (f"wall {i + 1}", f"{room.wall_length_m(i):.2f} m", f"{sure[i]:.2f}" if i < len(sure) else "-")
         for i in range(len(room.floor))
     )
     openings = []
     for o in room.openings:
         along, height = f"{o.start_m:.2f} to {o.end_m:.2f} m", f"{o.sill_m:.2f} to {o.head_m:.2f} m"
-        openings.append((o.kind.value, f"wall {o.wall}", along, height, f"{o.confidence:.2f}"))
+        openings.append((o.kind.value, f"wall {o.wall + 1}", along, height, f"{o.confidence:.2f}"))
     found = [Table("Walls", ("wall", "length", "confidence"), walls)]
     if openings:
         found.append(Table("Openings", ("kind", "wall", "along it", "height", "confidence"), tuple(openings)))

@@ -71,7 +71,7 @@ def run(context: StageContext) -> StageOutput:
         return _nothing(error, choice)
     context.progress(0.8, "drawing")
     made = _output(found, choice, _draw(found, context.folder), assumed)
-    seen: list[Any] = [f"{thing.name} on wall {thing.edge}, {thing.width_m:.1f} m wide" for thing in hung]
+    seen: list[Any] = [f"{thing.name} on wall {thing.edge + 1}, {thing.width_m:.1f} m wide" for thing in hung]
     return replace(made, metrics={**made.metrics, "kept_in_sight": seen})
 
 

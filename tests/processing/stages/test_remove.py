@@ -17,7 +17,7 @@ from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
 from processing.removal.shadows import MOST_TINT, relit_gain
-from processing.report.sections import remove_section
+from processing.report.sections import remove_section, room_section
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
@@ -220,6 +220,8 @@ def test_a_doubtful_room_is_not_emptied_unasked_and_what_stands_is_said(tmp_path
     assert reason is not None
     assert "walls 0, 3 (numbered from 0) and the ceiling's height can be trusted" in reason
     assert "--doubtful-room" in reason
+    walls = room_section(picture(), doubtful, facts, {}).tables[0].rows
+    assert [name for name, _, sure in walls if float(sure) > 0.5] == ["wall 1", "wall 4"], "one wall has one number"
     assert _reason(doubtful, doubtful_room=True) is None
     assert _reason(doubtful.model_copy(update={"confidence": 0.3})) is None
     assert _reason(ROOM.model_copy(update={"confidence": 0.1})) is None, "who gives a room vouches for it"
