@@ -108,10 +108,10 @@ def trusted_planes(context: StageContext) -> tuple[int, ...]:
 
 
 def trusted_parts(context: StageContext) -> str:
-    """Return in words which walls, numbered as in room.json and lab.html, and whether the ceiling's height stand."""
+    """Return in words which walls, numbered from 1, and whether the ceiling's height can be trusted."""
     planes = trusted_planes(context)
-    walls = [str(plane - FIRST_WALL) for plane in planes if plane >= FIRST_WALL]
-    parts = [f"wall{'s' * (len(walls) > 1)} {', '.join(walls)} (numbered from 0)"] if walls else []
+    walls = [str(plane - FIRST_WALL + 1) for plane in planes if plane >= FIRST_WALL]
+    parts = [f"wall{'s' * (len(walls) > 1)} {', '.join(walls)}"] if walls else []
     return " and ".join([*parts, *["the ceiling's height"] * (CEILING in planes)]) or "no part"
 
 

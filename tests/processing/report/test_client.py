@@ -118,9 +118,9 @@ def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Pa
 @pytest.mark.parametrize(
     ("skipped", "left_out", "said"),
     [
-        ({"remove", "materials"}, {}, "it was neither emptied nor staged: walls 0, 2 (numbered from 0) can be trusted"),
-        ({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: walls 0, 2 "),
-        ({"materials"}, {}, "it was not staged: walls 0, 2 "),
+        ({"remove", "materials"}, {}, "it was neither emptied nor staged: walls 1, 3 can be trusted"),
+        ({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: walls 1, 3 "),
+        ({"materials"}, {}, "it was not staged: walls 1, 3 "),
         (set(), {}, "(confidence 7%): measurements and the positions of furniture may be wrong."),
     ],
 )
@@ -143,7 +143,7 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
     notices = client_data(page, report_data(page)).notices
     assert any(said in text for text in notices), notices
     walls = [row[0] for s in report_data(page).sections for t in s.tables if t.title == "Walls" for row in t.rows]
-    assert walls[0] == "wall 0", "the laboratory's page counts them alike"
+    assert walls[0] == "wall 1", "the laboratory's page counts them alike"
     removed = [text for text in notices if "removed digitally" in text]
     assert len(removed) == ("remove" not in skipped), "its sentences depend on what was done"
     assert not removed or ("own furniture" in removed[0]) == bool(left_out)

@@ -218,7 +218,7 @@ def test_a_doubtful_room_is_not_emptied_unasked_and_what_stands_is_said(tmp_path
 
     reason = _reason(doubtful)
     assert reason is not None
-    assert "walls 0, 3 (numbered from 0) and the ceiling's height can be trusted" in reason
+    assert "walls 1, 4 and the ceiling's height can be trusted" in reason
     assert "--doubtful-room" in reason
     walls = room_section(picture(), doubtful, facts, {}).tables[0].rows
     assert [name for name, _, sure in walls if float(sure) > 0.5] == ["wall 1", "wall 4"], "one wall has one number"
@@ -246,7 +246,7 @@ def test_of_a_doubtful_room_only_what_touches_nothing_but_walls_that_stand_is_re
     assert nothing_to_remove(given(part)) is None
     made = run(given(part))
     assert np.array_equal(np.asarray(made.artifacts["filled"]), chair | table)
-    assert "walls 0, 2, 3 (numbered from 0) and the ceiling's height" in made.left_out[UNTRUSTED]
+    assert "walls 1, 3, 4 and the ceiling's height" in made.left_out[UNTRUSTED]
     reaches = patch(slice(24, 27), slice(min(columns[1], columns[2]) - 2, max(columns[1], columns[2]) + 2))
     joined = run(given(part, shadow=shadow | reaches))
     assert np.array_equal(np.asarray(joined.artifacts["filled"]), table), "a thing goes with its shadow or not at all"
