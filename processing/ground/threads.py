@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from pathlib import Path
 from typing import TypeVar, cast
 
 from processing.errors import ParameterError
@@ -54,22 +55,30 @@ def limit_libraries() -> None:
 
 SPINNING = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Libraries whose idle threads spin (5 % of all CPU time, docs/measurements/pipeline.md); our matrices are small."""
-_POOLS = ((-8, 2), (-4, 0), (-1, 512 << 20))
+_POOLS = ((-8, 1), (-4, 0), (-1, 1 << 30))
 """``M_ARENA_MAX``, ``M_MMAP_MAX``, ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its threads
-once needed: two are enough. Freed memory goes back to the system above 512 MiB, or by `give_back`: else pages of each
-array of a panorama's size are zeroed anew (a sixth of all CPU time)."""
+once needed, and gives parts of 64 MiB back as they become free: one is enough. Freed memory goes back to the system
+above 1 GiB, or by `give_back`: else pages of each array of a panorama's size are zeroed anew (a sixth of all CPU
+time)."""
 
 
 FORGET: list[Callable[[], object]] = []
 """What lets go of large things that are kept for their next use: `give_back` calls all of these."""
 
 
+KEPT_BYTES = 2_000_000_000
+"""Of a process, up to which it keeps freed memory: a stage may take as much anyway, and pages that were given back are
+zeroed anew (a tenth of all CPU time; on a virtual machine whose host takes them meanwhile, 1.7 s a GB)."""
+
+
 def give_back() -> None:
-    """Return memory that is no longer used to the system, where malloc would keep it (glibc), and what `FORGET` has."""
+    """Let go of what `FORGET` has, and, above `KEPT_BYTES`, of memory that malloc keeps for its next use (glibc)."""
     for forget in FORGET:
         forget()
     with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).malloc_trim(0)
+        held_pages = int(Path("/proc/self/statm").read_text().split()[1])
+        if held_pages * os.sysconf("SC_PAGE_SIZE") > KEPT_BYTES:
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:

@@ -231,7 +231,6 @@ def _filled(
     def fill(plane: Plane) -> FilledPlane:
         done = _plane(seen, plane, quality, skirting)
         done = done if filler is None else filler(done)
-        give_back()
         return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
 
     give_back()
