@@ -3,6 +3,7 @@
 import gzip
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -161,6 +162,8 @@ def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[
 
 
 def _cut(state: State, look: Callable[[State], Look], wide: int) -> tuple[Cuts, ...]:
+    image = state.read()
+    state = replace(state, read=lambda: image)
     return (cuts_of(state, look(state), wide),)
 
 

@@ -113,7 +113,7 @@ def packed(codes: UInt16s | Bytes) -> str:
     difference = (wide - first + (1 << (bits - 1))) % (1 << bits) - (1 << (bits - 1))
     folded = np.where(difference < 0, -2 * difference - 1, 2 * difference).astype(np.uint32)
     planes = [(folded >> shift & 255).astype(np.uint8).tobytes() for shift in range(bits - 8, -1, -8)]
-    return base64.b64encode(zlib.compress(b"".join(planes), 9)).decode("ascii")
+    return base64.b64encode(zlib.compress(b"".join(planes), 7)).decode("ascii")
 
 
 MAP_WIDTH_PX = 1024  # of what the probe reads
