@@ -123,7 +123,7 @@ def in_its_sun(
     rgb += below
     np.copyto(rgb, image.rgb, where=kept[..., None])
     widen_doubt(rgb, image.rgb, kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
-    return estimated(replace(image, rgb=rgb, uncertainty=doubt), ~kept), "", whole
+    return estimated(replace(image, rgb=rgb, uncertainty=doubt), ~kept, own=True), "", whole
 
 
 def share_of_sun(seen: Floats, computed: Floats, rows: int, most: float = MOST_SUN) -> Doubles:

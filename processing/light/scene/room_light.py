@@ -217,24 +217,25 @@ def with_sunlight(
     the way (furniture, tripod, shadows); ``returned`` (h, w), smaller: seen places that old furniture shaded. Towards
     these the patch's rim shows their shade, which goes with the furniture.
     """
-    back = _grown(sun, SUN_RIM_RAD) & ~_grown(hidden, FURNITURE_RIM_RAD)
+    back, rows = np.zeros_like(sun), np.flatnonzero(sun.any(axis=1))
+    if len(rows):
+        reach_px = round(2 * SUN_RIM_RAD / math.pi * len(sun))  # as far as hidden places take anything away
+        near = slice(max(rows[0] - reach_px, 0), rows[-1] + reach_px + 1)
+        back[near] = _grown(sun[near], SUN_RIM_RAD, len(sun)) & ~_grown(hidden[near], FURNITURE_RIM_RAD, len(sun))
     if returned is not None:
         shaded = (resized((filled & ~back).astype(np.float32), returned.shape) > 0.5) | returned
-        rim = back & (resized(_grown(shaded, 2 * SUN_RIM_RAD).astype(np.float32), back.shape) > 0.5)
+        rim = back & (resized(_grown(shaded, 2 * SUN_RIM_RAD, len(shaded)).astype(np.float32), back.shape) > 0.5)
         weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
         back[rim] = before.rgb[rim] @ weights > SUNNY * (empty.rgb[rim] @ weights)
-    image = replace(
-        empty,
-        rgb=np.where(back[..., None], before.rgb, empty.rgb),
-        validity=np.where(back, before.validity, empty.validity),
-        uncertainty=np.where(back, before.uncertainty, empty.uncertainty),
-    )
-    return EmptyRoom(image, filled & ~back, filled & ~back, back, empty.rgb[back])
+    parts = {name: getattr(empty, name).copy() for name in ("rgb", "validity", "uncertainty")}
+    for name, values in parts.items():
+        values[back] = getattr(before, name)[back]
+    return EmptyRoom(replace(empty, **parts), filled & ~back, filled & ~back, back, empty.rgb[back])
 
 
-def _grown(mask: Flags, by_rad: float) -> Flags:
-    """Return a mask of a panorama grown on all sides; columns wrap."""
-    radius = round(by_rad / math.pi * mask.shape[0])
+def _grown(mask: Flags, by_rad: float, rows: int) -> Flags:
+    """Return a mask (h, W), whole rows of a panorama that has so many, grown on all sides; columns wrap."""
+    radius = round(by_rad / math.pi * rows)
     if radius == 0:
         return mask
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
