@@ -10,14 +10,14 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.gltf import finely, write_scene_glb
-from processing.ground.arrays import Flags, Floats, Vector
+from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.threads import give_back
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import Bare, Staged, differential, ibl, parted_sun, widen_doubt
+from processing.light.picture.composite import Bare, Staged, differential, ibl, parted_sun, patches_of_sun, widen_doubt
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -66,6 +66,8 @@ class _Work:
     base: Floats
     """(H, 2 H, 3): the picture that furniture is put into."""
     bare: Bare
+    patches: list[Indices]
+    """Of sun in it (`patches_of_sun`)."""
     eye_m: Vector
     effort: Effort
     asked: RenderParameters
@@ -131,7 +133,10 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Wo
         base = render(bare.stage, geometry, eye, effort=effort, seed=asked.seed).rgb
     folder = asked.furniture
     model = finely(bare.stage.scene, empty.image, room)
-    return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder), model)
+    patches = patches_of_sun(empty.sunlit)
+    return _Work(
+        empty, base, bare, patches, eye, effort, asked, None if folder is None else Catalogue.at(folder), model
+    )
 
 
 def _alternative(
@@ -169,7 +174,7 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
         return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, clean=effort.clean, seed=work.asked.seed)
     base, sunless = work.base, None
     if work.asked.method == "differential":
-        base, sunless = work.empty.without(parted_sun(work.empty.sunlit, work.bare, parts, work.eye_m))
+        base, sunless = work.empty.without(parted_sun(work.patches, base.shape, work.bare, parts, work.eye_m))
     return differential(base, work.bare, parts, work.eye_m, effort=effort, seed=work.asked.seed, sunless=sunless)
 
 

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Flags, Floats, Vector
+from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.kernels import compiled
 from processing.ground.seam import components
 from processing.ground.threads import give_back
@@ -174,19 +174,25 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
     return out
 
 
-def parted_sun(sunlit: Flags | None, bare: Bare, parts: tuple[Part, ...], eye_m: Vector) -> Flags | None:
-    """Return of patches of sun (H, W) of a panorama those of which furniture shades a share; None: there are none."""
-    outdoors = bare.stage.scene.outdoors
-    if sunlit is None or outdoors.sun is None or not parts:
-        return None
-    furniture = tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
-    high, wide = sunlit.shape
-    out = np.zeros(sunlit.size, bool)
-    # Pixels patch by patch: patches are many, and the picture large.
-    labels = components(sunlit)[1].ravel()
+def patches_of_sun(sunlit: Flags | None) -> list[Indices]:
+    """Return the flat pixels (N,) of each patch of sun (H, W) of a panorama; None: there are none."""
+    labels = np.zeros(0, np.int32) if sunlit is None else components(sunlit)[1].ravel()
     pixels = np.flatnonzero(labels)
     pixels = pixels[np.argsort(labels[pixels], kind="stable")]
-    for patch in np.split(pixels, np.flatnonzero(np.diff(labels[pixels])) + 1):
+    return np.split(pixels, np.flatnonzero(np.diff(labels[pixels])) + 1)
+
+
+def parted_sun(
+    patches: list[Indices], shape: tuple[int, ...], bare: Bare, parts: tuple[Part, ...], eye_m: Vector
+) -> Flags | None:
+    """Return of patches of sun (`patches_of_sun`) of a panorama (H, W) those of which furniture shades a share; None:
+    the sun does not shine, or there is no furniture."""
+    outdoors, (high, wide) = bare.stage.scene.outdoors, shape[:2]
+    if outdoors.sun is None or not parts:
+        return None
+    furniture = tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
+    out = np.zeros(high * wide, bool)
+    for patch in patches:
         row, column = np.divmod(patch[:: max(1, len(patch) // PARTED_PX)].astype(np.int32), wide)
         rays = rays_of(Places(row, column, high, wide))
         eye = np.broadcast_to(np.asarray(eye_m, np.float32), rays.shape)
@@ -209,5 +215,5 @@ def widen_doubt(shown, before, kept, weights, uncertainty):  # type: ignore[no-u
                 new += weights[c] * shown[i, j, c]
                 old += weights[c] * before[i, j, c]
             change = abs(math.log(max(new, np.float32(1e-6)) / max(old, np.float32(1e-6))))
-            modelled = math.hypot(MODELLED, CHANGE * min(change, MOST_CHANGE))
-            uncertainty[i, j] = math.hypot(min(uncertainty[i, j], 1.0), modelled)
+            before_it, modelled = min(uncertainty[i, j], 1.0), CHANGE * min(change, MOST_CHANGE)
+            uncertainty[i, j] = math.sqrt(before_it**2 + MODELLED**2 + modelled**2)

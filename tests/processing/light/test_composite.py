@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import Bare, differential, ibl, parted_sun
+from processing.light.picture.composite import Bare, differential, ibl, parted_sun, patches_of_sun
 from processing.light.picture.render import render
 from processing.light.scene.room_light import with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
@@ -110,7 +110,7 @@ def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() ->
     assert np.array_equal(mended.image.rgb[sunny & ~dim], photograph[sunny & ~dim])
     bare = Bare.of(room, LOOK)
     shades, away = box((0.0, -0.8, 0.2), (1.0, 0.8, 0.4)), box((2.2, 1.8, 0.1), (0.2, 0.2, 0.2))
-    parted, whole = (parted_sun(empty.sunlit, bare, (one,), EYE) for one in (shades, away))
+    parted, whole = (parted_sun(patches_of_sun(empty.sunlit), sunny.shape, bare, (one,), EYE) for one in (shades, away))
     assert parted is not None
     assert parted[sunny].mean() > 0.5
     assert whole is not None
