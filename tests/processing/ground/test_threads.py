@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
+from types import SimpleNamespace
 
 import cv2
 import pytest
 
 from processing.errors import ParameterError
-from processing.ground.threads import ASKED, MOST, limit_libraries, side_by_side, threads, together
+from processing.ground import threads as module
+from processing.ground.threads import ASKED, MOST, give_back, limit_libraries, side_by_side, threads, together
 
 
 def test_as_many_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,3 +76,16 @@ def test_what_a_thread_raises_is_raised(monkeypatch: pytest.MonkeyPatch) -> None
 
     with pytest.raises(ValueError, match="three"):
         side_by_side(work, range(5))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc's malloc")
+def test_memory_goes_back_only_above_what_a_process_may_keep(monkeypatch: pytest.MonkeyPatch) -> None:
+    trimmed, forgotten = list[int](), list[int]()
+    monkeypatch.setattr(module.ctypes, "CDLL", lambda _: SimpleNamespace(malloc_trim=trimmed.append))
+    monkeypatch.setattr(module, "FORGET", [lambda: forgotten.append(1)])
+    monkeypatch.setattr(module, "KEPT_BYTES", 1 << 50)
+    give_back()
+    assert (trimmed, forgotten) == ([], [1])
+    monkeypatch.setattr(module, "KEPT_BYTES", 1 << 20)
+    give_back()
+    assert (trimmed, forgotten) == ([0], [1, 1])

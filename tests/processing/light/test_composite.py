@@ -93,6 +93,25 @@ def test_furniture_throws_a_shadow_in_the_sun() -> None:
     assert ratio.max() <= 4
 
 
+@pytest.mark.parametrize("first_row", [0, 30, 63])
+def test_sun_stands_again_up_to_its_rim_and_what_hides_it_keeps_it_away(first_row: int) -> None:
+    # Of 720 rows, 1.5 degrees are 6 and 0.8 degrees 3.
+    geometry = Equirectangular(1440, 720)
+    light, none = np.ones((720, 1440, 3), np.float32), np.zeros((720, 1440), np.float32)
+    image = LuminanceImage(light, none, none.astype(np.uint8), geometry, 0.02)
+    sun, hidden = np.zeros((2, 720, 1440), bool)
+    sun[11 * first_row : 11 * first_row + 20, 5:90] = True
+    hidden[max(11 * first_row - 8, 0) : 11 * first_row + 3, 20:50] = True
+    empty = with_sunlight(replace(image, rgb=2 * light), image, sun, sun, hidden)
+
+    def wide(mask: np.ndarray, reach_px: int) -> np.ndarray:
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach_px + 1, 2 * reach_px + 1))
+        three = np.concatenate([mask] * 3, axis=1).astype(np.uint8)
+        return np.asarray(cv2.dilate(three, disc)[:, 1440:2880] > 0)
+
+    assert np.array_equal(empty.image.rgb[..., 0] == 1, wide(sun, 6) & ~wide(hidden, 3))
+
+
 def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() -> None:
     room, photograph, sunny = sunny_room()
     none = np.zeros(sunny.shape, np.float32)

@@ -72,6 +72,13 @@ def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
     assert (given.folder / "lab.html").stat().st_size < 3_000_000
 
 
+def test_the_emptied_room_is_put_together_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown, asked = room_states.emptied_as_shown, list[StageContext]()
+    monkeypatch.setattr(room_states, "emptied_as_shown", lambda given: asked.append(given) or shown(given))
+    report_data(context(tmp_path, results()))
+    assert len(asked) == 1
+
+
 def test_figures_have_uncertainties_and_say_which_are_bounds(tmp_path: Path) -> None:
     image = picture((1.0, 1.0, 1.0), 1)
     validity = np.where(image.rgb[..., 1] > np.quantile(image.rgb[..., 1], 0.9), 1, 0).astype(np.uint8)
