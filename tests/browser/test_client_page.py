@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,19 @@ from PIL import Image
 
 from processing.report.stage import run
 from processing.report.staging import FOLDER
-from tests.browser.test_report import CHROMIUM, OPTIONS, PATIENCE_MS, Opened, listen, pixels, playwright, violations
+from tests.browser.test_report import (
+    CHROMIUM,
+    COARSE,
+    OPTIONS,
+    PATIENCE_MS,
+    Opened,
+    listen,
+    pixels,
+    playwright,
+    violations,
+)
 from tests.browser.test_report import pytestmark as pytestmark  # what this machine needs for it
+from tests.conftest import LONG
 from tests.processing.report.made_up import results
 from tests.processing.report.test_client import MOST_BYTES, with_stills
 
@@ -30,7 +42,8 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
     run(given)
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
-        tab = browser.new_context(viewport={"width": 1200, "height": 800}, offline=True, reduced_motion="reduce")
+        size: dict[str, Any] = {"viewport": {"width": 1200, "height": 800}, "device_scale_factor": COARSE}
+        tab = browser.new_context(offline=True, reduced_motion="reduce", **size)
         found = Opened(tab.new_page(), given.folder / "index.html")
         found.page.set_default_timeout(PATIENCE_MS)
         listen(found)
@@ -86,7 +99,11 @@ def test_the_divider_compares_with_the_original(opened: Opened) -> None:
     assert reds[0] > reds[1] + 20, "the staged picture is the reddish one"
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1200, "light"), (1200, "dark"), (390, "light"), (390, "dark")])
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [(1200, "light"), (390, "dark"), (1200, "dark"), (390, "light")] if LONG else [(1200, "light"), (390, "dark")],
+)
 def test_it_fits_and_can_be_read_by_everybody(opened: Opened, width: int, scheme: str) -> None:
     opened.page.set_viewport_size({"width": width, "height": 844})
     opened.page.emulate_media(color_scheme=scheme)

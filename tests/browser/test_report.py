@@ -20,6 +20,7 @@ from processing.report.page import VIEWER
 from processing.report.stage import run
 from processing.report.states import LARGEST_ERROR, luminance_codes, map_pixels, packed, uncertainty_codes
 from processing.sphere import Perspective, directions
+from tests.conftest import LONG
 from tests.processing.report.made_up import SIZE_PX, context, results
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -32,6 +33,8 @@ pytestmark = [
 AXE = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 PATIENCE_MS = 60_000
 """A ceiling on a wait, for slow machines; nothing is timed."""
+COARSE = 0.5
+"""Pixels of the screen for each of the page, both ways: without a graphics processor the CPU draws each."""
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 
 
@@ -51,7 +54,8 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
     run(given)
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
-        tab = browser.new_context(viewport={"width": 900, "height": 700}, offline=True, reduced_motion="reduce")
+        size: dict[str, Any] = {"viewport": {"width": 900, "height": 700}, "device_scale_factor": COARSE}
+        tab = browser.new_context(offline=True, reduced_motion="reduce", **size)
         found = Opened(tab.new_page(), folder)
         found.page.set_default_timeout(PATIENCE_MS)
         listen(found)
@@ -73,7 +77,7 @@ def listen(found: Opened) -> None:
 
 def pixels(opened: Opened, selector: str) -> np.ndarray:
     """What the screen shows of an element, float (H, W, 3)."""
-    png = opened.page.locator(selector).first.screenshot(timeout=PATIENCE_MS)
+    png = opened.page.locator(selector).first.screenshot(timeout=PATIENCE_MS, scale="css")
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=float)
 
 
@@ -92,15 +96,16 @@ def reading(opened: Opened) -> dict[str, str]:
     return found
 
 
+@pytest.mark.sweep
 def test_probe_shows_the_pixels_of_the_picture_on_disk(opened: Opened) -> None:
-    """Twenty places under the pointer: the right pixel by our own projection, and its value by the EXR."""
+    """Places under the pointer: the right pixel by our own projection, and its value by the EXR."""
     image = read_exr(opened.folder / "stages" / "calibrate" / "indoor.exr")
     luminance = luminance_cd_m2(image.rgb)
     width, height = SIZE_PX
     opened.page.locator(".viewer .stage").scroll_into_view_if_needed()
     box = opened.page.locator(".viewer canvas").bounding_box()
     rng = np.random.default_rng(5)
-    for k in range(20):
+    for k in range(20 if LONG else 6):
         look(opened, float(rng.uniform(-180, 180)), float(rng.uniform(-60, 60)))
         x, y = (round(float(rng.uniform(0.2, 0.8)) * box[side]) for side in ("width", "height"))
         opened.page.mouse.move(box["x"] + x - 3, box["y"] + y - 3)
