@@ -120,7 +120,7 @@ def test_a_full_disk_that_no_command_expects_is_no_internal_error(
     "words",
     [
         ["furniture", "export", "armchair/classic", "--into"],
-        ["furniture", "show", "armchair/classic", "--into"],
+        pytest.param(["furniture", "show", "armchair/classic", "--into"], marks=pytest.mark.long),
         ["doctor", "--write-rig"],
         ["import", "nothing.zip", "--into"],
     ],

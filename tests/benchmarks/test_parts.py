@@ -59,6 +59,7 @@ def fill(size_mb: int) -> None:
     assert len(held) == size_mb * 1_000_000
 
 
+@pytest.mark.long
 def test_peak_memory_of_a_child_is_seen() -> None:
     small, large = peak_mb(fill, 1), peak_mb(fill, 200)
     assert 150 < large - small < 300

@@ -58,6 +58,7 @@ def test_a_room_without_faults_has_none(kept: Emptying) -> None:
     assert found["floor_turned_deg"] < 5
 
 
+@pytest.mark.long
 def test_each_fault_is_counted_by_its_own_rule(kept: Emptying) -> None:
     tone = np.where(kept.target[..., None] & (MAPS.plane == BACK)[..., None], 0.6 * kept.after, kept.after)
     assert checked(replace(kept, after=tone))["two_tone_planes"] == 1

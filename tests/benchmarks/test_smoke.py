@@ -76,7 +76,7 @@ NEEDS = {
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
     *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "files", "hostile", "instruments", "merge"),
-    *("pages", "photometry"),
+    *("pages", "photometry", "steady"),
     *("pipeline", "real", "relight", "remove", "render", "response", "room", "sphere", "stills", "studio", "truth"),
 }
 """Five seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 import onnxruntime
+import pytest
 from onnx import numpy_helper, parser
 
 from processing.segmentation.embedded import SHIPPED
@@ -42,6 +43,7 @@ def changed(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_classes_are_the_mean_and_boundaries_weighted_by_their_variance(tmp_path: Path) -> None:
     other, out = changed(tmp_path), tmp_path / "joined.onnx"
     join([SHIPPED, other], out, name="both")

@@ -29,7 +29,7 @@ def reflectance(material: Material) -> float:
 
 @pytest.fixture(scope="module")
 def finishes() -> list[Finish]:
-    return [finish_of(seed, list(Use)[seed % 5]) for seed in range(35 if LONG else 20)]
+    return [finish_of(seed, list(Use)[seed % 5]) for seed in range(35 if LONG else 10)]
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +44,7 @@ def test_the_same_seed_gives_the_same_finish(use):
     assert finish_of(5, use) != finish_of(6, use)
 
 
+@pytest.mark.long
 def test_the_colour_of_a_textured_material_is_its_mean():
     textured = [material for material in materials_of(finish_of(2)) if material.texture is not None]
     assert textured
@@ -81,6 +82,7 @@ def test_an_accent_wall_differs_and_the_others_do_not(finishes):
     assert accented.wall_material(wall + 1) == accented.wall
 
 
+@pytest.mark.long
 def test_floors_are_as_frequent_as_in_homes(floors):
     kinds = [f.texture.kind for f in floors]
     share = {k: kinds.count(k) / len(kinds) for k in set(kinds)}

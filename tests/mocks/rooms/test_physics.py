@@ -38,6 +38,7 @@ def test_form_factors_of_parallel_and_perpendicular_rectangles() -> None:
     assert worst(_physics.form_factors(2**16, 1)) < (1.0, "")
 
 
+@pytest.mark.long
 def test_daylight_through_unglazed_openings() -> None:
     assert worst(_physics.daylight(2**15, 1)) < (2.0, "")
 

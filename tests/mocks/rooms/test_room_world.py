@@ -24,13 +24,14 @@ from mocks.rooms.world import DEFAULT, RoomWorld, _shipped, baked_light, light_k
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
 from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
-ROWS = 96
+ROWS = 64
 
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_skyline():
-    """A skyline of an eighth the columns: rooms are looked at, not what stands before their windows."""
+    """A skyline of an eighth the columns: rooms are looked at, not what stands before their windows; a small sketch."""
     with pytest.MonkeyPatch.context() as context:
+        context.setitem(QUALITIES, "sketch", Quality(32, 8))
         context.setattr(backdrop, "COLUMNS", 512)
         context.setattr(backdrop, "PIXEL_RAD", 2 * math.pi / 512)
         context.setattr(backdrop, "ROWS", round((backdrop.TOP_RAD - backdrop.BOTTOM_RAD) / backdrop.PIXEL_RAD))
@@ -74,6 +75,7 @@ def test_luminances_are_those_of_a_daylit_room(pictures):
     assert seen.max() > 10 * np.median(seen)
 
 
+@pytest.mark.long
 def test_baked_irradiance_agrees_with_the_renderer_point_by_point(world):
     """The lookup against Mitsuba's own irradiance meter on the very surfaces, sun patches aside."""
     view, room = world.view, world.room
@@ -246,6 +248,7 @@ def test_an_overcast_room_has_no_sun_component():
     assert components(replace(room, lamps_on=True)) == ("sky", "lamps")
 
 
+@pytest.mark.long
 def test_noise_does_not_become_gloss(monkeypatch):
     """Two equally bright noisy pictures, matte and glossy: their difference is no light."""
     room = make_room(1, Use.EMPTY, sky="overcast", lamps_on=False)

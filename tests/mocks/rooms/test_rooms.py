@@ -59,6 +59,7 @@ def test_rooms_hold_the_equipment_and_what_they_are_for() -> None:
         assert room.plan.use is Use.EMPTY or MAIN_PIECE[room.plan.use] in kinds, room.name
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_room_in_any_process() -> None:
     few = rooms()[:2]
     assert repr(make_room(few[0].seed)) == repr(few[0])

@@ -79,7 +79,8 @@ def parts_of(seed: int) -> tuple[Part, ...]:
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("first", [0, 10, 20, 30, 40])
+@pytest.mark.sweep
+@pytest.mark.parametrize("first", [0, 10, 20, 30, 40] if LONG else [0, 20])
 def test_light_leaves_through_panes_and_nowhere_else(first: int) -> None:
     left, count, rays = 0, 10 if LONG else 4, 6000 if LONG else 3000
     for seed in range(first, first + count):
@@ -91,6 +92,7 @@ def test_light_leaves_through_panes_and_nowhere_else(first: int) -> None:
     assert left > count * rays * 0.005
 
 
+@pytest.mark.long
 def test_a_corner_and_the_edge_of_a_reveal_let_no_light_through() -> None:
     """Rays aimed at the lines where faces meet, where a crack would be."""
     for seed in range(12):

@@ -46,7 +46,7 @@ def at(moved: np.ndarray, made: Tile, u_m: float, v_m: float) -> float:
     return float(moved[round(v_m / made.size_m[1] * rows) % rows, round(u_m / made.size_m[0] * columns) % columns])
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=KINDS if LONG else KINDS[::3])
 def texture(request) -> Texture:
     return sample(request.param)
 

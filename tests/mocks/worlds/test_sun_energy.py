@@ -61,7 +61,7 @@ def some(values, number):
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("elevation_deg", [5, 15, 30, 45, 60, 75, 89])
+@pytest.mark.parametrize("elevation_deg", [5, 15, 30, 45, 60, 75, 89] if LONG else [5, 45, 89])
 def test_suns_energy_is_kept_through_the_fisheye(elevation_deg):
     """To 0.5 % at each elevation, whatever the azimuth and the size of the picture."""
     for azimuth_deg in some((0, 37, 135, 260), elevation_deg):
@@ -70,7 +70,10 @@ def test_suns_energy_is_kept_through_the_fisheye(elevation_deg):
             assert flux_of(CANON_5D2, direction, size) == pytest.approx(1, abs=0.005)
 
 
-@pytest.mark.parametrize(("elevation_deg", "azimuth_deg"), [(5, 37), (30, 190), (60, 300), (89, 20)])
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("elevation_deg", "azimuth_deg"), [(5, 37), (89, 20), (30, 190), (60, 300)] if LONG else [(5, 37), (89, 20)]
+)
 def test_suns_energy_is_kept_at_full_size(elevation_deg, azimuth_deg):
     direction = direction_of(math.radians(azimuth_deg), math.radians(elevation_deg))
     assert flux_of(CANON_5D2, direction, CANON_5D2.full_size) == pytest.approx(1, abs=0.005)
@@ -78,7 +81,7 @@ def test_suns_energy_is_kept_at_full_size(elevation_deg, azimuth_deg):
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("elevation_deg", [-89.9, -40, 0, 30, 75, 89.7, 90])
+@pytest.mark.parametrize("elevation_deg", [-89.9, -40, 0, 30, 75, 89.7, 90] if LONG else [-89.9, 30, 90])
 def test_suns_energy_is_kept_in_the_panorama(elevation_deg):
     """Poles and seam included (azimuth 180 degrees is the left and the right edge)."""
     for azimuth_deg in some((0, 180, 179.8, -100), elevation_deg):

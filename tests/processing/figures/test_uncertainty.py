@@ -20,6 +20,7 @@ from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.pictures.modes import SharedMode, relative_error, widened
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 from processing.sphere.area import projected_bands
+from tests.conftest import LONG
 from tests.processing.figures.test_glare import room
 
 ROWS, DRAWS, SCALE = 40, 100, 0.02
@@ -102,7 +103,8 @@ INDICES = ("mean_cd_m2", "dgp", "dgi", "ugr", "cgi", "vcp_pct", "ugp", "lveil_cd
 RANKED = ("lowest", "p05", "p95", "highest", "region-median_cd_m2", "region-lowest_cd_m2", "region-highest_cd_m2")
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", SIZES if LONG else ["both"])
 def test_intervals_hold_the_truth_in_about_95_of_100(name: str) -> None:
     found = coverage(name)
     # Of 100 draws at 95 %: three standard deviations of a count are 6.5.

@@ -24,7 +24,10 @@ def found_in(rgb: np.ndarray) -> Board:
     return find_board(rgb.astype(np.float32), luminance_cd_m2(rgb), np.ones(rgb.shape[:2], bool))
 
 
-@pytest.mark.parametrize(("seed", "yaw_rad"), [(11, 0.0), (12, 0.0), (11, 0.53)])
+@pytest.mark.parametrize(
+    ("seed", "yaw_rad"),
+    [pytest.param(12, 0.0, marks=pytest.mark.long), pytest.param(11, 0.0, marks=pytest.mark.long), (11, 0.53)],
+)
 def test_the_simple_rooms_board_is_found(seed: int, yaw_rad: float) -> None:
     """The last one lies on the picture's seam."""
     world = SimpleRoom(seed)

@@ -15,6 +15,7 @@ from numba.core import types
 from benchmarks.whole.kernel_list import FROM_KERNELS, SELDOM, described, fields_fit, fits
 from processing.ground import kernels
 from processing.layout.solver.walk_grid import Grid
+from processing.pictures import writing
 
 CODE = """
 import os, sys
@@ -107,6 +108,7 @@ def test_types_are_the_same_after_a_file() -> None:
     assert kernels._type(described(readonly)).mutable is False
 
 
+@pytest.mark.long
 def test_checkouts_of_the_same_source_share_their_kernels(tmp_path: Path) -> None:
     """The same place for a copy elsewhere with other times; another one once its source differs."""
     copy = tmp_path / "clone"
@@ -172,6 +174,25 @@ print(cpu_target.target_context.codegen().magic_tuple()[1])
     assert (done.stdout.strip() == "x86-64-v3") == portable
 
 
+def test_kernels_that_a_wheel_brings_are_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder of this source, whole; what is there already stays."""
+    function = writing._round_bits.py_func
+    file = function.__code__.co_filename
+    monkeypatch.setenv("DAYLIT_KERNELS", str(tmp_path / "user"))
+    monkeypatch.setattr(kernels, "SHIPPED", tmp_path / "shipped")
+    place = Path(kernels.ByContent(function, file).get_cache_path())
+    shipped = tmp_path / "shipped" / place.relative_to(tmp_path / "user" / "kernels")
+    shipped.mkdir(parents=True)
+    (shipped / "one.nbi").write_bytes(b"compiled elsewhere")
+    for _ in range(2):
+        found = kernels.ByContent.from_function(function, file)
+        assert found is not None
+        assert Path(found.get_cache_path()) == place
+        assert (place / "one.nbi").read_bytes() == b"compiled elsewhere"
+        (shipped / "one.nbi").write_bytes(b"changed")
+
+
+@pytest.mark.long
 def test_what_a_wheel_brings_is_copied_whole_and_not_compiled(tmp_path: Path) -> None:
     """The kernel is loaded from the package's own folder, which stays as it is; another source's is not taken."""
     packages = ("processing", "station", "drivers")

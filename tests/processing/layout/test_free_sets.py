@@ -62,6 +62,7 @@ quads = st.builds(
 sizes = st.tuples(st.floats(0.3, 1.6), st.floats(0.3, 1.2))
 
 
+@pytest.mark.long
 @settings(**LIMITS)
 @given(st.lists(quads, max_size=3), st.integers(0, 5), sizes)
 def test_interval_ends_are_tight_to_a_millimetre(

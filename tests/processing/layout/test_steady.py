@@ -26,6 +26,7 @@ BOX = make_plan(
 )
 
 
+@pytest.mark.long
 def test_a_centimetre_of_noise_moves_no_piece_of_most_arrangements() -> None:
     """The search by itself kept 1 %, its median alternative moved by 4.5 m."""
     moved = []
@@ -46,6 +47,7 @@ def test_a_room_half_a_millimetre_larger_keeps_every_alternative(use: str) -> No
     assert max(moves(before, after)) < 0.01
 
 
+@pytest.mark.long
 def test_the_first_is_the_best_but_for_a_near_tie() -> None:
     for seed in range(900_000, 900_004):
         first, *rest = arrange(*boxed(seed), "standard", n=3).arrangements

@@ -50,6 +50,7 @@ def sunny() -> Scene:
     return scene_of(box_room(), uniform_sky(4000.0, sun), colours, reveal_m=0.2, transmittance={0: (0.7, 0.72, 0.7)})
 
 
+@pytest.mark.long
 def test_cloth_finer_than_pixels_is_averaged_and_coarser_stays() -> None:
     """A chequer of black and white on a box: 2 mm are grey from 2 m away, as a pixel shows 6 mm; 0.2 m are not."""
     chequer = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)[..., None].repeat(3, axis=2)

@@ -60,6 +60,7 @@ def test_no_furniture_is_outside_its_blocks(seed: int) -> None:
         assert not (seen & ~near).any()
 
 
+@pytest.mark.long
 def test_threads_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(change, "ROWS_AT_ONCE_PX", 1 << 15)
     found = []

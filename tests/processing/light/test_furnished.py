@@ -26,6 +26,7 @@ from processing.removal.fill import Others
 from processing.removal.lift import Shade, lifted, light_without
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FLOOR, surface_maps
+from tests.conftest import LONG
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
@@ -144,6 +145,7 @@ def test_what_lies_in_deep_shade_is_replaced(dark: tuple[LuminanceImage, Flags],
     assert (done.provenance[floor & ~grown(deep | furniture, math.radians(4))] == 0).all()
 
 
+@pytest.mark.long
 def test_a_standin_off_by_20_cm_leaves_no_ghost(
     bare: LuminanceImage, dark: tuple[LuminanceImage, Flags], found: FurnishedLight
 ) -> None:
@@ -230,6 +232,7 @@ def test_a_line_along_what_was_removed_fades_on_walls_and_what_is_no_line_stays(
     np.testing.assert_allclose(np.log(done.image.rgb / dark).mean(axis=-1)[~hole], change[~hole], atol=1e-5)
 
 
+@pytest.mark.long
 def test_a_darker_thing_takes_more(found: FurnishedLight) -> None:
     white = light_of(*pictured((cabinet(0.9),)), (cabinet(0.35),))
     gains = [float(np.median(one.log_change.mean(axis=-1)[one.seen])) for one in (white, found)]
@@ -249,7 +252,8 @@ def test_without_furniture_nothing_changes(bare: LuminanceImage) -> None:
     assert np.median(np.abs(luminance_cd_m2(done.image.rgb) / luminance_cd_m2(bare.rgb) - 1)[hole]) < 0.05
 
 
-@pytest.mark.parametrize("outdoors", [None, uniform_sky(4000.0)], ids=["no sky", "sky"])
+@pytest.mark.sweep
+@pytest.mark.parametrize("outdoors", [None, uniform_sky(4000.0)] if LONG else [None])
 def test_a_patch_that_shines_without_a_known_sun_shines_without_furniture_too(
     bare: LuminanceImage, outdoors: Outdoors | None
 ) -> None:
@@ -289,6 +293,7 @@ def test_what_a_removed_lamps_glow_has_clipped_is_filled(
     assert np.array_equal(done.image.rgb[10:14, 12:20], picture.rgb[10:14, 12:20]), "what is clipped else stays"
 
 
+@pytest.mark.long
 def test_the_same_input_gives_the_same_bytes(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
     other = light_of(*dark, (cabinet(0.35),))
     assert np.array_equal(found.log_change, other.log_change)
@@ -341,7 +346,8 @@ def test_windows_strength_follows_from_how_their_light_falls_off(true: float) ->
     assert high >= true * 0.99
 
 
-@pytest.mark.parametrize("shown", [0.03, 0.4])
+@pytest.mark.sweep
+@pytest.mark.parametrize("shown", [0.03, 0.4] if LONG else [0.03])
 @pytest.mark.parametrize("furnished", [True, False], ids=["furnished", "empty"])
 def test_an_overexposed_sun_is_as_strong_as_the_patches_that_it_lights_say(shown: float, furnished: bool) -> None:
     """Outdoors its disc is cut at a share of what it is; the room's own picture has all of its light."""
@@ -395,6 +401,7 @@ def test_a_single_photograph_s_room_gets_the_sun_back_that_fell_on_its_furniture
     assert any(note.startswith("sun: ") for note in found.notes)
 
 
+@pytest.mark.long
 def test_an_overexposed_sun_that_lights_nothing_seen_stays_a_lower_bound() -> None:
     behind = Sun((0.0, 0.8, 0.6), (2000.0, 2000.0, 2000.0), clipped=True)
     outdoors = uniform_sky(4000.0, behind)
@@ -427,6 +434,7 @@ def test_a_ghost_is_kept_down() -> None:
     assert np.abs(np.diff(guarded(fading, even, light, seen, maps), axis=1))[same].max() < 0.015
 
 
+@pytest.mark.long
 def test_estimated_distances_bring_a_standin_to_where_the_furniture_is() -> None:
     # A table top on thin legs that the mask left out: its lower edge meets the floor far behind it.
     top = box((1.6, 0.2, 0.75), (1.0, 1.6, 0.1), (0.4,) * 3)

@@ -56,6 +56,7 @@ def test_what_was_moved_and_moved_back_is_as_it_was(live: LiveFurniture) -> None
     assert np.array_equal(live.staged([WARDROBE, DESK], STYLE).rgb, first)
 
 
+@pytest.mark.long
 def test_it_looks_as_it_is_rendered(session: Path, live: LiveFurniture) -> None:
     """Shade on the room, and light on furniture, of which the others' is counted once, as the stage has them."""
     room = read_session_room(session, None, 64)

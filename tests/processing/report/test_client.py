@@ -119,8 +119,11 @@ def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Pa
     ("skipped", "left_out", "said"),
     [
         ({"remove", "materials"}, {}, "it was neither emptied nor staged: walls 1, 3 can be trusted"),
-        ({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: walls 1, 3 "),
-        ({"materials"}, {}, "it was not staged: walls 1, 3 "),
+        pytest.param(
+            *({"materials"}, {UNTRUSTED: "why"}, "it was neither emptied as a whole nor staged: walls 1, 3"),
+            marks=pytest.mark.long,
+        ),
+        ({"materials"}, {}, "it was not staged: walls 1, 3"),
         (set(), {}, "(confidence 7%): measurements and the positions of furniture may be wrong."),
     ],
 )

@@ -139,6 +139,7 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     assert bool(around.label) == labelled
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("made", [report_data, frame])
 def test_few_pictures_are_in_memory_together(tmp_path: Path, made: Callable[[StageContext], object]) -> None:
     given = context(tmp_path, results())
@@ -216,6 +217,7 @@ def test_without_a_scale_units_are_relative(tmp_path: Path) -> None:
     assert b"relative" in around.states[0].jpeg
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("anew")
 def test_the_same_results_give_the_same_page(tmp_path: Path) -> None:
     pages = []

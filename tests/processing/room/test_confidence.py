@@ -70,7 +70,7 @@ def unsure(classes: np.ndarray, share: float) -> np.ndarray:
     return ((1 - share) * classes + share / len(classes)).astype(np.float32)
 
 
-@pytest.mark.parametrize("case", ["mirror", "doorway"])
+@pytest.mark.parametrize("case", ["mirror", pytest.param("doorway", marks=pytest.mark.long)])
 def test_a_room_that_goes_on_behind_a_wall_is_not_presented_as_certain(case: str) -> None:
     """A wall of mirrors, and a camera in a doorway: in half of the turn the boundaries are those of another room."""
     room = room_of(BOX)

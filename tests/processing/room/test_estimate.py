@@ -140,6 +140,7 @@ def test_the_walls_azimuth_is_estimated_from_boundaries_alone(angle: float) -> N
     assert abs(off) < math.radians(1.5)
 
 
+@pytest.mark.long
 def test_less_agreement_means_less_confidence() -> None:
     room = room_of(BOX)
     image = painted(room, 512)

@@ -78,6 +78,7 @@ def test_a_plain_box_room_is_understood() -> None:
         assert np.degrees(abs(evidence.boundary.ceiling_rad[column] - np.arctan2(1.05, wall_m))) < 2.5
 
 
+@pytest.mark.long
 def test_equal_pictures_give_equal_answers() -> None:
     with all_anew():
         one, two = (scene_evidence(image_of(box_room())) for _ in range(2))
@@ -87,6 +88,7 @@ def test_equal_pictures_give_equal_answers() -> None:
     assert (one.boundary.floor_rad == two.boundary.floor_rad).all()
 
 
+@pytest.mark.long
 def test_a_turned_picture_gives_the_turned_answer() -> None:
     picture = box_room()
     straight = scene_evidence(image_of(picture), quality="reference")
@@ -99,6 +101,7 @@ def test_a_turned_picture_gives_the_turned_answer() -> None:
     assert np.degrees(away).mean() < 0.6
 
 
+@pytest.mark.long
 def test_a_mirrored_picture_gives_the_mirrored_answer() -> None:
     picture = box_room()
     straight = scene_evidence(image_of(picture), quality="reference")

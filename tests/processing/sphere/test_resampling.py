@@ -108,6 +108,7 @@ def test_nothing_valid_gives_nothing():
     assert not coverage.any()
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(geometries, geometries)
 def test_any_pair_at_any_size_is_finite_and_in_range(source, target):

@@ -111,7 +111,7 @@ def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, usual:
         run(context(painted, tmp_path, parameters=asked))
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 20.0])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(0.0, marks=pytest.mark.long), 20.0])
 def test_the_board_is_looked_for_where_levelling_took_it(painted: Painted, tmp_path: Path, tilt_deg: float) -> None:
     """The session records where the meter looked in the picture as it was taken; a levelled one shows it elsewhere."""
     image = picture(painted)

@@ -99,6 +99,7 @@ def test_both_sides_are_merged_and_then_skipped(session: Path, truth: SyntheticB
     assert [s.action for s in again.stages] == [Action.SKIPPED, Action.SKIPPED]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("anew")
 def test_the_same_session_gives_the_same_bytes(session: Path) -> None:
     run(session, options={"--side": "indoor"})

@@ -289,7 +289,8 @@ def test_a_room_too_small_is_no_failure_of_the_session(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sides_m", "bed", "rules"), [((2.5, 3.2), "single bed", ""), ((2.6, 2.8), "single bed", "tight")]
+    ("sides_m", "bed", "rules"),
+    [pytest.param((2.5, 3.2), "single bed", "", marks=pytest.mark.long), ((2.6, 2.8), "single bed", "tight")],
 )
 def test_a_bedroom_gets_a_bed_before_it_is_left_without(tmp_path: Path, sides_m, bed: str, rules: str) -> None:
     """The double has no place by the usual rules: a smaller one, or tighter rules, and the page says so."""

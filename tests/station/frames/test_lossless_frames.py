@@ -108,7 +108,7 @@ def test_every_flipped_byte_of_a_png_is_seen(checker: FrameChecker, tmp_path: Pa
     assert checker.inspect(path).width_px == 160
 
 
-@pytest.mark.parametrize("ending", [".png", ".tif"])
+@pytest.mark.parametrize("ending", [pytest.param(".png", marks=pytest.mark.long), ".tif"])
 def test_sixteen_bits_are_merged_at_eight_and_said_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], ending: str
 ) -> None:

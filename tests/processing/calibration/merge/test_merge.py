@@ -107,6 +107,7 @@ def test_texture_is_judged_in_bands_as_in_the_whole(monkeypatch: pytest.MonkeyPa
     assert np.allclose(parts.image.uncertainty, whole.image.uncertainty, rtol=1e-5)
 
 
+@pytest.mark.long
 @FEW
 @given(order=st.permutations(range(9)), workers=st.integers(1, 3))
 def test_order_and_threads_do_not_matter(order: list[int], workers: int) -> None:

@@ -52,6 +52,7 @@ def red_off(bracket: HostileBracket, fit: ResponseFit, curve: ResponseCurve) -> 
     return np.abs(off - np.median(off))
 
 
+@pytest.mark.long
 def test_a_colour_matrix_is_noticed_and_what_is_clipped_with_others_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -83,6 +83,7 @@ def test_uncertainty_by_parts() -> None:
     assert found.uncertainty_lx == pytest.approx(math.hypot(found.pixels_lx, found.scale_lx))
 
 
+@pytest.mark.long
 @pytest.mark.sweep
 def test_pixel_part_is_that_of_independent_errors() -> None:
     """Against the spread of the illuminance over pictures with such errors drawn."""
