@@ -45,7 +45,8 @@ MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.
 WARN_STOPS = 0.05  # chosen: 3.5 % of light; below it light that changes is taken as noise
 REFUSE_STOPS = 0.25  # chosen: a wrong dial is a third of a stop
 REFUSE_OWN_STOPS = 0.75
-"""With the curve of these frames, whose fit has set right the times that are wrong: what is left is doubt, to here."""
+"""With the curve of these frames, whose fit has set right the times that are wrong: what is left is doubt, to here
+beyond twice what times and curve state."""
 WARN_NOISE = 2.0  # of the variance; chosen
 MAX_GHOST_SHARE = 0.5  # of the picture; chosen
 BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
@@ -250,7 +251,10 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
         )
     if job.options.allow_contradiction:
         return named
-    beyond = np.max(np.abs(agreement.firm) - 2 * job.order.time_sigma / math.log(2))
+    doubt = job.order.time_sigma / math.log(2)
+    if job.curve is not None and job.options.own_curve:
+        doubt = np.hypot(doubt, np.sqrt(np.mean(np.square(job.curve.sigma_log2[:, slice(*JUDGED_CODES)]))))
+    beyond = np.max(np.abs(agreement.firm) - 2 * doubt)
     if apart > REFUSE_STOPS and beyond > (REFUSE_OWN_STOPS if job.options.own_curve else REFUSE_STOPS):
         raise BracketError(
             f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),

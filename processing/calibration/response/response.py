@@ -54,8 +54,9 @@ CLIP_CELLS, CLIP_PATCHES = 16, 20  # of the code, and patches of either kind tha
 CLIP_STOPS, CLIP_SIGMAS, CLIP_SHARE = 0.02, 4.0, 0.2
 """Stops and standard deviations by which the two kinds are apart in such a share of what can be compared; chosen on
 simulated cameras with and without a 5D Mark II's matrix, as what follows."""
-CLIP_MANY, CLIP_KNOWN = 0.05, 0.1
-"""Share of all samples that bends the curve, and what share of them must be comparable to be believed."""
+CLIP_MANY, CLIP_KNOWN = 0.05, 0.05
+"""Share of all samples that bends the curve, and what share of them must be comparable to be believed: under warm light
+0.03 are at most, on a film's frames that show it 0.07."""
 LEAST_SCATTER_STOPS = 0.01  # of a shutter; chosen: half the tolerance, however well it kept to it in a few sessions
 _SIGNIFICANT = 3.0  # standard deviations that a drift must exceed; chosen
 

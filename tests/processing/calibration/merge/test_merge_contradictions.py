@@ -40,7 +40,7 @@ def test_a_slightly_wrong_time_is_warned_of_and_its_doubt_is_stated(place: int, 
     assert errors(result, shot.luminance).covered(1.96) > 0.9
 
 
-def test_a_bracket_is_refused_only_for_what_it_shows_much_of_and_with_its_own_curve_beyond_its_times_doubt() -> None:
+def test_a_bracket_is_refused_only_for_what_it_shows_much_of_and_with_its_own_curve_beyond_its_doubt() -> None:
     shot = bracket()
     times = list(shot.true_s)
     times[4] *= 2.0
@@ -49,6 +49,10 @@ def test_a_bracket_is_refused_only_for_what_it_shows_much_of_and_with_its_own_cu
     sigma = [0.15 if k == 4 else 0.0 for k in range(9)]
     doubted = merged(shot.frames, times, own_curve=True, quality="reference", time_sigma=sigma)
     assert any(w.startswith("frame 4 is") for w in doubted.report.warnings)
+    unsure = replace(true_curve(), sigma_log2=np.full((3, 256), 0.3))
+    assert merged(shot.frames, times, unsure, own_curve=True, quality="reference").report.warnings
+    with pytest.raises(BracketError, match="contradict"):
+        merged(shot.frames, times, unsure, quality="reference")
     # All but a small lamp is black in the last frame: what that says of its time may be the lamp's own.
     scene = np.full((180, 360, 3), 20, np.float32) * np.linspace(0.5, 2, 360, dtype=np.float32)[:, None]
     for rows, refused in ((5, False), (40, True)):

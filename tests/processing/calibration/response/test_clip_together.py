@@ -73,18 +73,6 @@ def test_a_camera_without_one_keeps_all_its_samples() -> None:
     assert np.median(red_off(bracket, fit, fit.curve)) < 0.01
 
 
-def test_a_hard_film_is_not_taken_for_a_mixing_camera_where_its_own_curve_is_unsure() -> None:
-    """Under blue light red is seen far up only where blue is clipped: what few codes leave open of its curve, which was
-    judged as known, is no colour matrix."""
-    light = np.linspace(0, 1, 1024)
-    with np.errstate(divide="ignore"):
-        density = [1 / (1 + np.exp(-1.9 * (np.log2(light) + at))) for at in (2.4, 2.2, 2.6)]
-    camera = HostileCamera(light, np.stack([(one - one[0]) / (one[-1] - one[0]) for one in density]), seed=3)
-    bracket = hostile_bracket(HostileWorld("film", camera), sky_and_walls(), 20.0, 800_003)
-    curve = recover_response([Bracket8(bracket.frames, bracket.nominal_s)]).curve
-    assert not curve.clip_together
-
-
 def test_a_channel_that_warm_light_shows_only_beside_clipped_ones_is_held_to_the_others() -> None:
     """Where all samples count, blue's upper codes are 0.9 stop off, with 0.02 stated."""
     codes = np.linspace(0, 1, 256)
