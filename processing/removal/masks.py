@@ -60,7 +60,7 @@ class Masks:
     notes: tuple[str, ...] = ()
     """What was skipped, dropped or not found, and why."""
     sun: tuple[float, float, float] | None = None
-    """Azimuth (from +y towards +x) and elevation (rad) of the sun that the sunlight fits, and its `SunFound.times`."""
+    """Azimuth, elevation (rad) and strength of the sun that the sunlight fits, as in `SunFound`."""
     shares: dict[str, float] = field(default_factory=dict)
     """Of the sphere, 0..1, by mask."""
 
@@ -185,7 +185,7 @@ def _sun(
 ) -> SunFound:
     """Return direct sunlight; ``gone``: furniture and tripod; ``bar``: doors, windows, fixtures, (H, W) each."""
     if not known.sun_possible:
-        return SunFound(np.zeros(bar.shape, bool), None, False, "the sky has no sun")
+        return SunFound(np.zeros(bar.shape, bool), None, "the sky has no sun")
     furniture, tripod = gone
     hidden, surface = furniture | tripod, (maps.opening < 0) & (maps.plane != CEILING)
     bare = surface & ~grown(hidden, math.pi / rgb.shape[0])
@@ -308,8 +308,7 @@ def _united(found: _Found, image: LuminanceImage | RelativeImage, sphere: Equire
     target |= (stats[:, cv2.CC_STAT_AREA] <= CRUMB_PX * max(1.0, shape[0] / len(found.openings)) ** 2)[labels]
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
-    way, times = found.sunlight.direction, found.sunlight.times
-    return Masks(**named, notes=found.notes, sun=None if way is None else (*way, times), shares=shares)
+    return Masks(**named, notes=found.notes, sun=found.sunlight.sun, shares=shares)
 
 
 def _at(mask: Flags, shape: tuple[int, int]) -> Flags:

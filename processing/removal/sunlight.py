@@ -58,14 +58,11 @@ class SunFound:
     """Direct sunlight at working size, and why there is none."""
 
     mask: Flags
-    direction: tuple[float, float] | None
-    """Azimuth (from +y towards +x) and elevation (rad) that explain it."""
-    confirmed: bool
-    """Whether windows explain it."""
+    sun: tuple[float, float, float] | None
+    """Azimuth (from +y towards +x) and elevation (rad) that explain it, and how many times the light in the shade it
+    adds on what faces it; 0: not known."""
     reason: str
     """What was done, or why nothing was found."""
-    times: float = 0.0
-    """How many times the light in the shade the sun adds on what faces it; 0: not known."""
 
 
 def find_sunlight(
@@ -90,23 +87,22 @@ def find_sunlight(
     """
     none = np.zeros(luminance.shape, bool)
     if sun is not None and sun[1] <= 0:
-        return SunFound(none, None, False, "the sun is below the horizon")
+        return SunFound(none, None, "the sun is below the horizon")
     if usable.sum() < LEAST_PX:
-        return SunFound(none, None, False, "hardly any floor or wall is visible")
+        return SunFound(none, None, "hardly any floor or wall is visible")
     relative = relative_log2(luminance, plane, usable, weight)
     if not beams.glazed(room) and sun is None:
-        return SunFound(none, None, False, "neither a window nor the sun's position is known: no sunlight assumed")
+        return SunFound(none, None, "neither a window nor the sun's position is known: no sunlight assumed")
     if not beams.glazed(room):
         bright = usable & (relative > math.log2(SURE_RATIO))
         reason = "the room has no window to confirm it: bright areas found by luminance alone"
-        return SunFound(bright, None, False, reason if bright.any() else "no area is bright enough for direct sun")
+        return SunFound(bright, None, reason if bright.any() else "no area is bright enough for direct sun")
     if not (usable & (relative > math.log2(beams.LEAST_RATIO))).any():
-        return SunFound(none, None, False, "no area is bright enough for direct sun: overcast, or the sun is elsewhere")
+        return SunFound(none, None, "no area is bright enough for direct sun: overcast, or the sun is elsewhere")
     scene = Scene(points_m[usable], plane[usable], relative[usable], weight[usable])
     direction, score = best_direction(thinned(scene), room, sun)
     if direction is None or score <= 0:
-        why = "no window's beam explains the bright areas: overcast, or the sun is elsewhere"
-        return SunFound(none, None, False, why)
+        return SunFound(none, None, "no window's beam explains the bright areas: overcast, or the sun is elsewhere")
     lit = _in_beams(scene, room, beams.sun_vector(*direction))
     mask, times = none.copy(), _times(scene, luminance[usable], lit, direction[1])
     mask[usable] = lit
@@ -114,12 +110,12 @@ def find_sunlight(
         mask = unmistakable(mask, relative, points_m, np.where(usable, plane, np.int16(-1)))
         if not mask.any():
             why = "time and site are unknown, and no patch is certain to be sunlight"
-            return SunFound(none, direction if times else None, False, why, times)
+            return SunFound(none, (*direction, times) if times else None, why)
     if float(weight[mask].sum()) < LEAST_SR:
-        return SunFound(none, None, False, "no window's beam is brighter than the shade beside it")
+        return SunFound(none, None, "no window's beam is brighter than the shade beside it")
     how = "given" if sun is not None else "searched"
     where = f"azimuth {math.degrees(direction[0]):.0f}, elevation {math.degrees(direction[1]):.0f} degrees"
-    return SunFound(mask, direction, True, f"windows along the sun's {how} direction ({where}) confirm it", times)
+    return SunFound(mask, (*direction, times), f"windows along the sun's {how} direction ({where}) confirm it")
 
 
 def _times(scene: Scene, luminance: Floats, lit: Flags, elevation_rad: float) -> float:

@@ -154,16 +154,13 @@ def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOut
     )
 
 
-# The light outside a session's room: what the stages light and materials begin with.
-
-
 HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
 
 
 def light_outdoors(
     context: StageContext, image: LuminanceImage, room: RoomModel
 ) -> tuple[Outdoors | None, str, list[str]]:
-    """Return the light outside, what it was taken from, and warnings."""
+    """Return the light outside, with which light and materials begin, what it was taken from, and warnings."""
     inside = "windows as they appear from inside"
     picture = context.optional_artifact("calibrate", "outdoor")
     if picture is None:

@@ -106,8 +106,8 @@ def furnished_light(
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, measured = _measured(full, bare, shown, effort, seed)
     if known_sun is not None:
-        bare, said = _with_sun_back(full, bare, shown, known_sun, effort.patch_samples, seed)
-        measured += (said,)
+        bare = _with_sun_back(full, bare, shown, known_sun, effort.patch_samples, seed)
+        measured += (f"sun: {known_sun[1]:.0f} times the light in the shade, by its patches in the room",)
     both = _both_lights(full, bare, shown, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
     own = large.solid & both.known & ~gone.ravel()
@@ -207,19 +207,17 @@ def _measured(
 
 def _with_sun_back(
     full: Stage, bare: Stage, shown: _Shown, sun: tuple[Vector, float], samples: int, seed: int
-) -> tuple[Stage, str]:
-    """Return the bare room whose own patches give back the sun that falls on them without furniture alone; a note."""
+) -> Stage:
+    """Return the bare room whose own patches give back the sun that falls on them without furniture alone."""
     lit, outdoors = list[Doubles](), Outdoors(DARK, Sun(sun[0], (1.0, 1.0, 1.0)))
     for stage in (full, bare):
         clear = tuple(replace(pane, clear=np.ones_like(pane.clear)) for pane in stage.scene.panes)
         points, normals = patch_points(stage, samples, (seed, 78)), stage.patches.normal
         lit.append(sunlight(stage.under(outdoors, clear), points, normals, samples, (seed, 79)))
-    columns, rows, _ = full.patches.grids[0]
-    floor = np.flatnonzero(shown.known[: columns * rows])
+    floor = np.flatnonzero(shown.known[: math.prod(full.patches.grids[0][:2])])
     shade_lx = np.median((shown.given @ WEIGHTS)[floor] / (full.albedo @ WEIGHTS)[floor]) if len(floor) else 0.0
     back = np.maximum(lit[1] - lit[0][: len(lit[1])], 0) * (sun[1] * shade_lx)
-    note = f"sun: {sun[1]:.0f} times the light in the shade, by its patches in the room"
-    return replace(bare, exitance=bare.exitance + bare.albedo * back), note
+    return replace(bare, exitance=bare.exitance + bare.albedo * back)
 
 
 def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
