@@ -225,7 +225,8 @@ def interpret(dialect: Dialect, step: Step, raw: bytes) -> Answer:
     if found is None:
         return _garbled(raw, "not of the form expected")
     groups = {name: value for name, value in found.groupdict().items() if value is not None}
-    if not all(_NUMBER.fullmatch(groups[name]) for name in ("value", "wait_s") if name in groups):
+    numbers = (groups.get(name, "") for name in ("value", "wait_s") if name in step.pattern.groupindex)
+    if not all(map(_NUMBER.fullmatch, numbers)):
         return _garbled(raw, "not a number where one should be")
     for name, table in dialect.meanings.items():
         if name in groups:

@@ -131,6 +131,12 @@ def test_what_a_users_form_lets_through_must_still_be_a_number(tmp_path: Path, v
     assert interpret(dialect, dialect.measure[0], f"{value} cd".encode()).status is ReadingStatus.GARBLED
 
 
+def test_a_users_form_without_its_number_is_no_reading(tmp_path: Path) -> None:
+    """It was a good answer with an empty text for a number, which ended the capture in an internal error."""
+    dialect = load_dialect(write(tmp_path, MINE.replace("(?P<value>[0-9.]+)", "(?P<value>[0-9.]+)?")))
+    assert interpret(dialect, dialect.measure[0], b" cd").status is ReadingStatus.GARBLED
+
+
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [
