@@ -127,7 +127,7 @@ def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
     return Field(None, description=text, exclude=True, json_schema_extra={"kind": kind, **how})
 
 
-Positive = Annotated[float, Field(gt=0, le=1e12)]
+Positive = Annotated[float, Field(ge=1e-12, le=1e12)]
 Profile = Annotated[Path | None, path_field("file", "Rig profile written by `daylit rig calibrate`.")]
 Seed = Annotated[int, Field(ge=0, lt=2**63, description="Random seed of arrangements and rendering")]
 FurnitureFolder = Annotated[

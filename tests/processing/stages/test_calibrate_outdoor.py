@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from mocks.worlds.sky import SimpleSky
 from processing.calibration.optics import corrections_unlike, find_optics, glare_taken_off, stated_circle
@@ -190,6 +191,13 @@ def test_clipped_light_makes_a_lower_bound_and_is_reported(in_units):
     assert out.facts["illuminance_lx"]["up"]["clipped_share"] > 0.01
     assert any("lower bound because part comes from pixels clipped" in text for text in out.warnings)
     assert not any("lower bound" in text for text in in_units.warnings)
+
+
+@pytest.mark.parametrize("name", ["k1", "k2", "outdoor_lux"])
+def test_a_factor_that_no_picture_holds_is_refused(name: str) -> None:
+    """With k1 = 1e-308 every pixel was 0 cd/m2, and valid."""
+    with pytest.raises(ValidationError):
+        CalibrateParameters(**{name: 1e-308})
 
 
 def test_factors_that_were_given_have_no_known_uncertainty(in_units):
