@@ -155,13 +155,15 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
         return 0
     for line in summary_lines(report, request, explain=explain):
         click.echo(line)
-    if not request.dry_run:
+    # What a run until an earlier stage leaves of stills and report may be of other options.
+    done = set[str]() if request.dry_run else {one.stage for one in report.stages}
+    if "stills" in done:
         from processing.commands.results import still_paths
 
         for still in still_paths(session):
             click.echo(f"still:  {still}")
     page = session / "stages" / "report" / "index.html"
-    if page.is_file() and not request.dry_run:
+    if "report" in done and page.is_file():
         click.echo(f"report: {page}")
     return 0
 

@@ -47,6 +47,17 @@ def test_first_and_second_run(session: Path, capsys: pytest.CaptureFixture[str])
     assert "nothing to do" in second
 
 
+def test_a_report_of_another_run_is_not_given_out_as_this_ones(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """After `--until calibrate --k1 2` the report of the options before was named as what came of them."""
+    page = session / "stages" / "report" / "index.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("of other options")
+    assert daylit.main(["process", str(session)]) == 0
+    assert "report:" not in capsys.readouterr().out
+
+
 def test_options_of_stages_reach_them_and_are_explained(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["process", str(session), "--json"]) == 0
     capsys.readouterr()
