@@ -18,7 +18,8 @@ from station.session.folder import Folder, write_file
 from station.session.session import SafeText
 
 Length = Annotated[float, Field(ge=-100, le=100)]
-Height = Annotated[float, Field(gt=0, le=30)]
+HIGHEST_M = 30.0  # chosen: of a ceiling
+Height = Annotated[float, Field(gt=0, le=HIGHEST_M)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 CEILING = "ceiling"

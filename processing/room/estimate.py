@@ -12,7 +12,7 @@ import numpy as np
 
 from processing.errors import NoRoomError, ParameterError
 from processing.ground.arrays import Doubles
-from processing.ground.room_model import RoomModel, geometry_problems
+from processing.ground.room_model import HIGHEST_M, RoomModel, geometry_problems
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.room.columns import Columns, columns_of
 from processing.room.confidence import Diagnostics, check_picture, confidence_of, diagnose, doubts, part_confidences
@@ -202,10 +202,9 @@ def _chosen(
 
 
 def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomModel | None:
-    floor = tidied(polygon * camera_height_m)
-    if floor is None or not np.abs(floor).max() < 100:
+    floor, high_m = tidied(polygon * camera_height_m), round(camera_height_m * (1 + outline.ratio), 4)
+    if floor is None or not (np.abs(floor).max() < 100 and high_m <= HIGHEST_M):
         return None
     corners = tuple((round(float(x), 4), round(float(y), 4)) for x, y in floor)
-    high_m = round(camera_height_m * (1 + outline.ratio), 4)
     room = RoomModel(source="estimated", floor=corners, camera_height_m=camera_height_m, ceiling_height_m=high_m)
     return None if geometry_problems(room) else room

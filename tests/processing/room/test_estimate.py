@@ -234,6 +234,13 @@ def test_evidence_that_cannot_be_is_refused() -> None:
             estimate_room(image, evidence_of(room), camera_height_m=height)
 
 
+def test_a_ceiling_higher_than_rooms_have_is_no_room() -> None:
+    """`--camera-height 19` ended in an internal error, and so would a high hypothesis at any height."""
+    room = room_of(BOX)
+    with pytest.raises(NoRoomError, match="no room shape"):
+        estimate_room(painted(room, 256), evidence_of(room), camera_height_m=19.0, quality="draft")
+
+
 def test_columns_of_which_nothing_is_known_do_not_count() -> None:
     room = room_of(BOX)
     true = boundary_of(room)
