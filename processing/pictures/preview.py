@@ -104,7 +104,8 @@ def read_mask(path: Path) -> Flags:
             return _marked(picture, path)
     # Decoders raise whatever their formats make of damaged bytes.
     except (OSError, SyntaxError, ValueError, EOFError, TypeError, Image.DecompressionBombError) as error:
-        raise refused(path, f"is not a readable mask: {error}", advice="give a PNG, black and white") from error
+        why = str(error).partition(" <")[0]  # Pillow adds the object it was given
+        raise refused(path, f"is not a readable mask: {why}", advice="give a PNG, black and white") from error
 
 
 def _marked(picture: ImageFile, path: Path) -> Flags:

@@ -64,6 +64,13 @@ def test_what_is_no_mask_is_refused(tmp_path: Path, data: bytes) -> None:
         read_mask(tmp_path / "m.png")
 
 
+def test_what_is_no_picture_is_said_without_the_programs_own_names(tmp_path: Path) -> None:
+    (tmp_path / "m.png").write_text("root:x:0:0")
+    with pytest.raises(PictureFileError) as caught:
+        read_mask(tmp_path / "m.png")
+    assert caught.value.message == "is not a readable mask: cannot identify image file"
+
+
 def test_cut_short_and_missing(tmp_path: Path) -> None:
     write_mask(tmp_path / "m.png", np.random.default_rng(1).random((64, 128)) > 0.5)
     whole = (tmp_path / "m.png").read_bytes()
