@@ -277,7 +277,7 @@ class _Furnished(_InTheRoom):
 
     derived = ("wanted",)
 
-    set: str = Field("auto", description="Furniture set: bedroom, living, dining, office, auto, none")
+    set: Literal["bedroom", "living", "dining", "office", "auto", "none"] = Field("auto", description="Furniture set")
     items: str | None = Field(
         None,
         description='List of furniture, instead of a set: "bed, 2 nightstand".',
@@ -304,9 +304,21 @@ class ArrangeParameters(_Furnished):
     arrangement: Path | None = path_field("answer", "arrangement.json from `daylit arrange`.", artifact="arrangement")
     pin: str | None = Field(None, description='Place pieces by hand, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".')
     furniture: FurnitureFolder = None
-    rules: str = Field("standard", description="Rule set: comfort, standard, tight, accessible")
+    rules: Literal["comfort", "standard", "tight", "accessible"] = Field("standard", description="Rule set")
     alternatives: int = Field(3, ge=1, le=MOST_STAGED, description=f"Number of arrangements, 1 to {MOST_STAGED}")
     seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _lists_are_read_before_stages_run(self) -> Self:
+        if self.items is not None and self.furniture is None:
+            from processing.layout.items import parse_items
+
+            parse_items(self.items)
+        if self.pin:
+            from processing.layout.given_places import parse_pins
+
+            parse_pins(self.pin)
+        return self
 
 
 class RenderParameters(StageParameters):
@@ -318,8 +330,8 @@ class RenderParameters(StageParameters):
         "global: render everything; ibl: furniture without shadows",
     )
     furniture: FurnitureFolder = None
-    style: str | None = Field(
-        None, description="Furniture style: scandinavian, mid-century, classic, industrial. Default: each in turn."
+    style: Literal["scandinavian", "mid-century", "classic", "industrial"] | None = Field(
+        None, description="Furniture style. Default: each in turn."
     )
     styling: Literal["none", "light", "full"] = Field(
         "full", description="Add decor: light adds curtains, rugs, art and lamps; full also small objects and plants"

@@ -11,10 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from processing.errors import ItemError, ProcessingError
+from processing.errors import ItemError, PinError, ProcessingError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.assumed import fitting_choice, named_choice, with_door
+from processing.layout.furniture.bench import STYLES
+from processing.layout.items import SETS
+from processing.layout.rules import built_in_rules
 from processing.light.picture.composite import MODELLED
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
@@ -33,7 +37,13 @@ from processing.sphere import Equirectangular
 from processing.stages import arrange, materials
 from processing.stages import render as rendering
 from processing.stages.contract import Quality, StageContext
-from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters, StageParameters
+from processing.stages.parameters import (
+    ArrangeParameters,
+    MaterialsParameters,
+    RenderParameters,
+    StageParameters,
+    options_of,
+)
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
 from tests.processing.pictures.picture_strategies import luminance_image
 
@@ -137,6 +147,31 @@ def test_ibl_and_a_relative_picture(tmp_path: Path, known: dict[tuple[str, str],
     assert not read_exr(tmp_path / "staged-1.exr").absolute  # type: ignore[union-attr]
     assert made.artifacts["staged"]["units"] == "relative units"  # type: ignore[index]
     assert made.warnings[0].code == "method"
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        ({"set": "bedrom"}, ValidationError),
+        ({"rules": "tigth"}, ValidationError),
+        ({"items": "bed, nightstnd"}, ItemError),
+        ({"items": ""}, ItemError),
+        ({"pin": "bed=1,2"}, PinError),
+    ],
+)
+def test_a_misspelt_word_is_refused_before_any_stage_runs(words: dict[str, str], kind: type[Exception]) -> None:
+    """A room was merged, emptied and lit, for minutes, before `--set bedrom` was found to be none."""
+    with pytest.raises(kind):
+        ArrangeParameters(**words)  # type: ignore[arg-type]
+
+
+def test_the_words_offered_are_those_that_there_are() -> None:
+    def offered(row: type[StageParameters], name: str) -> set[str]:
+        return set(next(one.choices for one in options_of(row) if one.name == name))
+
+    assert offered(ArrangeParameters, "set") == {*SETS, "auto", "none"}
+    assert offered(ArrangeParameters, "rules") == set(built_in_rules().sets)
+    assert offered(RenderParameters, "style") == set(STYLES)
 
 
 def test_what_is_skipped_and_why(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
