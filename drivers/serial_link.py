@@ -6,9 +6,11 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn, Protocol, Self
+from typing import Annotated, Literal, NoReturn, Protocol, Self
 
 import serial
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as checked_dataclass
 from serial.tools import list_ports as serial_list_ports
 
 from drivers.clock import Clock, Deadline, SystemClock
@@ -30,11 +32,11 @@ BY_ID = Path("/dev/serial/by-id")
 _PARITY = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 
 
-@dataclass(frozen=True)
+@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class PortSettings:
-    """Line settings of a serial port."""
+    """Line settings of a serial port; ``[port]`` of a dialect."""
 
-    baud: int = 9600
+    baud: Annotated[int, Field(ge=300, le=3_000_000)]
     data_bits: Literal[7, 8] = 8
     parity: Literal["none", "even", "odd"] = "none"
     stop_bits: Literal[1, 2] = 1

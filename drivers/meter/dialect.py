@@ -35,20 +35,6 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Port(_Table):
-    """``[port]``: line settings."""
-
-    baud: Annotated[int, Field(ge=300, le=3_000_000)]
-    data_bits: Literal[7, 8] = 8
-    parity: Literal["none", "even", "odd"] = "none"
-    stop_bits: Literal[1, 2] = 1
-    rts_handshake: bool = False
-
-    def settings(self) -> PortSettings:
-        """Return what the link is opened with."""
-        return PortSettings(**self.model_dump())
-
-
 class Step(_Table):
     """One question and the form of its answer."""
 
@@ -83,7 +69,7 @@ class Dialect(_Table):
     verified: bool
     source: Annotated[str, Field(max_length=500)]
     usb_ids: tuple[tuple[int, int], ...] = ()
-    port: Port
+    port: PortSettings
     line_end: Literal["\r\n", "\n", "\r"] = "\r\n"
     max_line_bytes: Annotated[int, Field(ge=8, le=4096)] = 64
     pause_s: Annotated[float, Field(ge=0, le=5)] = 0.1

@@ -145,7 +145,7 @@ def try_dialects(
     for dialect in dialects:
         if not greeted(dialect, heard):
             continue
-        settings = dialect.port.settings()
+        settings = dialect.port
         meter = KonicaMinoltaMeter(lambda settings=settings: open_line(settings), dialect, clock)  # type: ignore[misc]
         try:
             meter.connect()

@@ -152,7 +152,7 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock, links: Links | Non
     from drivers.serial_link import PortOpener
 
     dialect = load_dialect(dialect_name)
-    settings, opener = dialect.port.settings(), links or Links()
+    settings, opener = dialect.port, links or Links()
     open_line = PortOpener(port, settings, usb_ids=dialect.usb_ids, clock=clock)
     return KonicaMinoltaMeter(lambda: opener.meter(open_line, str(settings)), dialect, clock)
 

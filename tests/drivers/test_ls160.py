@@ -393,7 +393,7 @@ def test_through_the_real_pyserial(language: str) -> None:
     port = SerialPort(instrument)
     dialect = load_dialect(language)
     clock = SystemClock()
-    meter = KonicaMinoltaMeter(lambda: SerialLink.open(port.name, dialect.port.settings(), clock=clock), dialect, clock)
+    meter = KonicaMinoltaMeter(lambda: SerialLink.open(port.name, dialect.port, clock=clock), dialect, clock)
     try:
         meter.connect()
         assert meter.measure(n_samples=2).luminance_cd_m2 == 1019.0
@@ -405,7 +405,7 @@ def test_through_the_real_pyserial(language: str) -> None:
 def test_unplugged_pseudo_terminal_is_lost() -> None:
     port = SerialPort(SimulatedMeter(lambda _t: 1.0, measuring_s=0.05, faults=(MeterFault(MeterFaultKind.UNPLUG),)))
     clock = SystemClock()
-    meter = KonicaMinoltaMeter(lambda: SerialLink.open(port.name, LS100.port.settings(), clock=clock), LS100, clock)
+    meter = KonicaMinoltaMeter(lambda: SerialLink.open(port.name, LS100.port, clock=clock), LS100, clock)
     try:
         meter.connect()
         with pytest.raises(DeviceLostError):

@@ -125,7 +125,7 @@ def test_a_byte_with_a_wrong_parity_bit_is_asked_to_come_as_nul(port: SerialPort
 
     assert flags(SEVEN_E_TWO) & termios.INPCK
     assert not flags(SEVEN_E_TWO) & (termios.IGNPAR | termios.PARMRK | termios.ISTRIP)
-    assert not flags(PortSettings()) & termios.INPCK
+    assert not flags(PortSettings(9600)) & termios.INPCK
 
 
 def test_pulling_the_plug_is_a_loss(port: SerialPort, link: SerialLink) -> None:
@@ -210,7 +210,7 @@ def test_what_the_system_says_is_typed(number: int, kind: type[Exception]) -> No
 
 def test_missing_port_is_not_found() -> None:
     with pytest.raises(DeviceNotFoundError):
-        SerialLink.open("/dev/no-such-port", PortSettings())
+        SerialLink.open("/dev/no-such-port", PortSettings(9600))
 
 
 def test_ports_are_listed_with_their_lasting_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,7 +275,7 @@ def test_a_meter_that_is_unplugged_and_renumbered_is_read_on(tmp_path: Path) -> 
     port = SerialPort(instrument, stable_name=stable)
     dialect = load_dialect("ls100")
     opened: list[str] = []
-    opener = PortOpener(str(stable), dialect.port.settings(), ports=list)
+    opener = PortOpener(str(stable), dialect.port, ports=list)
 
     def open_line() -> SerialLink:
         if opened:
