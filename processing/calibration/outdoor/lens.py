@@ -11,8 +11,7 @@ that lie on no circle: both only cost rays.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -82,7 +81,7 @@ _FLOOR = 0.02  # of full scale: contrasts below this level are mostly noise
 _TRIALS = 600  # random circles; chosen
 _LEAST_SHARE = 0.25  # of the rays inside the picture that must agree
 _TOLERANCE = 0.012  # of the radius, in the coarse search
-_SMALLER, _SMALLEST_PX = (4, 8), 400  # reductions, and the side they leave at least; chosen
+_SMALLEST_PX = 400  # the side to which large pictures are reduced; chosen
 _MOST_ROUNDS, _SAME_PX = 12, 0.05  # of the fine search; chosen: 0.2 CPU s, a fifth of what edges scatter by
 
 
@@ -119,29 +118,21 @@ def find_image_circle(frames: AnyArray | Sequence[AnyArray]) -> ImageCircle:
     8- and 16-bit codes or linear values; the picture's middle lies inside the circle. Raises `LensError` where no
     circle is seen: all dark, all bright, or a picture that is lit to its edges.
     """
+    import cv2
+
     pictures = [_grey(f) for f in ([frames] if isinstance(frames, np.ndarray) else frames)]
     if not pictures or any(p.shape != pictures[0].shape for p in pictures):
         raise LensError("frames of different sizes have no common image circle", advice="give frames of one camera")
+    height, width = pictures[0].shape
     try:
         return _circle_in(pictures)
     except LensError:
-        # Stray light in the surround makes the edge flat over some pixels; in smaller pictures it is steep again.
-        found = list(_in_smaller(pictures))
-        if not found:
+        factor = min(height, width) / _SMALLEST_PX
+        if factor < 4:
             raise
-    return max(found, key=lambda circle: circle.support)
-
-
-def _in_smaller(pictures: list[Floats]) -> Iterator[ImageCircle]:
-    """Yield the circles that large pictures show when they are made smaller."""
-    import cv2
-
-    height, width = pictures[0].shape
-    for size in ((round(width / factor), round(height / factor)) for factor in _SMALLER):
-        if min(size) >= _SMALLEST_PX:
-            small = [np.asarray(cv2.resize(p, size, interpolation=cv2.INTER_AREA), dtype=np.float32) for p in pictures]
-            with suppress(LensError):
-                yield _circle_in(small).scaled((width, height))
+    # Stray light in the surround makes the edge flat over some pixels; in smaller pictures it is steep again.
+    small = [cv2.resize(p, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA) for p in pictures]
+    return _circle_in([np.asarray(p, dtype=np.float32) for p in small]).scaled((width, height))
 
 
 def _circle_in(pictures: list[Floats]) -> ImageCircle:
