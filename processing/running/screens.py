@@ -14,6 +14,7 @@ STATES = {
     **{f"Staged {k}": (f"stages/render/staged-{k}.exr",) for k in range(1, 8)},
 }
 """Pictures of the room, and where each may lie."""
+SHOWN_BY = ("room/room.json", "stills/display.json", "materials/sun.npz")  # besides the picture and the photograph
 CARD = "stages/stills/still-1.jpg"
 """What shows a session at a glance where there is one; else the middle frame of the room does, or its photograph."""
 SCREEN_PX, LARGEST_PX = 2048, 4096
@@ -47,16 +48,16 @@ def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
     path = picture_of(session, state)
     if path is None:
         raise ParameterError("no such picture yet", where=f"{session.name}: {state[:40]}")
-    look = picture_of(session, "Photograph") or path
-    whole = _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns)
+    of = (path, picture_of(session, "Photograph") or path, *(session / "stages" / name for name in SHOWN_BY))
+    whole = _jpeg(path, session, tuple(one.stat().st_mtime_ns if one.is_file() else 0 for one in of))
     return whole if width_px >= LARGEST_PX else small_jpeg(io.BytesIO(whole), width_px)
 
 
 @lru_cache(maxsize=24)
-def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int) -> bytes:
+def _jpeg(path: Path, session: Path, _at: tuple[int, ...]) -> bytes:
     from processing.pictures.patch import read_shown
 
-    return shown_jpeg(read_shown(path).rgb, look_of(look_path.parents[2]), LARGEST_PX)
+    return shown_jpeg(read_shown(path).rgb, look_of(session), LARGEST_PX)
 
 
 def shown_jpeg(rgb: Any, look: Any, width_px: int) -> bytes:
