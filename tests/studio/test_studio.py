@@ -649,6 +649,18 @@ def test_a_regions_figures_are_those_of_the_command_beside_it(opened: Opened) ->
     for name in ("mean", "median", "lowest", "highest"):
         shown = float(re.search(rf"{name} ([\d.]+)", said.inner_text())[1])  # type: ignore[index]
         assert shown == pytest.approx(found[f"box-{name}"]["value"], rel=0.01), name
+    emptied = session / "stages" / "remove" / "empty.exr"
+    emptied.parent.mkdir()
+    shutil.copy(picture, emptied)
+    screen(page, session.name, "room")
+    screen(page, session.name, "results")
+    page.get_by_label("State of the room").select_option("Emptied")
+    page.wait_for_selector("[data-shown=Emptied]")
+    page.locator(".stage").first.focus()
+    page.keyboard.press("m")
+    page.get_by_text("Region: mean").wait_for()
+    assert said.locator("code").count() == 0, "its file is without the sun that is put back where it is shown"
+    assert "no direct sun put back" in page.locator(".downloads").inner_text()
 
 
 def test_nothing_is_said_of_shutters_that_nobody_watched(opened: Opened) -> None:

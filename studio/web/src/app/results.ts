@@ -57,7 +57,7 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     widget = null;
     box.replaceChildren(h("p", { class: "facts" }, "Opening …"));
     try {
-      const regions = new Regions(session.path);
+      const regions = new Regions(name === "Emptied" ? "" : session.path); // shown with its sun, which its file is without
       const found = markup(await api.viewer(session.name, name), regions.control, ...aiming.controls);
       box.replaceChildren(found, regions.said);
       widget = await setUpPanorama(found, true);
@@ -135,7 +135,7 @@ export async function resultsScreen(session: Overview): Promise<Screen> {
     const link = (text: string, href: string, download: string): HTMLElement => h("li", {}, h("a", { href, download }, text));
     takeaway.replaceChildren(
       link("Panorama, JPEG", api.picture(session.name, name, 4096, session.stamp), `${session.name}-${name.toLowerCase().replace(" ", "-")}.jpg`),
-      link("Panorama, EXR", api.file(session.name, file), ""),
+      link(`Panorama, EXR${name === "Emptied" ? ", no direct sun put back" : ""}`, api.file(session.name, file), ""),
       ...(name.startsWith("Staged") ? [link("Model, GLB", api.file(session.name, `render/staged-${name.slice(7)}.glb`), "")] : []),
       ...(session.page ? [
         link("Client report, one HTML file", api.file(session.name, "report/index.html"), ""),
