@@ -66,9 +66,8 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     _check(asked)
     given = {name: asked[name] for name in KEPT}
     asked |= go_on_with(session, given)
-    if asked["staged"] is None:
-        asked["furniture"] = None
-    room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
+    own = None if asked["staged"] is None else asked["furniture"]
+    room = read_session_room(session, asked["staged"], asked["rows"], own)
     check_sky(room)
     folder = asked["output"] or session / FOLDER
     moments = _moments(room, asked) | {"shown": session_shown(session)}
@@ -262,12 +261,13 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     room = read_session_room(session, asked["staged"], 2048, asked["furniture"])
     if asked["furniture"] is not None:
         remember(session, {"furniture": asked["furniture"]}, by="daylit view-from")
-    check_place(room.scene, (eye[0], eye[1], eye[2]))
-    effort = EFFORTS[asked["quality"]]
-    found = seen_from(room.scene, room.picture.rgb, room.eye_m, geometry, (eye[0], eye[1], eye[2]), effort=effort)
+    place = eye[0], eye[1], eye[2]
+    check_place(room.scene, place)
+    found = seen_from(room.scene, room.picture.rgb, room.eye_m, geometry, place, effort=EFFORTS[asked["quality"]])
     folder = asked["output"] or session / "views"
     folder.mkdir(parents=True, exist_ok=True)
-    stem = asked["name"] or f"{_name(room)}-from-{'_'.join(f'{v:g}' for v in eye)}"
+    view = "panorama" if asked["panorama"] else (asked["look"] or "0,0").replace(" ", "").replace(",", "_")
+    stem = asked["name"] or f"{_name(room)}-from-{'_'.join(f'{v:g}' for v in eye)}-{view}"
     facts = _write(folder, stem, session, room, found, (geometry, eye))
     lines = (
         f"{100 * facts['seen_share']:.0f} % of what is not window was seen by the camera; the rest is rendered",

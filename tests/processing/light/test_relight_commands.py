@@ -160,13 +160,16 @@ def test_from_another_place(session, monkeypatch) -> None:
     monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
     found = run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "20,-5", "--width", 96)
     assert found["seen_share"] > 0.95
-    picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
+    picture = read_exr(session / "views" / "empty-from--1_0.5_1.2-20_-5.exr")
     assert picture.rgb.shape == (72, 96, 3)
     assert (picture.rgb > 0).all()
-    data = (session / "views" / "empty-from--1_0.5_1.2.jpg").read_bytes()
+    data = (session / "views" / "empty-from--1_0.5_1.2-20_-5.jpg").read_bytes()
     assert b"did not see is computer-generated" in data
     assert b"Unaltered original: original.jpg" in data
     assert (session / "views" / "original.jpg").is_file()
+    run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "-60, 0", "--width", 96)
+    kept = sorted(path.name for path in (session / "views").glob("empty-from-*.exr"))
+    assert len(kept) == 2, "another direction from there is another picture"
     with pytest.raises(ViewpointError, match="outside the room"):
         run(view_from, session, "--eye", "9,0,1")
 
