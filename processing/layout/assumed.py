@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,7 +17,7 @@ from processing.ground.tables import table_of
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement
 from processing.layout.items import KINDS, set_items
-from processing.layout.plan import FloorPlan, Hung
+from processing.layout.plan import FloorPlan, Hung, from_room_model
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -115,6 +116,15 @@ def with_door(room: RoomModel) -> tuple[RoomModel, str]:
     )
     text = f"no door was found here: one is assumed at the start of wall {wall + 1} (to correct it: daylit room --edit)"
     return room.model_copy(update={"openings": (*room.openings, door)}), text
+
+
+def session_plan(room: RoomModel, hung: Sequence[Hung] = (), name: str = "room") -> tuple[FloorPlan, str]:
+    """Return the plan that a session's furniture is arranged on, and what was assumed in it (`with_door`).
+
+    The camera's place stays free: furniture around it would hide the room from the picture.
+    """
+    room, assumed = with_door(room)
+    return from_room_model(room, keep_camera_free=True, name=name, hung=hung), assumed
 
 
 # What hangs on a room's walls, from what a network saw: pictures, mirrors, radiators, curtains as rectangles.

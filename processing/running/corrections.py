@@ -65,14 +65,12 @@ def mask_bytes(png: bytes, session: Path) -> bytes:
 
 def plan_of(session: Path) -> Any:
     """Return the plan that furniture is arranged on: the room as corrected, a door assumed where it has none."""
-    from processing.layout.assumed import with_door
-    from processing.layout.plan import from_room_model
+    from processing.layout.assumed import session_plan
 
     data, _ = current(session, ROOM)
     if not data:
         raise ParameterError("no room yet in this session", where=session.name, advice="run daylit process until room")
-    room, _ = with_door(RoomModel.model_validate_json(data))
-    return from_room_model(room, name="room", keep_camera_free=True)
+    return session_plan(RoomModel.model_validate_json(data))[0]
 
 
 def broken(plan: Any, arrangement: Arrangement) -> list[str]:

@@ -11,20 +11,13 @@ from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
 from processing.ground.seam import resized
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
-from processing.layout.assumed import (
-    Choice,
-    broken_rules,
-    fitting_choice,
-    hung_things,
-    named_choice,
-    open_doors,
-    with_door,
-)
+from processing.layout.assumed import Choice, broken_rules, fitting_choice, hung_things, named_choice, open_doors
+from processing.layout.assumed import session_plan as plan_of
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import parse_pins
 from processing.layout.items import KINDS, Item, ItemSpec, number_items, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
-from processing.layout.plan import FloorPlan, Hung, from_room_model
+from processing.layout.plan import FloorPlan, Hung
 from processing.layout.rules import built_in_rules
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
@@ -40,8 +33,7 @@ def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ..
     """
     if context.optional_artifact("room", "room") is None:
         return ()
-    room, _ = with_door(known_room(context))
-    plan = from_room_model(room, name="room", keep_camera_free=True)
+    plan, _ = plan_of(known_room(context))
     broken = {one.rank: broken_rules(one, plan) for one in given.arrangements}
     texts = (f"alternative {rank} breaks rules in this room: {rules}" for rank, rules in broken.items() if rules)
     return tuple(StageWarning(code="arrangement", message=text[:500]) for text in texts)
@@ -56,11 +48,8 @@ def nothing_to_arrange(context: StageContext) -> str | None:
 def run(context: StageContext) -> StageOutput:
     """Arrange what is asked."""
     asked = context.parameters_of(ArrangeParameters)
-    room = known_room(context)
-    room, assumed = with_door(room)
-    # The camera's place stays free: furniture around it would hide the room from the picture.
     hung = _hung(context)
-    plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True, hung=hung)
+    plan, assumed = plan_of(known_room(context), hung, context.session.name or "room")
     choice = _choice(asked, context.session.name, plan)
     context.progress(0.3, choice.name)
     items = _items(asked, choice)

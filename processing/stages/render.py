@@ -13,6 +13,7 @@ from processing.exchange.gltf import finely, write_scene_glb
 from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.threads import give_back
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
+from processing.layout.assumed import session_plan
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
@@ -87,7 +88,9 @@ def run(context: StageContext) -> StageOutput:
     if context.time_budget_s is not None:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
     work = cache(partial(_work, context, asked, effort))
-    plan = plan_from_mapping(arranged.plan, where="arrangement")
+    was, (plan, _) = plan_from_mapping(arranged.plan, where="arrangement"), session_plan(known_room(context))
+    if np.array_equal(np.round(was.corners, 3), np.round(plan.corners, 3)):  # else it was given for another shape
+        plan = replace(plan, hung=was.hung)
     bare = bool(context.summary("detect").get("metrics", {}).get("ceiling_bare"))
     alternatives, units = list[Any](), ""
     for number, one in enumerate(every):

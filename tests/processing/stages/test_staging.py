@@ -141,6 +141,30 @@ def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict
     assert (again / "staged-1.exr").read_bytes() == (tmp_path / "staged-1.exr").read_bytes()
 
 
+def test_a_room_that_was_corrected_since_is_styled_as_it_is_now(
+    tmp_path: Path, known: dict[tuple[str, str], Any]
+) -> None:
+    """An arrangement that was given holds the plan that it was made on: a picture would hang in the new window."""
+    window = Opening(kind=OpeningKind.WINDOW, wall=1, start_m=1.2, end_m=2.9, sill_m=0.9, head_m=2.1)
+    corrected = ROOM.model_copy(update={"openings": (*ROOM.openings, window)})
+    wider = ROOM.model_copy(update={"floor": tuple((1.2 * x, y) for x, y in ROOM.floor)})
+
+    def added(room: RoomModel) -> list[dict[str, Any]]:
+        asked = context(tmp_path, RenderParameters(style="mid-century"), {**known, ("room", "room"): room})
+        return list(rendering.run(asked).artifacts["staged"]["alternatives"][0]["added"])  # type: ignore[index]
+
+    def upon_glass(every: list[dict[str, Any]]) -> list[str]:
+        beside = [one for one in every if one["t_m"][0] > 2.3 and one["category"] in ("art", "mirror")]
+        return [one["id"] for one in beside if -0.8 < one["t_m"][1] < 0.9]
+
+    assert upon_glass(added(ROOM))
+    assert not upon_glass(now := added(corrected))
+    assert any(one["category"].startswith("curtain") and one["t_m"][0] > 2.2 for one in now)
+    assert max(one["t_m"][0] for one in added(wider) if one["category"] == "art") > 2.8, (
+        "on the wall, where that is now"
+    )
+
+
 def test_ibl_and_a_relative_picture(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     relative = {**known, ("calibrate", "indoor"): replace(known["calibrate", "indoor"], absolute=False)}
     made = rendering.run(context(tmp_path, RenderParameters(method="ibl"), relative))
