@@ -172,22 +172,16 @@ def confidence_of(found: Diagnostics) -> float:
 
 def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
     """Return in words what makes a room doubtful; nothing for a sure one."""
-    doubted = []
-    if found.blank > 0.05:
-        doubted.append(f"{100 * found.blank:.0f} % of the sphere show nothing: cropped?")
-    if found.overhead < 0.5:
-        doubted.append("little ceiling is visible overhead: outdoors, or an open roof?")
-    if found.nearest < 0.25:
-        doubted.append("a wall is very near the camera: does it stand in a doorway?")
-    if found.unexplained > 0.25:
-        doubted.append(f"no wall explains {100 * found.unexplained:.0f} % of the directions: open doors or mirrors?")
-    if found.ratio_spread > 0.15:
-        doubted.append("floor and ceiling give different distances: camera not level, or several ceiling heights?")
-    if found.rival > 0.15:
-        doubted.append("another room fits nearly as well")
-    if sure < 0.5:
-        doubted.append(f"the room's shape is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit")
-    return tuple(doubted)
+    every = (
+        (found.blank > 0.05, f"{100 * found.blank:.0f} % of the sphere show nothing: cropped?"),
+        (found.overhead < 0.5, "little ceiling is visible overhead: outdoors, or an open roof?"),
+        (found.nearest < 0.25, "a wall is very near the camera: does it stand in a doorway?"),
+        (found.unexplained > 0.25, f"no wall explains {found.unexplained:.0%} of directions: open doors or mirrors?"),
+        (found.ratio_spread > 0.15, "floor and ceiling disagree on distances: camera not level, or several heights?"),
+        (found.rival > 0.15, "another room fits nearly as well"),
+        (sure < 0.5, f"the room's shape is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit"),
+    )
+    return tuple(text for doubted, text in every if doubted)
 
 
 def part_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[tuple[float, ...], float]:

@@ -1,6 +1,7 @@
 """A session's room estimated again around what somebody has placed, from what the stage room has kept."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from processing.errors import ParameterError
@@ -13,7 +14,8 @@ from processing.room.held import Held
 from processing.room.opening_sun import find_openings_in_sun
 from processing.running.screens import picture_of
 from processing.segmentation.evidence import read_evidence
-from processing.stages.upright import sun_direction
+from processing.stages.room import LEAST_SQUARE
+from processing.stages.upright import sky_shows_sun, sun_direction
 from station.session.store import load_manifest
 
 MOST_BYTES = 1 << 22  # of a stage's result; chosen
@@ -30,14 +32,17 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
         raise ParameterError("no estimate yet", where=session.name, advice="process it until room, not --room")
     image, evidence = read_exr(picture), read_evidence(evidence_path)
     assert isinstance(image, LuminanceImage)
-    facts = read_json(stages / "room" / RESULT_NAME, most_bytes=MOST_BYTES)
-    azimuth = facts.get("metrics", {}).get("walls_azimuth_deg")
+    own = evidence if evidence.own is None else replace(evidence, probabilities=evidence.own)
+    facts = read_json(stages / "room" / RESULT_NAME, most_bytes=MOST_BYTES).get("metrics", {})
+    square = facts.get("walls_square", LEAST_SQUARE) >= LEAST_SQUARE and "walls_azimuth_deg" in facts
     held = Held.of(room, read_room(stages / "room" / "room.json"))
-    manhattan_rad = None if azimuth is None else math.radians(azimuth)
-    found = estimate_room(image, evidence, camera_height_m=room.camera_height_m, manhattan_rad=manhattan_rad, held=held)
+    manhattan_rad = math.radians(facts["walls_azimuth_deg"]) if square else None
+    found = estimate_room(image, own, camera_height_m=room.camera_height_m, manhattan_rad=manhattan_rad, held=held)
     sky = stages / "calibrate" / "outdoor.exr"
     outdoor = read_exr(sky) if sky.is_file() else None
-    sun = sun_direction(load_manifest(session))
+    light = stages / "calibrate" / "calibration.json"
+    shone = sky_shows_sun(read_json(light, most_bytes=MOST_BYTES) if light.is_file() else None)
+    sun = None if shone is False else sun_direction(load_manifest(session))
     openings = find_openings_in_sun(image, evidence, found.room, sun, outdoor=outdoor)  # type: ignore[arg-type]
     made = found.room.model_copy(update={"openings": held.openings(found.room, openings)})
     return RoomModel.model_validate_json(made.model_dump_json())

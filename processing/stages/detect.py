@@ -21,6 +21,7 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import DetectParameters
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
+CALIBRATION = ("calibrate", "calibration")
 LAYERS = ("mask_add", "mask_keep", "mask_sunlight")
 """Parameters: what a user draws over the masks."""
 MUCH = 0.5  # share of the sphere from which a target is worth a warning (chosen)
@@ -42,15 +43,15 @@ def run(context: StageContext) -> StageOutput:
     kept = context.optional_artifact("room", "evidence")  # none: of a given room in a picture that shows none
     evidence = scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
     context.progress(0.4, "masks")
-    sun = upright.sun_direction(context.session)
-    possible, why = _sun_possible(context, sun, asked)
+    sun, shone = upright.sun_direction(context.session), upright.sky_shows_sun(context.optional_artifact(*CALIBRATION))
+    possible, why = _sun_possible(shone, sun, asked)
     found = find_masks(
         image,
         evidence,
         room,
         sun_direction=sun if possible else None,
         sun_possible=possible,
-        sun_seen=upright.sky_shows_sun(context) is True,
+        sun_seen=shone is True,
         meter_target=_meter_target(context, image),
         margin_rad=math.radians(asked.margin_deg),
     )
@@ -81,7 +82,7 @@ def _drawn(path: Path, context: StageContext) -> Flags:
 
 def _meter_target(context: StageContext, image: LuminanceImage) -> tuple[float, float] | None:
     """Return where the meter looked in the upright panorama (rad); None where that is not known."""
-    facts: dict[str, Any] = context.artifact("calibrate", "calibration")
+    facts: dict[str, Any] = context.artifact(*CALIBRATION)
     target = facts.get("indoor", {}).get("target") or {}
     if "longitude_deg" not in target:
         return None
@@ -94,13 +95,13 @@ def _meter_target(context: StageContext, image: LuminanceImage) -> tuple[float, 
     return math.atan2(x, y), math.atan2(z, math.hypot(x, y))
 
 
-def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked: DetectParameters) -> tuple[bool, str]:
+def _sun_possible(shone: bool | None, sun: tuple[float, float] | None, asked: DetectParameters) -> tuple[bool, str]:
     """Return whether direct sun is to be looked for, and why not."""
     if asked.sunlight == "off":
         return False, "detection switched off"
     if sun is not None and sun[1] <= 0:
         return False, "the sun was below the horizon"
-    if upright.sky_shows_sun(context) is False:
+    if shone is False:
         return False, "the outdoor picture shows no sun"
     return True, ""
 

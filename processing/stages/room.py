@@ -80,6 +80,7 @@ def _levelled(image: LuminanceImage, asked: RoomParameters, gathered: _Gathered)
         "tilt_deg": round(math.degrees(found.tilt_rad), 3),
         "tilt_sigma_deg": round(math.degrees(found.sigma_rad), 3) if math.isfinite(found.sigma_rad) else None,
         "walls_azimuth_deg": round(math.degrees(found.manhattan_rad), 2),
+        "walls_square": round(found.manhattan_support, 3),
     }
     upright = make_upright(image, found.rotation)
     if upright is image:
@@ -134,7 +135,8 @@ def _estimate(
     )
     context.progress(0.8, "windows and doors")
     sky = context.optional_artifact("calibrate", "outdoor")
-    sun = None if sky_shows_sun(context) is False else sun_direction(context.session)
+    shone = sky_shows_sun(context.optional_artifact("calibrate", "calibration"))
+    sun = None if shone is False else sun_direction(context.session)
     openings = find_openings_in_sun(image, evidence if asked.segmenter_contract else seen, found.room, sun, outdoor=sky)
     gathered.artifacts["room"] = found.room.model_copy(update={"openings": openings})
     gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}

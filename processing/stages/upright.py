@@ -1,6 +1,7 @@
 """What stages after the room begin with: the upright panorama and the room."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -141,9 +142,8 @@ def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
     return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
 
 
-def sky_shows_sun(context: StageContext) -> bool | None:
-    """Return whether the sun shone, as the session's outdoor picture shows it; None where there is none to ask."""
-    facts: dict[str, Any] | None = context.optional_artifact("calibrate", "calibration")
+def sky_shows_sun(facts: Mapping[str, Any] | None) -> bool | None:
+    """Return whether the sun shone, as the outdoor picture shows it by calibration.json; None: there is none to ask."""
     outdoor = facts.get("outdoor") if facts else None
     found = "" if outdoor is None else str(outdoor["sun"]["found"])
     return True if found.startswith("yes") else False if found.startswith("no") else None
