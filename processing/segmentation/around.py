@@ -79,9 +79,9 @@ def segment_around(
         coarse = _stitched(segmented, target, None)
     chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else views
     segmented += [(view, segmenter.probabilities(cut_view(panorama, view)), 1.0) for view in chosen]
-    wide = len(segmented) - len(chosen)
     skipped = len(views) - len(chosen)
-    note = f"{skipped} of {len(views)} views show neither floor nor furniture and were covered by {wide} wide views"
+    rest = first.source if first else f"{len(segmented) - len(chosen)} wide views"
+    note = f"{skipped} of {len(views)} views show neither floor nor furniture and were covered by {rest}"
     return SceneEvidence(
         probabilities=np.ascontiguousarray(_stitched(segmented, target, first)),
         source=segmenter.name,
