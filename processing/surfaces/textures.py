@@ -353,12 +353,12 @@ def _checked_mask(mask: Flags, geometry: Equirectangular) -> Flags:
 
 
 def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
-    """Yield (H, W) for each opening of a wall: its rectangle with its frame."""
+    """Yield (H, W) for each opening of a wall: its rectangle with its frame; of one without a sill, to the last row."""
     v, u = ((np.arange(n) + 0.5) / px_per_m for n in shape)
     for opening in room.openings:
         if opening.wall + FIRST_WALL != plane.index:
             continue
         right, left = plane.width_m - opening.start_m + FRAME_M, plane.width_m - opening.end_m - FRAME_M
         top = plane.height_m - opening.head_m - FRAME_M
-        low = plane.height_m - opening.sill_m + (FRAME_M if opening.sill_m > 0 else 0.0)
+        low = plane.height_m - opening.sill_m + FRAME_M if opening.sill_m > 0 else math.inf
         yield ((v >= top) & (v <= low))[:, None] & ((u >= left) & (u <= right))[None, :]

@@ -137,6 +137,25 @@ def test_a_target_thinner_than_a_texel_is_not_hidden_altogether() -> None:
     assert not any("hidden altogether" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("ceiling_m", [2.70, 2.704, 2.706])
+def test_the_hidden_foot_of_a_door_is_the_door_s(ceiling_m: float) -> None:
+    """However many rows of texture the wall's height makes: the last one's middle may lie below its foot."""
+    door = Opening(kind=OpeningKind.DOOR, wall=2, start_m=1.5, end_m=2.4, sill_m=0.0, head_m=2.03)
+    room = box_room().model_copy(update={"ceiling_height_m": ceiling_m, "openings": (door,)})
+    geometry = Equirectangular(1024, 512)
+    maps = surface_maps(room, geometry)
+    grey = np.where(maps.opening == 0, 8.0, np.where(maps.plane == 0, 20.0, 45.0))
+    grey = grey * np.random.default_rng(1).normal(1, 0.01, grey.shape)
+    flat = np.full(grey.shape, 0.02, np.float32), np.zeros(grey.shape, np.uint8), geometry, 0.02
+    target = np.zeros(grey.shape, bool)
+    target[300:400, 430:600] = True
+    image = LuminanceImage(np.repeat(grey[..., None], 3, axis=2).astype(np.float32), *flat)
+    found = empty_room(image, target, room, quality="draft").image.rgb[..., 0]
+    foot = target & (maps.opening == 0) & np.roll(maps.plane == 0, -6, axis=0)
+    assert foot.sum() > 50
+    assert np.median(found[foot]) == pytest.approx(8, rel=0.02)
+
+
 def test_a_preview_knows_that_a_door_was_moved() -> None:
     """The picture and the mask are the same, and so is the wall but for its door."""
     image, _, _ = painted()
