@@ -71,7 +71,7 @@ def components(mask: Flags) -> tuple[int, Int32s]:
             a, b = sorted((root(one), root(other)))
             parent[b] = a
     kept, numbers = np.unique(np.array([root(one) for one in range(count)]), return_inverse=True)
-    return len(kept) - 1, labels if len(kept) == count else numbers.astype(np.int32)[labels]
+    return len(kept) - 1, np.asarray(labels if len(kept) == count else numbers.astype(np.int32)[labels], np.int32)
 
 
 def grown(mask: Flags, angle_rad: float) -> Flags:

@@ -70,8 +70,7 @@ def drawn_over(name: str, mask: Flags, layers: Sequence[Flags | np.bool]) -> Fla
     """Return a mask (H, W) with the `LAYERS` over it: what goes as well, what stays, what is direct sunlight."""
     add, keep, sun = layers
     changed = {"target": mask | add | sun, "sunlight": mask & ~add | sun, "furniture": (mask | add) & ~sun}
-    changed = changed.get(name, mask & ~sun)
-    return np.asarray(changed & ~keep)
+    return np.asarray(changed.get(name, mask & ~sun) & ~keep)
 
 
 def _drawn(path: Path, context: StageContext) -> Flags:

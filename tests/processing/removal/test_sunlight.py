@@ -13,7 +13,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import row_solid_angles
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.sunlight import Scene, SunFound, _times, find_sunlight, unmistakable
-from processing.surfaces.maps import CEILING
+from processing.surfaces.maps import CEILING, FLOOR
 from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
