@@ -17,7 +17,7 @@ from processing.calibration.merge import bracket, modes
 from processing.calibration.merge.bracket import Decoded, FrameUse, Merged, MergeReport, Order
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
-from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts, show_bled
+from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts, show_bled, show_deep_colours
 from processing.calibration.merge.tables import (
     Consistency,
     MergeTables,
@@ -191,6 +191,8 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             for s in frame_shifts(codes, samples)
         ]
     planes, uses = _fuse(codes, samples, job)
+    if isinstance(samples, MergeTables) and samples.clip_together:
+        show_deep_colours(codes, samples, planes)
     odd, ghost = np.flatnonzero(planes.suspect), None
     modes, more2 = _widen(planes, samples, job)
     if job.options.ghosts:

@@ -250,6 +250,12 @@ def _show(
     for f, frame in enumerate(frames):
         mine = chosen == f
         v[mine], w[mine] = tables.sample(f, frame.reshape(-1, 3)[places[mine]])
+    _put(planes, places, v, w)
+    ghost.reshape(-1)[places] = chosen.astype(np.uint8) + 1
+
+
+def _put(planes: Planes, places: Indices, v: Floats, w: Floats) -> None:
+    """Show pixels by radiances (n, 3) of weights (n, 3), 0 where clipped, in place."""
     weights = np.array(LUMINANCE_WEIGHTS, dtype=np.float32)
     clipped = np.any(w <= 0, axis=1)
     sigma = np.sqrt(np.sum(weights**2 / np.maximum(w, 1e-30), axis=1))
@@ -258,4 +264,18 @@ def _show(
     planes.uncertainty.reshape(-1)[places] = u
     state = np.where(clipped, Validity.CLIPPED, np.where(u > 0.5, Validity.DARK, Validity.VALID))
     planes.validity.reshape(-1)[places] = state.astype(np.uint8)
-    ghost.reshape(-1)[places] = chosen.astype(np.uint8) + 1
+
+
+def show_deep_colours(frames: Sequence[Codes], tables: Samples, planes: Planes) -> None:
+    """Show by the longest frame that clips none of their channels what was taken for clipped, in place.
+
+    Where a clipped channel voids the others, a channel may be black in all frames that count: of a red lamp its blue.
+    """
+    places = np.flatnonzero(planes.validity == Validity.CLIPPED)
+    v, w = tables.sample(len(frames) - 1, frames[-1].reshape(-1, 3)[places])
+    places, v, w = (part[(w > 0).all(axis=1)] for part in (places, v, w))
+    for f in reversed(range(len(frames) - 1)):
+        found, weight = tables.sample(f, frames[f].reshape(-1, 3)[places])
+        clear = (weight > 0).all(axis=1)
+        v[clear], w[clear] = found[clear], weight[clear]
+    _put(planes, places, v, w)

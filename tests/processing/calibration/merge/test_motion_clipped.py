@@ -62,3 +62,24 @@ def test_a_small_sun_in_a_makers_files_is_as_bright_as_the_shortest_frame_shows_
     sun = (slice(37, 45), slice(38, 46))
     shown, true = (luminance_cd_m2(light[sun]).sum() for light in (found.rgb / 8000, radiance))
     assert abs(shown / true - 1) < 0.2
+
+
+def test_a_deep_red_light_of_a_camera_that_mixes_its_channels_is_not_called_clipped() -> None:
+    """In frames that show its blue, red is clipped, which voids blue there; in those that count blue is black."""
+    scale = np.linspace(0, 1, 256)
+    tone = np.stack([scale ** (1 / 2.2)] * 3)
+    camera = HostileCamera(scale, tone, matrix=MATRIX_5D2)
+    radiance = np.geomspace(2e-4, 0.5, 192)[None, :, None] * np.ones((96, 1, 3))
+    radiance[30:60] *= (1.0, 0.1, 0.0015)
+    radiance = radiance.astype(np.float32)
+    frames = [camera.developed(radiance * np.float32(8000 * t), k, 0.0) for k, t in enumerate(PAPER_TIMES_S)]
+    log2 = np.tile(2.2 * np.log2(np.maximum(scale, 0.002)), (3, 1))
+    curve = ResponseCurve(log2, np.zeros((3, 256)), (8,) * 3, (252,) * 3, clip_together=True)
+    noise = NoiseModel((1 / 30000,) * 3, (6 / 30000,) * 3)
+    view, bent = Equirectangular(192, 96), MergeOptions(allow_contradiction=True)
+    sources = [array_frame(frame, str(k)) for k, frame in enumerate(frames)]
+    found = merge(sources, PAPER_TIMES_S, curve, noise, geometry=view, options=bent).image
+    lamp = (slice(32, 58), slice(4, 180))
+    assert (found.validity[lamp] == Validity.VALID).mean() > 0.99
+    shown, true = luminance_cd_m2(found.rgb[lamp] / 8000), luminance_cd_m2(radiance[lamp])
+    assert np.quantile(np.abs(shown / true - 1), 0.9) < 0.1
