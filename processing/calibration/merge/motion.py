@@ -273,7 +273,8 @@ def show_deep_colours(frames: Sequence[Codes], tables: Samples, planes: Planes) 
     """
     places = np.flatnonzero(planes.validity == Validity.CLIPPED)
     v, w = tables.sample(len(frames) - 1, frames[-1].reshape(-1, 3)[places])
-    places, v, w = (part[(w > 0).all(axis=1)] for part in (places, v, w))
+    dim = (w > 0).all(axis=1)
+    places, v, w = places[dim], v[dim], w[dim]
     for f in reversed(range(len(frames) - 1)):
         found, weight = tables.sample(f, frames[f].reshape(-1, 3)[places])
         clear = (weight > 0).all(axis=1)

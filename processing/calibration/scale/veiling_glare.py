@@ -190,6 +190,9 @@ def kernel_modes(
     parts = np.concatenate(np.moveaxis(cells.scattered(light), -1, 0))[: len(covariance)]
     variances, axes = np.linalg.eigh(covariance)
     left = np.sqrt(np.maximum(variances, 0))[:, None] * (axes.T @ parts)
+    # What no kernel gives, as far as this one misses the places measured, may be on any side.
+    uneven = kernel.misfit * (np.array(kernel.shares) @ parts[: len(kernel.shares)]) * cells.places.T
+    left = np.concatenate([left, uneven])
     return _scatter("stray light, measured", cells, left, np.clip(_known(cells, left, measured), -2, 2))
 
 
