@@ -192,7 +192,6 @@ def _settings(bpy: Any, rows: int, threads: int) -> None:
     scene.render.engine, scene.cycles.device = "CYCLES", "CPU"
     scene.cycles.denoiser = "OPENIMAGEDENOISE"
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 2 * rows, rows, 100
-    scene.render.image_settings.color_depth = "32"
     scene.render.use_compositing, scene.use_nodes, scene.render.use_persistent_data = False, False, True
     scene.render.threads_mode, scene.render.threads = "FIXED", threads
     layer = bpy.context.view_layer
@@ -217,6 +216,7 @@ def _shoot(bpy: Any, things: list[Any], path: Path, *, empty: bool, samples: int
         one.hide_render = empty
     scene.cycles.samples, scene.cycles.use_denoising = samples, not passes
     scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER" if passes else "OPEN_EXR"
+    scene.render.image_settings.color_depth = "32"  # of that format, which has to be set first
     part = path.with_name(f".{path.name}")
     scene.render.filepath = str(part)
     bpy.ops.render.render(write_still=True)
