@@ -11,7 +11,7 @@ folder:
 
 * ``light-1/``, ``light-2/``: ``furnished.exr`` and ``empty.exr``, linear RGB in one unknown unit, by daylight alone.
   The first light is the sky that Infinigen chose, the second has its sun on the other side of the house.
-* ``passes.exr``, ``empty_passes.exr``: distance from the camera (``Depth.V``, m) and object index (``IndexOB.X``).
+* ``passes.exr``, ``empty_passes.exr``: distance from the camera (``Depth.Z``, m) and object index (``IndexOB.X``).
 * ``room.json``, written last: height of camera and ceiling, m, and what each object index stands for.
 
 Rooms that are there are not made again; one whose making failed or took longer than ``--limit`` is named and left out.

@@ -60,7 +60,7 @@ def test_without_rooms_they_are_named_as_left_out(tmp_path: Path, monkeypatch: p
 def test_passes_are_read_by_their_names(tmp_path: Path) -> None:
     far, index = np.full((4, 8), 2.5, np.float32), np.zeros((4, 8), np.float32)
     index[2, 3] = infinigen_rooms.FIRST_THING
-    channels = {"ViewLayer.Depth.V": far, "ViewLayer.IndexOB.X": index, "ViewLayer.Combined.R": far}
+    channels = {"ViewLayer.Depth.Z": far, "ViewLayer.IndexOB.X": index, "ViewLayer.Combined.R": far}
     OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(tmp_path / "passes.exr"))
     distance_m, read = independent.read_passes(tmp_path / "passes.exr")
     assert (distance_m == 2.5).all()
