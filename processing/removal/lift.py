@@ -20,7 +20,7 @@ from processing.ground.arrays import Flags, Floats, Int16s
 from processing.ground.colour import largest_channel
 from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.ground.seam import resized, wrapped
+from processing.ground.seam import resized, smoothed, wrapped
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
@@ -187,7 +187,7 @@ def _put_on(image: LuminanceImage, rows: int) -> Floats:
     level = largest_channel(image.rgb)
     stops = np.log2(float(np.median(level[clipped])) / np.maximum(level, 1e-6))
     much = resized(np.clip(stops / SHOULDER, 0, 1).astype(np.float32), (rows, 2 * rows))
-    return np.asarray(cv2.GaussianBlur(much, (0, 0), SHOULDER_PX), np.float32)
+    return smoothed(much, SHOULDER_PX * math.pi / rows)
 
 
 def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Floats]:
@@ -222,13 +222,13 @@ def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> dict[int, Floats]:
 
 
 def _continued(values: Floats, known: Flags) -> Floats:
-    """Return values (h, w, C) that go on smoothly where they are not ``known`` (h, w); 0 where none is."""
+    """Return values (h, w, C) that go on smoothly, round the seam, where not ``known`` (h, w); 0 where none is."""
     out = np.where(known[..., None], values, 0).astype(np.float32)
     weight, todo = known.astype(np.float32), ~known
     for reach in REACHES_PX:
-        share = cv2.GaussianBlur(weight, (0, 0), reach)
+        share = smoothed(weight, reach * math.pi / len(values))
         ready = todo & (share > 0.05)
-        mean = cv2.GaussianBlur(np.where(known[..., None], values, 0).astype(np.float32), (0, 0), reach)
+        mean = smoothed(np.where(known[..., None], values, 0).astype(np.float32), reach * math.pi / len(values))
         out[ready] = mean[ready] / share[ready, None]
         todo &= ~ready
     if known.any():

@@ -16,6 +16,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
+from processing.ground.seam import smoothed
 from processing.light.scene import sources
 from processing.light.scene.albedo import DARK, LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
@@ -347,7 +348,6 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
     ``seen`` (H, W) bool: pixels that count.
     ``maps``: of the room, of the same size.
     """
-    sigma = GUARD_RAD / math.pi * len(log_ratio)
     shown = np.log(np.maximum(math.pi * luminance / np.maximum(without_lx, 1e-6), 1e-4))
     out = np.array(log_ratio, np.float64)
     for plane in np.unique(maps.plane[seen]):
@@ -361,7 +361,7 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
 
         def around(values: Doubles, wide: float = 1, mine: Flags = mine) -> Doubles:
             both = np.stack([np.where(mine, values, 0), mine], axis=-1).astype(np.float32)
-            total, count = cv2.split(cv2.GaussianBlur(both, (0, 0), wide * sigma))
+            total, count = cv2.split(smoothed(both, wide * GUARD_RAD))
             return np.asarray(total / np.maximum(count, 1e-6), np.float64)
 
         wanted, offered = goal - around(shown + usual), around(local)

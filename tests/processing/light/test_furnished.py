@@ -25,7 +25,7 @@ from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.removal.fill import Others
 from processing.removal.lift import Shade, lifted, light_without
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import FLOOR, surface_maps
+from processing.surfaces.maps import FIRST_WALL, FLOOR, surface_maps
 from tests.conftest import LONG
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -432,6 +432,31 @@ def test_a_ghost_is_kept_down() -> None:
     fading = 0.1 + 0.2 * np.clip(1 - np.hypot(*np.mgrid[-50 : ROWS - 50, -66 : 2 * ROWS - 66]) / 14, 0, 1)
     same = seen[:, 1:] & seen[:, :-1] & (maps.plane[:, 1:] == maps.plane[:, :-1])
     assert np.abs(np.diff(guarded(fading, even, light, seen, maps), axis=1))[same].max() < 0.015
+
+
+def test_light_goes_on_round_the_seam() -> None:
+    """What is behind the camera is as it would be ahead: the room turned by half a turn has its light turned."""
+    room, rows = box_room(), 128
+    behind = room.model_copy(update={"floor": tuple((-x, -y) for x, y in room.floor)})
+    maps = [surface_maps(one, Equirectangular(2 * rows, rows)) for one in (room, behind)]
+    ahead = np.abs(np.arange(2 * rows) - rows) < 14
+    hidden = (np.abs(np.arange(rows) - 70) < 14)[:, None] & ahead
+    x = np.linspace(-1.5, 1.5, 2 * rows)
+    values = np.broadcast_to(np.exp(x)[:, None], (rows, 2 * rows, 3)).astype(np.float32)
+    shown = np.where(hidden[..., None], 0, values)
+    shade = Shade(0.1 * shown, 100 * shown, ~hidden)
+    turned = Shade(*(np.roll(part, rows, axis=1) for part in shade[:3]))
+    (light, doubt), (other, doubts) = (
+        light_without(one, which, rows) for one, which in ((shade, room), (turned, behind))
+    )
+    np.testing.assert_allclose(np.roll(other, rows, axis=1)[hidden], light[hidden], rtol=0.01)
+    np.testing.assert_allclose(np.roll(doubts, rows, axis=1)[hidden], doubt[hidden], rtol=0.01)
+    ratio, even = np.where(hidden, 0.4, 0.1), values[..., 0]
+    seen = [maps[0].plane >= FIRST_WALL, maps[1].plane >= FIRST_WALL]
+    lit = np.full(even.shape, 500.0, np.float32)
+    found = guarded(ratio, even, lit, seen[0], maps[0])
+    same = guarded(np.roll(ratio, rows, 1), np.roll(even, rows, 1), lit, seen[1], maps[1])
+    np.testing.assert_allclose(np.roll(same, rows, axis=1), found, atol=1e-3)
 
 
 @pytest.mark.long
