@@ -57,7 +57,7 @@ def random_turn(rng: np.random.Generator, most_tilt_rad: float = MOST_TILT_RAD) 
 def tilt_error_rad(found: Upright, turn: Doubles) -> float:
     """Return the angle between the true vertical and the one found (whether it was undone or not)."""
     true_up = turn.T @ np.array([0.0, 0.0, 1.0])
-    if found.turned:
+    if found.note.startswith("turned"):
         return float(np.arccos(np.clip(found.rotation.T[:, 2] @ true_up, -1, 1)))
     return float(np.arccos(np.clip(true_up[2], -1, 1)))
 
@@ -89,7 +89,7 @@ def simulated(split: Split, count: int, *, tilts: int = 2, empty: bool = False) 
             seconds.append(time.process_time() - start)
             tilt_err.append(math.degrees(tilt_error_rad(found, turn)))
             azimuth_err.append(math.degrees(azimuth_error_rad(found, turn, room.plan.polygon)))
-            ratio.append(tilt_err[-1] / math.degrees(found.sigma_rad) if found.turned else math.nan)
+            ratio.append(tilt_err[-1] / math.degrees(found.sigma_rad) if found.note.startswith("turned") else math.nan)
             support.append(found.support)
     return {
         "count": len(tilt_err),

@@ -109,12 +109,14 @@ class Held(NamedTuple):
     def openings(self, room: RoomModel, found: Iterable[Opening]) -> tuple[Opening, ...]:
         """Return the openings placed by hand on the walls that they are now in, and those ``found`` beside them."""
         placed = [moved for one in self.room.openings if one.confidence == 1 and (moved := self._on_wall(room, one))]
-        taken = [(middle_of(room, one), one.end_m - one.start_m) for one in placed]
-        taken += [(place, 0.5) for place in self.gone]
-        free = [
-            o for o in found if all(math.dist(middle_of(room, o), p) > (o.end_m - o.start_m + w) / 2 for p, w in taken)
-        ]
-        return tuple(placed + free)
+        taken = [({one.wall}, middle_of(room, one), one.end_m - one.start_m) for one in placed]
+        taken += [(set(range(len(room.floor))), place, 0.5) for place in self.gone]
+
+        def free(one: Opening) -> bool:
+            at, wide = middle_of(room, one), one.end_m - one.start_m
+            return all(one.wall not in walls or math.dist(at, p) > (wide + w) / 2 for walls, p, w in taken)
+
+        return tuple(placed + list(filter(free, found)))
 
     def _on_wall(self, room: RoomModel, one: Opening) -> Opening | None:
         lines = [line_of(room, k) for k in range(len(room.floor))]

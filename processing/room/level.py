@@ -46,11 +46,6 @@ class Upright:
     note: str
     """Why it is turned or not."""
 
-    @property
-    def turned(self) -> bool:
-        """Return whether there is anything to turn."""
-        return not np.array_equal(self.rotation, np.eye(3))
-
 
 def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) -> Upright:
     """Return how an equirectangular picture must be turned to be upright (up to 40 degrees), and its walls' direction.

@@ -90,6 +90,16 @@ def test_openings_that_were_placed_stay_and_those_taken_away_do_not_come_back() 
     assert (moved.start_m, moved.end_m) == pytest.approx((3.0, 3.8)), "at its place, not at its distance"
 
 
+def test_a_window_round_the_corner_from_one_that_was_placed_is_no_second_one_of_it() -> None:
+    def window(wall: int, start: float, confidence: float) -> Opening:
+        sizes = {"start_m": start, "end_m": start + 1.8, "sill_m": 0.9, "head_m": 2.1}
+        return Opening(kind=OpeningKind.WINDOW, wall=wall, confidence=confidence, **sizes)
+
+    given = TRUTH.model_copy(update={"openings": (window(0, 2.7, 1.0),)})
+    found = (window(0, 2.6, 0.5), window(1, 0.2, 0.5))
+    assert Held.of(given, TRUTH).openings(TRUTH, found) == (window(0, 2.7, 1.0), window(1, 0.2, 0.5))
+
+
 def test_where_no_room_fits_around_a_wall_that_is_said() -> None:
     with pytest.raises(NoRoomError, match="around wall"):
         Held(with_wall_at(TRUTH, 2.0), walls=(1,)).exact(TRUTH)
