@@ -265,28 +265,21 @@ def _board(rgb: Floats, target: tuple[float, float] | None, room: RoomModel, map
 def _notes(
     furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound, meter: tuple[Flags, bool]
 ) -> tuple[str, ...]:
-    notes = []
-    if furniture.dropped:
-        share = furniture.dropped_sr / (4 * math.pi)
-        notes.append(
-            f"furniture: {furniture.dropped} parts ({share:.1%} of the sphere) do not reach the floor and were dropped"
-        )
-    if not furniture.mask.any():
-        notes.append("furniture: none found")
-    if tripod.disc_rad:
-        notes.append(f"tripod: the nadir is painted over, {math.degrees(tripod.disc_rad):.0f} degrees around it")
-    elif not tripod.at_nadir:
-        notes.append("tripod: none found at the nadir")
-    if tripod.boards:
-        notes.append(f"tripod: {tripod.boards} parts of equipment away from the nadir")
-    notes.append(f"sunlight: {sun.reason}")
-    if shadow.planes_without_fit:
-        notes.append(f"shadow: {shadow.planes_without_fit} surfaces show too little around furniture: contact bands")
-    if meter[0].any():
-        notes.append(
-            f"tripod: the meter's board where the meter looked, {'with its' if meter[1] else 'without a'} stand"
-        )
-    return tuple(notes)
+    share, stand = furniture.dropped_sr / (4 * math.pi), "with its" if meter[1] else "without a"
+    lost = f"furniture: {furniture.dropped} parts ({share:.1%} of the sphere) do not reach the floor and were dropped"
+    disc = f"tripod: the nadir is painted over, {math.degrees(tripod.disc_rad):.0f} degrees around it"
+    bands = f"shadow: {shadow.planes_without_fit} surfaces show too little around furniture: contact bands"
+    every = (
+        (furniture.dropped, lost),
+        (not furniture.mask.any(), "furniture: none found"),
+        (tripod.disc_rad, disc),
+        (not (tripod.disc_rad or tripod.at_nadir), "tripod: none found at the nadir"),
+        (tripod.boards, f"tripod: {tripod.boards} parts of equipment away from the nadir"),
+        (True, f"sunlight: {sun.reason}"),
+        (shadow.planes_without_fit, bands),
+        (meter[0].any(), f"tripod: the meter's board where the meter looked, {stand} stand"),
+    )
+    return tuple(text for said, text in every if said)
 
 
 def _united(found: _Found, image: LuminanceImage | RelativeImage, sphere: Equirectangular, margin_rad: float) -> Masks:

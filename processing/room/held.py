@@ -85,7 +85,7 @@ class Held(NamedTuple):
         lines, names = [line_of(room, k) for k in range(len(room.floor))], []
         for k in self.walls:
             mine = line_of(self.room, k)
-            if (found := _nearest(mine, lines, FITS_M, FITS_SIN)) < 0:
+            if (found := _wall_at(room, mine[0] + mine[1] * self.room.wall_length_m(k) / 2, mine[1])) < 0:
                 raise NoRoomError(f"no room fits around wall {k}", advice="hold fewer walls, or place the rest as well")
             lines[found] = mine
             names.append(f"wall {found}")
@@ -119,12 +119,11 @@ class Held(NamedTuple):
         return tuple(placed + list(filter(free, found)))
 
     def _on_wall(self, room: RoomModel, one: Opening) -> Opening | None:
-        lines = [line_of(room, k) for k in range(len(room.floor))]
         start, way = line_of(self.room, one.wall)
-        wall = _nearest((start + way * (one.start_m + one.end_m) / 2, way), lines, FITS_M, FITS_SIN)
+        wall = _wall_at(room, start + way * (one.start_m + one.end_m) / 2, way)
         if wall < 0:
             return None
-        far, (first, along) = room.wall_length_m(wall), lines[wall]
+        far, (first, along) = room.wall_length_m(wall), line_of(room, wall)
         begin, end = sorted(float(np.clip((start + way * m - first) @ along, 0, far)) for m in (one.start_m, one.end_m))
         top = min(one.head_m, room.ceiling_height_m)
         if end - begin < 0.05 or top <= one.sill_m:
@@ -143,6 +142,17 @@ def middle_of(room: RoomModel, one: Opening) -> tuple[float, float]:
     start, along = line_of(room, one.wall)
     x, y = start + along * (one.start_m + one.end_m) / 2
     return float(x), float(y)
+
+
+def _wall_at(room: RoomModel, place: Doubles, way: Doubles) -> int:
+    """Return the wall that a place (2,), m, is part of and that looks along ``way`` (2,); -1: none does nearby.
+
+    Two walls may lie on one line, with a recess between them.
+    """
+    lines, every = [line_of(room, k) for k in range(len(room.floor))], range(len(room.floor))
+    beside = [k for k in every if 0 <= (place - lines[k][0]) @ lines[k][1] <= room.wall_length_m(k)] or list(every)
+    found = _nearest((place, way), [lines[k] for k in beside], FITS_M, FITS_SIN)
+    return beside[found] if found >= 0 else -1
 
 
 def _nearest(line: tuple[Doubles, Doubles], some: list[tuple[Doubles, Doubles]], most_m: float, most_sin: float) -> int:

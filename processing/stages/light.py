@@ -1,7 +1,6 @@
 """The stage light: what old furniture takes from the room's light, and what that is without it."""
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -30,8 +29,7 @@ LEAST_SHARE = 0.005  # of the sphere: furniture below it takes less than the lig
 
 
 def _effort(rows: int, patch_samples: int, pixel_samples: int) -> Effort:
-    less = Effort(texel_m=0.15, rows=rows, sun_samples=32, cleaning="fast")
-    return replace(less, patch_samples=patch_samples, pixel_samples=pixel_samples)
+    return Effort(0.15, patch_samples, rows, pixel_samples, sun_samples=32, cleaning="fast")
 
 
 WORK = {

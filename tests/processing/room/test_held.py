@@ -100,6 +100,15 @@ def test_a_window_round_the_corner_from_one_that_was_placed_is_no_second_one_of_
     assert Held.of(given, TRUTH).openings(TRUTH, found) == (window(0, 2.7, 1.0), window(1, 0.2, 0.5))
 
 
+def test_an_opening_stays_on_its_own_of_two_walls_on_one_line() -> None:
+    """Two arms of a room, whose ends lie on one line: a window in the second is not lost in the first."""
+    arms = ((-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (1.0, 2.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, 2.0), (-3.0, 2.0))
+    window = Opening(kind=OpeningKind.WINDOW, wall=6, start_m=0.4, end_m=1.6, sill_m=0.9, head_m=2.1)
+    room = room_of(arms).model_copy(update={"openings": (window,)})
+    assert Held.of(room, room_of(arms)).openings(room, ()) == (window,)
+    assert Held(room, walls=(6,)).exact(room_of(arms)).held == ("wall 6",)
+
+
 def test_where_no_room_fits_around_a_wall_that_is_said() -> None:
     with pytest.raises(NoRoomError, match="around wall"):
         Held(with_wall_at(TRUTH, 2.0), walls=(1,)).exact(TRUTH)
