@@ -101,22 +101,20 @@ def run(context: StageContext) -> StageOutput:
         own: dict[str, Any] = {"style": style, "effort": repr(effort), "quality": context.quality}
         own |= {"method": asked.method, "seed": asked.seed, "of": one.model_dump(mode="json", include=_SHOWN)}
         own |= {"lamps": asked.lamps, "added": [item.model_dump(mode="json", include=_PLACED) for item in added]}
-        files = (f"{name}.exr", f"{name}.glb")
         make = partial(_alternative, context.folder / name, work, style, one, added)
-        facts = dict(context.part(name, files, own, make, apart="arrange"))
+        facts = dict(context.part(name, (f"{name}.exr", f"{name}.glb"), own, make, apart="arrange"))
         units = facts.pop("units")
         apart = {"designs_differ": round(differing(alternatives[0]["style"], style), 2)} if alternatives else {}
         alternatives.append({"rank": one.rank, **facts, **apart, "differs_by": one.differs_by})
         if context.enough() and number + 1 < len(every):
             break
     names = [f"staged-{k}{kind}" for k in range(1, MOST_STAGED + 1) for kind in ("", "-model")]
-    made, missing = names[: 2 * len(alternatives)], names[2 * len(alternatives) :]
     staged = {"schema_version": 1, "method": asked.method, "units": units, "alternatives": alternatives}
     return StageOutput(
-        artifacts={"staged": staged} | dict.fromkeys(made, True),
+        artifacts={"staged": staged} | dict.fromkeys(names[: 2 * len(alternatives)], True),
         metrics={"method": asked.method, "alternatives": alternatives},
         warnings=_warnings(context, asked, alternatives),
-        left_out=dict.fromkeys(missing, NO_SUCH),
+        left_out=dict.fromkeys(names[2 * len(alternatives) :], NO_SUCH),
         honoured=_honoured(context, asked, effort, alternatives),
         unfinished=len(alternatives) < len(every),
     )
