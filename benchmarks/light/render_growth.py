@@ -20,6 +20,7 @@ from benchmarks.paired import cost_of
 from benchmarks.plots import save_figure
 from processing.ground.arrays import Floats
 from processing.layout.arrange import arrange
+from processing.layout.assumed import with_door
 from processing.layout.items import set_items
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import from_room_model
@@ -28,7 +29,6 @@ from processing.light.picture.render import render
 from processing.light.scene.scene import Part
 from processing.light.solver.irradiance import Effort
 from processing.sphere import Equirectangular
-from processing.stages.arrange import with_door
 from processing.stages.furnishing import furniture_parts
 
 WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 6720), (128, 256)

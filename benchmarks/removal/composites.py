@@ -149,9 +149,9 @@ def _furnished(empty: Floats, room: RoomModel) -> tuple[Floats, Flags] | None:
 def _arranged(room: RoomModel) -> tuple:  # type: ignore[type-arg]
     """Return the placed items of the set of which the room holds most."""
     from processing.layout.arrange import arrange
+    from processing.layout.assumed import with_door
     from processing.layout.items import set_items
     from processing.layout.plan import from_room_model
-    from processing.stages.arrange import with_door
 
     best: tuple = ()  # type: ignore[type-arg]
     for name in SETS:

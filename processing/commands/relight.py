@@ -68,6 +68,8 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     asked |= go_on_with(session, given)
     own = None if asked["staged"] is None else asked["furniture"]
     room = read_session_room(session, asked["staged"], asked["rows"], own)
+    if asked["heading"] is not None:  # the pictures name it, too
+        room = replace(room, manifest=room.manifest.model_copy(update={"heading_rad": math.radians(asked["heading"])}))
     check_sky(room)
     folder = asked["output"] or session / FOLDER
     moments = _moments(room, asked) | {"shown": session_shown(session)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from PIL import Image
 from processing.commands.relight import relight, view_from
 from processing.errors import DaylightError, RelightError, ViewpointError
 from processing.layout.arrange import arrange
+from processing.layout.assumed import with_door
 from processing.layout.items import KINDS, parse_items
 from processing.layout.models.catalogue import Catalogue, write_model
 from processing.layout.plan import from_room_model
@@ -28,7 +30,6 @@ from processing.relighting.relit_session import check_sky, contact_sheet, displa
 from processing.report.staging import relit_moments
 from processing.running.choices import forget
 from processing.sphere import Equirectangular
-from processing.stages.arrange import with_door
 from station.errors import SessionNotFoundError
 from station.session.session import Side
 from tests.processing.finished import finish_all
@@ -131,6 +132,16 @@ def test_an_imported_session_whose_frames_have_no_time_says_what_is_taken_for_it
     facts["bracket"]["mode"] = "full"
     (room / "session.json").write_text(json.dumps(facts))
     assert not any("no frame says" in note for note in run(relight, room, *small)["notes"])
+
+
+def test_a_heading_that_is_given_is_the_pictures_too(tmp_path) -> None:
+    room, small = lit_session(tmp_path / "turned"), ("--rows", 64, "--quality", "draft")
+    finish_all(room)
+    for more, degrees in (((), 0), (("--heading", 90), 90)):
+        run(relight, room, "--at", "2023-05-19 12:00", *small, *more)
+        data = (room / "relight" / "empty-2023-05-19T1200.jpg").read_bytes()
+        (said,) = re.findall(rb'PoseHeadingDegrees(?:="|>)([\d.]+)', data)
+        assert float(said) == degrees
 
 
 def test_another_sky(session, tmp_path) -> None:
