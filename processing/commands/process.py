@@ -347,8 +347,9 @@ def choices(session: Path, given: tuple[str, ...], *, forget: tuple[str, ...], p
         raise ParameterError(f"{wrong[0][:60]!r} is not NAME=VALUE", advice="such as set=living")
     if forget:
         kept.forget(session, forget)
-    if pairs:
-        kept.remember(session, {name.removeprefix("--"): value for name, value in pairs.items()}, by="daylit choices")
+    if chosen := {name.removeprefix("--"): value for name, value in pairs.items()}:
+        kept.check_values(session, chosen)
+        kept.remember(session, chosen, by="daylit choices")
     found = kept.read_choices(session)
     facts = {"ok": True, "session": session.name, **found.model_dump(mode="json")}
     return answer(facts, _lines(session, found, past=past), as_json=as_json)

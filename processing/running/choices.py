@@ -147,6 +147,13 @@ def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Cloc
     return _edit(session, changed, clock)
 
 
+def check_values(session: Path, given: Mapping[str, str]) -> None:
+    """Refuse, with `ParameterError`, what is typed for a stage and no run of the session could go on with."""
+    kinds, of_stages = known(), {*TRADES, *(flag.removeprefix("--") for flag in options())}
+    typed = {n: v if kinds[n] is Path else _typed(kinds[n], v) for n, v in given.items() if n in of_stages}
+    planned(_merged(session, read_choices(session), typed, RunRequest()).request, processing.pipeline.STAGES)
+
+
 def go_on_with(session: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return each name with the value that is given, or where that is None with what was chosen."""
     choices = read_choices(session)

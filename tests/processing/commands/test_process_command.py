@@ -168,6 +168,17 @@ def test_choices_show_the_time_of_the_places_clocks(session: Path, capsys: pytes
     assert capsys.readouterr().out.count(" JST") == 2
 
 
+@pytest.mark.parametrize("pair", ["quality=zzz", "max-error=9", "total=nosuch.json"])
+def test_a_choice_that_no_run_could_go_on_with_is_not_saved(
+    pair: str, session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Any word was taken, with exit code 0, and the next run or batch was refused."""
+    assert daylit.main(["choices", str(session), pair]) == 2
+    capsys.readouterr()
+    assert daylit.main(["choices", str(session)]) == 0
+    assert "no saved options" in capsys.readouterr().out
+
+
 def test_choices_are_shown_set_and_dropped(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["choices", str(session)]) == 0
     assert "no saved options" in capsys.readouterr().out
