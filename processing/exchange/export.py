@@ -69,7 +69,8 @@ def export(session: Path, into: Path, what: Sequence[str], *, label: bool = True
     """
     unknown = set(what) - set(KINDS)
     if unknown or not what:
-        raise ParameterError(f"unknown kind of file: {sorted(unknown)}", advice=f"choose from {', '.join(KINDS)}")
+        what_else = ", ".join(sorted(unknown)) or "none is named"
+        raise ParameterError(f"unknown kind of file: {what_else}", advice=f"choose from {', '.join(KINDS)}, glare")
     if not (session / "stages" / "calibrate").is_dir():
         raise ParameterError("has no results yet", where=str(session), advice="run daylit process on it first")
     into.mkdir(parents=True, exist_ok=True)

@@ -136,7 +136,9 @@ def _result(
 
 
 def _require_use(request: RigRequest, charts: Mapping[Side, SessionSide]) -> None:
-    """Refuse what no camera of the chart session would use."""
+    """Refuse what no camera of the chart session would use, and lens data that nobody has published."""
+    for name in request.lens_data:
+        published_vignetting(name)
     for side in request.corners.keys() - charts:
         raise ParameterError(f"the chart session has no frames of the {side} camera", where=f"--corners {side}")
     for seen, hidden in request.lamps:

@@ -26,7 +26,7 @@ from processing.calibration.scale.chart import ChartView
 from processing.calibration.scale.chart_patches import FoundChart, reflectances
 from processing.calibration.scale.vignetting import COPY_SIGMA
 from processing.commands import rig as rig_command
-from processing.errors import ParameterError
+from processing.errors import LensError, ParameterError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.modes import modes_of
@@ -140,6 +140,13 @@ def test_a_chart_of_one_camera_gives_no_k2_and_says_so(sessions: Path) -> None:
     asked = calibrate.RigRequest(sessions / "plain", corners={Side.INDOOR: (1, 1, 2, 1, 2, 2, 1, 2)})
     with pytest.raises(ParameterError, match="no frames of the indoor camera"):
         calibrate.calibrate_rig(asked, datetime.now(UTC))
+
+
+def test_lens_data_that_nobody_has_published_are_refused_before_the_work(sessions: Path) -> None:
+    asked, said = calibrate.RigRequest(sessions / "plain", lens_data=("theta_z2",)), list[str]()
+    with pytest.raises(LensError, match="theta_z2"):
+        calibrate.calibrate_rig(asked, datetime.now(UTC), said.append)
+    assert not any("shutter times" in text for text in said)
 
 
 def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(

@@ -73,6 +73,13 @@ def test_pictures_in_every_format(session: Path, tmp_path: Path) -> None:
     assert b"GPano" in room
 
 
+def test_a_kind_that_is_none_is_named_with_all_there_are(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["export", str(session), "--what", "x"]) == 2
+    found = capsys.readouterr().err
+    assert "unknown kind of file: x" in found
+    assert "jpeg, hdr, exr, gltf, glare" in found
+
+
 def test_a_sky_with_north_in_its_middle_says_so(session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As `--outdoor-view equirectangular` calibrates it: the session's heading is that of the room's panorama."""
     heading = 0.7
