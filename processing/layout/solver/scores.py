@@ -214,9 +214,10 @@ def _edge_behind(plan: FloorPlan, bed: Stand) -> int | None:
     """Return the wall behind a bed's head: one that lies along its own wall has another there."""
     (fx, fy), back = bed.facing(), -bed.item.spec.size_m[1] / 2
     for k in [bed.edge or 0, *range(len(plan.corners))]:
-        corner, (ax, ay), _ = plan.edge(k)
+        corner, (ax, ay), length_m = plan.edge(k)
         x, y = bed.corners((0.0, 0.0, back, back))[0] - corner
-        if abs(fx * ax + fy * ay) < math.sqrt(0.5) and (k == bed.edge or abs(ax * y - ay * x) < AT_WALL_M):
+        at_wall = abs(ax * y - ay * x) < AT_WALL_M and 0 <= ax * x + ay * y <= length_m
+        if abs(fx * ax + fy * ay) < math.sqrt(0.5) and (k == bed.edge or at_wall):
             return int(k)
     return None
 

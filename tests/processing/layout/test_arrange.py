@@ -127,6 +127,11 @@ def test_a_window_beside_a_bed_is_not_behind_its_head() -> None:
         floor = Floor(make_plan(corners, windows=[window]))
         assert soft_scores(floor, [along])["bed_wall"] == of_along
         assert soft_scores(floor, [across])["bed_wall"] == of_across
+    arms = [[0, 0], [6, 0], [6, 3], [4, 3], [4, 1.5], [2, 1.5], [2, 3], [0, 3]]
+    in_arm = Stand(bed, 0.45, 2.0, math.pi, bed.id, 7)
+    for edge, score in ((6, 0.0), (2, 0.5)):
+        floor = Floor(make_plan(arms, windows=[Window(edge, 0.5, 2.0)]))
+        assert soft_scores(floor, [in_arm])["bed_wall"] == score, "walls 2 and 6 lie on one line"
 
 
 def test_the_search_knows_how_much_wall_a_piece_along_it_hides() -> None:
