@@ -55,20 +55,19 @@ def limit_libraries() -> None:
 
 SPINNING = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Libraries whose idle threads spin (5 % of all CPU time, docs/measurements/pipeline.md); our matrices are small."""
-_POOLS = ((-8, 1), (-4, 0), (-1, 1 << 30))
+_POOLS = ((-8, 2), (-4, 0), (-1, 512 << 20))
 """``M_ARENA_MAX``, ``M_MMAP_MAX``, ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its threads
-once needed, and gives parts of 64 MiB back as they become free: one is enough. Freed memory goes back to the system
-above 1 GiB, or by `give_back`: else pages of each array of a panorama's size are zeroed anew (a sixth of all CPU
-time)."""
+once needed: two are enough. Freed memory goes back to the system above 512 MiB, or by `give_back`: else pages of each
+array of a panorama's size are zeroed anew (a sixth of all CPU time)."""
 
 
 FORGET: list[Callable[[], object]] = []
 """What lets go of large things that are kept for their next use: `give_back` calls all of these."""
 
 
-KEPT_BYTES = 2_000_000_000
-"""Of a process, up to which it keeps freed memory: a stage may take as much anyway, and pages that were given back are
-zeroed anew (a tenth of all CPU time; on a virtual machine whose host takes them meanwhile, 1.7 s a GB)."""
+KEPT_BYTES = 1_900_000_000
+"""Of a process, up to which it keeps what it has freed (docs/measurements/pipeline.md: from 2 GB on peaks grow): pages
+given back are zeroed anew, and a virtual machine's are taken by its host meanwhile."""
 
 
 def give_back() -> None:
