@@ -54,6 +54,9 @@ CLIP_CELLS, CLIP_PATCHES = 16, 20  # of the code, and patches of either kind tha
 CLIP_STOPS, CLIP_SIGMAS, CLIP_SHARE = 0.02, 4.0, 0.2
 """Stops and standard deviations by which the two kinds are apart in such a share of what can be compared; chosen on
 simulated cameras with and without a 5D Mark II's matrix, as what follows."""
+CLIP_CURVE = 0.5
+"""Of what the clear samples leave uncertain of the curve, by which the kinds may be apart; chosen: with 1 a Canon T2i's
+matrix is missed, with 0.3 films without one are taken to have it."""
 CLIP_MANY, CLIP_KNOWN = 0.05, 0.05
 """Share of all samples that bends the curve, and what share of them must be comparable to be believed: under warm light
 0.03 are at most, on a film's frames that show it 0.07."""
@@ -187,7 +190,7 @@ def clip_together(samples: Samples, fit: DaylitFit) -> bool:
         known = (seen.weight > 0) & (total[data.sample] > weight) & (data.mean >= one.low) & (data.mean <= one.high)
         cell = data.frame * CLIP_CELLS + (seen.predicted * (CLIP_CELLS / 256)).astype(np.int64)
         every += int(np.count_nonzero(~data.clear))
-        curve = curve_sigma(one, MIDDLE_CODE)[256 // CLIP_CELLS // 2 :: 256 // CLIP_CELLS]
+        curve = CLIP_CURVE * curve_sigma(one, MIDDLE_CODE)[256 // CLIP_CELLS // 2 :: 256 // CLIP_CELLS]
         for k in np.unique(cell[known & ~data.clear]):
             part = off[known & ~data.clear & (cell == k)]
             beside = off[known & data.clear & (data.frame == k // CLIP_CELLS)]
