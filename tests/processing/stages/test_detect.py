@@ -143,6 +143,13 @@ def test_no_sun_in_the_outdoor_picture_means_no_sunlight(painted: Painted, tmp_p
     assert "switched off" in off.left_out["sunlight"]
 
 
+def test_a_sun_far_brighter_than_the_shade_is_stated_with_its_strength(tmp_path: Path) -> None:
+    sunny = paint(rows=160, sun_ratio=40.0)
+    metrics = run(context(sunny, tmp_path)).metrics
+    elevation = math.radians(metrics["sun_elevation_deg"])
+    assert metrics["sun_times"] == pytest.approx(39 / math.sin(elevation), rel=0.15)
+
+
 def test_without_a_room_there_is_nothing_to_go_by(painted: Painted, tmp_path: Path) -> None:
     assert nothing_to_go_by(context(painted, tmp_path)) is None
     reason = nothing_to_go_by(context(painted, tmp_path, artifacts={("room", "room"): None}))
