@@ -20,7 +20,7 @@ strength by the patches that it lights in the room (`sources.sun_strength`) is o
 often its interval holds the true one, over the ``clipped_sun`` rooms that show such a patch.
 
 ``infinigen_*``: rooms of another generator and another renderer (Infinigen Indoors, Cycles), furnished and emptied
-under the same daylight (`benchmarks.light.independent`; made by `benchmarks.light.infinigen_rooms`);
+under the same daylight (`benchmarks.light.independent`; made by `benchmarks.removal.infinigen_rooms`);
 ``infinigen_unseen_*``: the half of them that nobody looks at. A quick run takes one pair of pictures of the first half.
 """
 

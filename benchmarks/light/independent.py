@@ -1,7 +1,7 @@
 """Emptying judged on rooms of another generator and another renderer: Infinigen Indoors, Cycles.
 
 The rooms lie in ``shared/data/infinigen`` beside the checkout and in the folder that ``DAYLIT_INFINIGEN`` names; how to
-make them: `benchmarks.light.infinigen_rooms`. Each is shown furnished and truly emptied in one daylight or several, as
+make them: `benchmarks.removal.infinigen_rooms`. Each is shown furnished and truly emptied in one daylight or several, as
 single panoramas in relative units without a picture of the sky. **Rooms of even seeds are never looked at**: only their
 figures are printed (``infinigen_unseen_*``), and nothing is tuned on them.
 
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.light.infinigen_rooms import FIRST_THING
+from benchmarks.removal.infinigen_rooms import FIRST_THING
 from benchmarks.shared_data import DATA
 from benchmarks.whole.end_to_end_run import bias_pct, errors_of
 from processing.ground.arrays import Flags, Floats

@@ -8,7 +8,8 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from benchmarks.light import emptying, independent, infinigen_rooms
+from benchmarks.light import emptying, independent
+from benchmarks.removal import infinigen_rooms
 from benchmarks.shared_data import DATA
 
 

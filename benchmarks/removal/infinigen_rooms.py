@@ -3,7 +3,7 @@
 Not run by daylit's Python but by that of a virtual environment of its own (Python 3.11), which nothing else needs::
 
     python3.11 -m venv VENV && VENV/bin/pip install infinigen==1.15.5 bpy==4.2.0
-    VENV/bin/python benchmarks/light/infinigen_rooms.py FOLDER --rooms 12
+    VENV/bin/python benchmarks/removal/infinigen_rooms.py FOLDER --rooms 12
 
 ``FOLDER``: ``shared/data/infinigen`` beside the checkout, or any, which ``DAYLIT_INFINIGEN`` then names to the
 benchmark `emptying`. A room takes a quarter of an hour of one core to make and about six minutes to render. In its
