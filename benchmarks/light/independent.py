@@ -1,9 +1,9 @@
 """Emptying judged on rooms of another generator and another renderer: Infinigen Indoors, Cycles.
 
 The rooms lie in ``shared/data/infinigen`` beside the checkout and in the folder that ``DAYLIT_INFINIGEN`` names; how to
-make them: `benchmarks.removal.infinigen_rooms`. Each is shown furnished and truly emptied in one daylight or several, as
-single panoramas in relative units without a picture of the sky. **Rooms of even seeds are never looked at**: only their
-figures are printed (``infinigen_unseen_*``), and nothing is tuned on them.
+make them: `benchmarks.removal.infinigen_rooms`. Each is shown furnished and truly emptied in one daylight or several,
+as single panoramas in relative units without a picture of the sky. **Rooms of even seeds are never looked at**: only
+their figures are printed (``infinigen_unseen_*``), and nothing is tuned on them.
 
 ``filled_*``, ``all_*``: the emptied picture, where removal filled in and everywhere; ``seen_*``: the change of light of
 pixels that show the room in both states and were not filled in. Where passes exist, ``mask_iou``, ``mask_recall``:
