@@ -5,6 +5,9 @@ Not run by daylit's Python but by that of a virtual environment of its own (Pyth
     python3.11 -m venv VENV && VENV/bin/pip install infinigen==1.15.5 bpy==4.2.0
     VENV/bin/python benchmarks/removal/infinigen_rooms.py FOLDER --rooms 12
 
+(The scikit-image that it asks for is compiled; 0.22 does as well and is not: its other requirements first, then
+``pip install --no-deps infinigen==1.15.5``.)
+
 ``FOLDER``: ``shared/data/infinigen`` beside the checkout, or any, which ``DAYLIT_INFINIGEN`` then names to the
 benchmark `emptying`. A room takes a quarter of an hour of one core to make and about six minutes to render. In its
 folder:
