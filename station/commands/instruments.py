@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -121,9 +120,8 @@ def conform(
     if not outcomes:
         raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="choose another instrument")
     passed = all(o.passed for o in outcomes)
-    if as_json:
-        click.echo(json.dumps({"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}))
-    return 0 if passed else 1
+    facts = {"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}
+    return answer(facts, (), as_json=as_json, exit_code=int(not passed))
 
 
 def _mark(outcome: Outcome) -> str:

@@ -144,8 +144,7 @@ def _show(report: ImportReport, *, as_json: bool) -> int:
 
     manifest = report.manifest
     if as_json:
-        click.echo(json.dumps(summary(report)))
-        return 4 if manifest.missing else 0
+        return answer(summary(report), (), as_json=True, exit_code=4 if manifest.missing else 0)
     for frame in manifest.frames:
         click.echo(f"  {frame.side:<8} {seconds_text(frame.camera_s):>9}  {frame.camera_name}")
     for refused in report.refused:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 IS_FOLDER = "is a folder"
 _RENAME_EXCHANGE = 2  # of Linux's renameat2(2)
 FULL = {errno.ENOSPC, errno.EDQUOT}
-WRITE_FAULTS = {*FULL, errno.EFBIG, errno.EIO}
-"""What a write can end in whose `OSError` names no file, as Python's own do not."""
+WRITE_FAULTS = {*FULL, errno.EFBIG, errno.EIO}  # of writes whose `OSError` names no file, as Python's own
 _EXHAUSTED = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
 _UNSUPPORTED = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP}
 
