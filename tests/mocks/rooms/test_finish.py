@@ -29,7 +29,7 @@ def reflectance(material: Material) -> float:
 
 @pytest.fixture(scope="module")
 def finishes() -> list[Finish]:
-    return [finish_of(seed, list(Use)[seed % 5]) for seed in range(35 if LONG else 10)]
+    return [finish_of(seed, list(Use)[seed % 5]) for seed in range(35 if LONG else 20)]
 
 
 @pytest.fixture(scope="module")
