@@ -47,6 +47,7 @@ HEADERS = [
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 ]
+_CORRECTIONS = {Path(name).stem: name for name in (*corrections.ESTIMATED, *corrections.LAYERS)}
 
 
 class Door:
@@ -262,9 +263,6 @@ class Studio:
                 yield f"data: {text}\n\n"
                 last = text
             await asyncio.sleep(LOOK_S)
-
-
-_CORRECTIONS = {Path(name).stem: name for name in (*corrections.ESTIMATED, *corrections.LAYERS)}
 
 
 def _file_of(session: Path, name: str, data: bytes) -> bytes:

@@ -29,6 +29,10 @@ from mocks.worlds.light import Vector
 _NUMBER = re.compile(r"\d+\.\d+(?:e[+-]?\d+)?")
 ATTEMPTS = 40  # chosen: then the rectangle below
 FALLBACK_M = (4.2, 3.6)  # sides of the rectangle that is used should no form fit
+_SCENE_DOMAIN = 5100  # parts these random numbers from all others of a seed
+_SEEDS = 10**9
+CLOUD_AMPLITUDE: dict[Kind, float] = {"clear": 0.3, "intermediate": 0.9, "overcast": 0.0}
+"""How much of the sun passing clouds take, by sky; a closed cover does not change within minutes."""
 
 
 def draw_plan(rng: np.random.Generator, use: Use, *, lamps_on: bool = False) -> Plan:
@@ -209,12 +213,6 @@ def check_room(room: Room) -> list[str]:
     if room.plan.use is Use.EMPTY and any(i.role is not Role.EQUIPMENT for i in room.items):
         problems.append("an empty room with furniture")
     return problems
-
-
-_SCENE_DOMAIN = 5100  # parts these random numbers from all others of a seed
-_SEEDS = 10**9
-CLOUD_AMPLITUDE: dict[Kind, float] = {"clear": 0.3, "intermediate": 0.9, "overcast": 0.0}
-"""How much of the sun passing clouds take, by sky; a closed cover does not change within minutes."""
 
 
 def use_of(scene: str) -> Use:

@@ -28,6 +28,10 @@ _LEDGER = "dataset.csv"
 """Table of `daylit simulate`, which knows what no session records: lamps, and the room's seed."""
 
 Row = dict[str, str]
+METADATA_NAME = "croissant.json"
+_TABLE = table_of("processing.batch", "croissant")
+_NUMBERS, _WHOLE, _CONTEXT = frozenset(_TABLE["numbers"]), frozenset(_TABLE["whole"]), _TABLE["context"]
+MEANING: Mapping[str, str] = _TABLE["meaning"]
 
 
 def split_of(room: str, shares: Sequence[float], salt: str = "daylit") -> str:
@@ -71,12 +75,6 @@ def read_index(folder: Path) -> list[Row]:
     if tuple(reader.fieldnames or ()) != COLUMNS or any(None in row.values() for row in rows):
         raise ParameterError("the index has other columns, or a damaged row", where=str(path), advice="rebuild it")
     return rows
-
-
-METADATA_NAME = "croissant.json"
-_TABLE = table_of("processing.batch", "croissant")
-_NUMBERS, _WHOLE, _CONTEXT = frozenset(_TABLE["numbers"]), frozenset(_TABLE["whole"]), _TABLE["context"]
-MEANING: Mapping[str, str] = _TABLE["meaning"]
 
 
 @dataclass(frozen=True)

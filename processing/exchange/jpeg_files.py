@@ -34,6 +34,7 @@ POLE_HALF_FIELD = 0.42
 LEAST_PANORAMA_PX = 64  # high, under which a pole has no room for letters: the label is a flat picture's
 _PLATE = (16, 16, 20, 150)
 _INK = (255, 255, 255, 235)
+LONGEST_SIDE_PX = 65_500  # of JPEG
 
 
 def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, link: str | None = None) -> Bytes:
@@ -290,9 +291,6 @@ def _text_of(name: str, text: str) -> str:
     # XML has no control characters, not even escaped.
     plain = "".join(c if c.isprintable() else " " for c in text)
     return f'<dc:{name}><rdf:Alt><rdf:li xml:lang="x-default">{escape(plain)}</rdf:li></rdf:Alt></dc:{name}>'
-
-
-LONGEST_SIDE_PX = 65_500  # of JPEG
 
 
 def jpeg_bytes(rgb8: Bytes, *, quality: int = 92, **said: Unpack[Said]) -> bytes:

@@ -25,6 +25,17 @@ Points: TypeAlias = Sequence[Sequence[float]] | Doubles
 """Corners as (N, 2) metres."""
 TOUCHING_M = 1e-9  # edges nearer than this touch (chosen: rounding of coordinates in metres)
 SAME_POINT_M = 1e-4  # corners nearer than this are one corner
+Hinge: TypeAlias = Literal["left", "right", "unknown"]
+"""Where a door hangs, seen from inside the room looking at it."""
+Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
+
+HEIGHT_M = 2.4  # chosen: usual in homes
+SILL_M = 0.9  # chosen: usual in homes
+HEAD_M = 2.1  # chosen: usual in homes
+DOOR_HEAD_M = 2.1  # chosen: usual in homes
+SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
+HUNG_DOOR = "door"
+"""The name of a `Hung` that is a door."""
 
 
 @dataclass(frozen=True)
@@ -102,17 +113,6 @@ def _refuse_crossings(ring: Doubles, where: str) -> None:
             raise PlanError(text, where=where, likely="corners in the wrong order", edges=[i, j], at_m=at_m)
 
 
-Hinge: TypeAlias = Literal["left", "right", "unknown"]
-"""Where a door hangs, seen from inside the room looking at it."""
-Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
-
-HEIGHT_M = 2.4  # chosen: usual in homes
-SILL_M = 0.9  # chosen: usual in homes
-HEAD_M = 2.1  # chosen: usual in homes
-DOOR_HEAD_M = 2.1  # chosen: usual in homes
-SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
-
-
 @dataclass(frozen=True)
 class _OnEdge:
     """An opening in an edge, from `start_m` to `end_m` along it."""
@@ -151,10 +151,6 @@ class Hung(Window):
 
     A door that is no opening of the room (`HUNG_DOOR`) is kept free like one, where everything fits that way.
     """
-
-
-HUNG_DOOR = "door"
-"""The name of a `Hung` that is a door."""
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,20 @@ _NEEDED = {"channels": "chlist", "compression": "compression", "dataWindow": "bo
 _BOUNDED_COMPRESSIONS = range(10)
 """Of these none packs a picture more than a few thousandfold (zlib's limit is 1032)."""
 _MAX_RATIO, _FREE_BYTES = 2500, 1 << 26  # chosen, above zlib's 1032
+CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""Rec. 709: x and y of red, green, blue and white."""
+UNSCALED = "luminance in relative units"
+"""``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
+
+_DAMAGED = "damaged on disk or in transfer; the library could not read all of it"
+_AGAIN = "copy it again, or rerun the stage that made it (--force)"
+_UNDERSHOOT = 0.05  # of the picture's mean: lossy compression makes negative values of black ones
+
+Channels = dict[str, npt.NDArray[Any]]
+ZSTD_LEVEL = 3
+"""Of stage files, where a build exports its C interface: 0.8 CPU s for 22.6 MP; OpenEXR's 5: 1.9 s, 1 to 2 % less."""
+_FOREIGN = "was not written by daylit"
+_TEXTS = ("daylitKind", "daylitGeometry", "daylitScaleUncertainty", "daylitProvenance")
 
 
 @dataclass(frozen=True)
@@ -161,18 +175,6 @@ def _channels(value: bytes) -> tuple[dict[str, int], bool]:
     return channels, even
 
 
-CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""Rec. 709: x and y of red, green, blue and white."""
-UNSCALED = "luminance in relative units"
-"""``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
-
-_DAMAGED = "damaged on disk or in transfer; the library could not read all of it"
-_AGAIN = "copy it again, or rerun the stage that made it (--force)"
-_UNDERSHOOT = 0.05  # of the picture's mean: lossy compression makes negative values of black ones
-
-Channels = dict[str, npt.NDArray[Any]]
-
-
 def write_exr(path: Path, image: RelativeImage | LuminanceImage) -> None:
     """Write a picture with all its fields, durably, for whoever reads OpenEXR; `read_exr` gives an equal one back.
 
@@ -207,10 +209,6 @@ def _library() -> Any:
     return OpenEXR
 
 
-ZSTD_LEVEL = 3
-"""Of stage files, where a build exports its C interface: 0.8 CPU s for 22.6 MP; OpenEXR's 5: 1.9 s, 1 to 2 % less."""
-
-
 def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halves: dict[str, type]) -> None:
     library = _library()
     planes: Channels = {"RGB": image.rgb, "uncertainty": image.uncertainty, "validity": image.validity}
@@ -239,9 +237,6 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
     }
     channels = {name: np.ascontiguousarray(plane, dtype=halves.get(name)) for name, plane in planes.items()}
     write_whole(path, lambda part: library.File(header, channels).write(str(part)))
-
-
-_FOREIGN = "was not written by daylit"
 
 
 def read_exr(path: Path) -> RelativeImage | LuminanceImage:
@@ -302,9 +297,6 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
         raise refused(path, f"has whiteLuminance {white}")
     check_light(rgb, path, 1.0 if white is None else white)
     return rgb, white if isinstance(white, float) else None
-
-
-_TEXTS = ("daylitKind", "daylitGeometry", "daylitScaleUncertainty", "daylitProvenance")
 
 
 def _in_cd_m2(image: RelativeImage | LuminanceImage) -> bool:

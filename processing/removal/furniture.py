@@ -55,6 +55,16 @@ MOSTLY_HIDDEN = 0.7  # of an opening, from which it is a part of what hides it (
 FITTED_LARGE, FITTED, FITTED_FOOT_RAD = 0.3, 0.55, math.radians(4.5)
 """Of the wall below a window, what is fitted there; mean probability of furniture up to which it is (a niche: 0.49;
 chairs and tables there in three rooms: 0.63 and more); above the floor, where skirting is drawn anew (chosen)."""
+STAYS, MOST_FURNITURE, STAYS_SR = 0.5, 0.25, 3e-3
+"""Probability of openings, and of fixtures, from which they surely are some; mean one of furniture up to which such a
+part is none (a wardrobe's doors have 0.32; doors, mirrors and curtains of seven real rooms up to 0.14); least size."""
+SKIRTING_SHARE, SKIRTING_SLACK_RAD = 0.14, math.radians(1.2)
+"""Of the camera's height, as high as skirting may be; error of the floor's boundary against it (chosen)."""
+SKIRTING_LONG_RAD = math.radians(4)  # shorter strips along a wall's foot are things (chosen)
+TORN, TORN_RIM_RAD, TORN_END_RAD, MOST_TORN_RAD = 0.4, math.radians(0.6), math.radians(4), math.radians(25)
+"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
+what is removed both of its ends are: the network sees it too short; longer pieces show how skirting looks, and stay
+(chosen)."""
 
 
 @dataclass(frozen=True)
@@ -157,11 +167,6 @@ def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
     return grown_to
 
 
-STAYS, MOST_FURNITURE, STAYS_SR = 0.5, 0.25, 3e-3
-"""Probability of openings, and of fixtures, from which they surely are some; mean one of furniture up to which such a
-part is none (a wardrobe's doors have 0.32; doors, mirrors and curtains of seven real rooms up to 0.14); least size."""
-
-
 def staying(probabilities: Floats, rgb8: Bytes, flat: Flags) -> Flags:
     """Return the doors, windows, curtains, mirrors (H, W) that are no furniture whatever their colours, each whole.
 
@@ -188,11 +193,6 @@ def _by_segment(stays: Flags, mask: Flags, rgb8: Bytes) -> Flags:
     return np.asarray(found & ~((one == 0)[labels] & grown(mask & ~found, TOUCH_RAD)), bool)
 
 
-SKIRTING_SHARE, SKIRTING_SLACK_RAD = 0.14, math.radians(1.2)
-"""Of the camera's height, as high as skirting may be; error of the floor's boundary against it (chosen)."""
-SKIRTING_LONG_RAD = math.radians(4)  # shorter strips along a wall's foot are things (chosen)
-
-
 def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:
     """Return a mask (H, W) without the low strips along the foot of walls: dark skirting looks like furniture."""
     height = len(mask)
@@ -208,12 +208,6 @@ def without_skirting(mask: Flags, maps: SurfaceMaps) -> Flags:
     wide = np.concatenate([low, low, low])[None].astype(np.uint8)
     long = cv2.morphologyEx(wide, cv2.MORPH_OPEN, brush)[0, len(low) : 2 * len(low)].astype(bool)
     return np.asarray(mask & ~(strip & long), bool)
-
-
-TORN, TORN_RIM_RAD, TORN_END_RAD, MOST_TORN_RAD = 0.4, math.radians(0.6), math.radians(4), math.radians(25)
-"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
-what is removed both of its ends are: the network sees it too short; longer pieces show how skirting looks, and stay
-(chosen)."""
 
 
 def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:

@@ -22,6 +22,13 @@ from processing.pictures.images import luminance_cd_m2
 # Wide Gaussian blurs at a cost that does not grow with their width.
 
 NARROW_PX = 4.0  # standard deviation up to which the blur is exact; wider ones run on a smaller picture
+SWEEPS = 6  # at each size of the pyramid; chosen, never swept
+CELLS = 7  # of the grid along the longer side
+SAMPLES = 6000  # of a fit; chosen, never swept
+ROUNDS = 5  # of reweighting; chosen, never swept
+BRIGHT = 1.0  # exponent: brighter pairs count more; chosen, never swept
+LEAST_SHARE = 0.3  # of a window that is known; chosen, never swept
+SLOPE = 0.7  # of the resistance to slopes against that to bends: what the pattern may explain is not light
 
 
 def blurred(picture: Floats, sigma_px: float) -> Floats:
@@ -77,9 +84,6 @@ class ToneScale:
 def grey(tone: Floats) -> Floats:
     """Return (H, W): the tone's weighted mean over the channels."""
     return np.asarray(tone @ TONE_WEIGHTS, np.float32)
-
-
-SWEEPS = 6  # at each size of the pyramid; chosen, never swept
 
 
 def spread(values: Floats, given: Flags) -> Floats:
@@ -140,14 +144,6 @@ def _halved(picture: Floats, even: tuple[int, int, int, int], size: tuple[int, i
 
 def _as(flat: Floats | Flags, like: Floats) -> Floats:
     return np.asarray(flat if like.ndim == 2 else flat[..., None])
-
-
-CELLS = 7  # of the grid along the longer side
-SAMPLES = 6000  # of a fit; chosen, never swept
-ROUNDS = 5  # of reweighting; chosen, never swept
-BRIGHT = 1.0  # exponent: brighter pairs count more; chosen, never swept
-LEAST_SHARE = 0.3  # of a window that is known; chosen, never swept
-SLOPE = 0.7  # of the resistance to slopes against that to bends: what the pattern may explain is not light
 
 
 @dataclass(frozen=True)

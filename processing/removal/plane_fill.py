@@ -32,6 +32,11 @@ SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
+STRIP_M, STRIP_PX = 0.25, 3.0
+"""Beside the hole, of which a column's tone is the mean; at least (chosen)."""
+COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
+ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
+RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
 
 
 def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
@@ -41,12 +46,6 @@ def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
     level = np.log(np.maximum(luminance, 1e-9))
     local, _ = known_mean(level, known, max(3.0, 0.08 * max(known.shape)))
     return known & (level > local + math.log(factor))
-
-
-STRIP_M, STRIP_PX = 0.25, 3.0
-"""Beside the hole, of which a column's tone is the mean; at least (chosen)."""
-COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
-ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 
 
 def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float, *, even: bool = False) -> Floats:
@@ -152,9 +151,6 @@ def fill_plane(
         values, sure, goes_on, how = _with_pictures(texture, values, (own, own & upright, things), inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on[inside]
     return FilledPlane(texture, values, hole, confidence, continued, how)
-
-
-RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
 
 
 def _with_seen_frames(regions: Iterator[Flags], known: Flags, texture: Texture) -> Iterator[Flags]:

@@ -34,6 +34,35 @@ LONE_SHARE, LONE_MOST, LONE_SR = 0.12, 8, 2e-4
 seen at a fifth; bare floor at a twentieth), how many there may be (more are a pattern), and its least size (chosen)."""
 LONE_CONTRAST, LONE_RING = 24.0, 0.8
 """As `LYING_CONTRAST`, shade apart; share of what is around that must be floor: skirting is no thing (chosen)."""
+UNSURE, SHARD_SR, SLIT_RAD, BARRED_RAD = 0.4, 8e-3, math.radians(1.0), math.radians(0.75)
+"""Probability of things, or of walls, from which floor beside furniture goes; largest shard of a wall; half the width
+of slits between what goes; how near to what stays floor stays (chosen by looking at furnished real rooms)."""
+SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
+"""Probability of things below which floor surely is floor; size from which unsure floor stays where its median tone is
+within so much (natural logarithm) of sure floor's and varies at most so many times as much (chosen as those above)."""
+LEG_RAD = (math.radians(2.4), math.radians(6), math.radians(0.8))
+"""Largest width, largest length and least length of a leg below what is known of its chair (chosen as those above)."""
+LEG_DARK, LEG_DARKEST, LEG_GRAIN = 0.09, 0.25, 3.0
+"""By how much a leg is darker than beside it (natural logarithm), its darkest part, and in multiples of the bare
+surface's own grain (chosen as those above). Judged by colour, joints between boards would count as legs."""
+GLARE_RAD, GLARE_CHROMA, GLARE_TIMES, GLARE_MEAN = math.radians(0.35), 0.3, 3.0, 0.5
+"""Blur of its colour; natural logarithm by which that differs from the floor's, in multiples of the floor's own spread,
+and in the mean; the next: by which it is brighter; share of its outline that furniture cuts; largest size (chosen by
+looking at eight furnished real rooms: one has such a reflection; of the others next to nothing is taken)."""
+GLARE_BRIGHT, GLARE_CUT, GLARE_SR = 0.7, 0.4, 0.15
+Part: TypeAlias = tuple[tuple[slice, slice], Flags]
+"""A box of a picture, and the part of it."""
+
+CRUMB_TONE, CRUMB_LIGHT_RAD, CRUMB_SR, SPARSE_SR, CRUMB_PX = 0.2, math.radians(1.5), 1.5e-3, 6e-3, 3
+"""Natural logarithm by which a crumb differs from its wall's light, over what that is taken; largest size, and of a
+dark one that fills less than half of its box (a plate or a socket is bright and fills it: it stays); least pixels.
+These and the next chosen by looking at eight furnished real rooms."""
+CRUMB_NEAR_RAD, CRUMB_APART_PX, CRUMB_TIMES = math.radians(5), 2, 2.0
+"""How near to what goes most of a crumb lies; how far from other surfaces; and how many times as many of them there are
+than elsewhere on that wall: else they are its pattern."""
+CEILING_ROWS, CEILING_PX_PER_M, APART_M, ODD, LEAST_CELLS = 512, 40.0, (0.4, 0.15), 0.2, 4
+"""How finely a ceiling is looked at; how far from its edges, and over what its light is taken; natural logarithm by
+which what hangs there differs, and least of it (chosen: of ten real rooms all nine with lamps, detectors or joints)."""
 
 
 def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: Floats | None = None) -> Flags:
@@ -110,19 +139,6 @@ def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = 
     return float(np.linalg.norm(off))
 
 
-UNSURE, SHARD_SR, SLIT_RAD, BARRED_RAD = 0.4, 8e-3, math.radians(1.0), math.radians(0.75)
-"""Probability of things, or of walls, from which floor beside furniture goes; largest shard of a wall; half the width
-of slits between what goes; how near to what stays floor stays (chosen by looking at furnished real rooms)."""
-SURE, LARGE_SR, ALIKE, SPREAD = 0.15, 0.05, 0.15, 1.25
-"""Probability of things below which floor surely is floor; size from which unsure floor stays where its median tone is
-within so much (natural logarithm) of sure floor's and varies at most so many times as much (chosen as those above)."""
-LEG_RAD = (math.radians(2.4), math.radians(6), math.radians(0.8))
-"""Largest width, largest length and least length of a leg below what is known of its chair (chosen as those above)."""
-LEG_DARK, LEG_DARKEST, LEG_GRAIN = 0.09, 0.25, 3.0
-"""By how much a leg is darker than beside it (natural logarithm), its darkest part, and in multiples of the bare
-surface's own grain (chosen as those above). Judged by colour, joints between boards would count as legs."""
-
-
 def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: SurfaceMaps, stays: Flags) -> Flags:
     """Return what else goes beside what is ``gone`` (H, W): slits, legs, and floor that is hardly one.
 
@@ -149,13 +165,6 @@ def rests_beside(gone: Flags, probabilities: Floats, luminance: Floats, maps: Su
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(stays, BARRED_RAD)
     goes |= _legs(gone | goes, near, tone, bare)
     return np.asarray(goes & ~gone)
-
-
-GLARE_RAD, GLARE_CHROMA, GLARE_TIMES, GLARE_MEAN = math.radians(0.35), 0.3, 3.0, 0.5
-"""Blur of its colour; natural logarithm by which that differs from the floor's, in multiples of the floor's own spread,
-and in the mean; the next: by which it is brighter; share of its outline that furniture cuts; largest size (chosen by
-looking at eight furnished real rooms: one has such a reflection; of the others next to nothing is taken)."""
-GLARE_BRIGHT, GLARE_CUT, GLARE_SR = 0.7, 0.4, 0.15
 
 
 def torn_glare(gone: Flags, rgb: Floats, free: Flags) -> Flags:
@@ -185,18 +194,6 @@ def torn_glare(gone: Flags, rgb: Floats, free: Flags) -> Flags:
         if gone[rim].mean() > GLARE_CUT:
             found |= whole
     return found
-
-
-Part: TypeAlias = tuple[tuple[slice, slice], Flags]
-"""A box of a picture, and the part of it."""
-
-CRUMB_TONE, CRUMB_LIGHT_RAD, CRUMB_SR, SPARSE_SR, CRUMB_PX = 0.2, math.radians(1.5), 1.5e-3, 6e-3, 3
-"""Natural logarithm by which a crumb differs from its wall's light, over what that is taken; largest size, and of a
-dark one that fills less than half of its box (a plate or a socket is bright and fills it: it stays); least pixels.
-These and the next chosen by looking at eight furnished real rooms."""
-CRUMB_NEAR_RAD, CRUMB_APART_PX, CRUMB_TIMES = math.radians(5), 2, 2.0
-"""How near to what goes most of a crumb lies; how far from other surfaces; and how many times as many of them there are
-than elsewhere on that wall: else they are its pattern."""
 
 
 def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> Flags:
@@ -256,11 +253,6 @@ def _legs(gone: Flags, near: Flags, tone: Floats, bare: Flags) -> Flags:
         if reaches and tall >= high:
             found[box] |= part
     return found
-
-
-CEILING_ROWS, CEILING_PX_PER_M, APART_M, ODD, LEAST_CELLS = 512, 40.0, (0.4, 0.15), 0.2, 4
-"""How finely a ceiling is looked at; how far from its edges, and over what its light is taken; natural logarithm by
-which what hangs there differs, and least of it (chosen: of ten real rooms all nine with lamps, detectors or joints)."""
 
 
 def bare_ceiling(room: RoomModel, rgb: Floats) -> bool:

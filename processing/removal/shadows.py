@@ -33,6 +33,14 @@ LEAST_FAR, LEAST_FAR_SHARE = 60, 0.4
 third of its floor seen became a bright shard)."""
 LEAST_M2 = 0.01  # 10 by 10 cm; chosen, never swept
 RELIT_ROWS = 1024  # of the size at which soft shadows are relit: their light is smooth
+LAMP, CLIPPED = 3.0, 0.2
+"""Stops above the median of what stays, or below the brightest of all: what goes there was a lit lamp (chosen)."""
+MOST_LAMP_SR, MOSTLY = 0.1, 0.5  # chosen: larger things are no lamps, nor what is bright and mostly wall
+GLOW_M, GLOW_CORE_M, LEAST_GLOW = 1.3, 0.6, 0.3
+"""Reach of a lamp's glow; how near, and by how many stops, a quarter of that must be brighter (chosen)."""
+MOST_GLOW = 4.0  # stops that are taken off at most (chosen: a clipped wall)
+OWN_RAD = math.radians(2)  # chosen: what is bright so near to what is removed is its own rim
+FAR_AWAY = np.full((1, 3), 1e6)  # where lamps are that there are not
 
 
 @dataclass(frozen=True)
@@ -96,16 +104,6 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
     gain = resized(gain, shape)
     gain[removed] = 1
     return gain
-
-
-LAMP, CLIPPED = 3.0, 0.2
-"""Stops above the median of what stays, or below the brightest of all: what goes there was a lit lamp (chosen)."""
-MOST_LAMP_SR, MOSTLY = 0.1, 0.5  # chosen: larger things are no lamps, nor what is bright and mostly wall
-GLOW_M, GLOW_CORE_M, LEAST_GLOW = 1.3, 0.6, 0.3
-"""Reach of a lamp's glow; how near, and by how many stops, a quarter of that must be brighter (chosen)."""
-MOST_GLOW = 4.0  # stops that are taken off at most (chosen: a clipped wall)
-OWN_RAD = math.radians(2)  # chosen: what is bright so near to what is removed is its own rim
-FAR_AWAY = np.full((1, 3), 1e6)  # where lamps are that there are not
 
 
 def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Floats:

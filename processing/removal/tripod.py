@@ -22,6 +22,21 @@ from processing.segmentation.evidence import SceneClass
 
 REACH_RAD = math.radians(50)
 SIZE_PX = 320  # side of the nadir picture: 0.31 degrees a pixel
+CORE_RAD = math.radians(4)  # what is found must reach this near to the nadir
+FULL_RAD, NONE_RAD = math.radians(22), math.radians(42)
+"""Strange colours count fully within the first angle, not at all beyond the second."""
+RING_RAD = (math.radians(26), math.radians(49))
+"""Where the floor's colours are learned."""
+OUTLIER = 12.0  # squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor
+RIM_PX = 12  # of a nadir picture, 3.7 degrees: around what is at the nadir, where feet of a tripod may show (chosen)
+LEG_PX = 15  # of a nadir picture, 4.7 degrees: what is narrower may be a leg
+DARKER = (2.5, 5.0)
+"""How many times darker than beside it a leg may be, and surely is: gaps of a floor's boards are less, or fainter."""
+PALER = 1.8  # how many times brighter than beside it a foot's cap is: a floor's boards differ less (chosen)
+LEAST_DISC_RAD = math.radians(4)
+FLAT = 0.25  # of the detail in the ring: a disc with less has been painted over
+STRONG = 0.6  # mean probability of a part away from the nadir, from which evidence alone makes it the photographer's
+LEAST_RING_PX = 500  # of floor around the nadir; chosen, never swept
 
 
 def radius_map() -> Floats:
@@ -59,23 +74,6 @@ def onto_panorama(share: Floats, shape: tuple[int, int]) -> Floats:
     y = -radius[rows, None] * np.cos(longitude) * scale + SIZE_PX / 2 - 0.5
     out[rows] = cv2.remap(share, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
     return out
-
-
-CORE_RAD = math.radians(4)  # what is found must reach this near to the nadir
-FULL_RAD, NONE_RAD = math.radians(22), math.radians(42)
-"""Strange colours count fully within the first angle, not at all beyond the second."""
-RING_RAD = (math.radians(26), math.radians(49))
-"""Where the floor's colours are learned."""
-OUTLIER = 12.0  # squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor
-RIM_PX = 12  # of a nadir picture, 3.7 degrees: around what is at the nadir, where feet of a tripod may show (chosen)
-LEG_PX = 15  # of a nadir picture, 4.7 degrees: what is narrower may be a leg
-DARKER = (2.5, 5.0)
-"""How many times darker than beside it a leg may be, and surely is: gaps of a floor's boards are less, or fainter."""
-PALER = 1.8  # how many times brighter than beside it a foot's cap is: a floor's boards differ less (chosen)
-LEAST_DISC_RAD = math.radians(4)
-FLAT = 0.25  # of the detail in the ring: a disc with less has been painted over
-STRONG = 0.6  # mean probability of a part away from the nadir, from which evidence alone makes it the photographer's
-LEAST_RING_PX = 500  # of floor around the nadir; chosen, never swept
 
 
 @dataclass(frozen=True)

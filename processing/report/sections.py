@@ -25,6 +25,11 @@ _NAMES = {
     "shadow": "shadows of furniture (blue)",
     "target": "to be removed, with margin (green line)",
 }
+RIM_RGB = (0, 220, 60)
+MOST_SHOWN = 0.5  # relative change of luminance at the ends of the colour scale; chosen
+
+
+EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
 
 
 def detect_section(
@@ -64,9 +69,6 @@ def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
     if "target" in masks:
         out[_rim(masks["target"])] = RIM_RGB
     return np.asarray(np.clip(out, 0, 255), dtype=np.uint8)
-
-
-RIM_RGB = (0, 220, 60)
 
 
 def _rim(mask: Flags) -> Flags:
@@ -111,12 +113,6 @@ def remove_section(
     else:
         text += "."
     return Section("Emptied room", text, tuple(quantities), tuple(pictures), tables)
-
-
-MOST_SHOWN = 0.5  # relative change of luminance at the ends of the colour scale; chosen
-
-
-EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
 
 
 def room_section(

@@ -28,6 +28,12 @@ METHODS = {
     "global": "the whole room is rendered",
     "ibl": "furniture is lit by the panorama alone; it casts no shadows or light into the room",
 }
+T = TypeVar("T")
+_AS_JSON = ConfigDict(ser_json_bytes="base64", val_json_bytes="base64", ser_json_inf_nan="constants")
+FOLDER = "relight"
+MOST = 24  # moments that the page shows
+WIDTH_PX = 640  # chosen: the picture of a card
+_WEATHER = {"captured": "the captured weather", "clear": "clear", "overcast": "overcast"}
 
 
 def alternatives_section(
@@ -131,10 +137,6 @@ def _window_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
     return f"opening {one['opening']}", share, f"{100 * float(one['covered_share']):.0f} %"
 
 
-T = TypeVar("T")
-_AS_JSON = ConfigDict(ser_json_bytes="base64", val_json_bytes="base64", ser_json_inf_nan="constants")
-
-
 def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:
     """Return pieces of the page: the former page's where nothing that they are made of has changed; kept as a file.
 
@@ -195,12 +197,6 @@ def _plans(context: StageContext) -> dict[int, bytes]:
     """Return the drawn floor plans by number."""
     paths = {number: context.optional_artifact("arrange", f"plan-{number}") for number in range(1, MOST_STAGED + 1)}
     return {number: path.read_bytes() for number, path in paths.items() if isinstance(path, Path)}
-
-
-FOLDER = "relight"
-MOST = 24  # moments that the page shows
-WIDTH_PX = 640  # chosen: the picture of a card
-_WEATHER = {"captured": "the captured weather", "clear": "clear", "overcast": "overcast"}
 
 
 def _hours(context: StageContext) -> tuple[Card, ...]:

@@ -52,6 +52,10 @@ DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, a
 NEAR_WALL, NEAR_WALL_SHARE = 2.0, 0.3
 """Cost of columns with a wall nearer than this share of the farthest corner (chosen)."""
 OPENINGS = ("window", "door")
+WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
+MOST_STILLS = MOST + MOST_STAGED - 1
+"""Of the first alternative up to `MOST`, of each further one the best."""
+LIGHT_PX = 960  # chosen: 10 MB a still
 
 
 @dataclass(frozen=True)
@@ -125,9 +129,6 @@ def _in_sight(things: Sequence[_Thing], room: RoomModel) -> list[_Thing]:
 
 def _whole_ones(states: Doubles, things: Sequence[_Thing]) -> tuple[str, ...]:
     return tuple(one.name for one, state in zip(things, states, strict=True) if state == 1 and one.name not in OPENINGS)
-
-
-WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
 
 
 def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem]) -> tuple[Frame, ...]:
@@ -241,11 +242,6 @@ def _composition(frame: Frame, room: RoomModel) -> float:
     inner = (ahead > 0.05) & (np.abs(x) < 0.75)
     reach = float(far[inner].max()) / max(float(far.max()), 1e-6) if inner.any() else 0.0
     return CORNER * (reach - 0.5) + WIDE_WORTH[frame.lens_mm]
-
-
-MOST_STILLS = MOST + MOST_STAGED - 1
-"""Of the first alternative up to `MOST`, of each further one the best."""
-LIGHT_PX = 960  # chosen: 10 MB a still
 
 
 def no_panorama(context: StageContext) -> str | None:

@@ -23,6 +23,19 @@ from processing.surfaces.maps import wall_ranges
 # What can be seen without any network: whether a picture is a whole, lit panorama.
 LARGEST_BLANK = 0.3  # share of the sphere without data or detail from which a picture is refused
 STEP_ROWS = 256  # rows that are looked at; chosen, never swept
+RIVAL_WITHIN = 60.0  # cost by which another room may be worse and still be a rival
+COEFFICIENTS = {"log2_sigma": -0.49, "ratio_spread": -11.8, "rival": -11.3, "log2_loss": -0.54, "entropy": -4.5}
+INTERCEPT = 2.7
+"""Ridge logistic fit on 237 pictures: simulated rooms of validation seeds (cameras in doorways, mirrors, closets,
+tilted, dark and cropped ones among them) and the real ones that may be looked at (docs/reference/room.md)."""
+LARGEST_SPREAD = 0.2  # clamps the fit's feature; chosen, never swept
+LEAST_SIGMA_DEG, LEAST_LOSS = 0.25, 0.01
+LEAST, MOST = 0.02, 0.98
+FULLY_EXPLAINED = 0.75  # of a wall's columns: noise leaves no wall without any residual
+HALF_RIGHT_DEG = 5.0
+"""Uncertainty of its boundaries with which a wall is right (6 %) as often as not, as it is with its square: on 195
+walls of 40 pictures of validation seeds; in doubtful rooms it parts right from wrong walls with .94 under the curve."""
+UNSEEN = 0.3  # of the room's confidence, for a wall of which no column is seen
 
 
 def check_picture(image: RelativeImage | LuminanceImage) -> float:
@@ -62,9 +75,6 @@ def check_picture(image: RelativeImage | LuminanceImage) -> float:
         likely = "the panorama is cropped at top or bottom, or mostly black"
         raise NoRoomError(text, likely=likely, advice="give a whole panorama")
     return blank
-
-
-RIVAL_WITHIN = 60.0  # cost by which another room may be worse and still be a rival
 
 
 @dataclass(frozen=True)
@@ -138,20 +148,6 @@ def _rival(ranked: list[Hypothesis], chosen: Hypothesis, polygon: Doubles) -> fl
         if other.is_valid:
             most = max(most, 1 - floor.intersection(other).area / floor.union(other).area)
     return float(most)
-
-
-COEFFICIENTS = {"log2_sigma": -0.49, "ratio_spread": -11.8, "rival": -11.3, "log2_loss": -0.54, "entropy": -4.5}
-INTERCEPT = 2.7
-"""Ridge logistic fit on 237 pictures: simulated rooms of validation seeds (cameras in doorways, mirrors, closets,
-tilted, dark and cropped ones among them) and the real ones that may be looked at (docs/reference/room.md)."""
-LARGEST_SPREAD = 0.2  # clamps the fit's feature; chosen, never swept
-LEAST_SIGMA_DEG, LEAST_LOSS = 0.25, 0.01
-LEAST, MOST = 0.02, 0.98
-FULLY_EXPLAINED = 0.75  # of a wall's columns: noise leaves no wall without any residual
-HALF_RIGHT_DEG = 5.0
-"""Uncertainty of its boundaries with which a wall is right (6 %) as often as not, as it is with its square: on 195
-walls of 40 pictures of validation seeds; in doubtful rooms it parts right from wrong walls with .94 under the curve."""
-UNSEEN = 0.3  # of the room's confidence, for a wall of which no column is seen
 
 
 def confidence_of(found: Diagnostics) -> float:

@@ -18,6 +18,13 @@ BROKEN = 1e3  # residual of an outline that is no room
 AZIMUTH_SIGMA_RAD = math.radians(0.7)
 CHANGE_SIGMA = 0.5  # of the logarithm of distances: a weak tie that keeps walls which few columns see
 MOST_ROUNDS = 12  # of the robust fit; chosen, never swept
+PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)  # of a wall, in squared standard deviations: from many walls to few
+FREE_EXTRA = 14.0  # what a wall at any angle must explain more than one at a right angle
+WALL_PRICE = 60.0  # of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds
+UNSEEN_PRICE = 40.0  # chosen, never swept
+SLANTED_PRICE = 50.0  # chosen, never swept
+MOST_WALLS = 16  # chosen, never swept
+SIMPLIFIED = (0.03, 0.06, 0.1)  # of the bare polygon: tolerances in camera heights
 
 
 @dataclass(frozen=True)
@@ -185,15 +192,6 @@ def class_entropy(evidence: SceneEvidence) -> float:
     rows = -(share * np.log(np.maximum(share, 1e-6))).sum(axis=0).mean(axis=1)
     weight = np.cos((0.5 - (np.arange(len(rows)) + 0.5) / len(rows)) * math.pi)
     return float((rows * weight).sum() / weight.sum())
-
-
-PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)  # of a wall, in squared standard deviations: from many walls to few
-FREE_EXTRA = 14.0  # what a wall at any angle must explain more than one at a right angle
-WALL_PRICE = 60.0  # of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds
-UNSEEN_PRICE = 40.0  # chosen, never swept
-SLANTED_PRICE = 50.0  # chosen, never swept
-MOST_WALLS = 16  # chosen, never swept
-SIMPLIFIED = (0.03, 0.06, 0.1)  # of the bare polygon: tolerances in camera heights
 
 
 @dataclass(frozen=True)

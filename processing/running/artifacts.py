@@ -34,6 +34,9 @@ _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
 _READERS = {"picture": "processing.pictures.exr:read_exr", "mask": "processing.pictures.preview:read_mask"}
 _WRITE_PICTURE = "processing.pictures.exr:write_stage_exr"
 _WRITE_MASK = "processing.pictures.preview:write_mask"
+HELD_BYTES = 800 << 20
+"""Of pictures in memory between stages; those unused longest are let go, and read again where they are wanted."""
+GIVEN = "given by the user"
 
 
 def file_name(artifact: Artifact) -> str:
@@ -92,10 +95,6 @@ def _read_only(value: object) -> object:
     return value
 
 
-HELD_BYTES = 800 << 20
-"""Of pictures in memory between stages; those unused longest are let go, and read again where they are wanted."""
-
-
 def _bytes(value: object) -> int:
     """Return what a picture's arrays take; 0 for anything else."""
     parts = vars(value).values() if dataclasses.is_dataclass(value) else ()
@@ -150,9 +149,6 @@ class Shelf:
     def held(self) -> tuple[str, ...]:
         """Names of what is in memory, as stage/artifact."""
         return tuple(sorted("/".join(key) for key in self._held))
-
-
-GIVEN = "given by the user"
 
 
 @dataclass(frozen=True)

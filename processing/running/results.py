@@ -24,6 +24,8 @@ RUN_NAME = "run.json"
 MAX_RESULT_BYTES = 8 << 20
 FileName = Annotated[str, StringConstraints(pattern=PLAIN_NAME)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Change = tuple[str, Any, Any]
+"""Path of an ingredient, old value, new value (None: absent)."""
 
 
 class _Record(BaseModel):
@@ -142,10 +144,6 @@ class Action(StrEnum):
     WOULD_RUN = "would run"
     DEPENDS = "depends"
     """Dry run: known only when an earlier stage has run."""
-
-
-Change = tuple[str, Any, Any]
-"""Path of an ingredient, old value, new value (None: absent)."""
 
 
 @dataclass(frozen=True)

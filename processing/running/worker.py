@@ -50,6 +50,9 @@ from station.session.store import load_manifest
 
 LEAST_WORK_PX = 640  # width below which the filling is not worked at half size (chosen: a door is then 20 pixels wide)
 SHADE_ROWS = 128  # of the shade, which is smooth (chosen: half of what a run has)
+KINDS = ("captured", "clear", "overcast")
+FURNISHED = ("materials/scene.npz", "remove/empty.exr", "render/staged.json")
+"""What a room that furniture stands in depends on."""
 
 
 class Previews:
@@ -154,11 +157,6 @@ def _small_shade(path: Path, into: Path) -> Path:
         arrays = {name: kept[name][step // 2 :: step, step // 2 :: step] for name in kept.files}
     np.savez(into, **arrays)
     return into
-
-
-KINDS = ("captured", "clear", "overcast")
-FURNISHED = ("materials/scene.npz", "remove/empty.exr", "render/staged.json")
-"""What a room that furniture stands in depends on."""
 
 
 class Warm:

@@ -36,6 +36,12 @@ _LETTERS: Table = {
     "-": tuple(kind for kind in SceneClass if kind is not SceneClass.FURNITURE),
 }
 """What is outdoors is seen through a window; what moves is furniture, what stays a fixture."""
+MAX_CONTRACT_BYTES = 1 << 20
+IGNORED_LABEL = 255  # of class maps: by custom, a pixel that no class is given to, unless there are so many classes
+UNKNOWN = 1.0 / len(SceneClass)
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Kind = Literal["floor", "wall", "ceiling", "window", "door", "furniture", "fixture", "tripod"]
 
 
 def _table(name: str) -> Table:
@@ -77,14 +83,6 @@ def class_matrix(names: Sequence[str], table: Table) -> Floats:
 
 
 # Contracts.
-
-
-MAX_CONTRACT_BYTES = 1 << 20
-IGNORED_LABEL = 255  # of class maps: by custom, a pixel that no class is given to, unless there are so many classes
-UNKNOWN = 1.0 / len(SceneClass)
-
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Kind = Literal["floor", "wall", "ceiling", "window", "door", "furniture", "fixture", "tripod"]
 
 
 class NetworkContract(BaseModel):

@@ -43,6 +43,12 @@ LARGE_RADIUS_PX, VERY_LARGE_RADIUS_PX = 256, 1024
 RIM_PX, STEEP_RIM_PX = 2, 20
 """Cells this near are integrated along their edges; of orthographic lenses more: Gauss's rule misses 1.5e-3 / n^4."""
 CELLS_AT_ONCE, ROWS = 1 << 18, 64  # for memory, and for threads
+RADII = 1 << 16
+"""Steps of the table of what depends on the radius alone: its lines miss the curves by 4e-7 of their values."""
+CROSSED_SAMPLES = 2048
+"""A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
+MOST_PARTS = 64  # chosen, for time
+SAMPLES_AT_ONCE = 1 << 18  # for memory
 
 
 @functools.lru_cache(maxsize=1)
@@ -114,10 +120,6 @@ def _cells(lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles],
     out[at_y, at_x] = _by_edges(lens, at_y, at_x, integral)
     _add_arcs(lens, out, rim)
     return out
-
-
-RADII = 1 << 16
-"""Steps of the table of what depends on the radius alone: its lines miss the curves by 4e-7 of their values."""
 
 
 @functools.lru_cache(maxsize=4)
@@ -210,12 +212,6 @@ def _add_arcs(lens: Fisheye, out: Doubles, rim: Callable[[Doubles], Doubles]) ->
     y = np.floor(centre_y - lens.radius_px * np.sin(middle)).astype(np.intp)
     inside = (x >= 0) & (x < lens.width_px) & (y >= 0) & (y < lens.height_px)
     np.add.at(out, (y[inside], x[inside]), np.diff(rim(cuts))[inside])
-
-
-CROSSED_SAMPLES = 2048
-"""A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
-MOST_PARTS = 64  # chosen, for time
-SAMPLES_AT_ONCE = 1 << 18  # for memory
 
 
 def solid_angles(geometry: Geometry) -> Doubles:

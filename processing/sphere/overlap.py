@@ -16,6 +16,11 @@ from processing.ground.kernels import compiled, inner
 
 CLEAR, CUT, HIDDEN = 0, 1, 2
 """Of a corner: in the plane · moved onto the edge of its field · behind it (cells with such a corner are left out)."""
+FAR = 1e9  # picture coordinates beyond this are as good as hidden, and would overflow an integer
+MOST_BOX_PX = 4.0
+"""Width of a cell in the plane up to which a box may stand for it; chosen: beyond, near a rim, cells bend."""
+
+LEAST_FILLED = 0.5  # of the box's area, that the cell's is: less is a sliver, bent or cut. Chosen.
 
 
 class Net(NamedTuple):
@@ -27,9 +32,6 @@ class Net(NamedTuple):
     state: Int8s
     """`CLEAR`, `CUT` or `HIDDEN`."""
     parts: int
-
-
-FAR = 1e9  # picture coordinates beyond this are as good as hidden, and would overflow an integer
 
 
 @inner
@@ -113,12 +115,6 @@ def _quad(x: Any, y: Any, state: Any, i: int, j: int, px: Any, py: Any) -> int:
 @inner
 def _signed_area(px: Any, py: Any) -> float:
     return float(0.5 * ((px[2] - px[0]) * (py[3] - py[1]) - (px[3] - px[1]) * (py[2] - py[0])))
-
-
-MOST_BOX_PX = 4.0
-"""Width of a cell in the plane up to which a box may stand for it; chosen: beyond, near a rim, cells bend."""
-
-LEAST_FILLED = 0.5  # of the box's area, that the cell's is: less is a sliver, bent or cut. Chosen.
 
 
 @inner

@@ -21,6 +21,8 @@ from processing.sphere import Equirectangular, Perspective, pixels, point_direct
 # The two angles are found by a polynomial of our own, fitted once: good to 1e-10 rad, which is 1e-7 pixel.
 
 _FOLD = math.tan(math.pi / 8)  # arctan is fitted up to here, and folded above
+KEPT = 8  # maps, of which the least recently used go: a report's views, which all states share, are 6 of 66 MB (chosen)
+EDGE_SAMPLES = 65  # along a view's edge; chosen
 
 
 def _fitted() -> tuple[float, ...]:
@@ -79,10 +81,6 @@ def _fill(axes: Any, focal_px: float, width: int, height: int, x: Any, y: Any) -
             # Exactly behind is the first column, not one beyond the last.
             x[j, i] = column - width if column >= width - 0.5 else column
             y[j, i] = height / 2 - 0.5 - _angle(dz, math.sqrt(dx * dx + dy * dy)) * per_half
-
-
-KEPT = 8  # maps, of which the least recently used go: a report's views, which all states share, are 6 of 66 MB (chosen)
-EDGE_SAMPLES = 65  # along a view's edge; chosen
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ from processing.stages.upright import check_mask_size, known_room, upright_panor
 from processing.surfaces.sun import sun_vector
 
 LEAST_SHARE = 0.005  # of the sphere: furniture below it takes less than the light's own error from the room; chosen
+UNKNOWN_LX = 1e-5  # chosen: ten times what is written for a place of unknown light
+HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
 
 
 def _effort(rows: int, patch_samples: int, pixel_samples: int) -> Effort:
@@ -131,9 +133,6 @@ def read_shade(context: StageContext) -> Shade | None:
         return Shade(kept["log_change"].astype(np.float32), light, kept["seen"], kept["returned"])
 
 
-UNKNOWN_LX = 1e-5  # chosen: ten times what is written for a place of unknown light
-
-
 def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOutput:
     change = found.log_change.mean(axis=-1)[found.seen]
     low, middle, high = np.exp(np.quantile(change, (0.05, 0.5, 0.95))) if len(change) else (1.0, 1.0, 1.0)
@@ -150,9 +149,6 @@ def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOut
         warnings=tuple(StageWarning(code="light", message=text[:500]) for text in warnings),
         honoured={"quality": f"light in {2 * found.seen.shape[0]} x {found.seen.shape[0]} directions"},
     )
-
-
-HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
 
 
 def light_outdoors(

@@ -25,6 +25,9 @@ WORDS = ("own", "fuse")
 NO_SUCH = "no such alternative"
 """Why an artifact of an alternative that was not requested is left out."""
 _UNIT = re.compile(r"_(deg|m)$")
+_AIM = "Add stills of your own first: YAW,LENS[,DROP];… (degrees, mm, fraction of the height)."
+_LABEL = "Leave the visible label off staged and emptied pictures (their metadata still declare it)."
+_ORIGINALS = "Web address of the unaltered originals: altered pictures get a QR code that leads there."
 
 
 class StageParameters(BaseModel):
@@ -338,11 +341,6 @@ class RenderParameters(StageParameters):
     )
     lamps: Literal["off", "on"] = Field("off", description="Switch on the added lamps (lumens in staged.json)")
     seed: Seed = 0
-
-
-_AIM = "Add stills of your own first: YAW,LENS[,DROP];… (degrees, mm, fraction of the height)."
-_LABEL = "Leave the visible label off staged and emptied pictures (their metadata still declare it)."
-_ORIGINALS = "Web address of the unaltered originals: altered pictures get a QR code that leads there."
 
 
 class ReportParameters(StageParameters):

@@ -17,6 +17,9 @@ from processing.ground.seam import row_latitudes
 from processing.sphere import Equirectangular
 
 FLOOR, CEILING, FIRST_WALL = 0, 1, 2  # indices of planes; wall i of the room is plane FIRST_WALL + i
+TOUCH = 1e-9  # relative: a place this much behind a wall lies on it
+ROWS_AT_ONCE = 256  # chosen: bounds the memory of the directions
+NONE = -1  # a mark: no plane or opening there
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,6 @@ def _wall(corners: Doubles, wall: int, ceiling_height_m: float) -> Plane:
     )
 
 
-TOUCH = 1e-9  # relative: a place this much behind a wall lies on it
-
-
 def check_stands(room: RoomModel) -> None:
     """Raise `RoomError` for a room that cannot stand, or whose camera is not in it: nothing could be seen rightly."""
     problems = geometry_problems(room)
@@ -147,10 +147,6 @@ def boundary_latitudes(room: RoomModel, azimuth_rad: npt.ArrayLike) -> tuple[Dou
     distance, _ = wall_ranges(room.floor, azimuth_rad)
     up = np.arctan2(room.ceiling_height_m - room.camera_height_m, distance)
     return up, np.arctan2(-room.camera_height_m, distance)
-
-
-ROWS_AT_ONCE = 256  # chosen: bounds the memory of the directions
-NONE = -1  # a mark: no plane or opening there
 
 
 @dataclass(frozen=True)

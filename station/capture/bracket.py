@@ -24,6 +24,11 @@ DARK_LIMIT_FRAC = 2e-6
 what hot pixels and JPEG ringing make."""
 
 Mode = Literal["full", "adaptive"]
+SUN_DEG_PER_MIN = 0.25
+"""Of hour angle; across the sky it is that times the cosine of the declination, at least 0.917 of it."""
+DRIFT_ALTITUDE_DEG = 30.0  # chosen: the sun's altitude that a drift is stated for where no day is known
+HAURWITZ = 0.057
+"""Clear sky: E = 1098 sin h exp(-0.057 / sin h), W/m2 on the horizontal (Haurwitz 1945, J. Meteorology 2)."""
 
 
 @dataclass(frozen=True)
@@ -175,13 +180,6 @@ def typical_cost(kind: str, *, keep_raw: bool = False) -> CameraCost:
     if not keep_raw:
         return cost
     return replace(cost, frame_bytes=cost.frame_bytes + RAW_BYTES[kind], least_s=RAW_CYCLE_S[kind])
-
-
-SUN_DEG_PER_MIN = 0.25
-"""Of hour angle; across the sky it is that times the cosine of the declination, at least 0.917 of it."""
-DRIFT_ALTITUDE_DEG = 30.0  # chosen: the sun's altitude that a drift is stated for where no day is known
-HAURWITZ = 0.057
-"""Clear sky: E = 1098 sin h exp(-0.057 / sin h), W/m2 on the horizontal (Haurwitz 1945, J. Meteorology 2)."""
 
 
 class LightDrift(NamedTuple):

@@ -17,6 +17,17 @@ FILE = click.Path(path_type=Path)
 """A file that is read or written, or a session."""
 FOLDER = click.Path(path_type=Path, file_okay=False)
 NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
+_RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
+_STYLE = {
+    EventKind.WARNING: "yellow",
+    EventKind.REJECTED: "yellow",
+    EventKind.RECOVERING: "yellow",
+    EventKind.SKIPPED: "cyan",
+    EventKind.FAILED: "red",
+    EventKind.FINISHED: "bold green",
+}
+_LEVEL_STYLE: dict[object, str] = {"warn": "yellow", "fail": "red"}
+_SILENT = (EventKind.RELEASED, EventKind.EXPOSED)
 
 
 class Number(click.FloatRange):
@@ -122,19 +133,6 @@ class Rendering(SilentView):
         if what not in self._tasks:
             self._tasks[what] = self.bars.add_task(words)
         self.bars.update(self._tasks[what], completed=done, total=total if total > 1 or done else None)
-
-
-_RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
-_STYLE = {
-    EventKind.WARNING: "yellow",
-    EventKind.REJECTED: "yellow",
-    EventKind.RECOVERING: "yellow",
-    EventKind.SKIPPED: "cyan",
-    EventKind.FAILED: "red",
-    EventKind.FINISHED: "bold green",
-}
-_LEVEL_STYLE: dict[object, str] = {"warn": "yellow", "fail": "red"}
-_SILENT = (EventKind.RELEASED, EventKind.EXPOSED)
 
 
 class TerminalView(SilentView):

@@ -24,6 +24,12 @@ from station.frames.problems import FrameProblemError, Reason
 MAX_ENTRIES = 1_000
 SIZES_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 BYTE, ASCII, SHORT, LONG, RATIONAL, IFD = 1, 2, 3, 4, 5, 13
+MAX_EXPOSURE_S = 3600.0  # chosen: longer is damage, not a bracket
+
+_MAKE, _MODEL, _ORIENTATION, _EXIF_DIRECTORY = 0x010F, 0x0110, 0x0112, 0x8769
+_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+_TAKEN, _OFFSET, _TAKEN_OFFSET, _TAKEN_SUBSECOND = 0x9003, 0x9010, 0x9011, 0x9291
+_WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 
 
 @dataclass(frozen=True)
@@ -126,14 +132,6 @@ class TiffReader:
         at = self._value_at(entry, (ASCII,), max_count)
         raw = bytes(self.data[at : at + entry.count]).split(b"\0", 1)[0]
         return "".join(chr(c) if 32 <= c < 127 else "?" for c in raw).strip()
-
-
-MAX_EXPOSURE_S = 3600.0  # chosen: longer is damage, not a bracket
-
-_MAKE, _MODEL, _ORIENTATION, _EXIF_DIRECTORY = 0x010F, 0x0110, 0x0112, 0x8769
-_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
-_TAKEN, _OFFSET, _TAKEN_OFFSET, _TAKEN_SUBSECOND = 0x9003, 0x9010, 0x9011, 0x9291
-_WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 
 
 def read_exif(block: bytes | mmap.mmap) -> dict[str, Any]:

@@ -23,6 +23,11 @@ PNG_PX_PER_M = 110  # chosen: a room of 8 m fits a screen
 POINTS_PER_M = 72 * INCHES_PER_M
 HALO = "#fdfcfa"
 """Colour around letters, so that they are read on top of lines."""
+_ROUND: dict[str, Any] = dict.fromkeys(("solid_capstyle", "dash_capstyle", "solid_joinstyle"), "round")
+_UPRIGHT = {"rotation_mode": "anchor", "va": "center_baseline"}
+INK = "#33383d"
+FINE = 0.010  # chosen: lines of plans, in metres of the room
+THIN = 0.006  # chosen: lines within a piece
 
 
 @dataclass(frozen=True)
@@ -90,10 +95,6 @@ def write_sheet(sheet: Sheet, stem: Path) -> list[Path]:
     return [vector, raster]
 
 
-_ROUND: dict[str, Any] = dict.fromkeys(("solid_capstyle", "dash_capstyle", "solid_joinstyle"), "round")
-_UPRIGHT = {"rotation_mode": "anchor", "va": "center_baseline"}
-
-
 def _draw(axes: Axes, shape: Shape, depth: int) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import PathPatch
@@ -122,11 +123,6 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
     patch.set(linewidth=width if shape.stroke else 0.0, zorder=depth)
     patch.set_snap(False)  # rounded to pixels, corners of nearly upright pieces go either way
     axes.add_patch(patch)
-
-
-INK = "#33383d"
-FINE = 0.010  # chosen: lines of plans, in metres of the room
-THIN = 0.006  # chosen: lines within a piece
 
 
 def symbol(category: str, width_m: float, depth_m: float) -> list[Shape]:

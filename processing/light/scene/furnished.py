@@ -40,6 +40,13 @@ MOST_RATIO = 3.0
 """By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
 MISFIT = -7
 """Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
+WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, both rooms show the same place
+GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
+FAR_RATIO = 0.1  # of a plane's own ratio, within which a place counts as far from furniture; chosen
+LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
+LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is hardly weighed; chosen, 3 % is not seen
+GUARD_WIDE = 4.0  # times as far, over which shares are brought together (chosen: 1 and 2 leave lines on plain walls)
 
 
 @dataclass(frozen=True)
@@ -130,9 +137,6 @@ def furnished_light(
     notes = (*notes, f"{len(old.parts)} stand-ins", *measured)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
     return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes)
-
-
-WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 
 
 def _reduced(mask: Flags, rows: int) -> Flags:
@@ -302,9 +306,6 @@ def _both_lights(
     return _Both(with_up, without_up, ~missed & (with_up @ WEIGHTS > 0))
 
 
-SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, both rooms show the same place
-
-
 def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags) -> Floats:
     """Return the direct sun (N, 3), lx, of pixels that show it: whether they do is what fits their surface better."""
     near = sources.near_sun(bare, large)
@@ -327,13 +328,6 @@ def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:
     """Return how many times brighter places are without the furniture, within `MOST_RATIO`."""
     ratio = np.asarray(without_lx, np.float64) / np.maximum(with_lx, 1e-9)
     return np.asarray(np.clip(ratio, 1 / MOST_RATIO, MOST_RATIO))
-
-
-GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
-FAR_RATIO = 0.1  # of a plane's own ratio, within which a place counts as far from furniture; chosen
-LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
-LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is hardly weighed; chosen, 3 % is not seen
-GUARD_WIDE = 4.0  # times as far, over which shares are brought together (chosen: 1 and 2 leave lines on plain walls)
 
 
 def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Flags, maps: SurfaceMaps) -> Doubles:

@@ -49,6 +49,20 @@ GROUND_RAD, GROUND_PRIOR = math.radians(15), 0.01
 """Within which ground is alike, and how much that of all counts besides; chosen: a window is wider, a garden is not."""
 GROUND_QUANTILE = 0.5  # of the brighter half the median is taken; chosen, never swept
 MOST_GROUND = 8.0  # by which the ground may be brighter or darker than its usual albedo makes it
+LAMP_TIMES = 1.6  # of all the light that falls on a place: less may be an error of the irradiance, or a highlight
+LEAST_SR = 5e-5  # of a lamp as the camera sees it: 0.4 degrees wide. Smaller spots are noise, or do not matter.
+SUN_MARGIN_M = 0.25  # around the sun's patch, where the model's edges may be wrong
+SUN_TIMES = 2.0  # what its surface gives in the shade, from which a place near the sun's patch may be lit by it; chosen
+MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on ten sunny rooms
+ABOVE_AIR_LX = 133e3  # the sun's normal illuminance outside the atmosphere (IES): no overexposed disc hides more
+SUN_SURE = (0.75, 1.75)
+"""Times a strength that was found, within which the true one lies; chosen on five rooms, all of which it holds for
+(docs/measurements/emptying.md)."""
+STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))
+"""Times what a clipped picture shows of its windows, that are tried: to six stops, a sunlit lawn behind a dim room."""
+LEAST_PATCHES = 12  # of a surface, fewer of which say nothing of how even it is; chosen
+AS_GOOD = 0.1
+"""By which an unevenness may exceed the least and be as good; chosen by coverage: docs/measurements/emptying.md."""
 
 
 def measured_windows(
@@ -187,10 +201,6 @@ def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, tra
     return np.where(below, near[..., :3] / near[..., 3:], 1).astype(np.float32)
 
 
-LAMP_TIMES = 1.6  # of all the light that falls on a place: less may be an error of the irradiance, or a highlight
-LEAST_SR = 5e-5  # of a lamp as the camera sees it: 0.4 degrees wide. Smaller spots are noise, or do not matter.
-
-
 @dataclass(frozen=True)
 class Lamp:
     """A shining spot as the camera sees it."""
@@ -235,9 +245,6 @@ def find_lamps(
     return emission, sorted(lamps, key=lambda lamp: -lamp.solid_angle_sr * lamp.luminance_cd_m2)
 
 
-SUN_MARGIN_M = 0.25  # around the sun's patch, where the model's edges may be wrong
-
-
 def open_sun(stage: Stage, sight: Sight) -> Doubles:
     """Return the sun's irradiance (N, 3) where nothing were in its way but glass; 0 far from where it can fall."""
     sun, panes = stage.scene.outdoors.sun, stage.scene.panes
@@ -271,14 +278,6 @@ def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray
 def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
     return corner - a - b, across + 2 * a, up + 2 * b
-
-
-SUN_TIMES = 2.0  # what its surface gives in the shade, from which a place near the sun's patch may be lit by it; chosen
-MOST_SUN = 1.5  # times the model's: its strength, glass and transmittance are uncertain; chosen on ten sunny rooms
-ABOVE_AIR_LX = 133e3  # the sun's normal illuminance outside the atmosphere (IES): no overexposed disc hides more
-SUN_SURE = (0.75, 1.75)
-"""Times a strength that was found, within which the true one lies; chosen on five rooms, all of which it holds for
-(docs/measurements/emptying.md)."""
 
 
 def most_sun(sun: Sun | None) -> float:
@@ -320,13 +319,6 @@ def sun_note(sun: Sun | None, share: float) -> tuple[str, ...]:
     return (
         f"sun: {share:.1f} times as strong as the overexposed disc, by its patches indoors ({low:.1f} to {high:.1f})",
     )
-
-
-STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))
-"""Times what a clipped picture shows of its windows, that are tried: to six stops, a sunlit lawn behind a dim room."""
-LEAST_PATCHES = 12  # of a surface, fewer of which say nothing of how even it is; chosen
-AS_GOOD = 0.1
-"""By which an unevenness may exceed the least and be as good; chosen by coverage: docs/measurements/emptying.md."""
 
 
 def window_strength(

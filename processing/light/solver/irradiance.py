@@ -25,6 +25,14 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25  # of a pixel's rays for bounces: to each pane, to bright patches
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
+Lights: TypeAlias = dict[tuple[int, int], LightMap]
+"""Light maps of a stage that are known already, by samples and seed."""
+WRAP = 0.125  # share of a panorama's width that is repeated beyond its seam
+EVEN_RAD, EVEN_RANGE = 0.06, 0.9
+"""Over which a ratio of two lights is evened out, and by how much (natural logarithm, summed over the channels) it may
+differ there; chosen on the demo's room: contact shadows and half shadows stay, blotches of single texels go."""
+RIM_PX = 5  # of the neighbours that say what light is at a surface's end (chosen: its own and the next two pixels)
+APART = 20.0  # of such a ratio, between places that have nothing to do with each other
 
 
 @dataclass(frozen=True)
@@ -98,10 +106,6 @@ def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, sam
     radiosity, shots = stage.albedo * light.rest, max(1, round(samples * SHOT_SHARE))
     out, _ = bounced(stage, links, radiosity, light.bright, (places, normals), shots, (seed, 22))
     return skylight(stage, places, normals, max(1, round(samples * PANE_SHARE)), (seed, 20)) + out
-
-
-Lights: TypeAlias = dict[tuple[int, int], LightMap]
-"""Light maps of a stage that are known already, by samples and seed."""
 
 
 def irradiance_of(
@@ -182,9 +186,6 @@ def relative_error(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -
     return float(np.sqrt(np.mean(relative[solid] ** 2)))
 
 
-WRAP = 0.125  # share of a panorama's width that is repeated beyond its seam
-
-
 def denoiser_available() -> bool:
     """Return whether the denoiser is installed."""
     return find_spec("pyoidn") is not None
@@ -239,13 +240,6 @@ def _clean(pictures: dict[str, Floats], quality: str) -> Floats:
         if error := device.get_error():
             raise EngineError(f"the denoiser failed: {error}")
     return out
-
-
-EVEN_RAD, EVEN_RANGE = 0.06, 0.9
-"""Over which a ratio of two lights is evened out, and by how much (natural logarithm, summed over the channels) it may
-differ there; chosen on the demo's room: contact shadows and half shadows stay, blotches of single texels go."""
-RIM_PX = 5  # of the neighbours that say what light is at a surface's end (chosen: its own and the next two pixels)
-APART = 20.0  # of such a ratio, between places that have nothing to do with each other
 
 
 def evened(after: Floats, before: Floats, sight: Sight, known: Flags) -> Floats:
