@@ -33,6 +33,7 @@ BROKEN = "internal"
 """Code of what is a fault of the program."""
 _MOST_TEXT = 2000  # characters of a message in a table; chosen
 _GRACE_S = 10.0  # chosen: a killed process is gone sooner
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 
 
 @dataclass(frozen=True)
@@ -235,9 +236,6 @@ def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
         cpu_seconds=float(said.get("cpu_seconds", 0.0)),
         peak_bytes=int(said.get("peak_bytes", 0)),
     )
-
-
-_PR_SET_PDEATHSIG = 1  # of prctl(2)
 
 
 def die_with_parent(parent: int) -> None:

@@ -23,6 +23,10 @@ from processing.surfaces.maps import planes_of, surface_maps
 
 SIZE_PX = 1000  # chosen
 _TIMEOUT_S = 900.0  # chosen
+WIDTH_PX = 2048  # of the panorama that is looked at: a third of a sun's width a pixel
+DIRECTIONS = 8  # in which an observer may look, evenly around
+
+Facts = dict[str, Any]
 
 
 def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px: int = SIZE_PX) -> list[Path]:
@@ -73,12 +77,6 @@ def parts_of(room: RoomModel | None, geometry: Geometry) -> list[Part]:
     for number, opening in enumerate(room.openings):
         found.append((f"{opening.kind.value}-{number}", opening.kind.value, maps.opening == number))
     return [(name, kind, mask) for name, kind, mask in found if mask.any()]
-
-
-WIDTH_PX = 2048  # of the panorama that is looked at: a third of a sun's width a pixel
-DIRECTIONS = 8  # in which an observer may look, evenly around
-
-Facts = dict[str, Any]
 
 
 def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float | None) -> Facts:

@@ -39,6 +39,7 @@ APART_M = 0.5  # new pictures keep this far from those that hang there already, 
 Wall = tuple[int, float, float, float, float]
 """An edge, start and end along it, bottom and top, metres."""
 _TABLE = table_of(__package__, "styling")
+Groups = Iterator[list[PlacedItem]]
 
 
 def styled(
@@ -151,9 +152,6 @@ def outline(item: PlacedItem, grow_m: float = 0.0) -> Doubles:
     """Return the corners, shape (4, 2), of a piece's footprint in the room, metres, grown on all sides."""
     w, d = item.size_m[0] / 2 + grow_m, item.size_m[1] / 2 + grow_m
     return np.array([item.place(x, y) for x, y in ((-w, -d), (w, -d), (w, d), (-w, d))])
-
-
-Groups = Iterator[list[PlacedItem]]
 
 
 def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:

@@ -23,6 +23,8 @@ Reduce: TypeAlias = Literal[1, 2, 4, 8]
 MAX_PIXELS = 200_000_000  # more than any camera of today; a header that says more is a mistake or an attack
 RAW_ENDINGS = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf")
 RAW_BORDER = 0.03  # of the sensor's side, that a camera's own picture may leave out; chosen
+_CHANNELS = ((), (1,), (3,), (4,))
+"""Behind height and width: grey, RGB, RGB with alpha."""
 
 
 @dataclass(frozen=True)
@@ -215,10 +217,6 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
     if pixels.shape[2] == 4:
         refuse_alpha(_contiguous(pixels[..., 3]), name)
     return _contiguous(pixels[..., 2::-1])
-
-
-_CHANNELS = ((), (1,), (3,), (4,))
-"""Behind height and width: grey, RGB, RGB with alpha."""
 
 
 def refuse_alpha(alpha: Codes, name: str) -> None:

@@ -35,6 +35,20 @@ MAX_PROFILE_BYTES = 4 << 20  # chosen
 SAME_CODES = 2  # chosen: by which profiles of one space differ after rounding
 _ORIENTATION = 274  # EXIF tag
 _TAG = re.compile(rb"(?<!/)GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")
+_SIZES = ("FullPano{}Pixels", "CroppedAreaImage{}Pixels")
+Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
+FORMATS: dict[str, Format] = {**KINDS, ".exr": "exr", ".hdr": "hdr"}
+WHITE = 100.0  # relative units of a photograph's white
+MIDDLE = 20.0
+"""Relative units of the median direction of light without a scale: what is middle grey where white is 100."""
+TONE_CURVE_UNCERTAINTY = 0.2
+"""Relative, of a photograph's pixel: cameras do not keep to the sRGB curve, and do not say what they do instead. This
+is a judgement, not a measurement."""
+LIGHT_UNCERTAINTY = 0.05  # relative, of a pixel of light that comes without any uncertainty
+CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255  # of the largest code; chosen
+ASPECT_TOLERANCE = 0.01  # of 2 : 1; chosen
+LEAST_WIDTH_PX = 128  # chosen
+CIRCLES_BLACK = 0.02  # of the mean; chosen
 
 
 @dataclass(frozen=True)
@@ -90,9 +104,6 @@ def check_tags(path: Path) -> PhotoTags:
     return tags
 
 
-_SIZES = ("FullPano{}Pixels", "CroppedAreaImage{}Pixels")
-
-
 def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
     """Return the codes in sRGB, and what there is to say: another profile is converted (16 bits by curve and matrix).
 
@@ -129,21 +140,6 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
     light = np.interp(np.arange(1 << 16) / 257, levels, grey).astype(np.float32)[codes]
     light = np.clip(light @ np.linalg.solve(ours, own).T.astype(np.float32), 0, 1)
     return np.rint(65535 * srgb_encoded(light)).astype(np.uint16), (f"converted from {name!r} to sRGB",)
-
-
-Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
-FORMATS: dict[str, Format] = {**KINDS, ".exr": "exr", ".hdr": "hdr"}
-WHITE = 100.0  # relative units of a photograph's white
-MIDDLE = 20.0
-"""Relative units of the median direction of light without a scale: what is middle grey where white is 100."""
-TONE_CURVE_UNCERTAINTY = 0.2
-"""Relative, of a photograph's pixel: cameras do not keep to the sRGB curve, and do not say what they do instead. This
-is a judgement, not a measurement."""
-LIGHT_UNCERTAINTY = 0.05  # relative, of a pixel of light that comes without any uncertainty
-CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255  # of the largest code; chosen
-ASPECT_TOLERANCE = 0.01  # of 2 : 1; chosen
-LEAST_WIDTH_PX = 128  # chosen
-CIRCLES_BLACK = 0.02  # of the mean; chosen
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,21 @@ from processing.pictures.writing import check_image, check_light, check_size, re
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
 
 _FIT = 1e-6  # rounding error
+_SMALLEST = 1e-32  # below this Radiance stores black
+_EXPONENT_BIAS = 128  # of RGBE (Ward 1991)
+_STEPS = (0.7548776662466927, 0.5698402909980532)
+"""Of the plane's most even additive sequence (Roberts 2018, R2): neighbours get thresholds far from each other."""
+_MIN_RUN, _MAX_RUN, _MAX_LITERAL = 4, 127, 128  # Radiance's color.c
+RLE_WIDTHS = range(8, 32768)  # that have the new run-length code (color.c)
+WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
+RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)
+MARK = "daylit_luminance=radiance-weights"
+RELATIVE_MARK = "daylit_units=relative"
+"""In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
+
+_MAX_FILE_BYTES = 1 << 31  # chosen
+_MAX_HEADER_BYTES = 1 << 20  # chosen
+_ROWS = 128  # at a time, for memory
 
 
 def view_of(geometry: Geometry, where: Path | str) -> str:
@@ -101,14 +116,6 @@ def _numbers(words: list[str], name: str, default: Vector) -> Vector:
 #
 # A pixel's three mantissas share the exponent of the largest. Readers take the middle of a step (+ 0.5). Rounding is
 # spread by a fixed pattern, so that an even surface keeps its mean: without it a uniform sky is off by up to 0.4 %.
-
-
-_SMALLEST = 1e-32  # below this Radiance stores black
-_EXPONENT_BIAS = 128  # of RGBE (Ward 1991)
-_STEPS = (0.7548776662466927, 0.5698402909980532)
-"""Of the plane's most even additive sequence (Roberts 2018, R2): neighbours get thresholds far from each other."""
-_MIN_RUN, _MAX_RUN, _MAX_LITERAL = 4, 127, 128  # Radiance's color.c
-RLE_WIDTHS = range(8, 32768)  # that have the new run-length code (color.c)
 
 
 class RunLengthError(ValueError):
@@ -230,17 +237,6 @@ def _decode_line(data: bytes, place: int, width: int) -> tuple[bytearray, int]:
     if len(line) != width:
         raise RunLengthError("a row overruns its width")
     return line, place
-
-
-WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
-RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)
-MARK = "daylit_luminance=radiance-weights"
-RELATIVE_MARK = "daylit_units=relative"
-"""In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
-
-_MAX_FILE_BYTES = 1 << 31  # chosen
-_MAX_HEADER_BYTES = 1 << 20  # chosen
-_ROWS = 128  # at a time, for memory
 
 
 @dataclass(frozen=True)

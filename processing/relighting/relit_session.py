@@ -46,6 +46,12 @@ MEASURED = "outdoor picture"
 MODELLED = 0.15
 """Relative standard uncertainty of a picture in another light than it was taken in: albedo, windows, shape."""
 SKY_MODEL = 0.15  # the same of what a modelled sky sends through a window
+FOLDER = "relight"
+"""Of a session: what relighting makes, and its stored basis."""
+_WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
+MARGIN_PX, TEXT_PX = 8, 22
+FRAME_MS = 500  # chosen: half a second a picture
+_INK, _PAPER = (30, 30, 34), (250, 250, 248)
 
 
 @dataclass(frozen=True)
@@ -208,11 +214,6 @@ def other_sky(path: Path) -> Outdoors:
     return outdoors_of(image)
 
 
-FOLDER = "relight"
-"""Of a session: what relighting makes, and its stored basis."""
-_WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
-
-
 @dataclass(frozen=True)
 class RelitRoom:
     """A room in another light."""
@@ -281,11 +282,6 @@ def _basis(stage: Stage, room: SessionRoom, folder: Path, effort: Effort) -> tup
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(path, lambda part: write_basis(part, basis))
     return basis, False
-
-
-MARGIN_PX, TEXT_PX = 8, 22
-FRAME_MS = 500  # chosen: half a second a picture
-_INK, _PAPER = (30, 30, 34), (250, 250, 248)
 
 
 def display_of_day(display: Display, pictures: Sequence[Floats]) -> Display:

@@ -15,6 +15,15 @@ from processing.removal.illumination import known_mean
 # The masked form of Padfield (2012): each shift's means and variances are those of the pixels known in both.
 
 MIN_OVERLAP = 0.12  # of the known pixels that a shift must bring onto known ones
+LATTICE_NCC = 0.52
+"""Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
+laminate 0.05 to 0.14 (measured), a real carpet with patches of sun 0.45."""
+PEAK_NCC = 0.13  # at a node from which its place counts when the lattice is refined
+CANDIDATES = 48  # peaks that pairs are made of; chosen, never swept
+LONGEST = 0.45  # of a step against the texture's size: a pattern must be seen to repeat
+ORIENTED_NCC = 0.52
+"""The same, of which way the grain runs: herringbone has 0.71 to 0.75, planks, laminate and carpet none (measured)."""
+NODE_REACH = 5  # nodes of the lattice each way; chosen, never swept
 
 
 @dataclass(frozen=True)
@@ -87,17 +96,6 @@ def self_correlation(picture: Floats, known: Flags) -> SelfCorrelation:
 
 def _back(spectrum: npt.NDArray[np.complex128], size: list[int]) -> Doubles:
     return np.asarray(fft.irfft2(spectrum, s=size))
-
-
-LATTICE_NCC = 0.52
-"""Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
-laminate 0.05 to 0.14 (measured), a real carpet with patches of sun 0.45."""
-PEAK_NCC = 0.13  # at a node from which its place counts when the lattice is refined
-CANDIDATES = 48  # peaks that pairs are made of; chosen, never swept
-LONGEST = 0.45  # of a step against the texture's size: a pattern must be seen to repeat
-ORIENTED_NCC = 0.52
-"""The same, of which way the grain runs: herringbone has 0.71 to 0.75, planks, laminate and carpet none (measured)."""
-NODE_REACH = 5  # nodes of the lattice each way; chosen, never swept
 
 
 @dataclass(frozen=True)

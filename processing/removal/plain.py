@@ -29,6 +29,20 @@ RISE_M = 0.4  # from the rim into the hole, on which the light rises
 MOST_RISE, MOST_RISE_FLOOR = 0.4, 0.12
 """Tone by which it rises at most; floors have bright and dark boards (chosen by four simulated rooms)."""
 LEAST_FAR = 0.3  # of the known texels that must be far from the hole
+OUTLIER = 4.0
+"""Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
+LEAST_SPREAD = 0.01  # of log tone; chosen, never swept
+OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
+"""Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
+GRAIN_PX = 3.0  # chosen, never swept
+FEW = 0.1  # of the columns near the hole: rows with fewer known ones hardly have a profile
+TRUSTED = 0.6  # trust in a row's profile from which it is its own; below, it is more and more as usual on other walls
+BOARD = 0.1  # tone against the wall from which what is usual is a board (chosen)
+UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
+SLOW_ROWS = 0.08  # of the height: slower changes are light
+CALM = 5.0  # times the median energy of grain, from which there is more than grain
+NEAR = 0.25  # of the texture's width: how far from the hole rows are still looked at for their profile
+DRIFT = 0.1  # tone by which a wall's light may change from the nearest that is surely it into a hole (chosen)
 
 
 def away_from(known: Flags, hole: Flags, px_per_m: float) -> Flags:
@@ -64,22 +78,6 @@ def _away_px(hole: Flags) -> Floats:
     if not hole.any():
         return np.full(hole.shape, 2.0 * max(hole.shape), np.float32)
     return np.asarray(cv2.distanceTransform((~hole).astype(np.uint8), cv2.DIST_L2, 5), np.float32)
-
-
-OUTLIER = 4.0
-"""Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
-LEAST_SPREAD = 0.01  # of log tone; chosen, never swept
-OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
-"""Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
-GRAIN_PX = 3.0  # chosen, never swept
-FEW = 0.1  # of the columns near the hole: rows with fewer known ones hardly have a profile
-TRUSTED = 0.6  # trust in a row's profile from which it is its own; below, it is more and more as usual on other walls
-BOARD = 0.1  # tone against the wall from which what is usual is a board (chosen)
-UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
-SLOW_ROWS = 0.08  # of the height: slower changes are light
-CALM = 5.0  # times the median energy of grain, from which there is more than grain
-NEAR = 0.25  # of the texture's width: how far from the hole rows are still looked at for their profile
-DRIFT = 0.1  # tone by which a wall's light may change from the nearest that is surely it into a hole (chosen)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from station.session.store import FramePart, SessionStore, StoredFrame
 When = Literal["before", "after", "extra"]
 TYPED_RANGE_CD_M2 = (1e-3, 1e7)
 """What a luminance meter of this family can show (LS-150/160 data sheets, rounded outwards)."""
+IDLE_LIMIT_S = 120.0  # a frame that is being checked and committed is through by then, even on a slow disk
 
 
 def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
@@ -110,9 +111,6 @@ class ReadingTaker:
         if meter is None or table is None:
             raise UsageError("the rig has no meter", where="meter", advice="add [meter] to the rig file")
         return record_reading(when, meter.measure(n_samples=table.samples, timeout_s=table.timeout_s))
-
-
-IDLE_LIMIT_S = 120.0  # a frame that is being checked and committed is through by then, even on a slow disk
 
 
 class Intake:

@@ -22,6 +22,8 @@ from station.capture.rig_file import LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
 
 LEAST_FRAMES, SESSION_BYTES = 20, 150_000_000  # chosen: a bracket of nine with its raw files and two retakes; its JPEGs
+RULES_NAME = "70-daylit.rules"
+RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/lib/udev/rules.d"))
 
 
 class Level(StrEnum):
@@ -205,10 +207,6 @@ def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
         dialect_verified=identity.dialect_verified,
     )
     return Findings(tuple(checks), (device,))
-
-
-RULES_NAME = "70-daylit.rules"
-RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/lib/udev/rules.d"))
 
 
 def check_computer(folder: Path) -> Iterator[Check]:

@@ -16,6 +16,9 @@ MOVED_FRAC = 0.25
 """Chosen: a patch that changed by more, against all others, shows a lamp or a patch of sun that moved; a sixteenth of a
 panorama's width in which the noise of one frame is below 1 %."""
 LEAST_MOVED = 2  # chosen: one may be a person
+MOST_FURTHER, MOST_FURTHER_S, LONGEST_FURTHER_S = 6, 60.0, 30.0
+"""Chosen: three times the light of a sky takes one to three exposures; the 5D Mark II's own longest time."""
+Z95, SKY_LEAST = 1.96, 0.1  # of a normal distribution; chosen: what is darker than a tenth of the median is no sky
 
 
 def best_stop(taken: Mapping[int, FrameStatistics]) -> int | None:
@@ -54,11 +57,6 @@ def in_words(record: ReferenceRecord, limit_frac: float) -> str:
     if record.moved_patches >= LEAST_MOVED:
         found.append(f"light changed in {record.moved_patches} of {record.patches} parts of the picture (lamp or sun)")
     return f"{record.side}: {' and '.join(found)} within {record.after_s:.0f} s" if found else ""
-
-
-MOST_FURTHER, MOST_FURTHER_S, LONGEST_FURTHER_S = 6, 60.0, 30.0
-"""Chosen: three times the light of a sky takes one to three exposures; the 5D Mark II's own longest time."""
-Z95, SKY_LEAST = 1.96, 0.1  # of a normal distribution; chosen: what is darker than a tenth of the median is no sky
 
 
 def error_by_noise(side: Side, frames: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> float:

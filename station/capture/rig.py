@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 
     from drivers.ptp.pipes import PtpTransport
     from mocks.instruments.bench import SimulatedBench, WantedCamera
+SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+"""Keys of a camera's table that the frames of one bracket must share."""
+_SIMULATED_PREFLIGHT_S = 1.0  # chosen: roughly what simulated bodies take
+SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
+"""Picture sizes of simulated cameras, as divisors of the full size."""
 
 
 @dataclass
@@ -53,10 +58,6 @@ class Rig:
             checker.close()
         for action in self.on_close:
             action()
-
-
-SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
-"""Keys of a camera's table that the frames of one bracket must share."""
 
 
 def require_same_camera(rig: Rig, manifest: SessionManifest, side: Side, where: str) -> None:
@@ -155,11 +156,6 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock, links: Links | Non
     settings, opener = dialect.port, links or Links()
     open_line = PortOpener(port, settings, usb_ids=dialect.usb_ids, clock=clock)
     return KonicaMinoltaMeter(lambda: opener.meter(open_line, str(settings)), dialect, clock)
-
-
-_SIMULATED_PREFLIGHT_S = 1.0  # chosen: roughly what simulated bodies take
-SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
-"""Picture sizes of simulated cameras, as divisors of the full size."""
 
 
 def open_named_rig(

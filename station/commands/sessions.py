@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _FOLDER, _CD_M2 = click.Path(exists=True, file_okay=False, path_type=Path), Number(min=0, max=1e10)
 _READING = "Luminance of the meter's target; give twice: before, after."
+NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading", "address")
+"""Options that say something of one room only."""
 
 
 @click.command()
@@ -222,10 +224,6 @@ def _advice(report: VerifyReport) -> list[str]:
     if report.missing and not codes:
         lines.append("complete it: " + resume)
     return lines
-
-
-NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading", "address")
-"""Options that say something of one room only."""
 
 
 def import_tree(options: dict[str, Any]) -> int:

@@ -18,6 +18,7 @@ _CONDITIONS = "Scenes, times, headings and lux, a row a session, local time in P
 _USE = click.Choice(["bedroom", "living", "dining", "office", "empty"])
 _QUALITY = click.Choice(["draft", "standard", "reference"])
 _SESSIONS, _ROWS = click.IntRange(min=1), click.IntRange(min=16, max=4096)
+_PASSING = ("begun", "rendering", "capturing")
 
 
 @click.command()
@@ -87,9 +88,6 @@ class _Bars(SilentView):
             style = "red" if event.kind == "failed" else ""
             line = escape(_line(event))
             self._progress.console.print(f"[{style}]{line}[/]" if style else line, highlight=False)
-
-
-_PASSING = ("begun", "rendering", "capturing")
 
 
 def _line(event: DatasetEvent) -> str:

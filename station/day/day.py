@@ -25,6 +25,13 @@ from station.session.store import SessionStore
 
 LOOK_S = 5.0
 """Chosen: as often a camera is kept awake or looked for; EOS programs keep alive about every 10 s (libgphoto2)."""
+TICK_S = 0.5  # chosen: how soon a pause or a camera that is back is noticed
+PATIENCE_S = 600.0
+"""Chosen: for so long a camera, a battery or a card is waited for once a bracket is due, or a broken one resumed."""
+# Chosen: what breaks more often needs a person; a list longer than a day.
+MAX_RESUMES = 3
+MAX_ROOMS = 500  # as above
+MAX_ROOMS_BYTES = 64 * 1024  # of a list of them: a hundred letters each
 
 
 class Watch:
@@ -94,15 +101,6 @@ class Watch:
             if side not in self._away:
                 with suppress(DeviceError):  # the next look finds it gone
                     yield side, camera.status()
-
-
-TICK_S = 0.5  # chosen: how soon a pause or a camera that is back is noticed
-PATIENCE_S = 600.0
-"""Chosen: for so long a camera, a battery or a card is waited for once a bracket is due, or a broken one resumed."""
-# Chosen: what breaks more often needs a person; a list longer than a day.
-MAX_RESUMES = 3
-MAX_ROOMS = 500  # as above
-MAX_ROOMS_BYTES = 64 * 1024  # of a list of them: a hundred letters each
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ RawFormat = Literal["cr2", "dng"]
 PictureFormat = Literal["jpeg", "png", "tiff", "cr2", "dng"]
 _FORMATS: dict[str, PictureFormat] = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".cr2": "cr2", ".dng": "dng"}
 _KEPT_VARIABLES = ("PATH", "SYSTEMROOT", "TEMP", "TMP", "TMPDIR", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PYTHONHOME")
+__all__ = ["ExpectedFrame", "FrameChecker", "FrameFacts", "FrameRejectedError", "Reason", "check_order", "judge"]
 
 
 def picture_format(path: Path) -> PictureFormat:
@@ -260,6 +261,3 @@ def _facts(name: str, answer: dict[str, Any]) -> FrameFacts:
         return FrameFacts.model_validate({**answer.get("facts", {}), "name": name})
     except (ValidationError, TypeError) as error:
         raise rejection(name, Reason.DECODER_DIED, "the decoder gave an inconsistent answer") from error
-
-
-__all__ = ["ExpectedFrame", "FrameChecker", "FrameFacts", "FrameRejectedError", "Reason", "check_order", "judge"]

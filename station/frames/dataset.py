@@ -32,6 +32,9 @@ _DATE = re.compile(r"(20\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)")
 # A colon cannot be in a name on Windows: archivers write _, -, ., nothing, a wide colon or %3A in its place.
 _ROOM_TIME = re.compile(r"(?P<room>.*?)[ _-]?(?P<h>[01]?\d|2[0-3])(?::|：|_|-|\.|%3A)(?P<m>[0-5]\d)", re.IGNORECASE)
 _TIME_ROOM = re.compile(r"(?P<h>[01]\d|2[0-3])(?P<m>[0-5]\d)(?:[ _-]+(?P<room>.*))?")
+COLUMNS = ("date", "scene_name", "theta_time")
+"""A table needs them; known further ones: fisheye_time, luminance_cd_m2, illuminance_lux, nd_filter, natural_light,
+orientation."""
 
 
 @dataclass(frozen=True)
@@ -212,11 +215,6 @@ class TableRow:
         """Whether its two times cannot be of one pair: a slip of the pen (Cali-HDR's has one)."""
         times = (self.minute, self.sky_minute)
         return times[0] is not None and times[1] is not None and abs(times[0] - times[1]) > PAIR_LIMIT_MIN
-
-
-COLUMNS = ("date", "scene_name", "theta_time")
-"""A table needs them; known further ones: fisheye_time, luminance_cd_m2, illuminance_lux, nd_filter, natural_light,
-orientation."""
 
 
 def read_table(path: Path) -> list[TableRow]:

@@ -30,6 +30,8 @@ _NO_CAMERA_OF_OURS = {
 _END_OF_SCAN = re.compile(rb"\xff+[\x01-\xcf\xd8-\xfe]")
 _EXIF_MARK = b"Exif\0\0"
 _SRGB = re.compile(rb"s\0?R\0?G\0?B")  # in descriptions of profiles, of one byte a letter or two
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+MAX_PNG_CHUNKS = 100_000  # chosen: a picture of 100 Mpx in chunks of 8 kB has half as many
 
 
 @dataclass(frozen=True)
@@ -215,10 +217,6 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
 
 
 # The structure of a PNG, likewise walked before any decoder sees it: chunks, their checksums, the end (ISO 15948).
-
-
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-MAX_PNG_CHUNKS = 100_000  # chosen: a picture of 100 Mpx in chunks of 8 kB has half as many
 
 
 def read_png(data: bytes) -> bytes | None:

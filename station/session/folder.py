@@ -22,6 +22,8 @@ from station.session.session import Side
 
 PART_PREFIX = ".part-"
 READ_BYTES = 1 << 20
+FRAME_CAP_BYTES = 256 << 20  # no frame of either camera comes near (a raw file of the Z1: about 45 MB)
+SUFFIXES = {"jpeg": ".jpg", "png": ".png", "tiff": ".tif", "cr2": ".cr2", "dng": ".dng"}
 
 
 class Folder(AbstractContextManager["Folder"]):
@@ -197,10 +199,6 @@ def make_folders(path: Path) -> None:
                 durable.os_calls.mkdir(str(new))
             with Folder.open(new.parent) as parent:
                 parent.sync()
-
-
-FRAME_CAP_BYTES = 256 << 20  # no frame of either camera comes near (a raw file of the Z1: about 45 MB)
-SUFFIXES = {"jpeg": ".jpg", "png": ".png", "tiff": ".tif", "cr2": ".cr2", "dng": ".dng"}
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,11 @@ FIXED_FIELDS = {"schema_version", "session_id", "created_utc", "status", "missin
 UPDATABLE = set(SessionManifest.model_fields) - FIXED_FIELDS - {name for name, _ in RECORDS.values()}
 CREATED, UPDATE, WITHDRAWN, REJECTING = "created", "update", "withdrawn", "rejecting"
 RESERVED = {CREATED, UPDATE, WITHDRAWN, REJECTING, *RECORDS}
+REJECTED = "rejected"
+SUBFOLDERS = (Side.INDOOR.value, Side.OUTDOOR.value, REJECTED)
+_OUR_FRAME = re.compile(r"^(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
+_OUR_REJECT = re.compile(r"^(indoor|outdoor)_(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
+INTERRUPTED = "complete on disk but not acknowledged when the run was interrupted"
 
 
 class SessionState:
@@ -143,13 +148,6 @@ def replay(entries: Iterable[JournalEntry], where: str) -> SessionState:
     if state is None:
         raise JournalError("the journal is empty", where=where)
     return state
-
-
-REJECTED = "rejected"
-SUBFOLDERS = (Side.INDOOR.value, Side.OUTDOOR.value, REJECTED)
-_OUR_FRAME = re.compile(r"^(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
-_OUR_REJECT = re.compile(r"^(indoor|outdoor)_(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
-INTERRUPTED = "complete on disk but not acknowledged when the run was interrupted"
 
 
 @dataclass(frozen=True)

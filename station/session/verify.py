@@ -25,6 +25,18 @@ from station.session.session import (
     SessionStatus,
 )
 
+__all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
+
+JUNK = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)")
+"""What file browsers leave behind in folders."""
+WORTH_NOTING = ("moving_light", "clock_step", "paused")
+"""Codes of warnings about the light or the times of a session, which no file shows."""
+CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
+FrameCheck = Callable[[Path, FrameRecord], str | None]
+"""Looks into a frame whose digest is right; returns what is wrong with it, or None."""
+
+_CAPTURED = ("indoor", "outdoor")
+
 
 def printable(text: str) -> str:
     """Return the text with everything unprintable spelled as an escape."""
@@ -83,19 +95,6 @@ class VerifyReport:
             text = f"{len(self.problems)} problem{'s'[: len(self.problems) - 1]}: {listed}{more}"
             advice = "restore the files from a backup, or take them again with `daylit capture --resume`"
             raise IntegrityError(text, where=self.path, advice=advice, files=[p.file for p in self.problems])
-
-
-__all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
-
-JUNK = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)")
-"""What file browsers leave behind in folders."""
-WORTH_NOTING = ("moving_light", "clock_step", "paused")
-"""Codes of warnings about the light or the times of a session, which no file shows."""
-CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
-FrameCheck = Callable[[Path, FrameRecord], str | None]
-"""Looks into a frame whose digest is right; returns what is wrong with it, or None."""
-
-_CAPTURED = ("indoor", "outdoor")
 
 
 def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | None = None) -> VerifyReport:

@@ -33,6 +33,11 @@ MADE_WITH = ("size", "quality", "clouds", "seed")
 LEDGER_COLUMNS = (*COLUMNS, "utc", "latitude_deg", "longitude_deg", "room_seed", "room", "sky", *MADE_WITH, "session")
 
 Row = dict[str, str]
+SITE_DEG = (40.44, -79.99)  # Pittsburgh, where the paper's sessions were taken
+ZONE = "America/New_York"
+SESSIONS = 137  # as many as the paper has
+CLOCK_RATE = 10.0
+"""How much faster than life a session runs: faster, and the computer's own scheduling opens shutters apart."""
 
 
 class Ledger:
@@ -74,13 +79,6 @@ class Ledger:
         writer.writerows(sorted(self.rows.values(), key=lambda r: (int(r["index"]), r["session"])))
         with Folder.open(self.path.parent) as folder:
             write_file(folder, LEDGER_NAME, text.getvalue().encode())
-
-
-SITE_DEG = (40.44, -79.99)  # Pittsburgh, where the paper's sessions were taken
-ZONE = "America/New_York"
-SESSIONS = 137  # as many as the paper has
-CLOCK_RATE = 10.0
-"""How much faster than life a session runs: faster, and the computer's own scheduling opens shutters apart."""
 
 
 @dataclass(frozen=True)

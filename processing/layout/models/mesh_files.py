@@ -29,6 +29,14 @@ MAX_NODES = 20_000  # chosen: beyond any piece of furniture; a hostile file ends
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+SUFFIXES = (".glb", ".gltf", ".obj")
+MAX_FILE_BYTES = 96 * 2**20
+MAX_TRIANGLES = 1_000_000  # chosen: beyond any piece of furniture
+MAX_TEXTURE_PIXELS = 8192 * 8192
+KEPT_TEXTURE_PX = 1024  # chosen: finer than a staged picture shows
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif")
+GREY = (0.5, 0.5, 0.5)
+_CORNER = re.compile(rb"-?\d+(/(-?\d+)?(/(-?\d+)?)?)?")
 
 
 def check_gltf(data: bytes, where: str, max_triangles: int) -> None:
@@ -114,15 +122,6 @@ def _tree_triangles(document: dict[str, Any], triangles: list[int], where: str) 
     if seen != len(nodes):
         raise ModelFileError("nodes that contain themselves", where=where)
     return total
-
-
-SUFFIXES = (".glb", ".gltf", ".obj")
-MAX_FILE_BYTES = 96 * 2**20
-MAX_TRIANGLES = 1_000_000  # chosen: beyond any piece of furniture
-MAX_TEXTURE_PIXELS = 8192 * 8192
-KEPT_TEXTURE_PX = 1024  # chosen: finer than a staged picture shows
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif")
-GREY = (0.5, 0.5, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +243,6 @@ def read_model_file(path: Path, root: Path) -> RawModel:
     if sum(len(p.faces) for p in parts) > MAX_TRIANGLES:
         raise ModelFileError(f"more than {MAX_TRIANGLES} triangles", where=where)
     return RawModel(tuple(parts), tuple(notes))
-
-
-_CORNER = re.compile(rb"-?\d+(/(-?\d+)?(/(-?\d+)?)?)?")
 
 
 def checked_obj(data: bytes, where: str) -> bytes:

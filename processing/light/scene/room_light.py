@@ -30,6 +30,14 @@ LOOKS = 8  # places on each patch that are looked up in the panorama
 BRIGHT_TIMES = 6.0  # a patch this many times brighter than the median is shot at
 SAME_PLACE_M = 0.02  # by which a hit may fall short of the place that is looked at; chosen, never swept
 LEAST_SHARE = 0.5  # of `LOOKS`, below which a patch counts as unseen
+HEAD_ON = 0.04  # reflectance of varnish, glaze and polish (n = 1.5) seen head on
+LEAST_GLOSS = 0.5
+"""A smaller slope is that of a matte floor under an irradiance in error: of 13 simulated rooms (validation seeds) the
+four matte floors have -1.2 to 0.3, the nine glossy ones 0.7 and more."""
+TAIL, LEAST_PIXELS, LEAST_SPAN = 0.05, 200, 0.004
+"""Share of pixels at either end that counts no further; too few, or too alike in what they mirror, measure nothing."""
+MOST_SHARE = 0.3
+"""Of a pixel's light that may be mirrored; more, and its albedo is not measured (a window's highlight)."""
 
 
 @dataclass(frozen=True)
@@ -120,16 +128,6 @@ def _bright(stage: Stage, light: MeasuredLight) -> BrightPatches | None:
     limit = BRIGHT_TIMES * float(np.median(luminance[there]))
     over = (luminance > max(limit, 1e-9)) & there
     return BrightPatches.of(stage, np.where(over[:, None], np.pi * light.radiance, 0.0))
-
-
-HEAD_ON = 0.04  # reflectance of varnish, glaze and polish (n = 1.5) seen head on
-LEAST_GLOSS = 0.5
-"""A smaller slope is that of a matte floor under an irradiance in error: of 13 simulated rooms (validation seeds) the
-four matte floors have -1.2 to 0.3, the nine glossy ones 0.7 and more."""
-TAIL, LEAST_PIXELS, LEAST_SPAN = 0.05, 200, 0.004
-"""Share of pixels at either end that counts no further; too few, or too alike in what they mirror, measure nothing."""
-MOST_SHARE = 0.3
-"""Of a pixel's light that may be mirrored; more, and its albedo is not measured (a window's highlight)."""
 
 
 def mirrored(stage: Stage, light: MeasuredLight, sight: Sight, pixels: np.ndarray) -> tuple[Doubles, np.ndarray]:

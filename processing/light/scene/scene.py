@@ -32,6 +32,8 @@ from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, pla
 
 INDEX = 1.526  # of refraction: window glass
 TABLE = 257  # angles (even in their cosine) of `transmittance_table`; linear between them to 0.05 %
+SUN_RADIUS_RAD = math.radians(0.53 / 2)
+BLACK: Vector = (0.0, 0.0, 0.0)
 
 
 def transmittance_at(cosine: Doubles, head_on: Vector, sheets: int) -> Doubles:
@@ -63,10 +65,6 @@ def transmittance_table(head_on: Vector, sheets: int) -> Doubles:
     if sheets == 0:
         return np.asarray(head_on, np.float64).reshape(1, 3)
     return transmittance_at(np.linspace(0, 1, TABLE), head_on, sheets)
-
-
-SUN_RADIUS_RAD = math.radians(0.53 / 2)
-BLACK: Vector = (0.0, 0.0, 0.0)
 
 
 def plain(colour: Vector | float) -> Floats:
