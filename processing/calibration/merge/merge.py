@@ -45,8 +45,7 @@ MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.
 WARN_STOPS = 0.05  # chosen: 3.5 % of light; below it light that changes is taken as noise
 REFUSE_STOPS = 0.25  # chosen: a wrong dial is a third of a stop
 REFUSE_OWN_STOPS = 0.75
-"""With the curve of these frames, whose fit has set right the times that are wrong: what is left is doubt, to here
-beyond twice what times and curve state."""
+"""With the curve of these frames, whose fit has set right wrong times: beyond twice its doubt and theirs, to here."""
 WARN_NOISE = 2.0  # of the variance; chosen
 MAX_GHOST_SHARE = 0.5  # of the picture; chosen
 BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen

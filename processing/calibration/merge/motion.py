@@ -18,12 +18,9 @@ from processing.ground.arrays import Bytes, Floats, Indices, Int64s
 from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS, Validity
 
-# Frames that shifted against their neighbours (somebody touched the tripod): phase correlation of small windows.
-#
-# Both frames of a pair are turned into logarithms of radiance and clipped to the range that both can show: then they
-# are the same picture, whatever the exposures, and what differs is the place.
-
-
+# Frames that shifted against their neighbours (somebody touched the tripod): phase correlation of small windows. Both
+# frames of a pair are turned into logarithms of radiance and clipped to the range that both can show: then they are the
+# same picture, whatever the exposures, and what differs is the place.
 WINDOW_PX = 256  # chosen: enough detail to correlate
 WINDOWS = 3  # across and down; chosen
 MIN_AGREEING = 2  # windows that must see one shift; chosen
@@ -272,10 +269,10 @@ def show_deep_colours(frames: Sequence[Codes], tables: Samples, planes: Planes) 
     Where a clipped channel voids the others, a channel may be black in all frames that count: of a red lamp its blue.
     """
     places = np.flatnonzero(planes.validity == Validity.CLIPPED)
-    v, w = tables.sample(len(frames) - 1, frames[-1].reshape(-1, 3)[places])
-    dim = (w > 0).all(axis=1)
-    places, v, w = places[dim], v[dim], w[dim]
-    for f in reversed(range(len(frames) - 1)):
+    w = tables.sample(len(frames) - 1, frames[-1].reshape(-1, 3)[places])[1]
+    places = places[(w > 0).all(axis=1)]
+    v, w = np.empty((2, len(places), 3), np.float32)
+    for f in reversed(range(len(frames))):
         found, weight = tables.sample(f, frames[f].reshape(-1, 3)[places])
         clear = (weight > 0).all(axis=1)
         v[clear], w[clear] = found[clear], weight[clear]

@@ -60,8 +60,7 @@ class ChannelFit:
     kept: Flags
     """(n,) observations of patches that did not move."""
     left_out: Doubles = field(default_factory=lambda: np.zeros((0, 256)))
-    """(frames, 256) stops: by how much the curve moves when each frame is left out, 0 at code 128; what else channels
-    have together follows."""
+    """(frames, 256) stops: what leaving out each frame moves, 0 at code 128; then what else channels have together."""
     held_out: float = 1.0
     """Chi-squared a degree of freedom of patches that the curve was not fitted to."""
 

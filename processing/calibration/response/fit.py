@@ -264,11 +264,10 @@ def solve(eq: Equations, start: Doubles, prior: CurvePrior, independent: float =
     scores, answers = np.empty(len(prior.candidates)), np.empty((len(prior.candidates), k))
     inverses = np.linalg.inv(data + np.array([one.precision for one in prior.candidates]))
     for number, one in enumerate(prior.candidates):
-        whole = data + one.precision
         answers[number] = inverses[number] @ (right - one.precision @ start)
         total = answers[number] + start
         fit = max(eq.misfit(answers[number]) + float(total @ one.precision @ total), 1e-12)
-        scores[number] = count * np.log(fit) + np.linalg.slogdet(whole)[1] - one.log_determinant
+        scores[number] = count * np.log(fit) + np.linalg.slogdet(data + one.precision)[1] - one.log_determinant
     share = np.exp((scores.min() - scores) / 2)
     share /= share.sum()
     chosen = prior.candidates[int(np.argmin(scores))]

@@ -196,8 +196,8 @@ def clip_together(samples: Samples, fit: DaylitFit) -> bool:
             beside = off[known & data.clear & (data.frame == k // CLIP_CELLS)]
             if min(part.size, beside.size) >= CLIP_PATCHES:
                 middle = float(np.median(part))
-                doubt = 1.253 * 1.4826 * float(np.median(np.abs(part - middle))) / part.size**0.5  # of a median
-                doubt = math.hypot(CLIP_SIGMAS * doubt, curve[k % CLIP_CELLS])
+                chance = 1.253 * 1.4826 * float(np.median(np.abs(part - middle))) / part.size**0.5  # of a median
+                doubt = math.hypot(CLIP_SIGMAS * chance, curve[k % CLIP_CELLS])
                 rows.append((abs(middle - float(np.median(beside))), doubt, part.size))
     apart, doubts, count = np.array(rows or [(0.0, 0.0, 0)]).T
     clear = (apart > CLIP_STOPS) & (apart > doubts)
@@ -251,8 +251,7 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
 
 def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
     """Return the standard uncertainty in stops, shape (256,), 0 at the gauge code: of fit and model."""
-    rows = spline_basis().codes
-    rows = rows - rows[gauge]
+    rows = spline_basis().codes - spline_basis().codes[gauge]
     covered = np.einsum("zi,ij,zj->z", rows, fit.solution.covariance, rows)
     covered = np.maximum(covered, 0.0) * INFLATION**2 * max(fit.held_out, fit.solution.scale2, 1.0)
     slope = np.gradient(fit.log2)
@@ -274,8 +273,7 @@ def _curve_modes(channels: Sequence[ChannelFit]) -> Doubles:
 
 def _own_modes(fit: ChannelFit) -> Doubles:
     """Return the largest independent errors of a channel's fit by itself in stops, of shape (`MODES`, 256)."""
-    rows = spline_basis().codes
-    rows = rows - rows[MIDDLE_CODE]
+    rows = spline_basis().codes - spline_basis().codes[MIDDLE_CODE]
     scale = INFLATION**2 * max(fit.held_out, fit.solution.scale2, 1.0)
     size, ways = np.linalg.eigh(scale * fit.solution.covariance)
     alone = (rows @ (ways * np.sqrt(np.maximum(size, 0)))).T

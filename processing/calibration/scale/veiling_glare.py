@@ -174,8 +174,7 @@ def without_glare(image: Picture, kernel: glare_fit.GlareKernel) -> Picture:
 
 
 Metered = tuple[float, float, float]
-"""Luminance in cd/m2, longitude and latitude in radians of the spot that set a picture's scale: it has what scatters
-there."""
+"""Luminance in cd/m2, longitude and latitude in radians of the spot that set a picture's scale."""
 
 
 def kernel_modes(
@@ -215,8 +214,7 @@ def _scatter(name: str, cells: Cells, glare: Doubles, known: Doubles) -> list[Sh
 def unmeasured_modes(image: LuminanceImage, measured: Metered | None = None) -> list[SharedMode]:
     """Return what a lens may scatter whose glare was not measured: the parts of a kernel, each by itself.
 
-    Shares are the prior's; clipped light is a factor of what it shows, as likely at every size; no side of the field
-    need have as much as another.
+    Shares are the prior's, not alike on all sides; clipped light is a factor of what it shows, as likely at any size.
     """
     cells, light = _shown_and_clipped(image)
     parts = glare_fit.PRIOR_SHARE * np.moveaxis(cells.scattered(light), -1, 0)
