@@ -99,6 +99,7 @@ SMALLER: dict[str, Any] = {
 """Constants of any benchmark that make its quick run smaller still."""
 SMALL: dict[str, dict[str, Any]] = {
     "albedo": {"light.albedo.ROWS": 64, "light.albedo.OUTDOOR_ROWS": 64, "light.albedo.RELIGHT_ROWS": 16},
+    "arrange": {"layout.arrange.QUICK_ROOMS": 2},  # one of them of those that were not tuned on
     "files": {"whole.files.QUICK": (420, 210)},
     "response": {
         "photometry.response.QUICK_SIZE": (420, 210),
