@@ -79,7 +79,7 @@ def finer(codes: np.ndarray) -> np.ndarray:
     return np.clip(codes.astype(int) * 257 + off, 0, 65535).astype(np.uint16)
 
 
-@pytest.mark.parametrize("deep", [pytest.param(False, marks=pytest.mark.long), True], ids=["8 bits", "16 bits"])
+@pytest.mark.parametrize("deep", [False, True], ids=["8 bits", "16 bits"])
 def test_a_bracket_without_a_response_is_scaled_by_its_speed(tmp_path: Path, deep: bool) -> None:
     rng = np.random.default_rng(5)
     image, inside = eye(1.0, 240), directions(eye(1.0, 240).geometry)[1]

@@ -187,7 +187,6 @@ def test_evalglare_finds_the_same(evalglare: Callable[..., dict[str, float]], na
     assert indices["vcp_pct"] == pytest.approx(theirs["vcp"], abs=1.5)
 
 
-@pytest.mark.long
 def test_veiling_luminance_is_what_evalglare_calls_lveil_cie(evalglare: Callable[..., dict[str, float]]) -> None:
     """It takes for a source's direction its mean pixel, cut off to whole ones; near the sight that is much of it."""
     for name in CASES if LONG else ["two windows", "below"]:

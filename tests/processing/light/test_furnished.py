@@ -401,7 +401,6 @@ def test_a_single_photograph_s_room_gets_the_sun_back_that_fell_on_its_furniture
     assert any(note.startswith("sun: ") for note in found.notes)
 
 
-@pytest.mark.long
 def test_an_overexposed_sun_that_lights_nothing_seen_stays_a_lower_bound() -> None:
     behind = Sun((0.0, 0.8, 0.6), (2000.0, 2000.0, 2000.0), clipped=True)
     outdoors = uniform_sky(4000.0, behind)
@@ -459,7 +458,6 @@ def test_light_goes_on_round_the_seam() -> None:
     np.testing.assert_allclose(np.roll(same, rows, axis=1), found, atol=1e-3)
 
 
-@pytest.mark.long
 def test_estimated_distances_bring_a_standin_to_where_the_furniture_is() -> None:
     # A table top on thin legs that the mask left out: its lower edge meets the floor far behind it.
     top = box((1.6, 0.2, 0.75), (1.0, 1.6, 0.1), (0.4,) * 3)

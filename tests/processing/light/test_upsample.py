@@ -143,7 +143,6 @@ def test_gloss_is_detected_where_it_is_and_not_where_it_is_not() -> None:
     assert gloss_factor(pattern[:50], mirror[:50], every[:50]) == 0
 
 
-@pytest.mark.long
 @pytest.mark.skipif(not denoiser_available(), reason="no denoiser is installed here")
 def test_the_denoiser_keeps_no_memory_for_its_next_use() -> None:
     noisy = np.random.default_rng(2).uniform(0.5, 1.5, (256, 512, 3)).astype(np.float32)

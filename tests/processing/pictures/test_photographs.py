@@ -184,7 +184,6 @@ def test_a_session_keeps_the_file_as_it_is(tmp_path: Path, name: str) -> None:
     assert daylit.main(["verify", str(session)]) == 0
 
 
-@pytest.mark.long
 def test_the_largest_panoramas_are_opened_and_larger_ones_are_named(tmp_path: Path) -> None:
     """Of 180 million pixels, beyond which Pillow's own limit would call them bombs, and of 202."""
     (large, larger), tags = (tmp_path / "a.png", tmp_path / "b.png"), ELEMENTS.format(whole=40_000)

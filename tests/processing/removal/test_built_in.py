@@ -64,7 +64,7 @@ def test_what_has_much_of_the_wall_below_a_window_and_is_hardly_furniture_is_fit
     assert not fitted_below_windows(none(), likely, maps).any()
 
 
-@pytest.mark.parametrize("networks", [pytest.param(1, marks=pytest.mark.long), 2])
+@pytest.mark.parametrize("networks", [1, 2])
 def test_a_niche_below_a_window_stays_where_two_networks_are_not_sure_of_it(networks: int) -> None:
     niche = below_pane()
     inner = niche & ~grown(~niche, math.radians(1.5)) & ~grown(bare().maps.plane == FLOOR, math.radians(7))
@@ -107,7 +107,7 @@ def test_a_low_strip_of_floor_before_a_wall_is_no_next_rooms(top: int, kept: boo
     assert _next_floor(shares, maps, preview_rgb8(bare().image.rgb))[strip].all() == kept
 
 
-@pytest.mark.parametrize("networks", [pytest.param(1, marks=pytest.mark.long), 2])
+@pytest.mark.parametrize("networks", [1, 2])
 def test_what_is_far_likelier_fixed_than_furniture_stays_where_it_touches_furniture(networks: int) -> None:
     sofa, jamb = none(), none()
     sofa[135:175, 150:200], jamb[108:135, 170:176] = True, True

@@ -42,7 +42,6 @@ def peak_bytes(rows: int) -> int:
         tracemalloc.stop()
 
 
-@pytest.mark.long
 def test_an_emptied_room_takes_little_memory_a_pixel() -> None:
     small, large = 256, 512
     peak_bytes(16)  # what is loaded on first use

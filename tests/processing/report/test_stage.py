@@ -139,7 +139,6 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     assert bool(around.label) == labelled
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("made", [report_data, frame])
 def test_few_pictures_are_in_memory_together(tmp_path: Path, made: Callable[[StageContext], object]) -> None:
     given = context(tmp_path, results())

@@ -79,7 +79,7 @@ class ByBrightness:
 
 @pytest.mark.parametrize(
     ("own", "sees", "alone", "fused"),
-    [(0.65, False, 1, 0), pytest.param(0.3, True, 0, 1, marks=pytest.mark.long)],
+    [(0.65, False, 1, 0), (0.3, True, 0, 1)],
     ids=["veto", "confirm"],
 )
 def test_a_second_network_vetoes_and_confirms_windows(

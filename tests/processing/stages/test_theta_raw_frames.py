@@ -82,7 +82,6 @@ def test_dngs_are_stitched_and_nearer_the_truth_than_the_jpegs(
     assert raw < np.median(stops_off(at, bracket)) / 1.7
 
 
-@pytest.mark.long
 def test_dngs_of_another_moment_leave_the_jpegs_and_say_so(
     bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,7 +144,6 @@ def test_clipped_dark_and_moved_pixels_keep_their_marks(pair: LensPair) -> None:
     assert 0.001 < found.report.shares.dark < 0.02
 
 
-@pytest.mark.long
 def test_circles_that_end_before_the_lenses_meet_are_refused() -> None:
     with pytest.raises(BracketError, match="need to meet"):
         placed(replace(BODY, circle=1.1))

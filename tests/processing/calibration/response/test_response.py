@@ -139,7 +139,6 @@ def test_one_wrong_time_is_an_entry_though_times_are_estimated() -> None:
     assert np.log2(np.array(fit.times_s) / times) == pytest.approx(np.zeros(9), abs=0.02)
 
 
-@pytest.mark.long
 def test_several_wrong_times_are_a_shutter_that_scatters() -> None:
     times = np.array(made().true_s)
     scattered = times * np.exp2([0.15, -0.2, 0.25, -0.3, 0.1, 0.3, -0.25, 0.2, -0.15])
