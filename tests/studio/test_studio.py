@@ -414,8 +414,8 @@ def test_light_by_hour_weather_region_and_seat(opened: Opened) -> None:
     page.mouse.move(box["x"] + 420, box["y"] + 300, steps=3)
     page.mouse.up()
     page.get_by_text("Region: mean").wait_for()
-    unit = page.locator(".viewer .scale .unit").inner_text()
-    assert f" {unit.replace("m2", "m²")}" in page.locator("[data-part=region]").inner_text(), "in the picture's own unit"
+    unit = page.locator(".viewer .scale .unit").inner_text().replace("m2", "m²")
+    assert f" {unit}" in page.locator("[data-part=region]").inner_text(), "in the picture's own unit"
     page.locator(".seat").focus()
     found = []
     for turns in (0, 12):
