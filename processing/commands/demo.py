@@ -227,11 +227,13 @@ def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
 
 def _processed(session: Path, options: dict[str, str], quality: str, *, as_json: bool) -> RunReport:
     from processing.commands.process import stage_view, summary_lines
+    from processing.ground.threads import give_back
     from processing.running.choices import going_on
     from processing.running.requests import RunRequest
     from processing.running.runner import process
     from station.commands.views import SilentView
 
+    give_back(0)  # what pictures were simulated with
     run = RunRequest(first_picture=sys.stdout.isatty() and not as_json)
     with going_on(session, {**options, "quality": quality}, run, by="daylit demo") as found:
         request = found.request

@@ -70,13 +70,13 @@ KEPT_BYTES = 1_900_000_000
 given back are zeroed anew, and a virtual machine's are taken by its host meanwhile."""
 
 
-def give_back() -> None:
-    """Let go of what `FORGET` has, and, above `KEPT_BYTES`, of memory that malloc keeps for its next use (glibc)."""
+def give_back(kept_bytes: int = KEPT_BYTES) -> None:
+    """Let go of what `FORGET` has, and, above ``kept_bytes``, of memory that malloc keeps for its next use (glibc)."""
     for forget in FORGET:
         forget()
     with suppress(AttributeError, OSError):
         held_pages = int(Path("/proc/self/statm").read_text().split()[1])
-        if held_pages * os.sysconf("SC_PAGE_SIZE") > KEPT_BYTES:
+        if held_pages * os.sysconf("SC_PAGE_SIZE") > kept_bytes:
             ctypes.CDLL(None).malloc_trim(0)
 
 
