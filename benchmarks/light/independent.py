@@ -5,10 +5,11 @@ make them: `benchmarks.removal.infinigen_rooms`. Each is shown furnished and tru
 as single panoramas in relative units without a picture of the sky. **Rooms of even seeds are never looked at**: only
 their figures are printed (``infinigen_unseen_*``), and nothing is tuned on them.
 
-``filled_*``, ``all_*``: the emptied picture, where removal filled in and everywhere; ``seen_*``: the change of light of
-pixels that show the room in both states and were not filled in. Where passes exist, ``mask_iou``, ``mask_recall``:
-what is to be removed against the things that Infinigen put in; ``depth_err_pct``: distance of stand-ins; ``shape_*``:
-distance of the room's own surfaces, the estimated room against the emptied one.
+``not_emptied``: pairs of which nothing was made, and which no median has. ``filled_*``, ``all_*``: the emptied picture,
+where removal filled in and everywhere; ``seen_*``: the change of light of pixels that show the room in both states and
+were not filled in. Where passes exist, ``mask_iou``, ``mask_recall``: what is to be removed against the things that
+Infinigen put in; ``depth_err_pct``: distance of stand-ins; ``shape_*``: distance of the room's own surfaces, the
+estimated room against the emptied one.
 """
 
 from __future__ import annotations
@@ -61,6 +62,8 @@ def independent(*, quick: bool) -> tuple[dict[str, dict[str, float]], list[str]]
         for shade in SHADES:
             rows = [row_of(pair, shade) for pair in mine]
             metrics[shade] |= {f"{half}_{name}": value for name, value in medians(rows).items()}
+            if mine:
+                metrics[shade][f"{half}_not_emptied"] = sum(FIGURES[0] not in row for row in rows)
             if half == "infinigen":
                 notes += [f"infinigen {row['room']}, {shade}: {row}" for row in rows]
         if mine:

@@ -384,9 +384,8 @@ def trade_plot(path: Path = Path("detect-time.png")) -> list[str]:
             found = rivals.voc_furniture(image, ViewPlan(rings=rings, skip=False))
             assert found is not None
             total += score_by_hand(found, name).iou
-        points.append(
-            Point("Pascal VOC through views", _each(start_s, names), 1 - total / len(names), f"{label} views")
-        )
+        seconds = (time.process_time() - start_s) / len(names)
+        points.append(Point("Pascal VOC through views", seconds, 1 - total / len(names), f"{label} views"))
     for quality in ("draft", "standard", "reference"):
         seconds, total = 0.0, 0.0
         for name, image in pictures.items():
@@ -398,7 +397,3 @@ def trade_plot(path: Path = Path("detect-time.png")) -> list[str]:
         points.append(Point("daylit", seconds / len(names), 1 - total / len(names), quality))
     time_against_error(points, path, title="Furniture of two real rooms", error_label="1 - IoU by solid angle")
     return []
-
-
-def _each(start_s: float, names: tuple[str, ...]) -> float:
-    return (time.process_time() - start_s) / len(names)

@@ -33,21 +33,28 @@ def test_each_half_has_its_medians_and_of_the_unseen_half_nothing_else_is_printe
     monkeypatch.setattr(
         independent,
         "row_of",
-        lambda pair, shade: {"room": pair.name, "mask_iou": len(shade) * 0.1, "all_bias_pct": float(pair.name[-1])},
+        lambda pair, shade: (
+            {"room": pair.name, "mask_iou": len(shade) * 0.1, "all_bias_pct": float(pair.name[-1])}
+            | ({"filled_median_err_pct": 5.0} if pair.name == "bedroom-1" else {})
+        ),
     )
     metrics, notes = independent.independent(quick=False)
     assert metrics["lift"] == {
         "infinigen_all_bias_pct": 2.0,
+        "infinigen_filled_median_err_pct": 5.0,
         "infinigen_mask_iou": 0.4,
+        "infinigen_not_emptied": 1,
         "infinigen_pairs": 2,
         "infinigen_unseen_all_bias_pct": 2.0,
         "infinigen_unseen_mask_iou": 0.4,
+        "infinigen_unseen_not_emptied": 1,
         "infinigen_unseen_pairs": 1,
     }
     assert len(notes) == 4
     assert not any("bedroom-2" in note for note in notes)
     quick, _ = independent.independent(quick=True)
-    assert quick["keep"] == {"infinigen_all_bias_pct": 1.0, "infinigen_mask_iou": 0.4}
+    found = {"infinigen_all_bias_pct": 1.0, "infinigen_filled_median_err_pct": 5.0, "infinigen_mask_iou": 0.4}
+    assert quick["keep"] == found | {"infinigen_not_emptied": 0}
 
 
 def test_without_rooms_they_are_named_as_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
