@@ -68,6 +68,13 @@ def test_peak_memory_of_a_child_is_seen() -> None:
     assert watch.peak_mb >= watch.own_peak_mb > 5
 
 
+def test_what_watching_took_is_known_and_not_the_works() -> None:
+    start_s = time.process_time()
+    with MemoryWatch(0.001) as watch:
+        time.sleep(0.3)
+    assert 0 < watch.cpu_s < time.process_time() - start_s
+
+
 @pytest.mark.parametrize("name", ["plot.svg", "plot.png"])
 def test_plot_is_small_and_the_same_each_time(tmp_path: Path, name: str) -> None:
     points = [Point("ours", 0.1, 3.0, "4"), Point("ours", 1.0, 1.0, "64"), Point("path", 10.0, 2.0, "256 spp")]
