@@ -3,7 +3,9 @@
 ``speedup_py360convert`` compares CPU time on views that neither has seen before, ``_warm`` on views whose maps both
 have (``_warm_wall``: wall time). ``remap_ratio`` is our CPU time over that of a bare `cv2.remap` with its float32 maps
 made before, both on the same 8-bit panorama; ``remap_fixed_ratio`` with fixed-point maps, ``remap_float_ratio``
-on a float32 panorama. Round trips are rms errors over the rms of a band-limited truth, panorama to six faces and back.
+on a float32 panorama. ``chain_*`` and ``rivals.pcomb_pinterp``: the outdoor chain (fall-off, tint, geometry) of one
+made sky by daylit and by Radiance. Round trips are rms errors over the rms of a band-limited truth, panorama to six
+faces and back.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.photometry import sphere_chain as _sphere_chain
 from benchmarks.photometry import sphere_light as _sphere_light
 from benchmarks.photometry import sphere_views as _sphere_views
 from benchmarks.plots import MARKERS, Point, save_figure
@@ -20,6 +23,7 @@ PLOT = Path("sphere-roundtrip.png")
 WIDTH_PX, FACES = 1344, (168, 240, 336, 432, 672)
 USUAL_FACE = 336
 SUN_SIZES, QUICK_SUN_SIZES = (1000, 3600), (400,)
+CHAIN_PX, QUICK_CHAIN_PX = 3000, 600
 VIEW_REPEATS, QUICK_VIEW_REPEATS = 12, 4
 ELEVATIONS_RAD = (0.9, 0.35)
 FEW_PAIRS_ABOVE_PX = 2000
@@ -42,6 +46,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     if not quick:
         points = [Point(name, face, error) for face, errors in trips.items() for name, error in errors.items()]
         error_against_size(points, PLOT, panorama_px=WIDTH_PX)
+    chain, notes = _chain(quick=quick)
     usual = trips[USUAL_FACE]
     py360 = speed.py360convert
     return {
@@ -63,6 +68,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             "roundtrip_err": usual["ours, linear"],
             "roundtrip_cubic_err": usual["ours, cubic"],
             "roundtrip_overlapping_err": _sphere_views.overlapping_round_trip(WIDTH_PX, USUAL_FACE, seed),
+            **{f"chain_{key}": value for key, value in chain.pop("ours", {}).items()},
         },
         "rivals": {
             "py360convert": {
@@ -72,10 +78,19 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
                 "roundtrip_cubic_err": usual["py360convert, bicubic"],
             },
             "cv2_remap": {"roundtrip_err": usual["plain cv2.remap"]},
+            **chain,
         },
         "units": dict.fromkeys(TRIPS, "of the truth's rms"),
-        "notes": [f"the sun's worst of {len(suns)}: {worst} ({suns[worst]:+.4f} %)"],
+        "notes": [f"the sun's worst of {len(suns)}: {worst} ({suns[worst]:+.4f} %)", *notes],
     }
+
+
+def _chain(*, quick: bool) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """Return the outdoor chain of both tools, and why there is none."""
+    try:
+        return _sphere_chain.outdoor_chain(QUICK_CHAIN_PX if quick else CHAIN_PX, pairs=2 if quick else 5), []
+    except RuntimeError as error:
+        return {}, [f"the outdoor chain was not compared: {error}"]
 
 
 def error_against_size(points: Sequence[Point], path: Path, *, panorama_px: int) -> Path:
