@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import simplejpeg
 
 from processing.errors import ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, UInt16s
-from processing.pictures.mosaic import CameraColours, camera_colours, camera_rgb
+from processing.pictures.mosaic import CameraColours, camera_colours, camera_rgb, saturation
 
 Codes: TypeAlias = Bytes | UInt16s
 Reduce: TypeAlias = Literal[1, 2, 4, 8]
@@ -103,11 +104,18 @@ class RawFrame:
     colours: CameraColours = field(repr=False)
     depth_bits: int = 16
     linear: bool = True
+    white: float = 1.0
+    """Where wells saturate, see `mosaic.saturation`: that of its bracket's longest frame."""
+
+    def saturation(self) -> float:
+        """Return where its own wells saturate."""
+        with _opened_raw(self.source, self.name) as raw:
+            return saturation(raw)
 
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Return the camera's own channels, see `mosaic.camera_rgb`; the middle of the sensor where it is larger."""
         with _opened_raw(self.source, self.name) as raw:
-            codes = camera_rgb(raw)
+            codes = camera_rgb(raw, self.white)
         (width, height), (left, top) = self.size_px, _border((codes.shape[1], codes.shape[0]), self.size_px)
         return _reduced(np.ascontiguousarray(codes[top : top + height, left : left + width]), reduce)
 
@@ -219,11 +227,11 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
     return _contiguous(pixels[..., 2::-1])
 
 
-def refuse_alpha(alpha: Codes, name: str) -> None:
-    """Let an alpha channel (H, W) of nothing but opaque pixels pass; `PictureFileError` for any other."""
-    opaque = np.iinfo(alpha.dtype).max
-    if int(alpha.min()) < opaque:
-        text = f"{float((alpha < opaque).mean()):.1%} of it is transparent: what is behind is unknown"
+def refuse_alpha(alpha: npt.NDArray[Any], name: str) -> None:
+    """Let an alpha channel (H, W), codes or 0 to 1, of opaque pixels pass; `PictureFileError` for any other."""
+    seen = alpha < (1 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max)
+    if seen.any():
+        text = f"{float(seen.mean()):.1%} of it is transparent: what is behind is unknown"
         advice = "save it without transparency (flatten it, or switch 'film transparent' off)"
         raise PictureFileError(text, where=name, advice=advice)
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Geometry, directions
 
+Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 KEY, SEAM_KEY = "shared_modes", "seam_sigma"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
 Kind = Literal["level", "seam", "axis", "whole", "scatter", "colour"]
@@ -91,6 +92,13 @@ def _by_bits(places: Doubles, values: Doubles) -> Floats:
 def with_modes(attributes: Mapping[str, object], modes: Sequence[SharedMode]) -> dict[str, object]:
     """Return a picture's attributes with these modes instead of its own."""
     return {**attributes, KEY: [asdict(mode) for mode in modes]} if modes else dict(attributes)
+
+
+def multiplied(image: Picture, factor: float) -> Picture:
+    """Return the picture times a factor above 0, and its modes with it."""
+    modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
+    rgb = np.asarray(image.rgb * np.float32(factor))
+    return replace(image, rgb=rgb, attributes=with_modes(image.attributes, modes))
 
 
 def widened(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImage:

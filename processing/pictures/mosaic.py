@@ -4,6 +4,7 @@ In each frame every channel is interpolated from its own wells alone, so that a 
 What is merged from a bracket is interpolated anew, with all channels.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,6 +17,9 @@ FULL = 65535.0  # largest code of 16 bits
 PEDESTAL = 512.0
 """Code of no light, so that noise below black is kept; chosen: 30 standard deviations of a good sensor's."""
 SATURATED = 0.98  # of the file's white level; chosen: wells' gains differ by less
+PILE, PILED = 0.005, 4  # of the top level, and how many more wells there than in as much below; chosen
+LEAST_PILE = 1e-4  # of all wells: fewer are hot ones; chosen
+LEAST_WHITE = 0.5  # of the stated white level; chosen: below, an even dark picture would look like a pile
 EVEN = 0.01  # of log light: two directions that differ by less are alike; chosen
 HOT = 0.15  # of log light, by which a well is brighter than all eight of its colour around it; chosen
 _SAME = np.zeros((5, 5), np.uint8)
@@ -26,15 +30,31 @@ _ALONG = tuple(np.array(t, np.float32) for t in ((0.5, 0, 0.5), (-0.25, 0, 0.5, 
 _NEAR = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32)
 
 
-def camera_rgb(raw: Any) -> UInt16s:
+def saturation(raw: Any) -> float:
+    """Return where an opened raw file's wells saturate, of the white level stated for its camera, above black; up to 1.
+
+    By the file's own levels, and where wells pile up at the top, more closely than photons' noise would have them: at
+    some speeds cameras saturate far below.
+    """
+    wells, white = raw.raw_image_visible[::5], float(raw.white_level)  # odd: all wells of a cell
+    black, reach = (at := float(np.mean(raw.black_level_per_channel))), white - at
+    above = np.cumsum(np.bincount(wells.ravel())[::-1])[::-1]  # wells of a code or a higher one
+    top = int(np.flatnonzero(above >= LEAST_PILE * wells.size)[-1])
+    pile, both = (int(above[max(math.ceil(top - k * PILE * (top - black)), 0)]) for k in (1, 2))
+    found = [*(raw.camera_white_level_per_channel or ()), *([top] if pile > PILED * (both - pile) else [])]
+    share = min((one - black for one in found if one - black > LEAST_WHITE * reach), default=reach) / reach
+    return share if share < SATURATED else 1.0
+
+
+def camera_rgb(raw: Any, white: float = 1.0) -> UInt16s:
     """Return (H, W, 3) of an opened raw file: `PEDESTAL` is black, `FULL` a saturated well or one interpolated from it.
 
-    Bilinear, per channel; wells of a channel keep their own value.
+    Bilinear, per channel; wells of a channel keep their own value. ``white``: see `saturation`.
     """
     colours = np.array(["RGB".index(chr(letter)) for letter in raw.color_desc])
     wells, place = raw.raw_image_visible, raw.raw_colors_visible
     black = np.array(raw.black_level_per_channel, np.float32)
-    level = (wells - black[place]) / (np.float32(raw.white_level) - black)[place]
+    level = (wells - black[place]) / (np.float32(white) * (np.float32(raw.white_level) - black))[place]
     channel, full = colours[place], level >= SATURATED
     codes = np.empty((*wells.shape, 3), np.uint16)
     for c in range(3):

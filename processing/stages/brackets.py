@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -106,6 +106,8 @@ def _raw_bracket(
     for frame in frames:
         if not all(np.array_equal(a, b) for a, b in zip(frame.colours, frames[0].colours, strict=True)):
             raise BracketError("its colours are not those of the first raw file", where=frame.name)
+    white = frames[0].saturation()
+    frames = tuple(replace(frame, white=white) for frame in frames)
     return SideBracket(pictures[0].side, tuple(raws), frames, device, panoramas=beside if apart else ())
 
 

@@ -25,6 +25,7 @@ from processing.errors import BracketError, PictureFileError, ProcessingError, R
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
 from processing.pictures.images import Validity
+from processing.pictures.modes import multiplied
 from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.sphere import Equirectangular, Geometry
 from processing.stages import brackets
@@ -176,6 +177,9 @@ def merged_bracket(
         time_sigma=response.time_sigma,
         given_s=bracket.nominal_s,
     )
+    if (white := getattr(bracket.frames[0], "white", 1.0)) < 1:
+        # In the unit of the stated white level, whatever the frames show: k1 and k2 of other brackets hold.
+        merged = replace(merged, image=multiplied(merged.image, white))
     if pair is not None:
         progress(1.8, "stitching")
         merged = stitched(merged, pair, Equirectangular(*bracket.panoramas[0].size_px))

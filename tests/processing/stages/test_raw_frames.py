@@ -7,6 +7,7 @@ import json
 import struct
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from processing.errors import PictureFileError
 from processing.pictures.exr import read_exr
 from processing.pictures.frames import RawFrame
 from processing.pictures.images import RelativeImage, luminance_cd_m2
+from processing.pictures.mosaic import saturation
 from station.session.store import load_manifest
 from tests.station.frames.pictures import exif
 
@@ -171,3 +173,50 @@ def test_a_raw_file_that_breaks_leaves_the_jpegs_and_says_so(
     assert any("from JPEGs" in w["message"] and "03_1-15s.dng" in w["message"] for w in result["warnings"])
     assert daylit.main(["process", str(session), "--until", "merge", "--frames", "raw"]) != 0
     assert "03_1-15s.dng" in capsys.readouterr().err
+
+
+def restated(dng: bytes, share: float) -> bytes:
+    """Return a DNG that states a white level of which its wells saturate at this share."""
+    entry = dng.index(struct.pack("<HHI", 50717, 3, 1)) + 8
+    black = dng.index(struct.pack("<HHI", 50714, 3, 1)) + 8
+    (white,), (level,) = (struct.unpack_from("<H", dng, at) for at in (entry, black))
+    return dng[:entry] + struct.pack("<H", round(level + (white - level) / share)) + dng[entry + 2 :]
+
+
+def test_wells_that_saturate_below_the_stated_white_level_are_found(
+    bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As some speeds of cameras do: the light is the same, and so is its unit's meaning."""
+    plain, _, _ = merged(capsys, folder(bracket, tmp_path / "card", "dng"))
+    (tmp_path / "other").mkdir()
+    raw = tuple(restated(one, 0.81) for one in bracket.raw)
+    found, result, _ = merged(capsys, folder(replace(bracket, raw=raw), tmp_path / "other" / "card", "dng"))
+    assert not any("against its time" in one["message"] for one in result["warnings"])
+    assert found.validity.mean() == pytest.approx(plain.validity.mean(), abs=0.002)
+    good = (found.validity == 0) & (plain.validity == 0)
+    ratio = luminance_cd_m2(found.rgb)[good] / luminance_cd_m2(plain.rgb)[good]
+    np.testing.assert_allclose(np.quantile(ratio, (0.01, 0.5, 0.99)), 0.81, rtol=0.01)
+
+
+def opened(wells: np.ndarray, stated: list[int] | None = None) -> SimpleNamespace:
+    return SimpleNamespace(
+        raw_image_visible=np.minimum(wells, 15_600).round().astype(np.uint16),
+        black_level_per_channel=[1024] * 4,
+        white_level=15_600,
+        camera_white_level_per_channel=stated,
+    )
+
+
+def test_only_piles_of_wells_are_saturation() -> None:
+    """Photons scatter the wells of an even surface; those that are full are alike."""
+    rng = np.random.default_rng(0)
+    light = np.exp(rng.uniform(np.log(30), np.log(60_000), (200, 1000)))
+    wells = rng.normal(light, np.sqrt(light)) + 1024
+    assert saturation(opened(wells)) == 1
+    assert saturation(opened(np.minimum(wells, 12_700))) == pytest.approx((12_700 - 1024) / (15_600 - 1024))
+    assert saturation(opened(np.minimum(wells, 12_700) + rng.normal(0, 8, wells.shape))) == pytest.approx(0.8, abs=0.01)
+    assert saturation(opened(wells, [13_000, 13_100, 13_000, 0])) == pytest.approx((13_000 - 1024) / (15_600 - 1024))
+    assert saturation(opened(np.minimum(wells, 12_700), [13_000] * 4)) < 0.802
+    wall = np.full(wells.shape, 9000.0)
+    assert saturation(opened(rng.normal(wall, np.sqrt(wall)) + 1024)) == 1
+    assert saturation(opened(rng.normal(0 * wall, 3) + 1024)) == 1, "a dark frame"
