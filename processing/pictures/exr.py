@@ -28,6 +28,7 @@ import numpy.typing as npt
 from processing.errors import LensError, ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.threads import threads
+from processing.pictures.frames import refuse_alpha
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.writing import check_image, check_light, check_size, handed_on, refused, write_whole
 from processing.sphere.geometry import geometry_from_json, geometry_to_json
@@ -278,7 +279,8 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
 
     ``whiteLuminance`` is the cd/m2 of (1, 1, 1); the values are given as they are in the file.
     Small negative values, as lossy compression makes them, become 0. Raises `PictureFileError` for damage, for deep
-    or cropped or subsampled data, for several parts, for other channels than R, G, B and other primaries than Rec. 709.
+    or cropped or subsampled data, for several parts, for other channels than R, G, B (and an opaque A) and for other
+    primaries than Rec. 709.
     """
     header, arrays = _read(path)
     together = next((arrays[name] for name in ("RGB", "RGBA") if name in arrays), None)
@@ -286,6 +288,8 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
         names = ", ".join(sorted(read_header(path)[0].channels))
         raise refused(path, f"has the channels {names}, not R, G and B", advice="save channels R, G and B")
     rgb = np.ascontiguousarray(together[..., :3], dtype=np.float32)
+    if together.shape[2] == 4:
+        refuse_alpha(together[..., 3], path.name)
     primaries = np.ravel(header.get("chromaticities", CHROMATICITIES))
     if not np.allclose(primaries, CHROMATICITIES, atol=2e-3):
         raise refused(path, f"has the primaries {primaries.tolist()}, not those of Rec. 709")

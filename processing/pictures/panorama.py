@@ -17,10 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import PanoramaError, PictureFileError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2, srgb_encoded
+from processing.ground.seam import share_of_sphere
 from processing.pictures.exr import read_exr, read_exr_rgb, read_header
-from processing.pictures.frames import Codes, check_strips, checked_size
+from processing.pictures.frames import Codes, check_strips, checked_size, refuse_alpha
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.photographs import KINDS, pillow_formats, read_codes
 from processing.pictures.radiance import WHITE_EFFICACY_LM_W, read_radiance_hdr
@@ -38,6 +39,7 @@ _TAG = re.compile(rb"(?<!/)GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64
 _SIZES = ("FullPano{}Pixels", "CroppedAreaImage{}Pixels")
 Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
 FORMATS: dict[str, Format] = {**KINDS, ".exr": "exr", ".hdr": "hdr"}
+ADOBE = "it is in Adobe RGB by its EXIF, without a profile: taken as sRGB, so colours are off"
 WHITE = 100.0  # relative units of a photograph's white
 MIDDLE = 20.0
 """Relative units of the median direction of light without a scale: what is middle grey where white is 100."""
@@ -78,18 +80,17 @@ def read_tags(path: Path) -> PhotoTags:
                 adobe = b"R03\0" in (image.info.get("exif") or b"")
     except Exception:  # noqa: BLE001 (Pillow raises nearly anything over damaged files)
         return PhotoTags({}, 1, b"")
+    profile = profile if len(profile) <= MAX_PROFILE_BYTES else b""
+    return PhotoTags(_gpano(packet), orientation if isinstance(orientation, int) else 1, profile, adobe)
+
+
+def _gpano(packet: str | bytes) -> dict[str, str]:
     raw = packet.encode("utf-8", "replace") if isinstance(packet, str) else bytes(packet)
-    return PhotoTags(
-        gpano={key.decode(): value.decode("utf-8", "replace") for key, value in _TAG.findall(raw[:MAX_XMP_BYTES])},
-        orientation=orientation if isinstance(orientation, int) else 1,
-        profile=profile if len(profile) <= MAX_PROFILE_BYTES else b"",
-        adobe=adobe,
-    )
+    return {key.decode(): value.decode("utf-8", "replace") for key, value in _TAG.findall(raw[:MAX_XMP_BYTES])}
 
 
-def check_tags(path: Path) -> PhotoTags:
+def check_tags(path: Path, tags: PhotoTags) -> PhotoTags:
     """Return the tags; `PanoramaError` where they say that the file is no whole, upright equirectangular panorama."""
-    tags = read_tags(path)
     kind = tags.gpano.get("ProjectionType", "equirectangular")
     if kind.lower() != "equirectangular":
         raise PanoramaError(f"its tags say projection {kind!r}", where=path.name, advice="export it equirectangular")
@@ -110,9 +111,7 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
     ``codes``: (H, W, 3), uint8 or uint16.
     """
     if not tags.profile:
-        return codes, (
-            "it is in Adobe RGB by its EXIF, without a profile: taken as sRGB, so colours are off",
-        ) * tags.adobe
+        return codes, (ADOBE,) * tags.adobe
     from PIL import Image, ImageCms
 
     levels, srgb = np.arange(256, dtype=np.uint8), ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
@@ -199,7 +198,7 @@ def _scaled(found: GivenPanorama, k1: float | None, path: Path) -> GivenPanorama
 
 
 def _photograph(path: Path) -> GivenPanorama:
-    tags = check_tags(path)
+    tags = check_tags(path, read_tags(path))
     codes, said, is_srgb = read_codes(path)
     _check_shape(codes.shape[1], codes.shape[0], path.name)
     codes, notes = (codes, ()) if is_srgb else to_srgb(codes, tags)
@@ -223,7 +222,7 @@ def _photograph(path: Path) -> GivenPanorama:
         absolute=False,
     )
     source = f"{8 * codes.itemsize}-bit {path.suffix[1:].upper()}, through the inverse of the sRGB curve"
-    return GivenPanorama(image, source, WHITE, _share(validity == Validity.CLIPPED), (*said, *notes))
+    return GivenPanorama(image, source, WHITE, share_of_sphere(validity == Validity.CLIPPED), (*said, *notes))
 
 
 def _light(path: Path, kind: Format, *, stated: bool) -> GivenPanorama:
@@ -240,7 +239,10 @@ def _light(path: Path, kind: Format, *, stated: bool) -> GivenPanorama:
         bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
         if bgr is None or bgr.dtype.kind != "f":
             raise PanoramaError("its float values cannot be read", where=path.name, advice="save it as OpenEXR")
-        rgb = np.atleast_3d(bgr)[..., 2::-1].astype(np.float32) * np.ones(3, np.float32)
+        bgr = np.atleast_3d(bgr)
+        if bgr.shape[2] == 4:
+            refuse_alpha(bgr[..., 3], path.name)
+        rgb = bgr[..., 2::-1].astype(np.float32) * np.ones(3, np.float32)
         check_light(rgb, path)
         return _plain(rgb, absolute=False, source="floating-point TIFF, assumed to be linear light")
     part = read_header(path)[0]
@@ -254,7 +256,10 @@ def _light(path: Path, kind: Format, *, stated: bool) -> GivenPanorama:
 
 
 def _of_decimals(path: Path) -> bool:
-    """Return whether a TIFF says that it holds floating point numbers (SampleFormat 3, TIFF 6.0) and is whole."""
+    """Return whether a TIFF says that it holds floating point numbers (SampleFormat 3, TIFF 6.0), upright and whole.
+
+    Pillow opens no such picture of three channels, so its tags are looked at here.
+    """
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     try:
@@ -264,8 +269,10 @@ def _of_decimals(path: Path) -> bool:
             file.seek(tags.next)
             tags.load(file)
         check_strips(tags, path.stat().st_size, path.name)
-        return 3 in tags.get(339, ()) and bool(checked_size(tags[256], tags[257], path.name))
-    except PictureFileError:
+        if found := 3 in tags.get(339, ()) and bool(checked_size(tags[256], tags[257], path.name)):
+            check_tags(path, PhotoTags(_gpano(tags.get(700, b"")), tags.get(_ORIENTATION, 1), b""))
+        return found
+    except (PictureFileError, PanoramaError):
         raise
     except Exception:  # noqa: BLE001 (as above; what is damaged is said when it is read)
         return False
@@ -278,7 +285,7 @@ def _own(image: RelativeImage | LuminanceImage, path: Path) -> GivenPanorama:
     if isinstance(image, RelativeImage):
         image = LuminanceImage(**vars(image), scale_uncertainty=0.0, absolute=False)
     units = "cd/m2" if image.absolute else "relative"
-    return GivenPanorama(image, f"daylit's picture, {units}", 1.0, _share(image.validity == Validity.CLIPPED))
+    return GivenPanorama(image, f"daylit's picture, {units}", 1.0, share_of_sphere(image.validity == Validity.CLIPPED))
 
 
 def _plain(rgb: Floats, *, absolute: bool, source: str) -> GivenPanorama:
@@ -322,9 +329,3 @@ def _check_not_two_circles(rgb: Floats, name: str) -> None:
     if mean > 0 and float(np.quantile(luminance[outside], 0.98)) <= CIRCLES_BLACK * mean:
         advice = "stitch it with the camera's own software first"
         raise PanoramaError("it shows two fisheye circles, not a stitched panorama", where=name, advice=advice)
-
-
-def _share(mask: Flags) -> float:
-    """Return the share of all directions, from rows weighted by their solid angle."""
-    weight = np.cos(((np.arange(mask.shape[0]) + 0.5) / mask.shape[0] - 0.5) * np.pi)
-    return float(mask.mean(axis=1) @ weight / weight.sum())

@@ -7,6 +7,7 @@ has no single meaning as a picture of light, transparency above all, is refused 
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -33,7 +34,10 @@ KINDS: dict[str, Kind] = {
 }
 PILLOW = {"jpeg": "JPEG", "png": "PNG", "tiff": "TIFF", "webp": "WEBP", "avif": "AVIF", "heic": "HEIF"}
 """Pillow's names of the formats."""
-HDR_CURVES = (16, 18)  # of ITU-T H.273's transfer characteristics: PQ and HLG
+CURVES = {8: "linear", 16: "HDR video's (PQ or HLG)", 18: "HDR video's (PQ or HLG)"}
+"""Of ITU-T H.273's transfer characteristics, those that are far from sRGB's."""
+_NCLX, _CICP = re.compile(rb"colrnclx..(..)", re.DOTALL), re.compile(rb"\0\0\0\x04cICP.(.)", re.DOTALL)
+"""Where AVIF (ISO/IEC 14496-12, 12.1.5) and PNG (PNG 3, 11.3.2.6) state one: Pillow does not say."""
 
 
 def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
@@ -47,9 +51,9 @@ def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
         try:
             with _opened(path, kind) as image:
                 checked_size(*image.size, path.name)
-                if (image.info.get("nclx_profile") or {}).get("transfer_characteristics") in HDR_CURVES:
-                    advice = "save it without HDR, or as OpenEXR"
-                    raise PictureFileError("its tone curve is HDR video's (PQ or HLG)", where=path.name, advice=advice)
+                if curve := _other_curve(image, path, kind):
+                    advice = "save it with the sRGB curve (without HDR), or as OpenEXR"
+                    raise PictureFileError(f"its tone curve is {curve}", where=path.name, advice=advice)
                 notes = ("it holds several pictures: the first is used",) if getattr(image, "n_frames", 1) > 1 else ()
                 if kind in ("webp", "avif", "heic") or image.mode in ("CMYK", "LAB"):
                     codes, more, is_srgb = _rgb(image, path)
@@ -73,6 +77,22 @@ def _opened(path: Path, kind: Kind) -> Image:
         raise damaged_picture(
             path.name, f"its content is not {kind.upper()}" if error.strerror is None else error.strerror
         ) from error
+
+
+def _other_curve(image: Image, path: Path, kind: Kind) -> str | None:
+    """Return the tone curve that a file states, where that is far from sRGB's (or a profile's).
+
+    Of several, as of a picture beside its gain map, all must be. In a PNG cICP counts before iCCP, sRGB and gAMA, of
+    which programs write 1/2.2 for sRGB; what differs by more than a twentieth is another curve (chosen).
+    """
+    where, nclx = {"avif": _NCLX, "png": _CICP}.get(kind), image.info.get("nclx_profile") or {}
+    found = where.findall(path.read_bytes()) if where else [bytes([nclx.get("transfer_characteristics", 0)])]
+    stated = {int.from_bytes(one) for one in found}
+    if stated and stated <= CURVES.keys():
+        return CURVES[max(stated)]
+    gamma = image.info.get("gamma", 1 / 2.2)
+    known = stated or {"srgb", "icc_profile"} & image.info.keys() or abs(2.2 * gamma - 1) < 0.05
+    return None if known else f"gamma {gamma:.3g} (gAMA), not sRGB's"
 
 
 def pillow_formats() -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from processing.errors import PictureFileError
 from processing.ground.arrays import Bytes, Floats, Vector
+from processing.pictures.exr import CHROMATICITIES
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.pictures.writing import check_image, check_light, check_size, refused, write_bytes
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
@@ -28,6 +29,8 @@ RLE_WIDTHS = range(8, 32768)  # that have the new run-length code (color.c)
 WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
 RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)
 MARK = "daylit_luminance=radiance-weights"
+_COLOURS = {"COLORCORR": ((1, 1, 1), 0, 1e-6), "PRIMARIES": (CHROMATICITIES, 0, 0.025)}
+"""What such lines may say, and tolerances: Radiance's own primaries (green 0.29, equal-energy white) pass; chosen."""
 RELATIVE_MARK = "daylit_units=relative"
 """In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
 
@@ -282,8 +285,8 @@ def write_radiance_hdr(path: Path, image: LuminanceImage) -> None:
 def read_radiance_hdr(path: Path) -> RadiancePicture:
     """Read an RGBE picture: of daylit (the inverse of `write_radiance_hdr`), or of others (values taken as Rec. 709).
 
-    Raises `PictureFileError` for damage (rows that end early, overrun or go on), XYZE, turned or mirrored rows and
-    colour-corrected files.
+    Raises `PictureFileError` for damage (rows that end early, overrun or go on), XYZE, turned or mirrored rows,
+    colour-corrected files and other PRIMARIES than Rec. 709's.
     """
     try:
         if path.stat().st_size > _MAX_FILE_BYTES:
@@ -334,17 +337,19 @@ def _header(data: bytes, path: Path) -> tuple[list[str], int, int, int]:
 
 
 def _exposure(lines: list[str], path: Path) -> float:
-    """Return the product of all EXPOSURE lines."""
+    """Return the product of all EXPOSURE lines; refuse colours that are not those of Rec. 709."""
     exposure = 1.0
     for line in lines:
         name, _, value = line.partition("=")
-        if name == "COLORCORR" and value.split() != ["1", "1", "1"]:
-            raise refused(path, f"was colour-corrected ({value.strip()})")
-        if name == "EXPOSURE":
-            try:
+        try:
+            if name == "EXPOSURE":
                 exposure *= float(value)
-            except ValueError:
-                exposure = math.nan
+            same = name not in _COLOURS or np.allclose(np.array(value.split(), float), *_COLOURS[name])
+        except ValueError:
+            exposure, same = math.nan, name == "EXPOSURE"
+        if not same:
+            advice = "convert it: ra_xyze -r -p .64 .33 .3 .6 .15 .06 .3127 .329 (pfilt first, of COLORCORR)"
+            raise refused(path, f"has the colours {name}={value[:99]}, not those of Rec. 709", advice=advice)
     if not (math.isfinite(exposure) and exposure > 0):
         raise refused(path, "has an EXPOSURE that is not a positive number")
     return exposure

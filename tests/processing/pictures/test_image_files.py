@@ -266,6 +266,17 @@ def test_other_channels_primaries_parts_and_layouts_are_refused(tmp_path: Path) 
         read_exr_rgb(path)
 
 
+def test_light_that_is_transparent_is_refused(tmp_path: Path) -> None:
+    """A renderer's transparent film leaves light 0 where the windows are."""
+    rgba, path = np.ones((8, 16, 4), np.float32), tmp_path / "f.exr"
+    foreign(path, {"RGBA": rgba})
+    assert np.array_equal(read_exr_rgb(path)[0], rgba[..., :3])
+    rgba[2:4, 4:8] = 0
+    foreign(path, {"RGBA": rgba.astype(np.float16)})
+    with pytest.raises(PictureFileError, match=r"6\.2% of it is transparent.*film transparent"):
+        read_exr_rgb(path)
+
+
 def test_fewer_samples_than_pixels_are_named_so(tmp_path: Path) -> None:
     rgb, path = np.ones((8, 16, 3), np.float32), tmp_path / "f.exr"
     foreign(path, {"RGB": rgb})

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image, ImageCms
 from PIL.PngImagePlugin import PngInfo
 
@@ -204,3 +207,70 @@ def test_hdr_videos_curves_are_not_taken_for_srgb(tmp_path: Path, curve: int) ->
     Image.fromarray(np.full((64, 128, 3), 120, np.uint8)).save(tmp_path / "p.heic", save_nclx_profile=True, **bt2020)
     with pytest.raises(PictureFileError, match="PQ or HLG"):
         read_codes(tmp_path / "p.heic")
+
+
+@pytest.mark.parametrize("curve", [8, 16, 18])
+def test_tone_curves_that_an_avif_states_are_not_taken_for_srgb(tmp_path: Path, curve: int) -> None:
+    data = bytearray(save(tmp_path / "p.avif", quality=95).read_bytes())
+    at = data.index(b"colrnclx") + 10
+    assert data[at : at + 2] == b"\0\r", "sRGB"
+    read_codes(tmp_path / "p.avif")
+    data[at : at + 2] = bytes((0, curve))
+    (tmp_path / "p.avif").write_bytes(data)
+    with pytest.raises(PictureFileError, match="linear" if curve == 8 else "PQ or HLG"):
+        read_codes(tmp_path / "p.avif")
+
+
+def chunked(path: Path, **chunks: bytes) -> Path:
+    """Return a PNG with further chunks before its own."""
+    data = path.read_bytes()
+    every = ((name.encode(), own) for name, own in chunks.items())
+    more = b"".join(
+        struct.pack(">I", len(own)) + name + own + struct.pack(">I", zlib.crc32(name + own)) for name, own in every
+    )
+    path.write_bytes(data[:33] + more + data[33:])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("chunks", "why"),
+    [
+        ({"cICP": bytes((9, 16, 0, 1))}, "PQ or HLG"),
+        ({"cICP": bytes((1, 18, 0, 1))}, "PQ or HLG"),
+        ({"cICP": bytes((1, 8, 0, 1)), "sRGB": b"\0"}, "linear"),
+        ({"gAMA": struct.pack(">I", 100_000)}, "gamma 1"),
+        ({"gAMA": struct.pack(">I", 55_556)}, "gamma 0.556"),
+        ({"gAMA": struct.pack(">I", 45_455)}, ""),
+        ({"gAMA": struct.pack(">I", 100_000), "sRGB": b"\0"}, ""),
+        ({"gAMA": struct.pack(">I", 100_000), "cICP": bytes((1, 13, 0, 1))}, ""),
+    ],
+    ids=str,
+)
+def test_tone_curves_that_a_png_states_are_not_taken_for_srgb(
+    tmp_path: Path, chunks: dict[str, bytes], why: str
+) -> None:
+    path = chunked(save(tmp_path / "p.png"), **chunks)
+    if why:
+        with pytest.raises(PictureFileError, match=why) as caught:
+            read_panorama(path)
+        assert "sRGB" in str(caught.value.advice)
+    else:
+        np.testing.assert_allclose(read_panorama(path).image.rgb, light(ramp()), rtol=1e-5)
+
+
+def test_decimal_tiffs_have_tags_and_transparency_too(tmp_path: Path) -> None:
+    path, rgba = tmp_path / "p.tif", np.full((64, 128, 4), 0.5, np.float32)
+    rgba[..., 3] = 1
+    tifffile.imwrite(path, rgba, photometric="rgb", extrasamples=["unassalpha"])
+    assert read_panorama(path, k1=2.0).image.rgb.max() == 1.0
+    rgba[10:20, 30:40] = 0
+    tifffile.imwrite(path, rgba, photometric="rgb", extrasamples=["unassalpha"])
+    with pytest.raises(PictureFileError, match="transparent"):
+        read_panorama(path)
+    tifffile.imwrite(path, rgba[..., :3], photometric="rgb", extratags=[(274, "H", 1, 3, True)])
+    with pytest.raises(PanoramaError, match="must be rotated"):
+        read_panorama(path)
+    cropped = ELEMENTS.format(whole=256).encode()
+    tifffile.imwrite(path, rgba[..., :3], photometric="rgb", extratags=[(700, "B", len(cropped), cropped, True)])
+    with pytest.raises(PanoramaError, match="cropped"):
+        read_panorama(path)

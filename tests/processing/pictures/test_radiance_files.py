@@ -242,6 +242,9 @@ def test_files_of_others_exposure_and_size(tmp_path: Path) -> None:
         (b"EXPOSURE=1", b"EXPOSURE=1e-300"),
         (b"EXPOSURE=1", b"EXPOSURE=1e-320"),
         (b"EXPOSURE=1", b"COLORCORR= 1 .5 1"),
+        (b"EXPOSURE=1", b"COLORCORR= 1 one 1"),
+        (b"EXPOSURE=1", b"PRIMARIES= .708 .292 .17 .797 .131 .046 .3127 .329"),
+        (b"EXPOSURE=1", b"PRIMARIES= .64 .33"),
         (b"\n\n", b"\n"),
     ],
 )
@@ -254,6 +257,22 @@ def test_headers_that_cannot_be_taken(tmp_path: Path, old: bytes, new: bytes) ->
     path.write_bytes(data.replace(old, new, 1))
     with pytest.raises(PictureFileError):
         read_radiance_hdr(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "COLORCORR= 1.000000 1.000000 1.000000",
+        "PRIMARIES= 0.640 0.330 0.300 0.600 0.150 0.060 0.3127 0.3290",
+        "PRIMARIES= .6400 .3300 .2900 .6000 .1500 .0600 .3333 .3333",
+    ],
+)
+def test_headers_that_say_what_is_taken_anyway(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "picture.hdr"
+    write_radiance_hdr(path, luminance_image(np.random.default_rng(0).uniform(1, 2, (16, 32, 3))))
+    plain = read_radiance_hdr(path).rgb
+    path.write_bytes(path.read_bytes().replace(b"EXPOSURE=1", b"EXPOSURE=1\n" + line.encode(), 1))
+    np.testing.assert_array_equal(read_radiance_hdr(path).rgb, plain)
 
 
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
