@@ -16,6 +16,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Int64s
 
 RULE_SIGMA_STOPS = 0.02  # how far a shutter may be from its rule: 1.4 %
+LONGEST_DIAL_S = 30.0  # of dials in stops, halves or thirds; really 32 s
 WRONG_STOPS = 0.12
 """A time that is off by more is none of a shutter's tolerance but a wrong entry: a third of a stop is the next dial."""
 _CLEAR_CHI2 = 100.0
@@ -72,13 +73,13 @@ def camera_rule(model: str) -> ShutterRule | None:
 
 
 def true_time_s(nominal_s: float, rule: ShutterRule) -> float:
-    """Return the time behind a nominal one.
+    """Return the time behind a nominal one; above `LONGEST_DIAL_S` that itself, as no dial has it: it was counted.
 
     Raises `ParameterError`: a time that is not a positive number.
     """
     if not (math.isfinite(nominal_s) and nominal_s > 0):
         raise ParameterError(f"{nominal_s} is not an exposure time", advice="give seconds above 0")
-    steps = {ShutterRule.NOMINAL: 0, ShutterRule.THIRDS: 3, ShutterRule.HALVES: 2}[rule]
+    steps = {ShutterRule.NOMINAL: 0, ShutterRule.THIRDS: 3, ShutterRule.HALVES: 2}[rule] * (nominal_s <= LONGEST_DIAL_S)
     return float(nominal_s) if steps == 0 else float(2.0 ** (round(steps * math.log2(nominal_s)) / steps))
 
 

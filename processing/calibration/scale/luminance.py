@@ -91,9 +91,9 @@ def scale_from_reading(
     """Return k1 from the meter's readings of a target in the picture.
 
     ``frames`` (those the picture was merged from) give its moment: between two readings the meter's value is
-    interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
-    standard uncertainty that pixels of equal codes share (the response curve's); ``repeat_frac``: how much a stop that
-    was repeated after them has changed, relative.
+    interpolated to it, else it is their mean. Readings whose status is neither "ok" nor "typed" are not used.
+    ``curve_frac`` is the relative standard uncertainty that pixels of equal codes share (the response curve's);
+    ``repeat_frac``: how much a stop that was repeated after them has changed, relative.
 
     Raises `ScaleError`: no usable reading, a reading of 0, a spot outside the picture, or one that is clipped, dark or
     moved.
@@ -102,11 +102,11 @@ def scale_from_reading(
     spot = Spot(*sighted(image.geometry, longitude_rad, latitude_rad), meter.spot_rad)
     found = spot_pixels(image.geometry, spot)
     warnings = _check_spot(image, found)
-    displayed = float(luminance_cd_m2(image.rgb[found.row, found.column]) @ found.share)
+    values = luminance_cd_m2(image.rgb[found.row, found.column]).astype(np.float64)
+    displayed = float(values @ found.share)
     if not displayed > 0 or not math.isfinite(displayed):
         raise ScaleError("the target is black in the picture", where="the meter's spot", advice=_OTHER_TARGET)
     # The uncertainty of the spot's mean: noise, which averages out, and the curve's error, which does not
-    values = luminance_cd_m2(image.rgb[found.row, found.column]).astype(np.float64)
     claimed = np.asarray(image.uncertainty[found.row, found.column], dtype=np.float64)
     claimed2 = float(np.where(np.isfinite(claimed), claimed, 1.0) ** 2 @ found.share)
     scatter2 = float(((values / displayed - 1) ** 2) @ found.share)
@@ -192,10 +192,11 @@ def _measured(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord], 
     order = np.argsort(times, kind="stable")
     times, values = times[order], values[order]
     drift = float(values[-1] / values[0] - 1)
-    known = moment is not None
-    value = float(np.interp(moment, times, values)) if moment is not None else float(values.mean())
     # Between the readings the light may have gone any way: a rectangle of the drift's width, half where interpolated.
-    return _Measured(value, fraction, drift, abs(drift) / math.sqrt(12) / (2 if known else 1))
+    # A moment outside them is another clock's, or they were typed later: no weight is known.
+    if moment is None or not times[0] < moment < times[-1]:
+        return _Measured(float(values.mean()), fraction, drift, abs(drift) / math.sqrt(12))
+    return _Measured(float(np.interp(moment, times, values)), fraction, drift, abs(drift) / math.sqrt(12) / 2)
 
 
 def _times(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord]) -> tuple[Doubles, float | None]:

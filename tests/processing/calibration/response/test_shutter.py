@@ -50,6 +50,12 @@ def test_thirds(nominal: float, true: float) -> None:
     assert true_time_s(nominal, ShutterRule.NOMINAL) == nominal
 
 
+@pytest.mark.parametrize("nominal", [31.0, 45.0, 60.0, 90.0, 120.0])
+def test_times_that_no_dial_has_are_as_counted(nominal: float) -> None:
+    assert all(true_time_s(nominal, rule) == nominal for rule in ShutterRule)
+    assert true_time_s(30.0, ShutterRule.THIRDS) == 32.0
+
+
 def test_halves_and_cameras() -> None:
     assert true_time_s(1 / 45, ShutterRule.HALVES) == pytest.approx(2**-5.5)
     assert camera_rule("canon eos 5d mark II ") is ShutterRule.THIRDS

@@ -114,6 +114,26 @@ def test_two_readings_are_interpolated_to_the_exposures() -> None:
     assert without.parts["drift"] == pytest.approx(0.10 / math.sqrt(12))
 
 
+@pytest.mark.parametrize("off_s", [-3600.0, -40.0, 41.0, 14 * 86_400.0], ids=str)
+def test_a_moment_outside_the_readings_says_nothing_of_the_light_between(off_s: float) -> None:
+    """Another clock, or both readings before the bracket: their mean, with all of their difference as doubt."""
+    both = [reading(100.0), reading(80.0, "after", 40.0)]
+    found = scale_from_reading(uniform(1.0), both, 0, 0, frames=[frame(off_s)])
+    assert found.measured == pytest.approx(90.0)
+    assert found.parts["drift"] == pytest.approx(0.20 / math.sqrt(12))
+
+
+def test_readings_typed_at_import_have_no_moments() -> None:
+    typed = {"status": "typed", "taken_utc": BEGUN, "detail": "typed at import"}
+    pairs = zip(("before", "after"), (100.0, 80.0), strict=True)
+    both = [ReadingRecord.model_validate({"when": w, "luminance_cd_m2": v, **typed}) for w, v in pairs]
+    taken = [frame(0.0).model_copy(update={"release_monotonic_s": None, "taken_utc": BEGUN - timedelta(days=14)})]
+    for frames in (taken, []):
+        found = scale_from_reading(uniform(1.0), both, 0, 0, frames=frames)
+        assert found.measured == pytest.approx(90.0)
+        assert found.parts["drift"] == pytest.approx(0.20 / math.sqrt(12))
+
+
 def test_only_usable_readings_count() -> None:
     bad = [reading(None, status="over_range"), reading(60.0, "after", 40.0, "typed")]
     found = scale_from_reading(uniform(1.0), bad, 0, 0)
