@@ -20,7 +20,7 @@ from station.session.session import SessionManifest, Side
 PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
 """Published fall-off by kind of camera."""
 LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
-"""Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are equidistant until calibrated."""
+"""Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are assumed to be equidistant: none is measured."""
 EYE_LENS = "equisolid,180"
 """Mapping and degrees of a fisheye at the eye, until it is said: of most circular ones."""
 PUBLISHED_FALLOFF = {"canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0))}
@@ -67,8 +67,7 @@ def indoor_falloff(
     camera = profile.cameras.get(Side.INDOOR) if profile else None
     if camera and camera.vignetting:
         return camera.vignetting.vignetting(), "from the rig profile"
-    kinds = [device.kind for device in session.devices if device.role == "indoor"]
-    name = PANORAMA_FALLOFF.get(kinds[0]) if kinds else None
+    name = PANORAMA_FALLOFF.get(_kind(session, Side.INDOOR))
     if name is None:
         return None, "not corrected: unknown for this camera"
     found = published_vignetting(name)
@@ -92,6 +91,10 @@ def find_optics(
         lens, lens_source = _lens(image, session, asked, side, warnings)
     falloff, falloff_source = _falloff(session, asked, profile, warnings, side)
     if side is Side.OUTDOOR:
+        if _kind(session, side) not in LENS_MAPPINGS and lens.polynomial == ():
+            warnings.append(
+                f"the outdoor lens's mapping ({lens.mapping}) is assumed: angles may be up to 4 degrees off"
+            )
         measured = camera is not None and camera.nd is not None
         of_sky = None if measured or k2 is not None else _tint_of_sky(image, lens)
         tint, tint_source = _filter(session, profile, k2, of_sky, warnings)

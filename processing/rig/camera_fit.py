@@ -11,7 +11,7 @@ import numpy as np
 
 from processing.calibration import profile_records
 from processing.calibration.merge.merge import MergeOptions
-from processing.calibration.optics import stated_circle
+from processing.calibration.optics import LENS_MAPPINGS, stated_circle
 from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
@@ -84,7 +84,7 @@ def read_side(path: Path, side: Side, *, raw: bool = False) -> SessionSide | Non
 
 
 def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
-    """Return the fisheye: its circle as the frames show it, else as the rig file states it; an equisolid mapping.
+    """Return the fisheye: its circle as the frames show it, else as the rig file states it; the mapping by its camera.
 
     Raises `LensError`: no circle is seen, and none is stated.
     """
@@ -98,7 +98,9 @@ def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
         wide, high = side.size_px
         circle = ImageCircle((x * wide, y * high), radius * wide, (wide, high), support=0.0)
         source = "image circle of the rig file"
-    return LensModel(LensMapping.EQUISOLID, circle, half_field_rad, source=f"equisolid; {source}")
+    mapping = LENS_MAPPINGS.get(kind := side.device.kind if side.device else "", LensMapping.EQUIDISTANT)
+    known = str(mapping) if kind in LENS_MAPPINGS else f"{mapping} (assumed)"
+    return LensModel(mapping, circle, half_field_rad, source=f"{known}; {source}")
 
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)

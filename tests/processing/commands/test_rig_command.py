@@ -32,8 +32,8 @@ from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.modes import modes_of
 from processing.rig import calibrate
 from processing.rig.calibrate import RigResult, one_colour
-from processing.rig.camera_fit import CameraFit, read_side
-from processing.sphere import Equirectangular
+from processing.rig.camera_fit import CameraFit, outdoor_lens, read_side
+from processing.sphere import Equirectangular, LensMapping
 from station.session.session import Side
 from tests.processing.commands.rigs import SMALL, without_raw
 
@@ -109,6 +109,7 @@ def test_profile_with_k2_and_pictures(calibrated: Calibrated) -> None:
     assert outdoor.nd.density == pytest.approx(3.0, abs=0.03)
     assert outdoor.lens is not None
     assert outdoor.lens.radius == pytest.approx(2 * 8 / 36 * 0.5**0.5, rel=0.01)
+    assert (outdoor.lens.mapping, outdoor.lens.source.partition(";")[0]) == ("equisolid", "equisolid")
     assert all(camera.shutter.rule == "thirds" for camera in profile.cameras.values())
     for side, camera in profile.cameras.items():
         assert camera.response is not None
@@ -131,6 +132,16 @@ def test_a_chart_that_is_dark_through_the_filter_is_warned_of(sessions: Path, tm
     )
     assert any("too little of a channel" in text for text in dark)
     assert not any("too little of a channel" in text for text in bright)
+
+
+def test_the_lens_of_a_camera_that_nobody_knows_is_assumed_as_everywhere(sessions: Path) -> None:
+    side = read_side(sessions / "chart", Side.OUTDOOR)
+    assert side is not None
+    assert side.device is not None
+    assert outdoor_lens(side, math.pi / 2).mapping is LensMapping.EQUISOLID
+    lens = outdoor_lens(replace(side, device=side.device.model_copy(update={"kind": "imported"})), math.pi / 2)
+    assert lens.mapping is LensMapping.EQUIDISTANT
+    assert lens.source.startswith("equidistant (assumed)")
 
 
 def test_a_chart_of_one_camera_gives_no_k2_and_says_so(sessions: Path) -> None:

@@ -28,7 +28,7 @@ from processing.sphere import Equirectangular, Fisheye, LensMapping
 from processing.stages.calibrate import calibrate_indoor, run
 from processing.stages.contract import StageContext
 from processing.stages.parameters import CalibrateParameters
-from station.session.session import FrameRecord, Side
+from station.session.session import DeviceRecord, FrameRecord, Side
 from tests.processing.calibration.outdoor.sky_pictures import optics_of, sky_picture
 from tests.station.session.sessions import manifest
 
@@ -304,6 +304,18 @@ def test_a_profiles_fall_off_of_another_aperture_is_reported_and_doubted(picture
     optics, _, result = find_optics(picture, session, asked, profile(16.0), None)
     assert optics.vignetting.relative_uncertainty == 0
     assert not any("was used" in text for text in result)
+
+
+def test_a_mapping_that_nobody_measured_is_said_to_be_assumed(picture):
+    """A profile's lens is no other: calibration finds its circle, and takes its mapping from the kind of camera."""
+    asked = CalibrateParameters()
+    canon, other = (
+        manifest(devices=(DeviceRecord(role="outdoor", kind=kind, model="A"),)) for kind in ("canon_5d2", "imported")
+    )
+    for rig in (profile(), None):
+        for one, assumed in ((canon, False), (other, True)):
+            said = find_optics(picture, one, asked, rig, None)[2]
+            assert any("mapping" in text and "assumed" in text for text in said) == assumed
 
 
 def test_a_tint_that_the_rigs_chart_left_uncertain_is_warned_of_in_every_session() -> None:
