@@ -64,6 +64,8 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; lx, cd/m2, glare need --scale or --reading"}
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
+    if note := image.attributes.get("note"):
+        facts, lines = {**facts, "note": note}, [*lines, str(note)]
     return answer(facts, [*lines, *left_out.values()], as_json=as_json)
 
 

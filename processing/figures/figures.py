@@ -165,7 +165,7 @@ def level_ratio(camera: Facts, outdoor: Facts | None) -> Figure | None:
     inside, outside = camera["level_up"], outdoor["level_up"]
     ratio = inside["value"] / outside["value"]
     off = math.hypot(inside["uncertainty"], ratio * outside["uncertainty"]) / outside["value"]
-    bound = None if bool(inside["bound"]) == bool(outside["bound"]) else "lower" if inside["bound"] else "upper"
+    bound = ((None, "upper"), ("lower", "unknown"))[bool(inside["bound"])][bool(outside["bound"])]
     return {"value": ratio, "uncertainty": off, "bound": bound}
 
 

@@ -28,7 +28,8 @@ from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
-from processing.pictures.modes import falloff_mode, modes_of, widened, with_modes
+from processing.pictures.modes import falloff_mode, modes_of, multiplied, widened, with_modes
+from processing.pictures.panorama import ADOBE, read_tags
 from processing.pictures.radiance import RELATIVE_MARK, WHITE_EFFICACY_LM_W, read_radiance_hdr
 from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, solid_angles
@@ -97,6 +98,8 @@ class Taken:
     model: str
     turns: int = 0
     """Quarters, counter-clockwise, by which EXIF wants it shown."""
+    adobe: bool = False
+    """In Adobe RGB by its EXIF."""
 
 
 def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: str, field_deg: float) -> LuminanceImage:
@@ -137,7 +140,8 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     _, seen = directions(lens)
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
-    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes({"scale": said}, modes))
+    facts = {"scale": said, **({"note": f"{frames[0].path.name}: {ADOBE}"} if frames[0].adobe else {})}
+    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes(facts, modes))
     return widened(picture, unmeasured_modes(picture) if kernel is None else kernel_modes(picture, kernel))
 
 
@@ -147,6 +151,7 @@ UNKNOWN_SIGMA = 0.1
 """Relative standard uncertainty of a scale that a file of another program implies; chosen: exposure settings' own."""
 _SPOT_PX = 2  # around a reading's pixel; chosen
 _EXIF, _TIME, _APERTURE, _SPEED, _MODEL, _ORIENTATION = 0x8769, 0x829A, 0x829D, 0x8827, 0x0110, 0x0112  # EXIF 2.32
+_MORE = 65535  # as speed: more than the field holds, and not known
 _TURNS = {3: 2, 6: 3, 8: 1}  # by orientation
 _FRAMES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
@@ -193,10 +198,7 @@ def _plain(rgb: np.ndarray, known: object, view: str | None, path: Path, *, abso
 def rescaled(image: LuminanceImage, factor: float, sigma: float, where: str = "--scale") -> LuminanceImage:
     """Return the picture times a factor (of ``where``) of a relative standard uncertainty, inf: not known."""
     check_light(image.rgb, where, factor)
-    modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
-    rgb = np.asarray(image.rgb * np.float32(factor))
-    attributes = with_modes(image.attributes, modes)
-    return replace(image, rgb=rgb, scale_uncertainty=sigma, absolute=True, attributes=attributes)
+    return replace(multiplied(image, factor), scale_uncertainty=sigma, absolute=True)
 
 
 def by_reading(image: LuminanceImage, level: float, place: tuple[float, float], sigma: float) -> LuminanceImage:
@@ -258,11 +260,11 @@ def taken_frames(folder: Path) -> list[Taken]:
                 said = [float(own[tag]) for tag in (_TIME, _APERTURE, _SPEED)]
         except (OSError, KeyError, ValueError, TypeError, ZeroDivisionError):
             said = [0.0] * 3
-        if not (min(said) > 0 and all(map(math.isfinite, said))):
+        if not (min(said) > 0 and all(map(math.isfinite, said)) and said[2] != _MORE):
             raise BracketError("has no time, aperture or speed in EXIF", where=path.name)
         time_s, aperture, speed = said
         model, turns = str(exif.get(_MODEL, "")).strip("\0 "), _TURNS.get(exif.get(_ORIENTATION, 1), 0)
-        found.append(Taken(path, time_s, aperture, speed, model, turns))
+        found.append(Taken(path, time_s, aperture, speed, model, turns, read_tags(path).adobe))
     if len(found) < 2:
         raise BracketError("holds no bracket", where=folder.name, advice="give a folder with a camera's frames")
     for name in ("f_number", "iso", "model"):

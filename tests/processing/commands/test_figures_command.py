@@ -17,6 +17,7 @@ from PIL.TiffImagePlugin import IFDRational
 from daylit import main
 from processing.errors import BracketError
 from processing.figures.foreign import taken_frames
+from processing.ground.colour import srgb_of_linear
 from processing.pictures.exr import write_exr
 from processing.pictures.images import Validity
 from processing.pictures.radiance import write_radiance_hdr
@@ -258,3 +259,27 @@ def test_only_the_time_differs_within_a_bracket(tmp_path: Path) -> None:
     for number, said in enumerate(({"iso": 400}, {"model": "Another"})):
         with pytest.raises(BracketError, match=f"different {next(iter(said))}"):
             taken_frames(frames(tmp_path / f"bad{number}", **said))
+
+
+def test_a_speed_beyond_its_field_is_not_known(tmp_path: Path) -> None:
+    with pytest.raises(BracketError, match=r"2\.jpg.*no time, aperture or speed"):
+        taken_frames(frames(tmp_path / "fast", iso=65535))
+
+
+def test_frames_in_adobe_rgb_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the import does: their numbers are taken as sRGB."""
+    x, y = np.meshgrid(np.linspace(-1.2, 1.2, 240), np.linspace(-1.2, 1.2, 240))
+    cells = np.repeat(np.repeat(2 ** np.random.default_rng(5).uniform(0, 9, (20, 20)), 12, 0), 12, 1)
+    for name in ("srgb", "adobe"):
+        (tmp_path / name).mkdir()
+        for k in range(7):
+            shown = srgb_of_linear(np.minimum(np.where(np.hypot(x, y) < 1, cells, 0) * 4.0**-k * 0.02, 1))
+            exif = Image.Exif()
+            exif.get_ifd(0x8769).update({0x829A: IFDRational(1, 4**k), 0x829D: IFDRational(28, 10), 0x8827: 100})
+            if name == "adobe":
+                exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+            Image.fromarray(shown).convert("RGB").save(tmp_path / name / f"{k}.jpg", exif=exif, quality=97)
+    code, answer = said(capsys, str(tmp_path / "adobe"), "--view", "fisheye,equidistant,180")
+    assert code == 0
+    assert answer["note"].startswith("0.jpg: it is in Adobe RGB")
+    assert "note" not in said(capsys, str(tmp_path / "srgb"), "--view", "fisheye,equidistant,180")[1]

@@ -174,6 +174,15 @@ def test_a_ratio_has_the_uncertainty_of_both_and_a_bound_of_one() -> None:
     assert found["value"] == pytest.approx(0.05)
     assert found["uncertainty"] == pytest.approx(0.05 * math.hypot(0.03, 0.04))
     assert found["bound"] == "upper"
+    for within, without, bound in ((None, None, None), ("lower", None, "lower"), ("lower", "lower", "unknown")):
+        ratio = level_ratio(
+            *(
+                {"level_up": one["level_up"] | {"bound": b}}
+                for one, b in zip((inside, outside), (within, without), strict=True)
+            )
+        )
+        assert ratio is not None
+        assert ratio["bound"] == bound
 
 
 def test_means_are_by_solid_angle() -> None:
