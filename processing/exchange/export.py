@@ -101,7 +101,7 @@ def _pictures(session: Path, into: Path, what: Sequence[str], to: Exported, how:
                 elif kind == "jpeg" and showing is not None:
                     made = made_of(session, name, original=original)
                     to.files.append(_jpeg(stem, image, made, (showing, heading_rad, how[0])))
-            except PictureFileError as error:
+            except (PictureFileError, ParameterError) as error:
                 to.left_out[f"{name}.{kind}"] = str(error)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypedDict, Unpack
@@ -14,6 +14,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes
+from processing.pictures.panorama import ASPECT_TOLERANCE
 from processing.pictures.preview import check_rgb8
 from processing.pictures.writing import write_bytes
 
@@ -123,13 +124,14 @@ FURNITURE, EQUIPMENT = "furniture", "equipment"
 """What was removed: furniture, whatever went with it; or no more than the photographer's things and direct sunlight."""
 PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT, EQUIPMENT: "Retouched"}
 EDITS = {
-    EMPTIED: "Furniture was removed digitally and the room's light recalculated without it.",
-    EQUIPMENT: "The photographer's equipment or direct sunlight was removed digitally.",
-    STAGED: "The furniture is virtual; the room's own furniture was removed digitally and the light recalculated.",
-    "added": "The furniture is virtual, and the room's light was recalculated with it.",
-    "relit": "The light was computed for another time or sky.",
-    "computed view": "What the camera did not see is computer-generated.",
+    EMPTIED: "Furniture was removed digitally| and the room's light recalculated without it",
+    EQUIPMENT: "The photographer's equipment or direct sunlight was removed digitally",
+    STAGED: "The furniture is virtual; the room's own furniture was removed digitally| and the light recalculated",
+    "added": "The furniture is virtual|, and the room's light was recalculated with it",
+    "relit": "The light was computed for another time or sky",
+    "computed view": "What the camera did not see is computer-generated",
 }
+"""Behind the bar: what is said only where the light was recalculated (`Made.lit`)."""
 
 
 class Made(NamedTuple):
@@ -143,6 +145,8 @@ class Made(NamedTuple):
     """relit, computed view, or neither."""
     original: str = ""
     """Where the unaltered photograph is: an address on the web, or a file beside the picture; empty: not known."""
+    lit: bool = True
+    """Whether the light of an emptied or staged room was recalculated."""
 
     @classmethod
     def of(cls, name: str, **more: Any) -> Self:
@@ -161,7 +165,8 @@ class Made(NamedTuple):
         """Return what was changed, and where the unaltered original is; empty: as the camera took it."""
         edits = ["added"] * (self.state == STAGED) + [self.removed] * (self.state != PHOTOGRAPH)
         edits = [self.state] if self.removed == FURNITURE else edits
-        said = " ".join(EDITS[one] for one in (*edits, self.further) if one in EDITS)
+        texts = (EDITS[one].split("|")[: 2 if self.lit else 1] for one in (*edits, self.further) if one in EDITS)
+        said = " ".join(f"{''.join(parts)}." for parts in texts)
         return f"{said} Unaltered original: {self.original}" if said and self.original else said
 
     def on(self, rgb8: Bytes, *, panorama: bool | None = None) -> Bytes:
@@ -175,6 +180,13 @@ def removed_by(facts: Mapping[str, Any]) -> str:
     if facts.get("skipped") or "empty" in facts["left_out"]:
         return ""
     return FURNITURE if facts["metrics"].get("furniture", True) else EQUIPMENT
+
+
+def lit_by(state: str, facts: Callable[[str], Mapping[str, Any]]) -> bool:
+    """Return whether the light of a state was recalculated (`Made.lit`), by what remove and render say they did."""
+    removed = facts("remove")
+    lifted = not removed.get("skipped") and "lift" not in removed["left_out"]
+    return lifted or (state.startswith(STAGED) and facts("render")["metrics"].get("method") != "ibl")
 
 
 # XMP packets by hand: how a panorama covers the sphere (GPano), what kind of picture it is (IPTC), and its title.
@@ -208,7 +220,8 @@ class PanoramaTags:
     """Compass azimuth (from the centre where no heading is known) at which a viewer opens."""
 
     def __post_init__(self) -> None:
-        if not (0 < self.full_width_px <= 1 << 20 and self.full_width_px == 2 * self.full_height_px):
+        off_px = abs(self.full_width_px - 2 * self.full_height_px)
+        if not (0 < self.full_width_px <= 1 << 20 and off_px <= ASPECT_TOLERANCE * self.full_width_px):
             raise ParameterError(f"a whole panorama must be 2:1, not {self.full_width_px} x {self.full_height_px}")
         if self.left_px < 0 or self.top_px < 0:
             raise ParameterError("a crop begins within the panorama", advice="give left and top from 0")

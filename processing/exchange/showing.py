@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ProcessingError, ResultFileError
-from processing.exchange.jpeg_files import FURNITURE, PHOTOGRAPH, STAGED, Made, removed_by
+from processing.exchange.jpeg_files import FURNITURE, PHOTOGRAPH, STAGED, Made, lit_by, removed_by
 from processing.ground.arrays import Bytes, Floats
 from processing.ground.finished import Finished
 from processing.ground.room_model import RoomModel, read_json, read_room
@@ -108,9 +108,10 @@ def made_of(session: Path, name: str, **more: Any) -> Made:
     try:
         done = Finished(session, "remove")
         removed = removed_by(done.facts) if "empty.exr" in done else ""
+        lit = lit_by(name, lambda stage: Finished(session, stage).facts)
     except ResultFileError:
-        removed = FURNITURE  # nobody knows: nothing is said to be unchanged
-    made = Made.of(name, removed=removed, **more)
+        removed, lit = FURNITURE, True  # nobody knows: nothing is said to be unchanged
+    made = Made.of(name, removed=removed, lit=lit, **more)
     return made if removed or made.state == STAGED else made._replace(state=PHOTOGRAPH)
 
 

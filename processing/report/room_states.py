@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from processing.exchange.jpeg_files import EMPTIED, STAGED, TEXT, Made, removed_by
+from processing.exchange.jpeg_files import EMPTIED, STAGED, TEXT, Made, lit_by, removed_by
 from processing.exchange.showing import panes_of
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.layout.arrangement import Arrangements
@@ -40,14 +40,13 @@ def room_states(context: StageContext) -> Iterator[State]:
     yield State("Photograph", photograph, Made(), file, "the room as photographed")
     staged = [(k, f"virtually staged, alternative {k}") for k in range(1, MOST_STAGED + 1)]
     if removed := removed_by(context.summary("remove")):
-        read = partial(emptied_as_shown, context)
-        yield State(
-            "Emptied", read, Made(EMPTIED, removed), "stages/remove/empty.exr", "the room without its furniture"
-        )
+        read, made = partial(emptied_as_shown, context), Made(EMPTIED, removed, lit=lit_by(EMPTIED, context.summary))
+        yield State("Emptied", read, made, "stages/remove/empty.exr", "the room without its furniture")
     for name, title, alt in ((f"staged-{k}", f"Staged {k}", alt) for k, alt in staged):
         if context.has("render", name):
             read = partial(context.artifact, "render", name)
-            yield State(title, read, Made(STAGED, removed), f"stages/render/{name}.exr", alt)
+            made = Made(STAGED, removed, lit=lit_by(STAGED, context.summary))
+            yield State(title, read, made, f"stages/render/{name}.exr", alt)
 
 
 def emptied_as_shown(context: StageContext) -> LuminanceImage:

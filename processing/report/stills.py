@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import Made, removed_by, write_jpeg
+from processing.exchange.jpeg_files import Made, lit_by, removed_by, write_jpeg
 from processing.exchange.showing import Shown, panes_of, shown_as
 from processing.ground.arrays import Doubles
 from processing.ground.polygons import inside
@@ -339,7 +339,7 @@ def _stills(
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
     state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
     context.let_go()  # of the state before
-    what = Made.of(state, removed=removed_by(context.summary("remove")))
+    what = Made.of(state, removed=removed_by(context.summary("remove")), lit=lit_by(state, context.summary))
     light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []
     for number, frame in enumerate(frames, before + 1):

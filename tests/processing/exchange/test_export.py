@@ -119,6 +119,23 @@ def test_a_room_from_which_nothing_was_removed_does_not_say_so(session: Path, tm
     assert b"removed" not in data
 
 
+def test_pictures_whose_light_was_left_alone_do_not_claim_it(session: Path, tmp_path: Path) -> None:
+    finish(session, "remove", left_out={"lift": "shading is kept"})
+    finish(session, "render", metrics={"method": "ibl"})
+    export(session, tmp_path / "out", ("jpeg",))
+    for name, words in (("empty", b"Furniture was removed digitally. Un"), ("staged-1", b"was removed digitally. Un")):
+        assert words in (tmp_path / "out" / f"{session.name}_{name}.jpg").read_bytes()
+
+
+def test_what_no_jpeg_holds_is_left_out_and_the_rest_stands(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("processing.exchange.jpeg_files.LONGEST_SIDE_PX", 90)
+    done = export(session, tmp_path / "out", ("jpeg", "exr"))
+    assert "at most 90 pixels" in done.left_out["room.jpeg"]
+    assert {path.suffix for path in done.files} == {".exr"}
+
+
 def test_one_exposure_for_a_room_and_a_label_that_can_be_left_out(session: Path, tmp_path: Path) -> None:
     export(session, tmp_path / "out", ("jpeg",), label=False)
     export(session, tmp_path / "labelled", ("jpeg",))

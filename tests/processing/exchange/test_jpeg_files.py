@@ -10,7 +10,9 @@ import pytest
 from PIL import Image
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import STAGED_SOURCE, Made, PanoramaTags, jpeg_bytes, packet, write_jpeg
+from processing.exchange.jpeg_files import STAGED_SOURCE, Made, PanoramaTags, jpeg_bytes, lit_by, packet, write_jpeg
+from processing.pictures.panorama import read_panorama
+from processing.sphere import Equirectangular
 
 
 def picture(width: int = 64, height: int = 32) -> np.ndarray:
@@ -67,6 +69,11 @@ def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
             ("another time", "original: b"),
             ("removed", "virtual"),
         ),
+        (Made.of("empty", lit=False), "Furniture removed", ("removed digitally.",), ("recalculated", "|")),
+        (Made.of("staged-1", lit=False), "Virtually staged", ("removed digitally.",), ("recalculated",)),
+        (Made.of("staged-1", removed="", lit=False), "Virtually staged", ("is virtual.",), ("recalculated", "removed")),
+        (Made.of("empty"), "Furniture removed", ("light recalculated without it.",), ("|",)),
+        (Made.of("staged-1"), "Virtually staged", ("and the light recalculated.",), ("|",)),
         (Made.of("empty", further="computed view"), "Furniture removed, computed view", ("did not see",), ("virtual",)),
     ],
 )
@@ -141,3 +148,34 @@ def test_what_cannot_be_a_jpeg_is_refused(rgb8: np.ndarray, more: dict[str, obje
 def test_tags_that_cannot_be_are_refused(tags: tuple) -> None:
     with pytest.raises(ParameterError):
         PanoramaTags(*tags)
+
+
+@pytest.mark.parametrize(
+    ("state", "left_out", "skipped", "method", "lit"),
+    [
+        ("empty", {}, "", "differential", True),
+        ("empty", {"lift": "shading is kept"}, "", "differential", False),
+        ("staged-1", {"lift": "shading is kept"}, "", "differential", True),
+        ("staged-1", {"lift": "shading is kept"}, "", "ibl", False),
+        ("staged-1", {}, "", "ibl", True),
+        ("staged-1", {}, "nothing to remove", "ibl", False),
+        ("staged-1", {}, "nothing to remove", "global", True),
+    ],
+)
+def test_light_is_said_to_be_recalculated_only_where_it_was(
+    state: str, left_out: dict[str, str], skipped: str, method: str, lit: bool
+) -> None:
+    facts = {
+        "remove": {"left_out": left_out, "skipped": skipped, "metrics": {}},
+        "render": {"metrics": {"method": method}},
+    }
+    assert lit_by(state, facts.__getitem__) == lit
+
+
+def test_a_panorama_of_a_hundredth_less_height_is_whole(tmp_path: Path) -> None:
+    """As `read_panorama` takes them; a part of one is none."""
+    write_jpeg(tmp_path / "p.jpg", np.zeros((398, 800, 3), np.uint8), panorama=PanoramaTags.whole(800, 398))
+    assert b'FullPanoHeightPixels="398"' in (tmp_path / "p.jpg").read_bytes()
+    assert read_panorama(tmp_path / "p.jpg").image.geometry == Equirectangular(800, 398)
+    with pytest.raises(ParameterError, match="2:1"):
+        PanoramaTags.whole(800, 390)
