@@ -4,6 +4,7 @@ import math
 import tomllib
 from importlib import resources
 from pathlib import Path
+from stat import S_ISREG
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -170,12 +171,12 @@ PAPER_RIG = RigFile(indoor=PAPER_INDOOR, outdoor=PAPER_OUTDOOR, meter=MeterTable
 def load_rig(path: Path) -> RigFile:
     """Read and check a rig file.
 
-    Raises `RigError`: missing, too large, not TOML, or a key that is unknown or out of range; names the file and every
-    such key.
+    Raises `RigError`: missing, too large, no regular file (a device has no end), not TOML, or a key that is unknown or
+    out of range; names the file and every such key.
     """
     try:
-        if path.stat().st_size > MAX_RIG_BYTES:
-            raise RigError("too large for a rig file", where=str(path))
+        if not S_ISREG((found := path.stat()).st_mode) or found.st_size > MAX_RIG_BYTES:
+            raise RigError("too large for a rig file, or no regular file", where=str(path))
         return RigFile.model_validate(tomllib.loads(path.read_text("utf-8-sig")))
     except FileNotFoundError as error:
         advice = "write one with: daylit doctor --write-rig rig.toml"

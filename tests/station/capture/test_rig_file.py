@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,12 @@ def test_missing_and_oversized_files(tmp_path: Path) -> None:
         load_rig(tmp_path / "none.toml")
     with pytest.raises(RigError, match="too large"):
         load_rig(write(tmp_path, "#" * 300_000))
+    for endless in ("/dev/zero", "/dev/urandom"):
+        with pytest.raises(RigError, match="no regular file"):
+            load_rig(Path(endless))
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RigError, match="no regular file"):
+        load_rig(tmp_path / "pipe")
 
 
 def test_target_is_in_radians(tmp_path: Path) -> None:
