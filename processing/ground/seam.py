@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import AnyArray, Doubles, Flags, Floats, Int16s, Int32s, Int64s
+from processing.ground.arrays import AnyArray, Doubles, Flags, Floats, Indices, Int16s, Int32s, Int64s
 
 Picture = TypeVar("Picture", bound=npt.NDArray[np.generic])
 
@@ -72,6 +72,17 @@ def components(mask: Flags) -> tuple[int, Int32s]:
             parent[b] = a
     kept, numbers = np.unique(np.array([root(one) for one in range(count)]), return_inverse=True)
     return len(kept) - 1, np.asarray(labels if len(kept) == count else numbers.astype(np.int32)[labels], np.int32)
+
+
+def spanned(part: Flags) -> tuple[Indices, Indices]:
+    """Return the rows (N,) and the columns (M,) that hold some of a ``part`` (H, W), which must hold some pixel.
+
+    Columns run on round the seam: those before it are given as negative, -W to -1.
+    """
+    columns = np.flatnonzero(part.any(axis=0))
+    widest = int(np.diff(columns, append=columns[0] + part.shape[1]).argmax()) + 1
+    around = np.concatenate([columns[widest:] - part.shape[1], columns[:widest]])
+    return np.flatnonzero(part.any(axis=1)), around
 
 
 def grown(mask: Flags, angle_rad: float) -> Flags:

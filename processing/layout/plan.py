@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import shapely
@@ -34,6 +34,7 @@ SILL_M = 0.9  # chosen: usual in homes
 HEAD_M = 2.1  # chosen: usual in homes
 DOOR_HEAD_M = 2.1  # chosen: usual in homes
 SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
+LEAST_OPENING_M = 0.05  # of an opening's width; chosen
 HUNG_DOOR = "door"
 """The name of a `Hung` that is a door."""
 
@@ -243,7 +244,7 @@ def _placed(plan: FloorPlan, opening: OpeningT, moved: dict[int, int], turned: b
     edge = moved[opening.edge]
     length_m = plan.edge(edge)[2]
     start_m, end_m = opening.start_m, opening.end_m
-    if not (math.isfinite(start_m) and math.isfinite(end_m)) or end_m - start_m < 0.05:
+    if not (math.isfinite(start_m) and math.isfinite(end_m)) or end_m - start_m < LEAST_OPENING_M:
         raise PlanError(f"from {start_m} to {end_m} m along edge {opening.edge}: not an opening", where=where)
     if turned:
         start_m, end_m = length_m - end_m, length_m - start_m
@@ -262,15 +263,21 @@ def _inside(ring: Doubles, point: Doubles) -> bool:
 def from_room_model(
     room: RoomModel, *, keep_camera_free: bool = False, name: str = "room", hung: Sequence[Hung] = ()
 ) -> FloorPlan:
-    """Return the plan of a room's model; a passage is a door without a leaf."""
-    doors, windows = [], list[Window]()
+    """Return the plan of a room's model; a passage is a door without a leaf.
+
+    Openings that are too narrow for one are left out, and that is noted. Raises `PlanError` as `make_plan` does.
+    """
+    doors, windows, notes = [], list[Window](), []
     for o in room.openings:
-        if o.kind is OpeningKind.WINDOW:
+        if o.end_m - o.start_m < LEAST_OPENING_M:
+            notes.append(
+                f"a {o.kind.value} on wall {o.wall + 1} is {100 * (o.end_m - o.start_m):.0f} cm wide: left out"
+            )
+        elif o.kind is OpeningKind.WINDOW:
             windows.append(Window(o.wall, o.start_m, o.end_m, o.sill_m, o.head_m))
         else:
             swing: Swing = "sliding" if o.kind is OpeningKind.PASSAGE else "unknown"
             doors.append(Door(o.wall, o.start_m, o.end_m, swing=swing))
     high_m, free = room.ceiling_height_m, [(0.0, 0.0)] if keep_camera_free else []
-    return make_plan(
-        room.floor, ceiling_height_m=high_m, doors=doors, windows=[*windows, *hung], keep_free=free, name=name
-    )
+    openings: Any = {"doors": doors, "windows": [*windows, *hung]}
+    return make_plan(room.floor, ceiling_height_m=high_m, **openings, keep_free=free, name=name, notes=notes)

@@ -295,9 +295,7 @@ def _draw(done: FilledPlane, seen: _Seen, where: Flags, into: tuple[Floats, Byte
     """Draw a plane's filling into the panorama, its provenance and its confidence."""
     out, provenance, confidence = into
     layers = np.concatenate([done.values, done.confidence[..., None], done.continued[..., None].astype(np.float32)], -1)
-    # Texels outside the outline are never right: `wrap` leaves them out.
-    shown = done.texture.plane, done.texture.px_per_m, seen.room, seen.geometry
-    values, mask = wrap(layers, *shown, where, seen.planes)
+    values, mask = wrap(layers, done.texture, seen.room, seen.geometry, where, seen.planes)
     out[mask] = np.maximum(values[:, :3], 0)
     sure = np.clip(values[:, 3], 0, 1)
     confidence[mask] = sure

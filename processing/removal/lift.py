@@ -28,7 +28,7 @@ from processing.removal.illumination import grey, known_mean
 from processing.removal.plane_fill import LEAST_OPEN
 from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import FIRST_WALL, FLOOR, opening_map, plane_map
+from processing.surfaces.maps import FIRST_WALL, FLOOR, opening_map, plane_map, planes_of
 
 BAND_ROWS, MOST_BANDS = 128, 4  # rows lifted at once, and so many times side by side; chosen, 20 MB each at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
@@ -109,7 +109,7 @@ def lifted(
     soften_edges(rgb, target, room, geometry)
     even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
     evened = partial(_evened_out, rgb, change, target | (stays & (change != 0)))
-    _in_bands(evened, {0: even}, np.zeros_like(plane), glass)
+    _in_bands(evened, [even], np.zeros_like(plane), glass)
     change[~stays] = 0
     uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
@@ -204,26 +204,31 @@ def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Flo
     return light, np.hypot(doubt, LIGHT_DOUBT)
 
 
-def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> dict[int, Floats]:
-    """Return, for each plane, log change, how ``much`` (h, w) of it is put on, and log light (h, w + 2, 7), continued
-    beyond it, a column round the seam."""
+def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> list[Floats]:
+    """Return, for each plane of the room, log change, how ``much`` (h, w) of it is put on, and log light (h, w + 2, 7),
+    continued beyond it, a column round the seam.
+
+    Of a wall that the picture shows as a sliver this size may have no pixel: it is lit as what is around.
+    """
     high, wide = shade.seen.shape
     plane = plane_map(room, Equirectangular(wide, high))
     light = np.log(np.maximum(shade.without_lx, 1e-6))
     lit = shade.without_lx.max(axis=-1) > 0
-    found = {}
-    for number in np.unique(plane):
+    found, around = [], _continued(light, lit)
+    for number in range(len(planes_of(room))):
         mine = plane == number
-        usual = _continued(light, mine & lit) if (mine & lit).any() else _continued(light, lit)
+        usual = _continued(light, mine & lit) if (mine & lit).any() else around
         lift = _continued(np.concatenate([shade.log_change, much[..., None]], axis=-1), mine & shade.seen)
         both = np.concatenate([lift, usual], axis=-1)
-        found[int(number)] = np.concatenate([both[:, -1:], both, both[:, :1]], axis=1)
+        found.append(np.concatenate([both[:, -1:], both, both[:, :1]], axis=1))
     return found
 
 
 def _continued(values: Floats, known: Flags) -> Floats:
     """Return values (h, w, C) that go on smoothly, round the seam, where not ``known`` (h, w); 0 where none is."""
     out = np.where(known[..., None], values, 0).astype(np.float32)
+    if not known.any():
+        return out
     weight, todo = known.astype(np.float32), ~known
     for reach in REACHES_PX:
         share = smoothed(weight, reach * math.pi / len(values))
@@ -231,28 +236,25 @@ def _continued(values: Floats, known: Flags) -> Floats:
         mean = smoothed(np.where(known[..., None], values, 0).astype(np.float32), reach * math.pi / len(values))
         out[ready] = mean[ready] / share[ready, None]
         todo &= ~ready
-    if known.any():
-        out[todo] = np.median(values[known], axis=0)
+    out[todo] = np.median(values[known], axis=0)
     return out
 
 
 def _in_bands(
-    work: Callable[[slice, Floats, Floats, Floats], None], planes: dict[int, Floats], plane: Int16s, glass: Flags
+    work: Callable[[slice, Floats, Floats, Floats], None], planes: list[Floats], plane: Int16s, glass: Flags
 ) -> None:
     """Do ``work``, side by side, on bands of rows of the whole picture: with log change (h, W, 3), 0 on glass,
-    irradiance (h, W, 3), lx, and how much of the change is put on, (h, W, 1)."""
+    irradiance (h, W, 3), lx, and how much of the change is put on, (h, W, 1), of the ``planes`` by index."""
     high, wide = plane.shape
-    small_high, small_wide = next(iter(planes.values())).shape[:2]
+    small_high, small_wide = planes[0].shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
-    layers, which = np.stack([*planes.values()]), np.zeros(max(planes) + 1, np.int16)
-    which[[*planes]] = np.arange(len(planes))
-    usual = np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes.values()], axis=0)
+    layers, usual = np.stack(planes), np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes], axis=0)
 
     def band(start: int) -> None:
         rows = slice(start, min(start + BAND_ROWS, high))
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
         both = np.empty((rows.stop - rows.start, wide, 7), np.float32)
-        _sampled(layers, which[plane[rows]], x, y, both)
+        _sampled(layers, plane[rows], x, y, both)
         # What is seen through glass is not lit by the room: it goes on as it is, in one light.
         both[glass[rows]] = np.append(np.zeros(4, np.float32), usual)
         work(rows, both[..., :3], np.exp(both[..., 4:]), both[..., 3:4])

@@ -6,7 +6,6 @@ All is found at a working size and brought to full size, where furniture's edges
 import math
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 
 from processing.errors import ParameterError
@@ -297,8 +296,8 @@ def _united(found: _Found, image: LuminanceImage | RelativeImage, sphere: Equire
     target = target_of((furniture | tripod, contact), sunlight, found.openings, margin_rad)
     target &= furniture | tripod | sunlight | ~_at(found.hangs, shape)
     target = with_islands(target, found.openings, CRUMB_SR)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((~target).astype(np.uint8))
-    target |= (stats[:, cv2.CC_STAT_AREA] <= CRUMB_PX * max(1.0, shape[0] / len(found.openings)) ** 2)[labels]
+    labels = components(~target)[1]
+    target |= (np.bincount(labels.ravel()) <= CRUMB_PX * max(1.0, shape[0] / len(found.openings)) ** 2)[labels]
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.sun, shares=shares)

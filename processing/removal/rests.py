@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import components, grown, resized, row_solid_angles, summed
+from processing.ground.seam import components, grown, resized, row_solid_angles, spanned, summed
 from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD, segments
 from processing.removal.illumination import known_mean
 from processing.segmentation.evidence import SceneClass
@@ -50,8 +50,8 @@ GLARE_RAD, GLARE_CHROMA, GLARE_TIMES, GLARE_MEAN = math.radians(0.35), 0.3, 3.0,
 and in the mean; the next: by which it is brighter; share of its outline that furniture cuts; largest size (chosen by
 looking at eight furnished real rooms: one has such a reflection; of the others next to nothing is taken)."""
 GLARE_BRIGHT, GLARE_CUT, GLARE_SR = 0.7, 0.4, 0.15
-Part: TypeAlias = tuple[tuple[slice, slice], Flags]
-"""A box of a picture, and the part of it."""
+Part: TypeAlias = tuple[tuple[Any, ...], Flags]
+"""Rows and columns of a box of a picture, by which arrays (H, W) are indexed, and the part of it."""
 
 CRUMB_TONE, CRUMB_LIGHT_RAD, CRUMB_SR, SPARSE_SR, CRUMB_PX = 0.2, math.radians(1.5), 1.5e-3, 6e-3, 3
 """Natural logarithm by which a crumb differs from its wall's light, over what that is taken; largest size, and of a
@@ -83,7 +83,7 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
         for label in near[~tried[near]]:
             tried[label] = True
             part = labels == label
-            rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+            rows, columns = spanned(part)
             high, wide = np.ptp(rows) * px_rad, (np.ptp(columns) + 1) * px_rad
             if high > THING_RAD[0] or wide > THING_RAD[1] or (part & barred).sum() > 0.3 * part.sum():
                 continue
@@ -105,7 +105,7 @@ def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:
     small = []
     for label in np.flatnonzero((inside > 0.5 * size) & (size > LONE_SR)):
         part = labels == label
-        rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+        rows, columns = spanned(part)
         if max(np.ptp(rows) / THING_RAD[0], np.ptp(columns) / THING_RAD[1]) * px_rad <= 1:
             small.append((float(size[label]), part))
     things = [part for _, part in small if _contrast(part, found, colours, floor) > LONE_CONTRAST]
@@ -126,8 +126,9 @@ def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = 
 
     ``floor`` (H, W): 0 where that is not around it; what is only darker is then no farther than its shade.
     """
-    rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
-    window = np.s_[max(0, rows[0] - 6) : rows[-1] + 7, max(0, columns[0] - 6) : columns[-1] + 7]
+    (high, wide), (rows, columns) = part.shape, spanned(part)
+    beside = np.arange(columns[0] - 6, columns[-1] + 7) % wide
+    window = np.ix_(np.arange(max(0, rows[0] - 6), min(rows[-1] + 7, high)), beside)
     ring = cv2.dilate(part[window].astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
     ring &= ~part[window] & ~found[window]
     if not ring.any():
@@ -231,8 +232,12 @@ def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> 
 def _parts(mask: Flags) -> Iterator[Part]:
     """Yield the box of each part of a mask (H, W), round the seam, and the part in it."""
     labels = components(mask)[1]
-    for number, box in enumerate(ndimage.find_objects(labels), 1):
-        if box is not None:
+    for number, found in enumerate(ndimage.find_objects(labels), 1):
+        if found is not None:
+            box: tuple[Any, ...] = found
+            if found[1] == slice(0, mask.shape[1]):
+                rows, columns = spanned(labels == number)
+                box = np.ix_(np.arange(rows[0], rows[-1] + 1), np.arange(columns[0], columns[-1] + 1))
             yield box, labels[box] == number
 
 

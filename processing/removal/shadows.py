@@ -80,7 +80,7 @@ def find_shadows(
         else:
             shadow = _by(object_here, CONTACT_M)
         layers = np.stack([shadow, _by(object_here, CONTACT_M)], axis=-1).astype(np.float32)
-        values, where = wrap(layers, plane, PX_PER_M, room, geometry, ~hidden)
+        values, where = wrap(layers, texture, room, geometry, ~hidden)
         found[where] |= values[:, 0] > 0.5
         band[where] |= values[:, 1] > 0.5
     return ShadowFound((found | band) & ~hidden, band & ~hidden, without)
@@ -140,7 +140,7 @@ def unglowed(rgb: Floats, removed: Flags, things: Flags, room: RoomModel) -> Flo
         # It goes on to what is removed, and under things that are not.
         more = (spread(more.astype(np.float32), texture.known) * fade[..., None]).astype(np.float32)
         # Also where it is removed: at a finer size the factors of its rim lie between both.
-        values, where = wrap(more, plane, PX_PER_M, room, geometry, ~glass)
+        values, where = wrap(more, texture, room, geometry, ~glass)
         gain[where] = np.exp2(-values)
     return gain
 
@@ -174,7 +174,7 @@ def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Fl
     lift = np.stack(lifts, axis=-1)
     grey = lift.mean(axis=-1, keepdims=True)
     lift = grey + np.clip(lift - grey, -MOST_TINT, MOST_TINT)
-    values, where = wrap(lift, floor, PX_PER_M, room, geometry, np.ones_like(hidden))
+    values, where = wrap(lift, texture, room, geometry, np.ones_like(hidden))
     gain[where] = np.exp2(values)
     return gain
 
@@ -273,7 +273,7 @@ def find_plain_shade(
         never = cv2.dilate(never.astype(np.uint8), FRAME, borderType=cv2.BORDER_CONSTANT, borderValue=rim).astype(bool)
         if gone.any():
             marks = _left_on(texture.values[..., :3], texture.known & ~never & ~gone, gone, plane)
-            values, where = wrap(marks, plane, WALL_PX_PER_M, room, geometry, ~(removed | barred))
+            values, where = wrap(marks, texture, room, geometry, ~(removed | barred))
             found[where] |= values[:, 0] > 0.5
             hangs[where] |= (not rim) & (values[:, 1] > 0.5)  # furniture may hide the rest of a rug
     return found, hangs

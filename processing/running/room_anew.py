@@ -32,7 +32,7 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
         raise ParameterError("no estimate yet", where=session.name, advice="process it until room, not --room")
     image, evidence = read_exr(picture), read_evidence(evidence_path)
     assert isinstance(image, LuminanceImage)
-    own = evidence if evidence.own is None else replace(evidence, probabilities=evidence.own)
+    own = evidence if evidence.own is None else replace(evidence, probabilities=evidence.own, own=None)
     facts = read_json(stages / "room" / RESULT_NAME, most_bytes=MOST_BYTES).get("metrics", {})
     square = facts.get("walls_square", LEAST_SQUARE) >= LEAST_SQUARE and "walls_azimuth_deg" in facts
     held = Held.of(room, read_room(stages / "room" / "room.json"))
@@ -43,6 +43,7 @@ def room_around(session: Path, room: RoomModel) -> RoomModel:
     light = stages / "calibrate" / "calibration.json"
     shone = sky_shows_sun(read_json(light, most_bytes=MOST_BYTES) if light.is_file() else None)
     sun = None if shone is False else sun_direction(load_manifest(session))
-    openings = find_openings_in_sun(image, evidence, found.room, sun, outdoor=outdoor)  # type: ignore[arg-type]
+    seen = evidence if evidence.networks > 1 else own  # a network of yours finds furniture alone
+    openings = find_openings_in_sun(image, seen, found.room, sun, outdoor=outdoor)  # type: ignore[arg-type]
     made = found.room.model_copy(update={"openings": held.openings(found.room, openings)})
     return RoomModel.model_validate_json(made.model_dump_json())

@@ -91,6 +91,7 @@ def segment_around(
         notes=(note,) if skipped else (),
         reach=first.reach if first else None,
         skirting=first.skirting if first else None,
+        own=first.probabilities if first else None,
     )
 
 
@@ -116,7 +117,6 @@ def fused(own: SceneEvidence, image: LuminanceImage | RelativeImage | Bytes, seg
         views_used=own.views_used + other.views_used,
         notes=(*own.notes, *other.notes),
         networks=2,
-        own=own.probabilities,
     )
 
 

@@ -73,7 +73,7 @@ class SceneEvidence:
     skirting: Floats | None = None
     """(H, W), 0..1: how much of a pixel is skirting that is seen."""
     own: Floats | None = None
-    """(len(SceneClass), h, w): what our network says alone, where the probabilities are a mean with another's."""
+    """(len(SceneClass), h, w): what our network says alone, where the probabilities are (also) another's."""
 
     def share(self, *classes: SceneClass) -> Floats:
         """Return the summed probability (H, W) of some classes."""

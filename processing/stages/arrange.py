@@ -1,13 +1,15 @@
 """The stage arrange: where furniture stands, in several ways (paper, section 5)."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
+from processing.errors import LayoutError, NoDoorError, PlanError, RoomTooSmallError
 from processing.ground.seam import resized
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
@@ -49,13 +51,15 @@ def run(context: StageContext) -> StageOutput:
     """Arrange what is asked."""
     asked = context.parameters_of(ArrangeParameters)
     hung = _hung(context)
-    plan, assumed = plan_of(known_room(context), hung, context.session.name or "room")
+    try:
+        plan, assumed = plan_of(known_room(context), hung, context.session.name or "room")
+    except PlanError as error:  # it can stand, and is no room to live in: one lower than furniture
+        return _nothing(error, Choice(asked.set, "the room has no plan"))
     choice = _choice(asked, context.session.name, plan)
     context.progress(0.3, choice.name)
     items = _items(asked, choice)
     try:
-        found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed, pins=parse_pins(asked.pin))
-        found = found if asked.items is not None or asked.pin else _with_bed(found, plan, items, asked)
+        found = _arranged(plan, items, asked)
     except (NoDoorError, RoomTooSmallError) as error:
         return _nothing(error, choice)
     context.progress(0.8, "drawing")
@@ -99,18 +103,31 @@ SMALLER_BEDS = (("single bed", ""), ("bed", "tight"), ("single bed", "tight"))
 """What is tried, in this order, before a bedroom is left without a bed: a smaller one, then tighter rules (chosen)."""
 
 
-def _with_bed(found: Arrangements, plan: FloorPlan, items: Sequence[Item], asked: ArrangeParameters) -> Arrangements:
-    """Return the arrangements, or others with a smaller bed or by tighter rules, where a set's bed has no place."""
-    if _beds(found) or not any(item.spec.category == "bed" for item in items):
-        return found
+def _arranged(plan: FloorPlan, items: Sequence[Item], asked: ArrangeParameters) -> Arrangements:
+    """Return the arrangements, or others with a smaller bed or by tighter rules, where a set's bed has no place.
+
+    Where no bed has one, what else the set has stands by itself. Raises `RoomTooSmallError` as `arrange` does, where
+    nothing of a set can stand, or something that is asked for by name cannot.
+    """
+    made = partial(arrange, plan, n=asked.alternatives, seed=asked.seed, pins=parse_pins(asked.pin))
+    found, refused = list[Arrangements](), list[RoomTooSmallError]()
+    try:
+        found.append(made(items, asked.rules))
+    except RoomTooSmallError as error:
+        refused.append(error)
+    of_a_set = asked.items is None and not asked.pin and any(item.spec.category == "bed" for item in items)
     kinds = _kinds(asked)
-    for bed, rules in SMALLER_BEDS:
+    for bed, rules in SMALLER_BEDS if of_a_set and not any(map(_beds, found)) else ():
         specs = [kinds[bed] if item.spec.category == "bed" else item.spec for item in items]
-        other = arrange(plan, number_items(specs), rules or asked.rules, n=asked.alternatives, seed=asked.seed)
-        if _beds(other):
-            said = f"the bed does not fit: {bed} used instead" + (f", by the rules '{rules}'" if rules else "")
-            return other.model_copy(update={"notes": (said, *other.notes)})
-    return found
+        with suppress(RoomTooSmallError):
+            other = made(number_items(specs), rules or asked.rules)
+            if _beds(other):
+                said = f"the bed does not fit: {bed} used instead" + (f", by the rules '{rules}'" if rules else "")
+                return other.model_copy(update={"notes": (said, *other.notes)})
+            found += [other] if other.arrangements and other.arrangements[0].items else []
+    if not found:
+        raise refused[0]
+    return found[0]
 
 
 def _beds(found: Arrangements) -> bool:

@@ -144,7 +144,7 @@ def _plane_met(floor: Any, dx: float, dy: float, dz: float, camera_m: float, cei
 
 @inner
 def _add_texel(texture: Any, inside: Any, x: float, y: float, sums: Any) -> None:
-    """Add a texture's value at a place in texels, from texels inside its outline where there are any."""
+    """Add a texture's value at a place in texels, from texels that count where there are any."""
     height, width, channels = texture.shape
     x = min(max(x - 0.5, 0.0), width - 1.0)
     y = min(max(y - 0.5, 0.0), height - 1.0)
@@ -290,9 +290,8 @@ def unwrap(
 
 
 def wrap(
-    texture_values: Floats,
-    plane: Plane,
-    px_per_m: float,
+    values: Floats,
+    texture: Texture,
     room: RoomModel,
     geometry: Equirectangular,
     where: Flags,
@@ -300,25 +299,25 @@ def wrap(
 ) -> tuple[Floats, Flags]:
     """Return what those pixels of ``where`` (H, W) show that see a plane, (n,) or (n, C), and which they are (H, W).
 
-    Values are in the order of ``picture[mask]``. Each pixel is the mean over the part of it that sees the plane, from
-    texels inside the plane's outline; texels must be right there, and nowhere else. ``planes``: `plane_map`, if known.
+    ``values`` (h, w) or (h, w, C) are of the ``texture``'s plane, laid out as its own. Those returned are in the order
+    of ``picture[mask]``: each pixel is the mean over the part of it that sees the plane, from texels that the camera
+    sees; values must be right there, and nowhere else. ``planes`` (H, W): `plane_map`, if known.
 
-    Raises `ParameterError`: a texture that does not have the plane's size at this density; a mask of another size;
-    `RoomError`: the room cannot stand.
+    Raises `ParameterError`: values that do not have the texture's size; a mask of another size; `RoomError`: the room
+    cannot stand.
     """
-    shape = texture_shape(plane, px_per_m)
-    if texture_values.ndim not in (2, 3) or texture_values.shape[:2] != shape:
-        raise ParameterError(f"a texture of shape {texture_values.shape} for {plane.name}", advice=f"give {shape}")
+    plane, shape = texture.plane, texture.density.shape
+    if values.ndim not in (2, 3) or values.shape[:2] != shape:
+        raise ParameterError(f"values of shape {values.shape} for {plane.name}", advice=f"give {shape}")
     planes = plane_map(room, geometry) if planes is None else planes
     mask = _checked_mask(where, geometry) & (planes == plane.index)
     rows, columns = np.nonzero(mask)
-    texture = np.ascontiguousarray(texture_values.reshape(*shape, -1), dtype=np.float32)
-    values = np.zeros((len(rows), texture.shape[2]), np.float32)
-    inside = outline_mask(plane, px_per_m).astype(np.float32)
+    laid = np.ascontiguousarray(values.reshape(*shape, -1), dtype=np.float32)
+    out, known = np.zeros((len(rows), laid.shape[2]), np.float32), (texture.density > 0).astype(np.float32)
     floor = np.asarray(room.floor, dtype=np.float64)
     seen = _Seen(planes, rows, columns, geometry.yaw_rad, floor, room.camera_height_m, room.ceiling_height_m)
-    _wrapped(_Rectified(_axes(room, plane), float(px_per_m), inside, texture), plane.index, seen, values)
-    return (values[:, 0] if texture_values.ndim == 2 else values), mask
+    _wrapped(_Rectified(_axes(room, plane), float(texture.px_per_m), known, laid), plane.index, seen, out)
+    return (out[:, 0] if values.ndim == 2 else out), mask
 
 
 def _axes(room: RoomModel, plane: Plane) -> Doubles:

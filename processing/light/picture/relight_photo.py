@@ -141,17 +141,14 @@ def _covered(view: RelightView, chosen: Int64s) -> np.ndarray:
 
 def veil_gains(scene: Scene, before: Outdoors, after: Outdoors) -> Floats:
     """Return by what the light on each pane's outer face changes (P,): curtains and blinds follow it."""
-    middle = np.mean([s.world(s.width_m / 2, s.height_m / 2) for s in scene.surfaces], axis=0)
-    gains = [_upon(p, middle, after) / max(_upon(p, middle, before), 1e-9) for p in scene.panes]
+    gains = [_upon(pane, after) / max(_upon(pane, before), 1e-9) for pane in scene.panes]
     return np.clip(np.asarray(gains, np.float32), 0, 1e6)
 
 
-def _upon(pane: Pane, middle: Doubles, outdoors: Outdoors) -> float:
+def _upon(pane: Pane, outdoors: Outdoors) -> float:
+    # Walls run counter-clockwise: across their panes and up is outwards.
     normal = np.cross(pane.across_m, pane.up_m)
-    normal = normal / np.linalg.norm(normal)
-    if (pane.corner_m - middle) @ normal < 0:
-        normal = -normal
-    return on_plane(normal, outdoors)
+    return on_plane(normal / np.linalg.norm(normal), outdoors)
 
 
 HIGHEST_RAD = math.radians(30)

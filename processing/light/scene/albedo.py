@@ -124,7 +124,8 @@ def albedo_of_room(
         flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
     )
     made_up = np.zeros(sight.shape) if filled is None else resized(filled.astype(np.float32), sight.shape)
-    usable = ~sources.near_sun(stage, sight) & (made_up.ravel() == 0)
+    # Where no light is known (slivers and reveals finer than the small picture), nothing is brighter than that.
+    usable = ~sources.near_sun(stage, sight) & (made_up.ravel() == 0) & (sky > 0).any(axis=1)
     emission, lamps = sources.find_lamps(flat, whole, _usual(value, sight, measured), sight, usable)
     measured &= ~emission.any(axis=1)
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()

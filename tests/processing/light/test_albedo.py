@@ -115,6 +115,22 @@ def test_clipped_and_filled_pixels_take_their_surroundings(sunny: Scene) -> None
     assert np.median(np.abs(found.picture - truth)[30:36, 10:20]) < 0.03
 
 
+@pytest.mark.parametrize("niche", [False, True])
+def test_a_reveal_or_a_sliver_of_a_wall_is_no_lamp(niche: bool) -> None:
+    """What no pixel of the small picture shows has no known light: it is not what shines by itself."""
+    room = box_room()
+    if niche:
+        sides = ((2.5, -2.0), (2.5, 1.0), (2.38, 1.0), (2.38, 1.6), (2.5, 1.6), (2.5, 2.0))
+        room = room.model_copy(update={"floor": ((-2.5, -2.0), *sides, (-2.5, 2.0))})
+    scene, geometry = scene_of(room, uniform_sky(4000.0), colours, reveal_m=0.2), Equirectangular(512, 256)
+    rgb = render(scene, geometry, EYE, effort=LOOK, seed=3).rgb
+    shape = rgb.shape[:2]
+    picture = LuminanceImage(rgb, np.full(shape, 0.02, np.float32), np.zeros(shape, np.uint8), geometry, 0.02)
+    found = albedo_of_room(picture, room, scene.outdoors, rows=256, effort=replace(LOOK, rows=24), seed=1)
+    assert found.lamps == ()
+    assert not any(one.emission_cd_m2.any() for one in found.scene.surfaces)
+
+
 def test_albedo_stays_physical_in_a_picture_that_cannot_be() -> None:
     bright = image(np.random.default_rng(1).random((ROWS, 2 * ROWS, 3)).astype(np.float32) ** 8 * 1e9)
     found = albedo_of_room(bright, box_room(), uniform_sky(1.0), rows=ROWS, effort=replace(LOOK, pixel_samples=4))

@@ -20,7 +20,9 @@ from processing.light.solver.stage import Stage
 from processing.light.solver.transport import settle
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.views import cut_view
+from processing.surfaces.maps import FIRST_WALL, planes_of
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
+from tests.processing.surfaces.rooms import ELL, model, window
 
 ROWS = 40
 SMALL = Effort(texel_m=0.25, rows=ROWS, pixel_samples=64, patch_samples=64, sun_samples=32)
@@ -197,6 +199,16 @@ def test_what_covers_windows_follows_the_light_on_them(view) -> None:
     )
     assert south[0] > 10
     assert north[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("wall", range(6))
+def test_curtains_follow_the_light_outside_their_own_wall_in_a_room_with_a_corner(wall: int) -> None:
+    room = model(ELL, openings=[window(wall, 0.3, 0.9)])
+    scene, dark = scene_of(room, DARK, reveal_m=0.1), uniform_sky(1000.0, ground=0.0)
+    outwards = -planes_of(room)[FIRST_WALL + wall].normal
+    for side, least, most in ((1, 10.0, 1e3), (-1, 0.99, 1.01)):
+        (gain,) = veil_gains(scene, dark, replace(dark, sun=sun_at(*(side * outwards[:2]), 0.5)))
+        assert least < gain < most
 
 
 def test_light_settles_as_bounce_by_bounce(view) -> None:

@@ -17,9 +17,10 @@ from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Others, Quick, empty_room
 from processing.removal.learned import LamaFiller
+from processing.removal.lift import Shade, lifted, light_without
 from processing.removal.plane_fill import SURE, FilledPlane
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import surface_maps
+from processing.surfaces.maps import FIRST_WALL, FLOOR, plane_map, surface_maps
 
 ROWS = 96
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
@@ -309,3 +310,44 @@ def test_a_wall_learns_nothing_from_floor_that_is_seen_before_it() -> None:
         assert np.array_equal(found[floor], light[floor])
         off.append(float(np.abs(np.log(found[chair] / image.rgb[chair])).max()))
     assert off[0] < 0.22 < 0.38 < off[1]
+
+
+def breast_room(first: int) -> RoomModel:
+    """Return a room with a chimney breast of 12 cm, of which the camera sees a side as a sliver: the wall 5 - first."""
+    breast = ((1.2, 2.0), (1.2, 1.88), (0.4, 1.88), (0.4, 2.0))
+    floor = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), *breast, (-2.0, 2.0))
+    return box_room().model_copy(update={"floor": floor[first:] + floor[:first], "openings": ()})
+
+
+def even(rows: int, level: float = 100.0) -> LuminanceImage:
+    shape = (rows, 2 * rows)
+    rgb, doubt = np.full((*shape, 3), level, np.float32), np.full(shape, 0.02, np.float32)
+    return LuminanceImage(rgb, doubt, np.zeros(shape, np.uint8), Equirectangular(2 * rows, rows), 0.02)
+
+
+@pytest.mark.parametrize("first", [0, 6])
+def test_a_wall_that_shows_as_a_sliver_has_light_where_the_working_size_does_not_see_it(first: int) -> None:
+    room, rows, small = breast_room(first), 256, 32
+    sliver = plane_map(room, Equirectangular(2 * rows, rows)) == FIRST_WALL + 5 - first + 8 * (first > 5)
+    coarse = plane_map(room, Equirectangular(2 * small, small))
+    assert sliver.any()
+    assert len(np.unique(coarse)) == len(np.unique(plane_map(room, Equirectangular(2 * rows, rows)))) - 1
+    light = np.where(coarse == FLOOR, 900.0, 300.0)[..., None] * np.ones(3)
+    shade = Shade(np.zeros_like(light), light.astype(np.float32), np.ones(coarse.shape, bool))
+    found, _ = light_without(shade, room, rows)
+    assert np.median(found[sliver]) == pytest.approx(300, rel=0.02), "as the wall beside it, not as the floor"
+    target = np.zeros(sliver.shape, bool)
+    target[100:140, 200:300] = True
+    done, _ = lifted(even(rows), target, room, shade, quality="draft")
+    np.testing.assert_allclose(done.image.rgb[sliver], 100, rtol=0.02)
+
+
+def test_an_even_room_stays_even_where_a_corner_hides_some_of_its_planes() -> None:
+    """Texels behind the corner hold nothing, and pixels at its edge take nothing from them."""
+    floor = ((-1.6, -2.2), (3.4, -2.2), (3.4, -0.2), (0.4, -0.2), (0.4, 2.8), (-1.6, 2.8))
+    room = box_room().model_copy(update={"floor": floor, "openings": ()})
+    picture = even(256)
+    target = np.zeros((256, 512), bool)
+    target[70:210] = (np.arange(512) // 30 % 2 == 0)[None]
+    done = empty_room(picture, target, room, quality="draft")
+    assert np.abs(done.image.rgb / 100 - 1).max() < 1e-3

@@ -85,6 +85,7 @@ def test_what_is_known_first_saves_views() -> None:
     assert found.views_skipped == 19
     np.testing.assert_allclose(found.probabilities, known, atol=1e-3)
     assert found.notes[0].endswith("neither floor nor furniture and were covered by known")
+    assert found.own is known, "an estimate made again goes by what the first one went by"
 
 
 def test_what_is_known_first_is_spread_round_the_seam() -> None:

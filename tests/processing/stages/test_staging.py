@@ -14,10 +14,10 @@ import pytest
 from pydantic import ValidationError
 
 from processing.errors import ItemError, PinError, ProcessingError
-from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems
 from processing.layout.assumed import fitting_choice, named_choice, with_door
 from processing.layout.furniture.bench import STYLES
-from processing.layout.items import SETS
+from processing.layout.items import KINDS, SETS
 from processing.layout.rules import built_in_rules
 from processing.light.picture.composite import MODELLED
 from processing.light.picture.render import render
@@ -366,6 +366,42 @@ def test_a_bedroom_gets_a_bed_before_it_is_left_without(tmp_path: Path, sides_m,
     asked = ArrangeParameters(items="bed, wardrobe", alternatives=1)
     result = arrange.run(context(tmp_path, asked, {("room", "room"): room}))
     assert not any("instead" in one.message for one in result.warnings), "a list of yours is taken as it is"
+
+
+@pytest.mark.parametrize("width_m", [1.3, 1.75])
+def test_a_bedroom_too_narrow_for_its_bed_is_not_left_empty(tmp_path: Path, width_m: float, monkeypatch) -> None:
+    """By models of yours a bed may be wider: a single one stands where it has room, else the rest of the set does."""
+    wide = {**KINDS, "bed": replace(KINDS["bed"], size_m=(1.8, 2.0, 0.5))}
+    monkeypatch.setattr(arrange, "_kinds", lambda asked: wide)
+    door = Opening(kind=OpeningKind.DOOR, wall=0, start_m=0.2, end_m=1.0, sill_m=0.0, head_m=2.0)
+    corners = tuple((x * width_m / 2, y) for x, y in ((-1, -0.3), (1, -0.3), (1, 4.2), (-1, 4.2)))
+    found = {("room", "room"): ROOM.model_copy(update={"floor": corners, "openings": (door,)})}
+    made = arrange.run(context(tmp_path, ArrangeParameters(alternatives=1), found, name="kids bedroom"))
+    placed = [item.category for item in made.artifacts["arrangement"].arrangements[0].items]
+    said = [one.message for one in made.warnings]
+    assert placed
+    assert ("single bed" in placed) == any("single bed used instead" in text for text in said) == (width_m > 1.5)
+    assert width_m > 1.5 or any("bed was not placed" in text for text in said), "what stands is the rest of the set"
+    given = arrange.run(context(tmp_path, ArrangeParameters(items="bed"), found))
+    assert "LAY-002" in given.left_out["arrangement"], "a list of yours is taken as it is"
+
+
+def test_a_room_that_can_stand_without_a_plan_is_no_failure_of_the_session(tmp_path: Path) -> None:
+    low = ROOM.model_copy(update={"camera_height_m": 0.8, "ceiling_height_m": 1.4, "openings": ()})
+    assert geometry_problems(low) == []
+    made = arrange.run(context(tmp_path, ArrangeParameters(), {("room", "room"): low}))
+    assert "LAY-001" in made.left_out["arrangement"]
+    assert "1.4 m high" in made.warnings[0].message
+
+
+def test_a_slit_in_a_wall_is_no_opening_to_arrange_by(tmp_path: Path) -> None:
+    slit = Opening(kind=OpeningKind.WINDOW, wall=1, start_m=0.5, end_m=0.54, sill_m=0.8, head_m=2.0)
+    room = ROOM.model_copy(update={"openings": (*ROOM.openings, slit)})
+    assert geometry_problems(room) == []
+    found = {("room", "room"): room}
+    made = arrange.run(context(tmp_path, ArrangeParameters(items="nightstand", alternatives=1), found))
+    assert "a window on wall 2 is 4 cm wide: left out" in [one.message for one in made.warnings]
+    assert made.artifacts["arrangement"].arrangements
 
 
 def test_what_is_no_arrangement_is_refused(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:

@@ -6,7 +6,7 @@ import pytest
 from processing.errors import ParameterError, RoomError
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, plane_map, planes_of, surface_maps
-from processing.surfaces.textures import outline_mask, texel_places, texture_shape, unwrap, wrap
+from processing.surfaces.textures import outline_mask, texel_places, unwrap, wrap
 from tests.processing.surfaces.rooms import BOX, ELL, model, pattern, points
 
 GEOMETRY = Equirectangular(512, 256)
@@ -27,7 +27,7 @@ def test_a_pattern_of_positions_comes_out_in_its_place_and_goes_back(floor, yaw:
         assert np.quantile(np.abs(texture.values - true)[texture.known], 0.97) < 0.02
         assert np.median(np.abs(texture.values - true)[texture.known]) < 2e-3
         assert (texture.values[~texture.known] == 0).all()
-        values, seen = wrap(true, plane, 25.0, room, geometry, everywhere)
+        values, seen = wrap(true, texture, room, geometry, everywhere)
         back[seen] = values
         covered += seen
     assert (covered == 1).all()
@@ -96,7 +96,7 @@ def test_a_wall_that_turns_its_back_is_unknown_throughout() -> None:
     found = unwrap(pattern(points(room, GEOMETRY)), GEOMETRY, room, away, 10.0)
     assert not found.known.any()
     assert not found.density.any()
-    values, mask = wrap(found.values, away, 10.0, room, GEOMETRY, np.ones((256, 512), bool))
+    values, mask = wrap(found.values, found, room, GEOMETRY, np.ones((256, 512), bool))
     assert values.shape == (0, 3)
     assert not mask.any()
 
@@ -129,11 +129,21 @@ def test_pixels_of_fine_textures_are_means_and_use_no_texel_outside_the_outline(
     inside = outline_mask(plane, 60.0)
     rng = np.random.default_rng(4)
     texture = np.where(inside, rng.uniform(0, 2, inside.shape), 1e6).astype(np.float32)
-    values, mask = wrap(texture, plane, 60.0, room, GEOMETRY, np.ones((256, 512), bool))
+    layout = unwrap(np.ones((256, 512), np.float32), GEOMETRY, room, plane, 60.0)
+    values, mask = wrap(texture, layout, room, GEOMETRY, np.ones((256, 512), bool))
     assert mask.sum() == (surface_maps(room, GEOMETRY).plane == FLOOR).sum()
     assert values.max() <= 2.0
     far = np.nonzero(mask)[0] < 170
     assert values[far].std() < 0.25
+
+
+def test_beside_a_corner_that_hides_some_of_a_plane_pixels_take_only_texels_that_are_seen() -> None:
+    room, everywhere = model(ELL), np.ones((256, 512), bool)
+    for plane in planes_of(room):
+        texture = unwrap(np.full((256, 512), 3, np.float32), GEOMETRY, room, plane, 30.0)
+        assert (texture.values[~texture.known] == 0).all()
+        values, _ = wrap(texture.values, texture, room, GEOMETRY, everywhere)
+        np.testing.assert_allclose(values, 3.0, rtol=1e-5, err_msg=plane.name)
 
 
 def test_only_the_pixels_asked_for_are_given() -> None:
@@ -142,7 +152,8 @@ def test_only_the_pixels_asked_for_are_given() -> None:
     where = np.zeros((256, 512), bool)
     where[250:253, 7:11] = True
     where[10, 10] = True
-    values, mask = wrap(np.ones(texture_shape(plane, 10.0), np.float32), plane, 10.0, room, GEOMETRY, where)
+    texture = unwrap(np.ones((256, 512), np.float32), GEOMETRY, room, plane, 10.0)
+    values, mask = wrap(texture.values, texture, room, GEOMETRY, where)
     assert mask.sum() == 12
     np.testing.assert_allclose(values, np.ones(12), rtol=1e-6)
 
@@ -154,7 +165,7 @@ def test_close_to_a_wall_and_tiny_pictures() -> None:
     for plane in planes_of(room):
         texture = unwrap(np.ones((2, 4), np.float32), geometry, room, plane, 3.0)
         np.testing.assert_allclose(texture.values[texture.known], 1.0, rtol=1e-6)
-        values, seen = wrap(texture.values, plane, 3.0, room, geometry, np.ones((2, 4), bool))
+        values, seen = wrap(texture.values, texture, room, geometry, np.ones((2, 4), bool))
         assert np.isfinite(values).all()
         covered, known = covered + seen, known + int(texture.known.sum())
     assert (covered == 1).all()
@@ -175,6 +186,6 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(ParameterError):
         unwrap(good, GEOMETRY, room, plane, 10.0, mask=np.zeros((3, 3), bool))
     with pytest.raises(ParameterError):
-        wrap(np.ones((3, 3), np.float32), plane, 10.0, room, GEOMETRY, np.ones((256, 512), bool))
+        wrap(np.ones((3, 3), np.float32), unwrap(good, GEOMETRY, room, plane, 10.0), room, GEOMETRY, good > 0)
     with pytest.raises(RoomError):
         unwrap(good, GEOMETRY, model(BOX[::-1]), plane, 10.0)
