@@ -17,7 +17,8 @@ SKIRTING_PX_PER_M = 80.0  # rows of 12 mm; chosen, never swept
 HIGHEST_M = 0.25  # of a skirting; chosen, never swept
 TOP_M = 0.05  # below that height: what of the wall is just above the skirting, against which it is measured
 ABOVE_M = (0.3, 0.6)  # where the wall itself must be seen too
-LEAST_COLUMNS = 12  # of wall that show their skirting; chosen, never swept
+LEAST_COLUMNS, LEAST_SEEN_RAD = 12, math.radians(2)
+"""Of a wall's texture that show its skirting, 15 cm; of the panorama, where the network sees it (chosen)."""
 MIXED_PX, FARTHER = 1.5, 1.2
 """Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
 EDGE_ROWS, LEAST_EDGE = 3, 0.01
@@ -134,18 +135,19 @@ def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> 
     height, width = masked.shape
     seen, px_rad = resized(share, (height, width)), math.pi / height
     row, surest, columns = seen.argmax(axis=0), seen.max(axis=0), np.arange(width)
+    least = math.ceil(LEAST_SEEN_RAD / px_rad)  # columns, however fine the picture
     down = (row + 0.5) * px_rad - math.pi / 2
     likely = (surest > SEEN_SHARE) & (down > LEAST_DOWN_RAD)
     bare = likely & ~masked[row, columns]
     # Where all are torn pieces that go with furniture: the surest of these.
-    columns = columns[bare if bare.sum() >= LEAST_COLUMNS else likely & (surest > SUREST * surest.max())]
+    columns = columns[bare if bare.sum() >= least else likely & (surest > SUREST * surest.max())]
     # The board's own tone against the wall's above it, in the same column
     away_m = room.camera_height_m / np.tan(down[columns])
     falls = np.arctan((room.camera_height_m - np.linspace(*ABOVE_M, 4)[:, None]) / away_m)
     above = np.clip(falls / px_rad + height / 2, 0, height - 1).astype(np.intp)
     some = (~masked[above, columns]).any(axis=0)
     columns, away_m, above = columns[some], away_m[some], above[:, some]
-    if len(columns) < LEAST_COLUMNS:
+    if len(columns) < least:
         return None
     wall = np.where(masked[above, columns][..., None], np.nan, np.log(np.maximum(rgb[above, columns], 1e-6)))
     off = np.log(np.maximum(rgb[row[columns], columns], 1e-6)) - np.nanmedian(wall, axis=0)

@@ -10,7 +10,7 @@ import pytest
 from processing.ground.room_model import Opening, OpeningKind
 from processing.pictures.images import RelativeImage
 from processing.removal.fill import empty_room
-from processing.removal.skirting import find_skirting
+from processing.removal.skirting import _boards_seen, find_skirting
 from processing.sphere import Equirectangular
 from tests.processing.removal.painted_room import Painted, box_room, paint
 
@@ -106,3 +106,14 @@ def test_boards_that_the_network_sees_are_found_where_walls_are_taken_for_too_fa
     below = bare.maps.plane == 0
     assert find_skirting(lit.rgb, GEOMETRY, wrong, seen.astype(bool) | below, seen) is not None, "all of it goes"
     assert find_skirting(bare.image.rgb, GEOMETRY, wrong, nothing, seen) is None, "there are none"
+
+
+@pytest.mark.parametrize(("wide_deg", "enough"), [(1.2, False), (5.0, True)])
+def test_how_much_of_a_board_is_enough_does_not_depend_on_the_pictures_size(wide_deg: float, enough: bool) -> None:
+    for rows in (256, 512):
+        painted = paint(rows=rows, things=False, sun=False, window=False)
+        low = (painted.maps.plane >= 2) & (painted.points_m[..., 2] < HEIGHT_M)
+        low &= np.abs(np.arange(2 * rows) + 0.5 - rows) < wide_deg / 360 * rows
+        nothing = np.zeros(low.shape, bool)
+        found = _boards_seen(with_skirting(painted).rgb, painted.room, nothing, low.astype(np.float32))
+        assert (found is not None) == enough

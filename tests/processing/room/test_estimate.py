@@ -51,6 +51,18 @@ def test_exact_boundaries_give_the_exact_room(floor, angle: float) -> None:
     assert len(best.fit.polygon) == len(floor)
 
 
+HALL = ((-4.5, -6.0), (3.5, -6.0), (3.5, 4.0), (-4.5, 4.0))
+
+
+@pytest.mark.parametrize(("floor", "camera_m", "ceiling_m"), [(HALL, 1.6, 12.0), (BOX, 0.5, 2.7), (BOX, 0.3, 2.6)])
+def test_halls_and_rooms_seen_from_near_the_floor_have_their_height_and_size(floor, camera_m, ceiling_m) -> None:
+    room = room_of(floor, camera=camera_m, ceiling=ceiling_m)
+    for noise_deg, least in ((0.0, 0.999), (1.0, 0.985)):
+        best = hypotheses(columns_of(boundary_of(room, noise_deg=noise_deg)), 0.0)[0]
+        assert camera_m * (1 + best.fit.outline.ratio) == pytest.approx(ceiling_m, rel=0.01)
+        assert iou(best.fit.polygon * camera_m, floor) > least
+
+
 def test_a_doorway_that_shows_another_room_does_not_move_the_wall() -> None:
     room = room_of(BOX)
     true = boundary_of(room, noise_deg=0.4)
