@@ -1,7 +1,7 @@
 """Konica Minolta luminance meters over serial, in any dialect; a reading has a number only when whole lines say so.
 
 How one answer is kept apart from noise, echoes and late answers: `drivers.meter.dialogue`. Here: several
-samples must agree within a limit, a display that never changes is no measurement, and a lost line is opened once anew.
+samples must agree within a limit, a display that never changes is no measurement, and a lost line is opened anew.
 What remains is stated in docs/reference/meter-dialects.md.
 """
 
@@ -10,7 +10,16 @@ from contextlib import suppress
 from dataclasses import replace
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
+from drivers.errors import (
+    BatteryLowError,
+    DeviceClaimedError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceTimeoutError,
+    ProtocolViolationError,
+)
 from drivers.meter.dialect import Dialect
 from drivers.meter.dialogue import Answer, Dialogue
 from drivers.meter.interface import MeterIdentity, MeterReading, ReadingStatus
@@ -18,6 +27,9 @@ from drivers.serial_link import ByteLine
 
 # Chosen: a greeting is put three times, with pauses.
 CONNECT_LIMIT_S = 20.0
+REOPEN_PAUSE_S = 0.5  # chosen: a port is there and its permissions set within a second or two
+COMES_BACK = (DeviceLostError, DeviceNotFoundError, DevicePermissionError, DeviceClaimedError)
+"""What a port says that was put back a moment ago: not there yet, without its permissions, or probed by a service."""
 MAX_SPREAD_FRAC = 0.10
 """Samples that differ more are no measurement of one luminance (two steps of the last digit are always allowed)."""
 SUSPECT_EQUALS = 3  # chosen: equal readings in a row that are asked on
@@ -57,8 +69,8 @@ class KonicaMinoltaMeter:
     def measure(self, *, n_samples: int = 1, timeout_s: float = 15.0) -> MeterReading:
         """Take ``n_samples`` and return their mean and spread, or the status that spoils them.
 
-        Raises `DeviceLostError`: the line is gone, and opening it anew once did not help; `DeviceError`: the meter was
-        not connected, and connecting failed.
+        Raises `DeviceLostError`: the line is gone, and did not come back in time; `DeviceError`: the meter was not
+        connected, and connecting failed.
         """
         if n_samples < 1:
             raise ValueError(f"n_samples is {n_samples}, at least 1 is needed")
@@ -139,12 +151,15 @@ class KonicaMinoltaMeter:
         return answer
 
     def _sample_anew(self, deadline: Deadline, lost: DeviceLostError) -> Answer:
-        """Try once more on a new line: a loose plug, or the port has another number now (``open_line`` knows)."""
-        try:
-            return self._connected(deadline).sample(deadline)
-        except DeviceError as error:
-            self._drop()
-            raise lost from error
+        """Try on a new line, until time is up: a loose plug, or the port has another number (``open_line`` knows)."""
+        while True:
+            try:
+                return self._connected(deadline).sample(deadline)
+            except DeviceError as error:
+                self._drop()
+                if not isinstance(error, COMES_BACK) or deadline.expired or self._closings != self._closings_before:
+                    raise lost from error
+            self._clock.sleep(REOPEN_PAUSE_S)
 
     def _connected(self, deadline: Deadline) -> Dialogue:
         if self._dialogue is None and self._closings == self._closings_before:

@@ -63,6 +63,9 @@ WITNESSES = (
     Prop.EXPOSURE_INDEX,
 )
 """Settings that are read again before every exposure: the camera forgets them in its sleep."""
+USUAL_SLEEP_S = {RicohProp.SLEEP_DELAY: 180, RicohProp.AUTO_POWER_OFF_DELAY: 64_800}
+"""Ricoh's defaults. Given back where 0 is found: a station that was killed left it so, and the camera would stay awake
+until its battery is empty."""
 FULL_BATTERY = 100  # per cent (PIMA 15740, BatteryLevel)
 UNKNOWN_COUNT = 0xFFFFFFFF  # PIMA 15740, FreeSpaceInImages
 
@@ -205,9 +208,9 @@ class ThetaZ1:
         self._wake()
         self._wait_until_ready(READY_LIMIT_S)
         # Remember how the camera was to fall asleep, to leave it so
-        for prop in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY):
+        for prop, default_s in USUAL_SLEEP_S.items():
             if prop not in self._sleep_before:
-                self._sleep_before[prop] = self._properties.number(prop)
+                self._sleep_before[prop] = self._properties.number(prop) or default_s
         modes = theta_settings.mode_settings()
         readbacks = self._apply(modes)
         images = theta_settings.picture_settings(settings, theta_settings.find_f_number(self._link, settings.f_number))

@@ -113,7 +113,9 @@ class ThetaExposure:
         with suppress(DeviceBusyError):  # it works still; the limit below holds
             self._pending += [h for h in self._store.new_handles() if h not in self._pending]
         self._look_at_pending()
-        if not self._expected.complete and (self._store_full or now_s >= self._fail_at_s):
+        # A store that is full may have taken this picture as its last, and the camera works on it still
+        late = now_s >= self._fail_at_s
+        if not self._expected.complete and (late or (self._store_full and is_ready(self._properties))):
             raise self._failure()
 
     def _failure(self) -> ExposureFailedError | StoreFullError:

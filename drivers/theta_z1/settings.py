@@ -96,6 +96,14 @@ class Setting:
     """Whether a camera whose firmware has no such property may be used, with a warning."""
 
 
+def _same(prop: int, got: int | str, asked: int | str) -> bool:
+    """Whether a property has what was asked; a shutter time may come back reduced: 10/25 as 2/5."""
+    if prop != RicohProp.SHUTTER_SPEED or isinstance(got, str) or isinstance(asked, str):
+        return got == asked
+    one, other = Fraction32.from_u64(got), Fraction32.from_u64(asked)
+    return one.is_time and one.numerator * other.denominator == other.numerator * one.denominator
+
+
 class ThetaProperties:
     """Typed reading and writing of properties over a link."""
 
@@ -145,7 +153,7 @@ class ThetaProperties:
             except OperationRefusedError as error:
                 raise self._refused(name, prop, value, f"response {error.response_code:#06x}") from error
             got = self._link.session.retry_busy(lambda: self.read(prop), BUSY_LIMIT_S)
-            if got == value:
+            if _same(prop, got, value):
                 return
             self._clock.sleep(PROPERTY_PAUSE_S)
         raise self._refused(name, prop, value, str(got))
@@ -194,7 +202,12 @@ def picture_settings(settings: CameraSettings, f_number: int) -> tuple[Setting, 
     Stitching is static: by default the camera stitches each frame anew by its content, so that the frames of a
     bracket would not lie on each other. For the same reason the top/bottom correction is off: it turns each frame by
     what the tilt sensor says at that moment; the tripod's level does not move between frames.
+
+    Raises `SettingRefusedError`: an ISO that the camera does not have (65535 would be automatic).
     """
+    if settings.iso not in ricoh_codes.ISO_VALUES:
+        text = f"ISO {settings.iso} cannot be set: the camera has {', '.join(map(str, ricoh_codes.ISO_VALUES))}"
+        raise SettingRefusedError(text, where="Theta Z1", advice="correct iso in the rig file", asked=settings.iso)
     size = f"{settings.width_px}x{settings.height_px}"
     raw, kelvin, iso = int(settings.keep_raw), settings.color_temperature_k, settings.iso
     return (

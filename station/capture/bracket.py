@@ -86,17 +86,17 @@ def _outwards(n_stops: int) -> tuple[int, ...]:
     return tuple(middle + step for step in steps if 0 <= middle + step < n_stops)
 
 
-def useless_because(stop: int, frames: Mapping[int, FrameStatistics]) -> str | None:
+def useless_because(stop: int, frames: Mapping[int, FrameStatistics], stops_s: Sequence[float]) -> str | None:
     """Say why ``stop`` would add nothing to the frames of one camera so far, or None if it may.
 
     A shorter frame is useless once a longer one shows nothing clipped; a longer one once a shorter one shows
-    nothing dark (stop indices grow towards shorter times).
+    nothing dark. ``stops_s``: exposure time of each stop, seconds; further exposures come behind, longer than all.
     """
-    longer = [i for i in frames if i < stop and frames[i].clipped_frac <= CLIPPED_LIMIT_FRAC]
-    if longer:
-        return f"already nothing clipped at stop {max(longer)}"
-    shorter = [i for i in frames if i > stop and frames[i].dark_frac <= DARK_LIMIT_FRAC]
-    return f"already nothing dark at stop {min(shorter)}" if shorter else None
+    whole = [i for i, of in frames.items() if of.clipped_frac <= CLIPPED_LIMIT_FRAC and stops_s[i] > stops_s[stop]]
+    if whole:
+        return f"already nothing clipped at stop {min(whole, key=stops_s.__getitem__)}"
+    whole = [i for i, of in frames.items() if of.dark_frac <= DARK_LIMIT_FRAC and stops_s[i] < stops_s[stop]]
+    return f"already nothing dark at stop {max(whole, key=stops_s.__getitem__)}" if whole else None
 
 
 def unavailable_stops(stops_s: Sequence[float], offered_s: Sequence[float]) -> tuple[str, ...]:

@@ -35,6 +35,7 @@ from station.session.manifest import require_names
 from station.session.session import (
     BracketRecord,
     DeviceRecord,
+    FrameRecord,
     MeterTarget,
     ReadingRecord,
     SessionManifest,
@@ -80,6 +81,7 @@ class Capture:
         self._conductor: Conductor | None = None
         self._stop_asked = self._paused = False
         self._errors: dict[Side, float] = {}
+        self._damaged: tuple[FrameRecord, ...] = ()
         self._checkers = rig.checkers or {side: FrameChecker() for side in plan.sides}
 
     @classmethod
@@ -103,7 +105,8 @@ class Capture:
         bracket, where = store.manifest.bracket, str(store.path)
         if bracket.mode not in ("full", "adaptive"):
             raise SessionError("an imported session cannot be resumed", where=where, advice="import it again")
-        needed = {side for side in bracket.sides if store.manifest.missing_stops(side)}
+        damaged = tuple(frame for frame in store.manifest.frames if _is_damaged(store.path / frame.file, frame))
+        needed = {side for side in bracket.sides if store.manifest.missing_stops(side)} | {f.side for f in damaged}
         if lacking := needed - set(rig.cameras):
             names = " or ".join(sorted(lacking))
             raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
@@ -111,7 +114,9 @@ class Capture:
             require_same_camera(rig, store.manifest, side, where)
         plan = plan_bracket(bracket.stops_s[: len(bracket.order) or None], bracket.mode, bracket.sides)
         request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
-        return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
+        job = cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
+        job._damaged = damaged
+        return job
 
     @property
     def n_stops(self) -> int:
@@ -193,7 +198,8 @@ class Capture:
         findings = check_rig(
             self._rig,
             self._request.into,
-            bytes_needed=exposure_bytes * len(self._plan.stops_s),
+            bytes_needed=exposure_bytes * self.n_stops,
+            n_stops=self.n_stops,
             on_meter_ready=lambda: self._readings.start(first) if first is not None else None,
         )
         findings = Findings((*findings.checks, *self._stop_checks()), findings.devices)
@@ -222,17 +228,12 @@ class Capture:
                 yield Check(Level.FAIL, f"{side} stops", text, advice="change --stops, or [bracket] stops of the rig")
 
     def _withdraw_damaged(self, store: SessionStore) -> Iterator[CaptureEvent]:
-        """Frames whose file is gone or changed since they were saved are taken anew; the file is kept aside."""
-        for frame in store.manifest.frames:
-            path = store.path / frame.file
-            try:
-                changed = file_sha256(path) != frame.sha256
-            except OSError:
-                changed = True
-            if changed:
-                reason = "changed or deleted since it was saved"
-                store.withdraw_frame(frame.side, frame.stop, frame.format, reason)
-                yield self._warn("damaged", f"{frame.file}: {reason}; taken again")
+        """Planned frames whose file is gone or changed since they were saved are taken anew; it is kept aside."""
+        for frame in self._damaged:
+            reason = "changed or deleted since it was saved"
+            store.withdraw_frame(frame.side, frame.stop, frame.format, reason)
+            again = frame.stop in store.manifest.missing_stops(frame.side)
+            yield self._warn("damaged", f"{frame.file}: {reason}; " + ("taken again" if again else "left out"))
 
     def _manifest(self, findings: Findings) -> SessionManifest:
         rig = self._rig.file
@@ -374,6 +375,14 @@ def _start_quietly(checker: FrameChecker) -> None:
     """Start a checker; one that does not start says so at its first frame."""
     with suppress(ResourceError):
         checker.start()
+
+
+def _is_damaged(path: Path, frame: FrameRecord) -> bool:
+    """Whether a frame's file is gone, or changed since it was saved."""
+    try:
+        return file_sha256(path) != frame.sha256
+    except OSError:
+        return True
 
 
 def _in_words(record: ReadingRecord) -> str:

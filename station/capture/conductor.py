@@ -1,5 +1,6 @@
 """The bracket itself: pairs fired together, frames fetched behind, what fails retaken once and then named."""
 
+import math
 import queue
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
@@ -136,9 +137,10 @@ class Conductor:
         if asked is None or self._pairing.repeats:
             return False
         errors, time_s = self._noise(asked)
-        found = ", ".join(f"{side} within {error:.1%}" for side, error in errors.items())
+        said = {side: error if math.isfinite(error) else None for side, error in errors.items()}  # JSON has no NaN
+        found = ", ".join(side + (" unknown" if e is None else f" within {e:.1%}") for side, e in said.items())
         text = f"noise: 95 % {found}; asked {asked:.1%}" + (f": adding {seconds_text(time_s)}" if time_s else "")
-        yield self._event(_KINDS.NOISE, text, error_frac=errors, asked_frac=asked, next_s=time_s)
+        yield self._event(_KINDS.NOISE, text, error_frac=said, asked_frac=asked, next_s=time_s)
         if time_s is None:
             if not all(error <= asked for error in errors.values()):
                 yield self._warn("noise", f"{text}, not achieved")
@@ -211,8 +213,9 @@ class Conductor:
             yield from self._pump()
         needed = []
         for side in whom:
-            reason = useless_because(stop, self._statistics[side])
-            if reason is None:
+            stops_s = self._store.manifest.bracket.stops_s
+            reason = useless_because(stop, self._statistics[side], stops_s)
+            if reason is None or self._store.manifest.frame(side, stop):  # a doubtful frame is there, to be replaced
                 needed.append(side)
                 continue
             self._store.add(SkippedStop(side=side, stop=stop, reason=reason))

@@ -21,7 +21,8 @@ from station.capture.rig_file import CameraTable
 from station.errors import FrameRejectedError, UsageError
 from station.frames.check import FrameChecker
 from station.frames.facts import ExpectedFrame, FrameFacts
-from station.frames.rules import check_not_too_dark, check_order
+from station.frames.problems import Reason
+from station.frames.rules import check_not_too_dark, check_order, judge, rejection
 from station.session.session import FrameRecord, ReadingRecord, RejectedFrame, Side, shutter_label
 from station.session.store import FramePart, SessionStore, StoredFrame
 
@@ -54,13 +55,16 @@ def drift_frac(readings: tuple[ReadingRecord, ...]) -> float | None:
 
 
 class ReadingTaker:
-    """Takes the readings of one capture from the meter, or from what a person typed (first before, last after)."""
+    """Takes the readings of one capture from the meter, or from what a person typed: each number once.
+
+    Of two the first is the one before; a single one is the first that is wanted.
+    """
 
     def __init__(self, rig: Rig, typed_cd_m2: tuple[float, ...]) -> None:
         if len(typed_cd_m2) > 2:
             raise UsageError("give at most two readings", where="--reading", advice="before, and after")
         self._rig = rig
-        self._typed = tuple(typed_cd_m2)
+        self._typed, self._left_cd_m2 = tuple(typed_cd_m2), list(typed_cd_m2)
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="meter")
         self._running: Future[ReadingRecord] | None = None
 
@@ -82,7 +86,7 @@ class ReadingTaker:
 
     def can_take(self, when: When) -> bool:
         """Whether there is anything to take the reading from."""
-        return self._rig.meter is not None if not self._typed else when != "extra"
+        return self._rig.meter is not None if not self._typed else when != "extra" and bool(self._left_cd_m2)
 
     def start(self, when: When) -> None:
         """Begin a reading in the background, behind one that runs; that is dropped as stale, errors and all."""
@@ -102,7 +106,7 @@ class ReadingTaker:
     def _take(self, when: When) -> ReadingRecord:
         if self._typed:
             # A number that a person read from the display; `UsageError` where no meter of the family shows it.
-            luminance_cd_m2 = self._typed[0 if when == "before" else -1]
+            luminance_cd_m2 = self._left_cd_m2.pop(0 if when == "before" else -1)
             check_typed(luminance_cd_m2)
             moment = self._rig.clock.utc_now(), self._rig.clock.monotonic_s()
             typed = MeterReading(ReadingStatus.TYPED, luminance_cd_m2, f"{luminance_cd_m2:g}", *moment, "typed", True)
@@ -241,7 +245,13 @@ class Intake:
             if jpeg is None or jpeg.taken_utc != shot.released_utc:
                 raise FrameRejectedError("the JPEG of its exposure was rejected", where=name)
             raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
-            return self._checker.check_raw(part.path, raw, name=name)
+            facts = self._checker.check_raw(part.path, raw, name=name)
+            # One that came late is an earlier exposure's: of another time or moment, or there already
+            whole = replace(self._expected(shot), iso=None, f_number=None, width_px=None, height_px=None)
+            judge(facts, replace(whole, require_exif=False, light_expected=False))
+            if there := next((f for f in self._store.manifest.frames if f.sha256 == facts.sha256), None):
+                raise rejection(name, Reason.REPEATED, f"the same bytes as {there.file}", "take the frame again")
+            return facts
         earlier = [facts for stop, facts in self.facts.items() if stop != shot.stop]
         facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)
         self.facts[shot.stop] = facts

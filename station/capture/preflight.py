@@ -11,17 +11,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from drivers.camera import NOT_REPORTED, BodySetting, Camera, CameraStatus, SettingReadback, Verdict
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
 from drivers.link_errors import COMM_CHARACTERS, GRABBERS, PROC, process_name
 from station.capture.rig import Rig
-from station.capture.rig_file import LimitsTable
+from station.capture.rig_file import Accepted, LimitsTable
 from station.session.session import DeviceRecord, SettingRecord, Side
 
-LEAST_FRAMES, SESSION_BYTES = 20, 150_000_000  # chosen: a bracket of nine with its raw files and two retakes; its JPEGs
+SESSION_BYTES = 150_000_000  # chosen: the JPEGs of a bracket of nine
 RULES_NAME = "70-daylit.rules"
 RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/lib/udev/rules.d"))
 
@@ -63,14 +63,15 @@ class PreflightError(DeviceError, code="DEV-020"):
 
 
 def check_rig(
-    rig: Rig, folder: Path, *, bytes_needed: int, on_meter_ready: Callable[[], None] = lambda: None
+    rig: Rig, folder: Path, *, bytes_needed: int, n_stops: int = 0, on_meter_ready: Callable[[], None] = lambda: None
 ) -> Findings:
     """Connect and set every instrument, in parallel, and report all findings together (never raises for a device).
 
+    ``n_stops``: of the bracket that the cards need room for, with its raw files; 0: the rig file's.
     ``on_meter_ready`` is called, in another thread, as soon as the meter answers: cameras take longer to set.
     """
     jobs: list[Callable[[], Findings]] = [
-        lambda side=side, camera=camera: _check_camera(side, camera, rig)  # type: ignore[misc]
+        lambda side=side, camera=camera: _check_camera(side, camera, rig, n_stops)  # type: ignore[misc]
         for side, camera in rig.cameras.items()
     ]
     if rig.meter is not None:
@@ -109,8 +110,9 @@ def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
     return Check(Level.FAIL, "disk", text, advice="free some space or choose another folder with --into")
 
 
-def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
+def _check_camera(side: Side, camera: Camera, rig: Rig, n_stops: int) -> Findings:
     table = rig.file.cameras()[side]
+    frames = (n_stops or len(rig.file.bracket.stops)) * (1 + table.keep_raw)
     try:
         identity = camera.connect()
         settings = camera.prepare(table.settings())
@@ -130,7 +132,7 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
         Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware}){reported}"),
         *[Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}") for s in unlike],
         *_body_checks(side, body, table.accept),
-        *status_checks(side, status, offset_s, rig.file.limits),
+        *status_checks(side, status, offset_s, rig.file.limits, frames),
     ]
     record: dict[str, Any] = {"role": side.value, "kind": table.kind, "lens": table.lens, "nd_filter": table.nd_filter}
     record |= {name: getattr(identity, name)[:200] for name in ("manufacturer", "model", "serial", "firmware")}
@@ -150,7 +152,8 @@ def _body_checks(side: Side, body: Sequence[BodySetting], accepted: Sequence[str
     for setting in body:
         name, text = f"{side} {setting.name}", f"{setting.got}: {setting.reason}"
         if setting.verdict is Verdict.REFUSED and setting.name not in accepted:
-            advice = f'change it on the camera, or accept it in the rig file: accept = ["{setting.name}"]'
+            accept = f', or accept it in the rig file: accept = ["{setting.name}"]'
+            advice = "change it on the camera" + (accept if setting.name in get_args(Accepted) else "")
             yield Check(Level.FAIL, name, text, advice)
         elif setting.reason:
             yield Check(Level.WARN, name, text)
@@ -166,7 +169,7 @@ def _kept(setting: BodySetting) -> SettingReadback:
 
 
 def status_checks(
-    side: Side, status: CameraStatus, offset_s: float | None, limits: LimitsTable, frames: int = LEAST_FRAMES
+    side: Side, status: CameraStatus, offset_s: float | None, limits: LimitsTable, frames: int
 ) -> list[Check]:
     """Return what a camera's state forbids or warns of, with room for ``frames`` pictures asked for."""
     checks = [

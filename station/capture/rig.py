@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from drivers.ptp.pipes import PtpTransport
     from mocks.instruments.bench import SimulatedBench, WantedCamera
-SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw", "lens", "nd_filter")
 """Keys of a camera's table that the frames of one bracket must share."""
 _SIMULATED_PREFLIGHT_S = 1.0  # chosen: roughly what simulated bodies take
 SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}

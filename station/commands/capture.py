@@ -273,9 +273,10 @@ def _needed(manifest: SessionManifest, options: dict[str, Any]) -> tuple[RigFile
     recorded = _recorded_rig(manifest, str(path))
     file = load_rig(options["rig_path"]) if options["rig_path"] else recorded
     changes = _changes(options)
-    damaged = {problem.file.partition("/")[0] for problem in verify_session(path).problems}
+    found = {problem.file for problem in verify_session(path).problems}
+    damaged = {frame.side for frame in manifest.frames if frame.file in found}  # a stray file harms none of them
     for side in file.cameras():
-        if not manifest.missing_stops(side) and str(side) not in damaged:
+        if not manifest.missing_stops(side) and side not in damaged:
             changes[str(side)] = None
     if recorded.meter is None:
         changes["meter"] = None

@@ -84,7 +84,7 @@ def import_session(**options: Any) -> int:
         site=parse_site(options["site"], options["address"]),
         heading_rad=None if heading_deg is None else math.radians(heading_deg % 360),
         target=parse_target(options["target"]),
-        camera_zone_min=parse_zone(options["zone"]),
+        camera_zone=parse_zone(options["zone"]),
         strict=options["strict"],
         raw=options["raw"],
     )

@@ -3,18 +3,17 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import date, datetime, time
 from pathlib import Path
-from zoneinfo import ZoneInfo
 
 from drivers.errors import DaylitError
 from station.errors import AmbiguousImportError, IncompleteBracketError, SessionError
 from station.frames.check import FrameChecker
 from station.frames.dataset import Bracket, Doubt, Pair, TableRow, find_brackets, pair_brackets, read_table, row_of
 from station.frames.import_plan import JPEG_SUFFIXES, Candidate, has_suffix, inspect_files, sort_entries
-from station.frames.importer import ImportReport, ImportRequest, import_session
+from station.frames.importer import ImportReport, ImportRequest, Zone, import_session
 from station.frames.rules import same_stop
-from station.session.session import SessionStatus, Side, Site, WarningRecord
+from station.session.folder import file_sha256
+from station.session.session import SessionManifest, SessionStatus, Side, Site, WarningRecord
 from station.session.store import load_manifest
 
 BRACKET_FRAMES = 9  # of the paper; a folder with more may hold several brackets
@@ -27,7 +26,7 @@ ND_FILTER = "ND 3.0"
 
 @dataclass(frozen=True)
 class DatasetRequest:
-    """What to import. ``zone`` of the cameras' clocks: minutes east of UTC, or a zone with its summer time.
+    """What to import. ``zone`` is that of the cameras' clocks.
 
     ``lost_s``: exposure times, in the order of the file names, for brackets without EXIF. ``only``: part of
     the names of the brackets wanted. ``strict``: a doubt is an error before anything is made.
@@ -38,7 +37,7 @@ class DatasetRequest:
     table: Path | None = None
     lost_s: tuple[float, ...] = ()
     site: Site = field(default_factory=Site)
-    zone: ZoneInfo | int | None = None
+    zone: Zone | None = None
     only: str = ""
     raw: bool = True
     strict: bool = False
@@ -111,23 +110,34 @@ def doubt_error(doubts: Sequence[Doubt]) -> AmbiguousImportError:
 def import_dataset(request: DatasetRequest, plan: DatasetPlan, checker: FrameChecker) -> Iterator[Outcome]:
     """Make the sessions of a plan, one after the other; what fails is an outcome, and the rest goes on.
 
-    A complete session of the same name that is there already is not made again. Raises `ResourceError`: the disk is
-    full or failing.
+    A complete session of the same name and pictures that is there already is not made again. Raises `ResourceError`:
+    the disk is full or failing.
     """
-    done = set()
+    done = list[SessionManifest]()
     for path in request.into.glob("*/session.json"):
         with suppress(SessionError):
-            manifest = load_manifest(path.parent)
-            if manifest.status is SessionStatus.COMPLETE:
-                done.add(manifest.name)
+            done.append(load_manifest(path.parent))
     for pair in plan.pairs:
-        if pair.main.name in done:
+        if any(manifest.status is SessionStatus.COMPLETE and _is_of(manifest, pair) for manifest in done):
             yield Outcome(pair)
             continue
         try:
             yield Outcome(pair, import_session(_request_of(pair, plan, request), checker=checker))
         except SessionError as error:
             yield Outcome(pair, error=error)
+
+
+def _is_of(manifest: SessionManifest, pair: Pair) -> bool:
+    """Whether a session has the name of a bracket, and no picture but its own."""
+    if manifest.name != pair.main.name:
+        return False
+    files = [path for bracket in (pair.indoor, pair.outdoor) if bracket is not None for path in bracket.files]
+    frames = [frame for side in Side for frame in manifest.pictures(side)]
+    sizes = {frame.size_bytes for frame in frames}  # no other file need be read
+    with suppress(OSError):
+        found = {file_sha256(path) for path in files if path.stat().st_size in sizes}
+        return bool(frames) and {frame.sha256 for frame in frames} <= found
+    return False
 
 
 def _request_of(pair: Pair, plan: DatasetPlan, request: DatasetRequest) -> ImportRequest:
@@ -144,7 +154,7 @@ def _request_of(pair: Pair, plan: DatasetPlan, request: DatasetRequest) -> Impor
         into=request.into,
         readings_cd_m2=(row.luminance_cd_m2,) if row and row.luminance_cd_m2 is not None else (),
         site=request.site,
-        camera_zone_min=_minutes_east(request.zone, pair.main.day),
+        camera_zone=request.zone,
         devices=devices,
         kinds=KINDS,
         notes=tuple(_notes(pair, row)),
@@ -152,15 +162,6 @@ def _request_of(pair: Pair, plan: DatasetPlan, request: DatasetRequest) -> Impor
         lost_s=request.lost_s,
         whole=True,
     )
-
-
-def _minutes_east(zone: ZoneInfo | int | None, day: str) -> int | None:
-    if not isinstance(zone, ZoneInfo):
-        return zone
-    if not day:
-        return None
-    offset = datetime.combine(date.fromisoformat(day), time(12), zone).utcoffset()
-    return None if offset is None else round(offset.total_seconds() / 60)
 
 
 def _notes(pair: Pair, row: TableRow | None) -> Iterator[WarningRecord]:

@@ -24,6 +24,7 @@ from station.frames.problems import FrameProblemError, Reason
 MAX_ENTRIES = 1_000
 SIZES_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 BYTE, ASCII, SHORT, LONG, RATIONAL, IFD = 1, 2, 3, 4, 5, 13
+YEARS = range(1970, 2101)  # chosen: of dates that a camera can mean; time zones and offsets stay within datetime's
 MAX_EXPOSURE_S = 3600.0  # chosen: longer is damage, not a bracket
 
 _MAKE, _MODEL, _ORIENTATION, _EXIF_DIRECTORY = 0x010F, 0x0110, 0x0112, 0x8769
@@ -190,7 +191,7 @@ def _iso(reader: TiffReader, entry: Entry | None) -> int | None:
 
 
 def _taken(reader: TiffReader, exif: Mapping[int, Entry]) -> datetime | None:
-    """Return the moment of the frame by the camera's clock; a clock never set writes blanks or zeros."""
+    """Return the moment of the frame by the camera's clock; one never set writes blanks, zeros, or an odd year."""
     text = _text(reader, exif, _TAKEN)
     if not text.strip(" :0"):
         return None
@@ -198,6 +199,8 @@ def _taken(reader: TiffReader, exif: Mapping[int, Entry]) -> datetime | None:
         taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007 (the camera's clock has no zone)
     except ValueError as error:
         raise reader.problem(f"not a date: {text[:40]!r}") from error
+    if taken.year not in YEARS:
+        return None
     digits = _text(reader, exif, _TAKEN_SUBSECOND)
     if digits.isdigit():
         taken = taken.replace(microsecond=int(digits[:6].ljust(6, "0")))

@@ -21,7 +21,7 @@ class ExifRecord(Model):
     exposure_s: PositiveSeconds | None = None
     f_number: Annotated[float, Field(gt=0, lt=1e10)] | None = None
     iso: Annotated[int, Field(gt=0, lt=2**32)] | None = None
-    taken_local: NaiveDatetime | None = None
+    taken_local: Annotated[NaiveDatetime, Field(ge=datetime(1970, 1, 1), lt=datetime(2101, 1, 1))] | None = None  # noqa: DTZ001
     offset_min: Annotated[int, Field(ge=-840, le=840)] | None = None
     make: SafeText = ""
     model: SafeText = ""

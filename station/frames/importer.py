@@ -5,10 +5,11 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
+from zoneinfo import ZoneInfo
 
 from drivers.clock import Clock, SystemClock
 from station.capture.intake import drift_frac
@@ -34,6 +35,8 @@ from station.session.session import (
 )
 from station.session.store import SessionStore
 
+Zone = ZoneInfo | int
+"""Of a clock: with its summer time, or minutes east of UTC."""
 _COPY_BYTES = 1 << 20
 CLOCKS_APART = timedelta(hours=1)  # chosen: no bracket takes as long; a clock that was reset is off by years
 
@@ -43,11 +46,11 @@ class ImportRequest:
     """What to import, and what no file says.
 
     ``shutter_s`` gives the exposure times in the order of the file names, seconds (empty: EXIF's).
-    ``readings_cd_m2`` are none, one (before) or two (before and after). ``camera_zone_min`` is the zone of
-    the cameras' clocks, minutes east of UTC (None: unknown, unless EXIF says). ``strict`` refuses the import
-    when any file is refused. ``files`` are taken instead of all that is in a side's folder; ``devices`` is what
-    is known of the cameras (fields of `DeviceRecord`), ``notes`` what else is worth a warning. ``raw``: raw files
-    of the same name as a JPEG are copied, too.
+    ``readings_cd_m2`` are none, one (before) or two (before and after). ``camera_zone`` is that of the
+    cameras' clocks (None: unknown, unless EXIF says). ``strict`` refuses the import when any file is refused.
+    ``files`` are taken instead of all that is in a side's folder; ``devices`` is what is known of the cameras (fields
+    of `DeviceRecord`), ``notes`` what else is worth a warning. ``raw``: raw files of the same name as a JPEG are
+    copied, too.
     """
 
     room: str
@@ -68,7 +71,7 @@ class ImportRequest:
     site: Site = field(default_factory=Site)
     heading_rad: float | None = None
     target: MeterTarget | None = None
-    camera_zone_min: int | None = None
+    camera_zone: Zone | None = None
     strict: bool = False
 
 
@@ -207,7 +210,7 @@ def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Cl
     for side, frames in found.frames.items():
         for candidate in frames:
             try:
-                _copy(store, side, candidate, found.stops_s, request.camera_zone_min)
+                _copy(store, side, candidate, found.stops_s, request.camera_zone)
             except FrameRejectedError as error:
                 changed.append(import_plan.refusal(side, candidate.facts.name, error, candidate.time_s))
     for refused in (*found.refused, *changed):
@@ -227,7 +230,7 @@ def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Cl
 
 
 def _copy(
-    store: SessionStore, side: Side, candidate: import_plan.Candidate, stops_s: Sequence[float], zone_min: int | None
+    store: SessionStore, side: Side, candidate: import_plan.Candidate, stops_s: Sequence[float], zone: Zone | None
 ) -> None:
     """Copy a JPEG and its raw file into the session, make sure that they are what was checked, and acknowledge them."""
     facts, time_s = candidate.facts, candidate.time_s
@@ -240,7 +243,7 @@ def _copy(
         "camera_s": time_s,
         "iso": candidate.exif.iso,
         "f_number": candidate.exif.f_number,
-        "taken_utc": _taken_utc(candidate, zone_min),
+        "taken_utc": _taken_utc(candidate, zone),
     }
     size = {"width_px": facts.width_px, "height_px": facts.height_px, "statistics": facts.statistics}
     beside = [(candidate.raw.path, candidate.raw.facts, dict[str, Any]())] if candidate.raw else []
@@ -274,11 +277,11 @@ def _chunks(path: Path, name: str) -> Iterator[bytes]:
         raise rejection(name, Reason.NOT_A_FILE, f"can no longer be read: {error.strerror}") from error
 
 
-def _taken_utc(candidate: import_plan.Candidate, zone_min: int | None) -> datetime | None:
+def _taken_utc(candidate: import_plan.Candidate, zone: Zone | None) -> datetime | None:
     """Return the moment of the frame by the camera's clock, where its zone is known."""
-    taken, own_min = candidate.exif.taken_local, candidate.exif.offset_min
-    zone_min = own_min if zone_min is None else zone_min
-    return None if taken is None or zone_min is None else taken.replace(tzinfo=UTC) - timedelta(minutes=zone_min)
+    taken, zone = candidate.exif.taken_local, candidate.exif.offset_min if zone is None else zone
+    known = timezone(timedelta(minutes=zone)) if isinstance(zone, int) else zone
+    return None if taken is None or known is None else taken.replace(tzinfo=known).astimezone(UTC)
 
 
 def _other_side_only(found: _Sorted) -> Iterator[SkippedStop]:
@@ -302,7 +305,7 @@ def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]
         yield WarningRecord(code="no_meter", message="no meter reading: luminance is relative until one is given")
     if len(found.frames) == 1:
         yield WarningRecord(code="one_side", message=f"{next(iter(found.frames))} only")
-    times = [[t for c in side if (t := _taken_utc(c, request.camera_zone_min))] for side in found.frames.values()]
+    times = [[t for c in side if (t := _taken_utc(c, request.camera_zone))] for side in found.frames.values()]
     if len(times) > 1 and all(times) and (apart := abs(min(times[1]) - min(times[0]))) > CLOCKS_APART:
         text = (
             f"by EXIF the two cameras' frames were taken {apart} apart: one clock was wrong, and with it date and sun"

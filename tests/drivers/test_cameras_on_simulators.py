@@ -444,6 +444,19 @@ def test_a_theta_that_was_away_when_it_was_closed_gets_its_sleep_back_later(make
 
 
 @pytest.mark.parametrize("make", ["theta_z1"], indirect=True)
+def test_a_theta_whose_station_was_killed_falls_asleep_again_after_the_next(make: Make) -> None:
+    """Nobody knows any more what its sleep times were: it gets Ricoh's own."""
+    setup = make()
+    for prop in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY):
+        setup.device.properties.values[prop] = 0
+    setup.camera.connect()
+    setup.camera.prepare(setup.settings())
+    setup.camera.close()
+    properties = setup.device.properties
+    assert [properties.number(p) for p in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY)] == [180, 64_800]
+
+
+@pytest.mark.parametrize("make", ["theta_z1"], indirect=True)
 def test_a_release_that_is_answered_when_the_shutter_has_closed_counts(make: Make) -> None:
     """Ricoh gives no figure; libgphoto2 waits 100 s for the answer to a capture."""
     setup = make()

@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.clock import SystemClock
-from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
+from drivers.errors import (
+    BatteryLowError,
+    DeviceClaimedError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceTimeoutError,
+    ProtocolViolationError,
+)
 from drivers.meter.dialect import SHIPPED, load_dialect
 from drivers.meter.dialogue import interpret
 from drivers.meter.interface import Meter, MeterReading, ReadingStatus
@@ -359,10 +368,34 @@ def test_a_loose_plug_is_opened_anew_and_asked_again() -> None:
     assert reading.luminance_cd_m2 == pytest.approx(34.63, rel=0.01)
 
 
+@pytest.mark.parametrize("away", [DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError])
+def test_a_plug_that_is_put_back_in_time_gives_the_reading(away: type[DeviceError]) -> None:
+    """Its port comes back after three seconds, and is refused until then."""
+    clock, opened_s = VirtualClock(), list[float]()
+    faults = (MeterFault(MeterFaultKind.UNPLUG, last=1),)
+    instrument = SimulatedMeter(lambda _t: 34.63, language="ls100", faults=faults, noise_frac=1e-3)
+
+    def open_line() -> MemoryLine:
+        opened_s.append(clock.monotonic_s())
+        if 1 < len(opened_s) < 8:
+            raise away("not yet")
+        return MemoryLine(instrument, clock)
+
+    meter = KonicaMinoltaMeter(open_line, LS100, clock)
+    meter.connect()
+    assert meter.measure(timeout_s=20.0).luminance_cd_m2 == pytest.approx(34.63, rel=0.01)
+    assert opened_s[-1] - opened_s[1] == pytest.approx(3.0)
+
+
 def test_unplugged_for_good_is_an_error_of_the_link() -> None:
-    meter = simulated(MeterFault(MeterFaultKind.UNPLUG))
+    clock = VirtualClock()
+    instrument = SimulatedMeter(lambda _t: 1.0, language="ls100", faults=(MeterFault(MeterFaultKind.UNPLUG),))
+    meter = KonicaMinoltaMeter(lambda: MemoryLine(instrument, clock), LS100, clock)
+    meter.connect()
+    start_s = clock.monotonic_s()
     with pytest.raises(DeviceLostError):
-        measure(meter)
+        meter.measure(timeout_s=5.0)
+    assert 5.0 <= clock.monotonic_s() - start_s < 7.0
 
 
 def test_silence_at_connect_says_what_to_do() -> None:

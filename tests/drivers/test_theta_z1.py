@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Self
 
@@ -312,6 +313,28 @@ def test_setting_that_never_takes_is_refused(start: Start) -> None:
     transport.assert_finished()
 
 
+def test_a_time_that_reads_back_reduced_is_the_one_asked(start: Start) -> None:
+    dialogue = ThetaDialogue().connect().prepare().awake()
+    dialogue.set(0xD00F, 4 << 32 | 1, reads=8 << 32 | 2)
+    camera, transport = start(dialogue)
+    camera.connect()
+    camera.prepare(PAPER)
+    assert camera.set_shutter(0.25).nominal_s == 0.25
+    transport.assert_finished()
+
+
+@pytest.mark.parametrize("iso", [65535, 102_400, 90])
+def test_an_iso_that_it_does_not_have_is_refused_and_not_written(start: Start, iso: int) -> None:
+    """65535 is its code of the automatic, and larger ones do not fit the property."""
+    dialogue = ThetaDialogue().connect().modes()
+    dialogue.ask(0x1014, 0x5007, gives=enumeration(0x5007, 4, "H", (0, 210, 350, 560)))
+    camera, transport = start(dialogue)
+    camera.connect()
+    with pytest.raises(SettingRefusedError, match=f"ISO {iso} cannot be set"):
+        camera.prepare(replace(PAPER, iso=iso))
+    transport.assert_finished()
+
+
 def test_refused_value_is_a_setting_error(start: Start) -> None:
     dialogue = ThetaDialogue().connect().prepare().awake()
     dialogue.ask(0x1016, 0xD00F, sends=number(0xD00F, 60 << 32 | 1), answer=0x201C)
@@ -499,12 +522,24 @@ def test_no_picture_at_all_fails_within_its_limit(start: Start, armed: ThetaDial
 
 def test_full_store_is_named(start: Start, armed: ThetaDialogue) -> None:
     armed.release().event(0x400A, 0x00020001).event(0x400D)
-    armed.handles(*OLD).get(0xD006, 1)
+    armed.handles(*OLD).ready().get(0xD006, 1)
     camera, transport = start(armed)
     ready_to_fire(camera)
     camera.release()
     with pytest.raises(StoreFullError, match="memory is full"):
         poll_until_done(camera, transport)
+    transport.assert_finished()
+
+
+def test_the_last_picture_that_fits_is_waited_for(start: Start, armed: ThetaDialogue) -> None:
+    """StoreFull comes while it is stitched: the store does not show it yet, and the camera is not ready."""
+    armed.release().event(0x400A, 0x00020001)
+    armed.handles(*OLD).get(0xD808, 1)
+    armed.handles(*OLD, 0x70).looks_at(0x70).ready()
+    camera, transport = start(armed)
+    ready_to_fire(camera)
+    camera.release()
+    assert [frame.handle for frame in poll_until_done(camera, transport)[0]] == [0x70]
     transport.assert_finished()
 
 

@@ -28,6 +28,7 @@ SPOT_WARNING_FRAC = 0.02  # chosen
 MAX_GHOST_SHARE = 0.25  # of the spot: more means that something stood before the target
 CURVE_FRAC = 0.004  # of 0.006 stop, what a recovered response curve is held to
 NEIGHBOURS = 4.0  # pixels whose noise is one: JPEG and demosaicing share it among neighbours
+ONE_BOOT_S = 2.0  # chosen: UTC and monotonic time part by less in a capture, whose UTC follows monotonic time
 _USABLE = ("ok", "typed")
 
 
@@ -203,12 +204,20 @@ def _times(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord]) -> 
     """Return the readings' times and the frames' mean moment, by one clock; None where frames have no times."""
     monotonic = [r.taken_monotonic_s for r in readings]
     opened = [f.release_monotonic_s + f.camera_s / 2 for f in frames if f.release_monotonic_s is not None]
-    if None not in monotonic and opened:
+    if None not in monotonic and opened and _one_boot(readings, frames):
         return np.array(monotonic, dtype=np.float64), float(np.mean(opened))
     begin = readings[0].taken_utc
     seen = [(f.taken_utc - begin).total_seconds() + f.camera_s / 2 for f in frames if f.taken_utc is not None]
     times = np.array([(r.taken_utc - begin).total_seconds() for r in readings])
     return times, float(np.mean(seen)) if seen else None
+
+
+def _one_boot(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord]) -> bool:
+    """Whether monotonic times run with UTC in all records: those of another start of the computer begin anew."""
+    read = ((r.taken_utc, r.taken_monotonic_s) for r in readings)
+    seen = ((f.taken_utc, f.release_monotonic_s) for f in frames)
+    starts_s = [utc.timestamp() - at_s for utc, at_s in (*read, *seen) if utc is not None and at_s is not None]
+    return max(starts_s) - min(starts_s) <= ONE_BOOT_S
 
 
 def _meter_part(reading: ReadingRecord, meter: MeterAccuracy) -> float:

@@ -7,18 +7,23 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from drivers.camera import BodySetting, CameraStatus, Verdict
 from drivers.canon_5d2.codes import CanonProp
+from drivers.clock import SystemClock
 from drivers.link_errors import GRABBERS
 from mocks.instruments.theta_z1 import ThetaOptions
-from station.capture.preflight import Check, Findings, Level, check_computer, check_rig
+from station.capture.preflight import Check, Findings, Level, PreflightError, check_computer, check_rig
 from station.capture.rig import Rig
 from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR, RigFile
 from station.session.session import Side
 from tests.mocks.instruments.test_recorded_bodies import canon, theta
+from tests.station.capture.fake_camera import FakeCamera
+from tests.station.capture.test_capture import TABLE, make_rig, run
 
 
 def check_canon(
@@ -88,6 +93,32 @@ def test_what_spoils_a_bracket_is_refused_by_name_unless_accepted(
     accepted, _ = check_canon(tmp_path, name, **options)  # type: ignore[arg-type]
     assert not failures(accepted)
     assert f"outdoor {name}" in named(accepted, Level.WARN)
+
+
+def test_what_a_rig_file_cannot_accept_is_not_offered_for_it(tmp_path: Path) -> None:
+    class Locked(FakeCamera):
+        def body_settings(self) -> tuple[BodySetting, ...]:
+            why = "it should be none, and the camera does not let a computer change it"
+            return (BodySetting("exposure bracketing", "+8", "", Verdict.REFUSED, why),)
+
+    (failure,) = failures(check_rig(make_rig(Locked(SystemClock())), tmp_path, bytes_needed=0))
+    assert failure.name == "indoor exposure bracketing"
+    assert failure.advice == "change it on the camera"
+
+
+@pytest.mark.parametrize(("keep_raw", "free", "needed"), [(False, 4, 0), (False, 3, 4), (True, 8, 0), (True, 7, 8)])
+def test_a_card_needs_room_for_the_bracket_and_no_more(tmp_path: Path, keep_raw: bool, free: int, needed: int) -> None:
+    class Small(FakeCamera):
+        def status(self) -> CameraStatus:
+            return replace(super().status(), free_frames=free)
+
+    rig = make_rig(Small(SystemClock()), indoor=TABLE.model_copy(update={"keep_raw": keep_raw}))
+    findings = check_rig(rig, tmp_path, bytes_needed=0, n_stops=4)
+    said = [check.text for check in failures(findings)]
+    assert said == ([f"room for {free} frames on the card, {needed} needed"] if needed else [])
+    if needed and not keep_raw:
+        with pytest.raises(PreflightError, match="card"):
+            run(rig, tmp_path)
 
 
 def test_long_exposure_noise_reduction_is_a_warning(tmp_path: Path) -> None:

@@ -56,22 +56,28 @@ def test_remaining_keeps_order_and_sides() -> None:
 
 
 def test_shorter_is_useless_once_nothing_is_clipped() -> None:
-    assert useless_because(5, {4: stats(0.0, 0.3)}) == "already nothing clipped at stop 4"
-    assert useless_because(5, {4: stats(0.01, 0.3)}) is None
+    assert useless_because(5, {4: stats(0.0, 0.3)}, PAPER_STOPS_S) == "already nothing clipped at stop 4"
+    assert useless_because(5, {4: stats(0.01, 0.3)}, PAPER_STOPS_S) is None
 
 
 def test_longer_is_useless_once_nothing_is_dark() -> None:
-    assert useless_because(3, {4: stats(0.1, 0.0)}) == "already nothing dark at stop 4"
-    assert useless_because(3, {4: stats(0.1, 0.2)}) is None
+    assert useless_because(3, {4: stats(0.1, 0.0)}, PAPER_STOPS_S) == "already nothing dark at stop 4"
+    assert useless_because(3, {4: stats(0.1, 0.2)}, PAPER_STOPS_S) is None
 
 
 def test_the_sun_keeps_every_short_stop() -> None:
     frames = {4: stats(0.1, 0.0), 5: stats(0.01, 0.1), 6: stats(1e-4, 0.2), 7: stats(1e-5, 0.4)}
-    assert useless_because(8, frames) is None
+    assert useless_because(8, frames, PAPER_STOPS_S) is None
+
+
+def test_a_further_exposure_is_longer_than_all_though_its_index_comes_behind() -> None:
+    stops_s = (*PAPER_STOPS_S, 15.0)
+    assert useless_because(0, {9: stats(0.3, 0.0)}, stops_s) is None, "nothing dark in a longer one says nothing"
+    assert useless_because(0, {9: stats(0.0, 0.0)}, stops_s) == "already nothing clipped at stop 9"
 
 
 def test_nothing_known_nothing_skipped() -> None:
-    assert all(useless_because(stop, {}) is None for stop in range(9))
+    assert all(useless_because(stop, {}, PAPER_STOPS_S) is None for stop in range(9))
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("4", 4), ("0.25", 0.25), ("1/60", 1 / 60), (" 1/8000 s", 1 / 8000)])

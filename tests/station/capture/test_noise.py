@@ -21,7 +21,7 @@ from station.session.session import SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
 from station.session.verify import verify_session
 from tests.station.capture.fake_camera import FakeCamera
-from tests.station.capture.test_capture import STOPS_S, make_rig, run
+from tests.station.capture.test_capture import STOPS_S, black, make_rig, run
 
 TIMES_S = (0.4, 0.3, 0.25, 1 / 15, 1 / 60, 1 / 250)
 
@@ -78,6 +78,19 @@ def test_there_are_only_so_many_and_what_is_not_reached_is_a_warning(tmp_path: P
     assert len(manifest.bracket.stops_s) == len(STOPS_S) + MOST_FURTHER
     (warning,) = (warning for warning in manifest.warnings if warning.code == "noise")
     assert "asked 0.5%" in warning.message
+
+
+def test_a_side_that_shows_nothing_is_said_to_be_unknown(tmp_path: Path) -> None:
+    """NaN and infinity are no JSON: the journal has null for them, and the capture ends as it should."""
+    manifest, path, events = run(
+        make_rig(camera(), camera(spoil=lambda _n, _s, data: black(data))), tmp_path, noise_frac=0.05
+    )
+    assert manifest.status is SessionStatus.COMPLETE
+    assert {one["error_frac"][Side.OUTDOOR] for one in noises(events)} == {None}
+    assert all(one["error_frac"][Side.INDOOR] > 0 for one in noises(events))
+    assert '"outdoor":null' in (path / "journal.jsonl").read_text()
+    (warning,) = (warning for warning in manifest.warnings if warning.code == "noise")
+    assert "outdoor unknown" in warning.message
 
 
 def test_further_frames_that_are_spoilt_cost_nothing_but_themselves(tmp_path: Path) -> None:

@@ -30,6 +30,11 @@ class RawCamera(FakeCamera):
 
     chunk_bytes: int = 1 << 20
     bad_raws: tuple[int, ...] = ()
+    says_time: bool = True
+    late_raws: dict[int, int] = field(default_factory=dict)
+    """Exposures whose DNG has the exposure time of another one."""
+    same_raws: dict[int, int] = field(default_factory=dict)
+    """Exposures whose DNG is, byte for byte, that of another one."""
     lost: dict[tuple[int, int], DeviceError] = field(default_factory=dict)
     """(handle, nth read of it) -> error."""
 
@@ -38,7 +43,9 @@ class RawCamera(FakeCamera):
         if not progress.done:
             return progress
         number = progress.frames[0].handle
-        data = raw_file(version=True) + number.to_bytes(2, "big")
+        shown_s = self._shutter_s if number not in self.late_raws else self.opened_s[self.late_raws[number] - 1][1]
+        data = raw_file(version=True, shutter_s=shown_s if self.says_time else None) + f"{number} {self.gain}".encode()
+        data = self._store[RAW_HANDLES + self.same_raws[number]] if number in self.same_raws else data
         self._store[RAW_HANDLES + number] = data[:120_000] if number in self.bad_raws else data
         size_bytes = len(self._store[RAW_HANDLES + number])
         raw = FrameRef(RAW_HANDLES + number, f"R{number:07d}.DNG", FrameFormat.DNG, size_bytes)
@@ -87,6 +94,24 @@ def test_a_rejected_raw_file_is_retaken_with_its_jpeg(tmp_path: Path) -> None:
     manifest, _ = capture(camera, tmp_path)
     assert_pairs(manifest)
     assert len(camera.opened_s) == len(STOPS_S) + 1
+
+
+@pytest.mark.parametrize(
+    ("camera", "why"),
+    [
+        (RawCamera(SystemClock(), late_raws={3: 2}), "its EXIF says 1/60 s, asked 1/15 s"),
+        (RawCamera(SystemClock(), same_raws={3: 2}), "its EXIF says 1/60 s, asked 1/15 s"),
+        (RawCamera(SystemClock(), says_time=False, same_raws={3: 2}), "the same bytes as indoor/02_"),
+    ],
+    ids=["another time", "another's bytes", "another's bytes without EXIF"],
+)
+def test_a_raw_file_that_comes_late_is_none_of_this_exposure(tmp_path: Path, camera: RawCamera, why: str) -> None:
+    """What a slow card gives an exposure late is not the next one's, though its magic is right."""
+    manifest, _ = capture(camera, tmp_path)
+    assert why in manifest.rejected[0].reason
+    raws = [frame for frame in manifest.frames if frame.format == "dng"]
+    assert len({frame.sha256 for frame in raws}) == len(raws)
+    assert all(frame.exif_s in (None, pytest.approx(frame.asked_s, rel=0.1)) for frame in raws)
 
 
 @pytest.mark.parametrize("handle", [2, RAW_HANDLES + 2], ids=["jpeg", "raw"])

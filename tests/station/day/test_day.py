@@ -138,6 +138,12 @@ def test_a_slot_that_passes_during_a_bracket_is_left_out_and_not_taken_late(tmp_
     assert due == [0.0, 60.0, 180.0, 360.0, 420.0]
 
 
+def test_a_name_that_no_session_can_hold_is_refused_wherever_it_stands_in_the_queue(tmp_path: Path) -> None:
+    request = CaptureRequest(room="hall", into=tmp_path, stops_s=STOPS_S)
+    with pytest.raises(UsageError, match="too long"):
+        Day(make_rig(FakeCamera(SystemClock())), DayPlan(("hall", "x" * 600)), request)
+
+
 def test_a_queue_of_rooms_waits_for_somebody_to_move_the_rig(tmp_path: Path) -> None:
     camera = Powered(SystemClock())
     day = day_of(tmp_path, camera, DayPlan(("hall", "kitchen")))

@@ -259,15 +259,18 @@ def test_raw_companions(checker, tmp_path):
     assert checker.check_raw(path, "dng").size_bytes == len(raw_file(version=True))
 
 
-def raw_file(next_at: int = 0, *, version: bool = False) -> bytes:
+def raw_file(next_at: int = 0, *, version: bool = False, shutter_s: float | None = None) -> bytes:
     """Return a file with the structure of a CR2 (or DNG) and one strip of 190,000 bytes."""
     entries = [(273, 4, 1, 1000), (279, 4, 1, 190_000)] + [(0xC612, 1, 4, 0x0401)] * version
+    entries += [(0x829A, 5, 1, 900)] if shutter_s else []
+    rational = b"".join(n.to_bytes(4, "little") for n in (round((shutter_s or 0) * 1e6), 1_000_000))
     table = len(entries).to_bytes(2, "little")
     for tag, type_, count, value in entries:
         table += tag.to_bytes(2, "little") + type_.to_bytes(2, "little")
         table += count.to_bytes(4, "little") + value.to_bytes(4, "little")
     head = b"II*\0" + (16).to_bytes(4, "little") + b"CR\x02\0" + b"\0" * 4
-    return (head + table + next_at.to_bytes(4, "little")).ljust(1000, b"\0") + b"x" * 190_000
+    front = (head + table + next_at.to_bytes(4, "little")).ljust(900, b"\0") + rational
+    return front.ljust(1000, b"\0") + b"x" * 190_000
 
 
 def test_verify_looks_into_frames(checker, good):

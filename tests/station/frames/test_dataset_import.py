@@ -167,6 +167,31 @@ def test_a_bracket_that_lost_its_exif(tmp_path: Path, capsys: pytest.CaptureFixt
     assert [one["frames"] for one in answer["brackets"]] == [9]
 
 
+def test_folders_without_a_date_take_the_zone_by_their_frames_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "Cali-HDR Dataset"
+    theta(root / "summer/pano/kitchen", datetime(2023, 5, 21, 16, 0), raw=False)
+    theta(root / "winter/pano/bath", datetime(2023, 12, 21, 16, 0), raw=False, seed=5)
+    _, answer = run(capsys, tmp_path, "--zone", "America/New_York")
+    taken = {m.frames[0].taken_utc for m in manifests(answer).values()}
+    assert taken == {datetime(2023, 5, 21, 20, 0, tzinfo=UTC), datetime(2023, 12, 21, 21, 0, tzinfo=UTC)}
+
+
+def test_two_visits_to_a_room_of_one_name_are_two_sessions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "Cali-HDR Dataset"
+    theta(root / "pano/kitchen", datetime(2023, 5, 21, 16, 0), raw=False)
+    _, answer = run(capsys, tmp_path)
+    assert len(manifests(answer)) == 1
+    (root / "pano/kitchen").rename(tmp_path / "first visit")
+    theta(root / "pano/kitchen", datetime(2023, 6, 21, 16, 0), raw=False, seed=5)
+    _, answer = run(capsys, tmp_path)
+    (second,) = manifests(answer).values()
+    assert second.frames[0].sha256 == hashlib.sha256((root / "pano/kitchen/R0000926.JPG").read_bytes()).hexdigest()
+    _, answer = run(capsys, tmp_path)
+    assert not manifests(answer), "and both are there now"
+
+
 def test_several_brackets_in_one_folder_are_parted_where_a_stop_comes_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -163,6 +163,15 @@ def test_unknown_values_say_nothing():
     assert read_exif(block(order, [(0x010F, 2, *text("Canon"))])).make == "Canon"
 
 
+@pytest.mark.parametrize("year", ["0001", "1969", "2101", "9999"])
+def test_a_clock_of_an_odd_year_was_never_set(year):
+    """Zones and offsets would lead such a date out of the calendar."""
+    facts = read_exif(block("big", [], usual("big", date=(0x9003, 2, *text(f"{year}:01:01 00:00:00")))))
+    assert facts.taken_local is None
+    with pytest.raises(ValueError, match="taken_local"):
+        ExifRecord(taken_local=datetime(int(year), 1, 1))
+
+
 def test_maker_notes_thumbnails_and_gps_are_never_visited():
     hostile = [(0x927C, 7, 2**32 - 1, 2**32 - 1), (0xA005, 4, 1, 8)]
     main = [(0x8825, 4, 1, 8), (0x0201, 4, 1, 2**32 - 1)]

@@ -229,13 +229,21 @@ def test_two_sides_share_stops_and_may_have_their_own(tmp_path, checker, room):
 def test_the_moment_is_known_where_the_zone_is(tmp_path, checker, room):
     report = run(tmp_path, checker, folders={Side.INDOOR: room})
     assert {f.taken_utc for f in report.manifest.frames} == {None}
-    report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone_min=-240)
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone=-240)
     assert report.manifest.frames[0].taken_utc == datetime(2023, 5, 19, 19, 54, 10, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("year", ["0001", "9999"])
+def test_a_date_at_the_calendars_end_is_none(tmp_path, checker, year):
+    room = fill(tmp_path / year, TAKEN_TAG=f"{year}:{'01:01 00:00:00' if year == '0001' else '12:31 23:59:59'}")
+    for zone in (-840, 840):
+        report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone=zone)
+        assert {f.taken_utc for f in report.manifest.frames} == {None}
 
 
 def test_a_camera_whose_clock_was_reset_is_noticed_by_the_others(tmp_path, checker, room):
     """A battery change sends old cameras back to their first year: dates and the sun's place would be of then."""
-    zone = {"camera_zone_min": -240}
+    zone = {"camera_zone": -240}
     for name, taken, warned in (("reset", "2008:01:01 00:03:10", True), ("true", "2023:05:19 15:58:00", False)):
         sky = fill(tmp_path / name, TAKEN_TAG=taken)
         report = run(tmp_path, checker, folders={Side.INDOOR: room, Side.OUTDOOR: sky}, **zone)

@@ -63,6 +63,18 @@ def frame(at_s: float) -> FrameRecord:
     )
 
 
+def test_monotonic_times_of_two_boots_are_not_mixed() -> None:
+    """The computer lost power between two runs: its monotonic time began anew, and UTC alone orders the records."""
+    readings = [reading(40.0, "before", 0.0), reading(60.0, "after", 100.0)]
+    frames = [
+        frame(at_s).model_copy(update={"taken_utc": BEGUN + timedelta(seconds=at_s - 0.5)}) for at_s in (20.0, 30.0)
+    ]
+    same = scale_from_reading(uniform(2.0), readings, 0.0, 0.0, frames=frames)
+    assert same.value == pytest.approx((40 + 20 * 0.25) / 2)
+    again = [readings[0], readings[1].model_copy(update={"taken_monotonic_s": -5000.0})]
+    assert scale_from_reading(uniform(2.0), again, 0.0, 0.0, frames=frames).value == pytest.approx(same.value)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi / 2, math.pi / 2), st.sampled_from([2, 16, 360]))
 def test_a_uniform_field_gives_its_scale_everywhere(longitude: float, latitude: float, wide: int) -> None:
