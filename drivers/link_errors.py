@@ -7,6 +7,14 @@ from pathlib import Path
 
 from drivers import errors
 
+COMES_BACK = (
+    errors.DeviceLostError,
+    errors.DeviceNotFoundError,
+    errors.DevicePermissionError,
+    errors.DeviceClaimedError,
+)
+"""Of a port that was put back a moment ago: not there yet, without its permissions, or probed by a service."""
+
 
 def typed_error(number: int | None, message: str, where: str) -> errors.DeviceError:
     """Return our error for an error number (``errno``) that a USB call ended with."""

@@ -10,16 +10,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    BatteryLowError,
-    DeviceClaimedError,
-    DeviceError,
-    DeviceLostError,
-    DeviceNotFoundError,
-    DevicePermissionError,
-    DeviceTimeoutError,
-    ProtocolViolationError,
-)
+from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
+from drivers.link_errors import COMES_BACK
 from drivers.meter.dialect import Dialect
 from drivers.meter.dialogue import Answer, Dialogue
 from drivers.meter.interface import MeterIdentity, MeterReading, ReadingStatus
@@ -28,8 +20,6 @@ from drivers.serial_link import ByteLine
 # Chosen: a greeting is put three times, with pauses.
 CONNECT_LIMIT_S = 20.0
 REOPEN_PAUSE_S = 0.5  # chosen: a port is there and its permissions set within a second or two
-COMES_BACK = (DeviceLostError, DeviceNotFoundError, DevicePermissionError, DeviceClaimedError)
-"""What a port says that was put back a moment ago: not there yet, without its permissions, or probed by a service."""
 MAX_SPREAD_FRAC = 0.10
 """Samples that differ more are no measurement of one luminance (two steps of the last digit are always allowed)."""
 SUSPECT_EQUALS = 3  # chosen: equal readings in a row that are asked on

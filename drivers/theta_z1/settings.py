@@ -96,12 +96,10 @@ class Setting:
     """Whether a camera whose firmware has no such property may be used, with a warning."""
 
 
-def _same(prop: int, got: int | str, asked: int | str) -> bool:
-    """Whether a property has what was asked; a shutter time may come back reduced: 10/25 as 2/5."""
-    if prop != RicohProp.SHUTTER_SPEED or isinstance(got, str) or isinstance(asked, str):
-        return got == asked
-    one, other = Fraction32.from_u64(got), Fraction32.from_u64(asked)
-    return one.is_time and one.numerator * other.denominator == other.numerator * one.denominator
+def _meaning(prop: int, value: int | str) -> float | str:
+    """Return what a value means: a shutter time may come back reduced, 10/25 as 2/5."""
+    time = Fraction32.from_u64(int(value)) if prop == RicohProp.SHUTTER_SPEED else None
+    return time.seconds if time is not None and time.is_time else value
 
 
 class ThetaProperties:
@@ -153,7 +151,7 @@ class ThetaProperties:
             except OperationRefusedError as error:
                 raise self._refused(name, prop, value, f"response {error.response_code:#06x}") from error
             got = self._link.session.retry_busy(lambda: self.read(prop), BUSY_LIMIT_S)
-            if _same(prop, got, value):
+            if _meaning(prop, got) == _meaning(prop, value):
                 return
             self._clock.sleep(PROPERTY_PAUSE_S)
         raise self._refused(name, prop, value, str(got))

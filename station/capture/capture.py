@@ -30,7 +30,6 @@ from station.capture.reference import LONGEST_FURTHER_S, MOST_FURTHER, MOST_FURT
 from station.capture.rig import Rig, require_same_camera
 from station.errors import ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
-from station.session.folder import file_sha256
 from station.session.manifest import require_names
 from station.session.session import (
     BracketRecord,
@@ -44,6 +43,7 @@ from station.session.session import (
     WarningRecord,
 )
 from station.session.store import SessionStore
+from station.session.verify import damaged_frames
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Capture:
         bracket, where = store.manifest.bracket, str(store.path)
         if bracket.mode not in ("full", "adaptive"):
             raise SessionError("an imported session cannot be resumed", where=where, advice="import it again")
-        damaged = tuple(frame for frame in store.manifest.frames if _is_damaged(store.path / frame.file, frame))
+        damaged = damaged_frames(store.path, store.manifest)
         needed = {side for side in bracket.sides if store.manifest.missing_stops(side)} | {f.side for f in damaged}
         if lacking := needed - set(rig.cameras):
             names = " or ".join(sorted(lacking))
@@ -188,7 +188,9 @@ class Capture:
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
         # Which reading to begin with: "before" where it is missing, one more when the capture goes on later
-        lacks = self._readings.planned > 0 if self._store is None else self._lacks("before")
+        lacks = (
+            self._readings.planned > 0 if self._store is None else "before" in self._store.manifest.missing_readings()
+        )
         when: When = "before" if lacks else "extra"
         first = when if (lacks or self._store is not None) and self._readings.can_take(when) else None
         if first is not None and self._rig.meter is None:
@@ -212,7 +214,10 @@ class Capture:
         else:
             self._store.update(devices=_merged(self._store.manifest, findings.devices))
             yield from self._withdraw_damaged(self._store)
-            yield self._warn("resumed", "the session was completed later: the light may have changed in between")
+            text = "the session was completed later: the light may have changed in between"
+            if self._store.manifest.rig.get("bracket", {}).get("reference") and not self._store.manifest.references:
+                text += "; no stop is repeated to show it, and none is added for --noise"
+            yield self._warn("resumed", text)
         for check in findings.checks:
             warning = WarningRecord(code=f"preflight: {check.name}", message=check.text[:500])
             if check.level is Level.WARN and warning not in self._store.manifest.warnings:  # it may be resumed
@@ -236,7 +241,8 @@ class Capture:
             yield self._warn("damaged", f"{frame.file}: {reason}; " + ("taken again" if again else "left out"))
 
     def _manifest(self, findings: Findings) -> SessionManifest:
-        rig = self._rig.file
+        rig, world = self._rig.file, {"simulate": self._rig.world} if self._rig.world else {}
+        used = rig.bracket.model_copy(update={"reference": self._plan.reference})  # which --noise asks for, too
         return SessionManifest(
             session_id=uuid4().hex,
             name=self._request.room,
@@ -256,7 +262,7 @@ class Capture:
             devices=findings.devices,
             target=self._request.target or (rig.meter.target() if rig.meter else None),
             readings_planned=self._readings.planned,
-            rig=rig.model_dump(mode="json") | ({"simulate": self._rig.world} if self._rig.world else {}),
+            rig=rig.model_copy(update={"bracket": used}).model_dump(mode="json") | world,
         )
 
     def _opening_warnings(self) -> Iterator[CaptureEvent]:
@@ -267,11 +273,8 @@ class Capture:
         elif self.store.manifest.target is None:
             yield self._warn("no_target", "the meter's target is unknown: set target_deg in the rig, or --target")
 
-    def _lacks(self, when: When) -> bool:
-        return when in self.store.manifest.missing_readings()
-
     def _start_last_reading(self) -> None:
-        if self._lacks("after") and self._readings.can_take("after"):
+        if "after" in self.store.manifest.missing_readings() and self._readings.can_take("after"):
             self._readings.start("after")
 
     def _collect_reading(self) -> Iterator[CaptureEvent]:
@@ -375,14 +378,6 @@ def _start_quietly(checker: FrameChecker) -> None:
     """Start a checker; one that does not start says so at its first frame."""
     with suppress(ResourceError):
         checker.start()
-
-
-def _is_damaged(path: Path, frame: FrameRecord) -> bool:
-    """Whether a frame's file is gone, or changed since it was saved."""
-    try:
-        return file_sha256(path) != frame.sha256
-    except OSError:
-        return True
 
 
 def _in_words(record: ReadingRecord) -> str:

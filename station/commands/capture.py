@@ -264,7 +264,7 @@ def _needed(manifest: SessionManifest, options: dict[str, Any]) -> tuple[RigFile
     """Return the rig that a session was begun with, by its own record or --rig, without what it needs no more."""
     from station.capture.rig_file import load_rig
     from station.errors import SessionError
-    from station.session.verify import verify_session
+    from station.session.verify import damaged_frames
 
     path = options["resume_path"]
     world = options["simulate"] or manifest.rig.get("simulate")
@@ -273,8 +273,7 @@ def _needed(manifest: SessionManifest, options: dict[str, Any]) -> tuple[RigFile
     recorded = _recorded_rig(manifest, str(path))
     file = load_rig(options["rig_path"]) if options["rig_path"] else recorded
     changes = _changes(options)
-    found = {problem.file for problem in verify_session(path).problems}
-    damaged = {frame.side for frame in manifest.frames if frame.file in found}  # a stray file harms none of them
+    damaged = {frame.side for frame in damaged_frames(path, manifest)}
     for side in file.cameras():
         if not manifest.missing_stops(side) and side not in damaged:
             changes[str(side)] = None

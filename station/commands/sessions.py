@@ -16,7 +16,7 @@ from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer
 if TYPE_CHECKING:
     from station.frames.dataset import Pair
     from station.frames.dataset_import import DatasetPlan, DatasetRequest, Outcome
-    from station.frames.importer import ImportReport
+    from station.frames.importer import ImportReport, Zone
     from station.session.session import Site
     from station.session.verify import VerifyReport
 
@@ -41,9 +41,7 @@ NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading", "
 @click.option("--heading", type=Number(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
 @click.option("--address", metavar="TEXT", help="Address to show on the client's page.")
-@click.option(
-    "--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF); with --dataset also a name."
-)
+@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks, or its name (default: EXIF).")
 @click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
 @click.option("--strict", is_flag=True, help="Fail if any file is rejected.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -111,15 +109,19 @@ def parse_site(text: str | None, address: str | None = None) -> Site:
         raise UsageError(f"{text or address!r} is not a location", where="--site", advice=advice) from error
 
 
-def parse_zone(text: str | None) -> int | None:
-    """Return minutes east of UTC of ``+HH:MM`` (None for None); UsageError for anything else."""
+def parse_zone(text: str | None) -> Zone | None:
+    """Return minutes east of UTC of ``+HH:MM``, or a named zone (None for None); UsageError for anything else."""
     from station.errors import UsageError
     from station.frames.exif import parse_offset
 
-    minutes = None if text is None else parse_offset(text)
-    if text is not None and minutes is None:
-        raise UsageError(f"{text!r} is not a zone", where="--zone", advice="write +HH:MM, e.g. -04:00")
-    return minutes
+    minutes = parse_offset(text or "")
+    if text is None or minutes is not None:
+        return minutes
+    try:
+        return ZoneInfo(text)
+    except (ZoneInfoNotFoundError, ValueError, OSError) as error:
+        advice = "write +HH:MM or a name such as America/New_York"
+        raise UsageError(f"{text!r} is not a zone", where="--zone", advice=advice) from error
 
 
 def summary(report: ImportReport) -> dict[str, Any]:
@@ -270,23 +272,11 @@ def _request(options: dict[str, Any]) -> DatasetRequest:
         table=options["table"],
         lost_s=parse_shutters(options["shutter"]),
         site=parse_site(options["site"]),
-        zone=_zone(options["zone"]),
+        zone=parse_zone(options["zone"]),
         only=options["only"],
         raw=options["raw"],
         strict=options["strict"],
     )
-
-
-def _zone(text: str | None) -> ZoneInfo | int | None:
-    from station.errors import UsageError
-
-    if text is None or text[:1] in "+-":
-        return parse_zone(text)
-    try:
-        return ZoneInfo(text)
-    except (ZoneInfoNotFoundError, ValueError, OSError) as error:
-        advice = "write +HH:MM or a name such as America/New_York"
-        raise UsageError(f"{text!r} is not a zone", where="--zone", advice=advice) from error
 
 
 def _facts(plan: DatasetPlan) -> dict[str, Any]:

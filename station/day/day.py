@@ -20,7 +20,6 @@ from station.capture.preflight import Check, Level, status_checks
 from station.capture.rig import Rig
 from station.errors import UsageError
 from station.frames.check import FrameChecker
-from station.session.manifest import require_names
 from station.session.session import SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
 
@@ -170,8 +169,8 @@ class Day:
         self._job: Capture | None = None
         self._stop_asked = self._paused = False
         rig.checkers = rig.checkers or {side: FrameChecker() for side in rig.cameras}
-        require_names(*plan.rooms, where="day")
-        first = Capture.new(rig, replace(request, room=plan.rooms[0]))  # refuses at once what no bracket could be
+        # Refuses at once what no bracket could be, and names that no session can hold
+        first, *_ = [Capture.new(rig, replace(request, room=room)) for room in plan.rooms]
         self.n_stops = first.n_stops
         self._frames = first.n_stops * (1 + any(t.keep_raw for t in rig.file.cameras().values()))
 

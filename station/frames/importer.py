@@ -35,8 +35,7 @@ from station.session.session import (
 )
 from station.session.store import SessionStore
 
-Zone = ZoneInfo | int
-"""Of a clock: with its summer time, or minutes east of UTC."""
+Zone = ZoneInfo | int  # of a clock: with its summer time, or minutes east of UTC
 _COPY_BYTES = 1 << 20
 CLOCKS_APART = timedelta(hours=1)  # chosen: no bracket takes as long; a clock that was reset is off by years
 
@@ -307,9 +306,7 @@ def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]
         yield WarningRecord(code="one_side", message=f"{next(iter(found.frames))} only")
     times = [[t for c in side if (t := _taken_utc(c, request.camera_zone))] for side in found.frames.values()]
     if len(times) > 1 and all(times) and (apart := abs(min(times[1]) - min(times[0]))) > CLOCKS_APART:
-        text = (
-            f"by EXIF the two cameras' frames were taken {apart} apart: one clock was wrong, and with it date and sun"
-        )
+        text = f"by EXIF the cameras' frames were taken {apart} apart: one clock was wrong, and with it date and sun"
         yield WarningRecord(code="clocks_apart", message=f"{text}; correct the files' times and import again")
     for side, frames in found.frames.items():
         for candidate in frames:

@@ -25,12 +25,13 @@ from station.session.session import (
     SessionStatus,
 )
 
-__all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
+__all__ = ["FrameCheck", "Problem", "VerifyReport", "damaged_frames", "repair_session", "verify_session"]
 
 JUNK = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)")
 """What file browsers leave behind in folders."""
 WORTH_NOTING = ("moving_light", "clock_step", "paused")
 """Codes of warnings about the light or the times of a session, which no file shows."""
+DAMAGE = {"missing", "irregular", "size", "digest", "unreadable"}
 CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
 FrameCheck = Callable[[Path, FrameRecord], str | None]
 """Looks into a frame whose digest is right; returns what is wrong with it, or None."""
@@ -129,6 +130,12 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
             for record in (*best.frames, *((best.panorama,) if best.panorama else ())):
                 _check_file(root, record, report, frame_check)
     return report
+
+
+def damaged_frames(path: Path, manifest: SessionManifest) -> tuple[FrameRecord, ...]:
+    """Return the frames whose files are gone or changed; a stray file, or a manifest behind its journal, is no harm."""
+    found = {problem.file for problem in verify_session(path).problems if problem.code in DAMAGE}
+    return tuple(frame for frame in manifest.frames if frame.file in found)
 
 
 def repair_session(path: Path) -> VerifyReport:

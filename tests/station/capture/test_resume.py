@@ -10,12 +10,13 @@ import pytest
 import daylit
 from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError, StoreFullError
-from station.capture.capture import Capture
-from station.capture.events import CaptureEvent
+from station.capture.capture import Capture, CaptureRequest
+from station.capture.events import CaptureEvent, EventKind
+from station.capture.rig_file import BracketTable
 from station.errors import SessionError
 from station.session.session import SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
-from station.session.verify import verify_session
+from station.session.verify import damaged_frames, verify_session
 from tests.station.capture.fake_camera import FakeCamera, make_jpeg
 from tests.station.capture.test_capture import STOPS_S, TABLE, FakeMeter, make_rig, run
 from tests.station.capture.test_noise import camera as further_camera
@@ -138,3 +139,35 @@ def test_a_stray_file_asks_for_no_camera(
 
 def _end() -> None:
     raise DeviceLostError("far enough")
+
+
+@pytest.mark.parametrize("asked", ["reference", "noise", "nothing"])
+def test_what_is_not_made_up_for_is_said(tmp_path: Path, asked: str) -> None:
+    """A resumed capture repeats no stop, and adds none for the noise."""
+    broken = further_camera(failures={("release", 2): StoreFullError("full")})
+    rig = make_rig(broken)
+    if asked == "reference":
+        rig.file = rig.file.model_copy(update={"bracket": BracketTable(reference=True)})
+    with pytest.raises(StoreFullError):
+        run(rig, tmp_path, noise_frac=0.05 if asked == "noise" else None)
+    (path,) = tmp_path.iterdir()
+    manifest, _ = resume(path, further_camera(gain=25.0))
+    (said,) = (warning.message for warning in manifest.warnings if warning.code == "resumed")
+    assert ("no stop is repeated" in said) is (asked != "nothing")
+    assert not manifest.references
+
+
+def test_frames_that_only_the_journal_knows_are_not_damaged(tmp_path: Path) -> None:
+    """After a crash session.json is behind: it names none of the frames that are there."""
+    job = Capture.new(make_rig(later()), CaptureRequest(room="x", into=tmp_path, stops_s=STOPS_S))
+    events = job.events()
+    while next(events).kind is not EventKind.SAVED:
+        pass
+    events.close()  # type: ignore[attr-defined]
+    with SessionStore.open(job.store.path, writable=False) as store:
+        manifest = store.manifest
+    assert manifest.frames
+    assert "manifest-behind" in {problem.code for problem in verify_session(job.store.path).problems}
+    assert damaged_frames(job.store.path, manifest) == ()
+    (job.store.path / manifest.frames[0].file).unlink()
+    assert damaged_frames(job.store.path, manifest) == manifest.frames[:1]

@@ -15,6 +15,7 @@ from PIL import Image
 
 import daylit
 from station.commands.sessions import import_session as command
+from station.commands.sessions import parse_zone
 from station.errors import FrameRejectedError, IncompleteBracketError, SessionNotFoundError, UsageError
 from station.frames.check import FrameChecker
 from station.frames.importer import ImportReport, ImportRequest, import_session
@@ -231,6 +232,8 @@ def test_the_moment_is_known_where_the_zone_is(tmp_path, checker, room):
     assert {f.taken_utc for f in report.manifest.frames} == {None}
     report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone=-240)
     assert report.manifest.frames[0].taken_utc == datetime(2023, 5, 19, 19, 54, 10, tzinfo=UTC)
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone=parse_zone("America/New_York"))
+    assert report.manifest.frames[0].taken_utc == datetime(2023, 5, 19, 19, 54, 10, tzinfo=UTC), "by name, in summer"
 
 
 @pytest.mark.parametrize("year", ["0001", "9999"])
@@ -354,7 +357,8 @@ def test_the_command(tmp_path, room):
 
 
 @pytest.mark.parametrize(
-    "options", [["--site", "here"], ["--zone", "CET"], ["--target", "1"], ["--shutter", "4,x"], ["--site", "91,0"]]
+    "options",
+    [["--site", "here"], ["--zone", "Mars/Olympus"], ["--target", "1"], ["--shutter", "4,x"], ["--site", "91,0"]],
 )
 def test_options_that_say_nothing_are_refused(tmp_path, room, options):
     with pytest.raises(UsageError):
