@@ -40,7 +40,7 @@ BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 not white. Chosen by looking at simulated and real rooms."""
 VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
 MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
-LEAST_VIEW, VIEW_SPREAD = 0.9, 0.7
+LEAST_VIEW, VIEW_SPREAD = 0.9, 0.85
 """Level of the film from which something in a pane is the view: not the room's light walls; and, of the geometric mean
 of the room's level and the view's, the share. Chosen by looking."""
 VIEW_GREEN = 1.25
@@ -50,8 +50,9 @@ KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looki
 PLATEAU = 0.28
 """Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
 _NORM = 6.0  # of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best
-_EDGE_RAD, _EDGE_EPS = math.radians(0.8), 0.05
-"""Within which a pane's edge follows the picture's, and how strong an edge counts (squared stops). Chosen."""
+_EDGE_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
+"""Within which a pane's edge follows the picture's, how strong an edge counts (squared stops), and up to which share
+there is none: half a frame's width at 4 m. Chosen by looking: a wider soft zone makes frames milky and green."""
 _ROWS, _TABLED_ROWS = 256, 32  # at a time, for memory; for the processor's cache
 
 
@@ -266,9 +267,9 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
 
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
-    follows the picture's (guided filter, He et al. 2013). Bars and furniture before a pane thus stay. A window's reveal
-    and frame are lowered by half as many stops, brighter ones more, but none below what the film shows in proportion:
-    white paint beside a view is white and has a form.
+    follows the picture's, in all its colours (guided filter, He et al. 2013). Bars and furniture before a pane thus
+    stay. Of a window's reveal and frame each channel is lowered by half of its stops above what the film shows in
+    proportion, by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
     """
     margin = max(2, round(_EDGE_RAD / math.pi * len(light))) if around else max(2, len(light) // 150)
     rows = np.flatnonzero(panes.any(axis=1))
@@ -278,16 +279,17 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
     panes = panes[top:bottom]
-    glass, frame = (panes, np.zeros_like(panes)) if panes.dtype == bool else (panes > 1, panes == 1)
+    glass = panes if panes.dtype == bool else panes > 1
     closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    guide = np.log2(np.maximum(level, np.float32(1e-3)))
+    frame = np.zeros_like(glass) if panes.dtype == bool else (panes > 0) & (closed == 0)
+    guide = np.log2(np.maximum(part, np.float32(1e-3)))
 
     def soft(mask: npt.NDArray[Any]) -> Floats:
         given, edges = np.asarray(mask, np.float32), guide
         if around:
             given, edges = wrapped(given, 2 * margin), wrapped(guide, 2 * margin)
-        found = np.clip(cv2.ximgproc.guidedFilter(edges, given, margin, _EDGE_EPS), 0, 1)
-        return np.asarray(found[:, 2 * margin : -2 * margin] if around else found, np.float32)
+        found = (cv2.ximgproc.guidedFilter(edges, given, margin, _EDGE_EPS) - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE)
+        return np.clip(found[:, 2 * margin : -2 * margin] if around else found, 0, 1, dtype=np.float32)
 
     shares = soft(closed), soft(frame)
     balanced = (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE
@@ -296,5 +298,5 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
         seen, pane, beside = level[row, columns], shares[0][row, columns], shares[1][row, columns]
         lowered = np.hypot(np.minimum(seen, np.float32(PLATEAU)), seen * np.float32(pull))
         lowered = np.minimum(lowered, seen) / np.maximum(seen, np.float32(1e-6))
-        half = np.maximum(np.sqrt(lowered), np.minimum(KNEE / np.maximum(seen, np.float32(1e-6)), 1))
-        part[row, columns] *= (lowered[:, None] * balanced) ** pane[:, None] * (half ** (beside * (1 - pane)))[:, None]
+        half = np.sqrt(np.clip(np.float32(KNEE) / np.maximum(part[row, columns], np.float32(1e-6)), pull, 1))
+        part[row, columns] *= (lowered[:, None] * balanced) ** pane[:, None] * half ** (beside * (1 - pane))[:, None]
