@@ -316,16 +316,20 @@ def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
 def _gain(given, weights, photo, n, gain):  # type: ignore[no-untyped-def]
     """Fill by how much furniture changes (3,) what a pixel of the room shows, ``photo`` (3,)."""
     gain[:] = np.float32(1)
-    modelled = shown = sun = np.float32(0)
+    modelled = dark = shown = sun = np.float32(0)
     for c in range(3):
         part = given.albedo[n, c] / np.float32(math.pi)
-        modelled += weights[c] * (part * (given.old[n, c] + given.old_sun[n, c]) + given.emission[n, c])
+        dark += weights[c] * (part * given.old[n, c] + given.emission[n, c])
+        modelled += weights[c] * part * given.old_sun[n, c]
         shown += weights[c] * photo[c]
         sun += weights[c] * given.old_sun[n, c]
-    fits = abs(math.log(max(modelled, np.float32(1e-6)) / max(shown, np.float32(1e-6)))) < MISFIT
-    sunny = sun > 0 and fits
+    modelled, shown = max(modelled + dark, np.float32(1e-6)), max(shown, np.float32(1e-6))
+    sunny = sun > 0 and abs(math.log(modelled / shown)) < MISFIT
     # Where the photograph does not show the sun that the model expects, only the rest of the light is compared; but
-    # where removal took it away, or filled what furniture had shaded, it falls now.
+    # where removal took it away, or filled what furniture had shaded, it falls now, unless nothing but it explains what
+    # is shown: of a half shadow's rim both are as likely, and a patch that falls elsewhere now left a dark hair line.
+    if given.sunless[n] and abs(math.log(max(dark, np.float32(1e-6)) / shown)) < MISFIT:
+        sunny = False
     returns = given.sunless[n] and not sunny
     if given.label[n] < 0:
         return

@@ -212,3 +212,26 @@ def test_sunlight_returns_where_removal_took_it() -> None:
     staged = differential(shaded, room, (far,), EYE, effort=LOOK, sunless=sunny)
     back = staged.rgb[sunny & ~staged.furniture][:, 1] / photograph[sunny & ~staged.furniture][:, 1]
     assert np.median(back) == pytest.approx(1, abs=0.3)
+
+
+def test_a_faint_sun_that_removal_took_away_falls_anew_and_is_taken_away_once() -> None:
+    """A half shadow's rim: with and without that sun the model fits what removal left, and only one of them is so."""
+    room, _, sunny = sunny_room()
+    outdoors = room.outdoors
+    assert outdoors.sun is not None
+    clouded = replace(room, outdoors=replace(outdoors, sun=None))
+    none = render(clouded, GEOMETRY, EYE, effort=LOOK).rgb
+    lux = 0.4 * np.pi / 0.5 * float(np.median(none[sunny]) / outdoors.sun.direction[2])
+    veiled = replace(room, outdoors=replace(outdoors, sun=replace(outdoors.sun, normal_illuminance_lx=(lux,) * 3)))
+    full = render(veiled, GEOMETRY, EYE, effort=LOOK).rgb
+    assert 1.2 < np.median((full / none)[sunny]) < 1.6, "so faint that both models fit"
+    far, over = box((2.0, 1.6, 0.2), (0.3, 0.3, 0.4)), box((0.0, -1.9, 1.5), (4.0, 0.1, 3.0))
+    back = differential(none, veiled, (far,), EYE, effort=LOOK, sunless=sunny)
+    where = sunny & ~back.furniture
+    assert np.median((back.rgb / full)[where]) == pytest.approx(1, abs=0.1)
+    assert np.median((back.rgb / none)[where]) > 1.2
+    shaded = differential(none, veiled, (over,), EYE, effort=LOOK, sunless=sunny)
+    same = differential(none, clouded, (over,), EYE, effort=LOOK)
+    where = sunny & ~shaded.furniture
+    assert where.any()
+    assert np.median((shaded.rgb / same.rgb)[where]) == pytest.approx(1, abs=0.1)
