@@ -35,6 +35,7 @@ OVER_CAMERA_M = 1.0  # from the camera: what hangs nearer above it covers the to
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
 SWING_M = 0.9  # from a wall, within which an open door's leaf may stand before it (chosen: a door's width)
+LAMP_M = 0.3  # from a ceiling lamp's middle: nothing new hangs where it is seen before the wall, down to the eye
 APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
 Wall = tuple[int, float, float, float, float]
 """An edge, start and end along it, bottom and top, metres."""
@@ -43,13 +44,18 @@ Groups = Iterator[list[PlacedItem]]
 
 
 def styled(
-    one: Arrangement, plan: FloorPlan, style: str, level: str, seed: int, *, bare: bool = False
+    one: Arrangement,
+    plan: FloorPlan,
+    style: str,
+    level: str,
+    seed: int,
+    lamps: Sequence[Sequence[float]] | None = None,
 ) -> tuple[PlacedItem, ...]:
     """Return what dresses an arrangement in its room, at most `styling.toml`'s `most` with the furniture itself.
 
-    ``bare``: nothing hangs on the ceiling (`removal.rests.bare_ceiling`).
+    ``lamps``: x and y, metres, of what hangs on the ceiling (`removal.rests.on_ceiling`); None: not known.
     """
-    room = _Room(one, plan, np.random.default_rng([seed, one.rank]), bare)
+    room = _Room(one, plan, np.random.default_rng([seed, one.rank]), lamps)
     for row in _TABLE["rows"] if level != "none" else ():
         wanted = LEVELS.index(row["level"]) <= LEVELS.index(level) and style not in row.get("but", ())
         if wanted and len(one.items) + len(room.added) < _TABLE["most"]:
@@ -65,7 +71,7 @@ class _Room:
     one: Arrangement
     plan: FloorPlan
     rng: np.random.Generator
-    bare: bool
+    lamps: Sequence[Sequence[float]] | None
     added: list[PlacedItem] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -73,6 +79,7 @@ class _Room:
         self.judge = Judge(self.plan, rules.get(self.one.rule_set, rules["standard"]))
         self.floor = shapely.Polygon(self.plan.corners, list(self.plan.holes))
         self.broken = len(self.judge.judge(self._pieces()))
+        self.behind_lamps = list(_behind_lamps(self.plan, self.lamps or ()))
 
     def hosts(self, row: Mapping[str, Any]) -> list[PlacedItem]:
         """Return the pieces that a row may belong to, by the order of its categories."""
@@ -104,14 +111,16 @@ class _Room:
                 return False
         return len(self.judge.judge(self._pieces(piece))) <= self.broken
 
-    def free(self, wall: Wall) -> bool:
-        """Return whether a rectangle of a wall, with air round it, is free of openings, pieces and what hangs there."""
+    def free(self, wall: Wall, also: Sequence[Wall] = ()) -> bool:
+        """Return whether a rectangle of a wall, with air round it, is free of openings, pieces, what hangs there, and
+        ``also`` of others.
+        """
         edge, start, end, low, high = wall
         if start < AIR_M or end > self.plan.edge(edge)[2] - AIR_M or high > self.plan.ceiling_height_m - AIR_M:
             return False
         return not any(
             e == edge and a < end + AIR_M and b > start - AIR_M and c < high + AIR_M and d > low - AIR_M
-            for e, a, b, c, d in self._taken()
+            for e, a, b, c, d in (*self._taken(), *also)
         )
 
     def _taken(self) -> Iterator[Wall]:
@@ -146,6 +155,21 @@ class _Room:
         corner, u, _ = self.plan.edge(edge)
         x, y = corner + u * (start + end) / 2 + np.array([-u[1], u[0]]) * (deep / 2 + gap)
         return self.piece(what, (end - start, deep, high - low), x, y, low, math.atan2(u[1], u[0]))
+
+
+def _behind_lamps(plan: FloorPlan, lamps: Sequence[Sequence[float]]) -> Iterator[Wall]:
+    """Yield what ceiling lamps hide of walls from the cameras, as if they hung down to the eye; none right above one."""
+    for eye, lamp in ((np.array(a), np.array(b)) for a in plan.keep_free for b in lamps):
+        away = float(np.hypot(*(lamp - eye)))
+        if away < OVER_CAMERA_M:
+            continue
+        side = (lamp - eye)[::-1] * (-1, 1) / away * LAMP_M
+        ends = [eye + far * (lamp + sign * side - eye) for far, sign in ((1, 1), (1, -1), (99, -1), (99, 1))]
+        for edge in range(len(plan.corners)):
+            corner, u, length = plan.edge(edge)
+            hidden = shapely.Polygon(ends).intersection(shapely.LineString([corner, corner + u * length]))
+            if len(along := (shapely.get_coordinates(hidden) - corner) @ u):
+                yield edge, float(along.min()), float(along.max()), EYE_M, plan.ceiling_height_m
 
 
 def outline(item: PlacedItem, grow_m: float = 0.0) -> Doubles:
@@ -263,7 +287,7 @@ def _above(room: _Room, row: Mapping[str, Any]) -> Groups:
             alone = all(
                 h.start_m > middle + spans[-1][1] + APART_M or h.end_m < middle + spans[0][0] - APART_M for h in beside
             )
-            if alone and all(map(room.free, walls)):
+            if alone and all(room.free(wall, room.behind_lamps) for wall in walls):
                 made = [room.at_wall(row["what"], wall, 0.03) for wall in walls]
                 yield [a.model_copy(update={"id": a.id + "b" * n}) for n, a in enumerate(made)]
                 break
@@ -312,7 +336,7 @@ def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
         starts = np.arange(0.4, length - w - 0.4, 0.1)
         low = EYE_M - h / 2
         # Air on both sides: a picture squeezed between a door and a wardrobe is none.
-        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h))]
+        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h), room.behind_lamps)]
         if free:
             s = free[len(free) // 2]
             yield [room.at_wall(row["what"], (edge, s, s + w, low, low + h), d)]
@@ -327,7 +351,7 @@ def _ceiling(room: _Room, row: Mapping[str, Any]) -> Groups:
             continue
         new = room.piece(row["what"], (w, d, high - low), x, y, low, 0.0)
         new = room.piece(row["what"], (w, d, high - low), x, y, high - new.size_m[2] - 0.002, 0.0)
-        if room.bare and new.base_m > low - 0.01 and room.floor.covers(shapely.Polygon(outline(new, AIR_M))):
+        if room.lamps == [] and new.base_m > low - 0.01 and room.floor.covers(shapely.Polygon(outline(new, AIR_M))):
             yield [new]
 
 

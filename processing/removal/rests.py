@@ -16,7 +16,7 @@ from processing.removal.illumination import known_mean
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps, planes_of
-from processing.surfaces.textures import unwrap
+from processing.surfaces.textures import texel_places, unwrap
 
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
@@ -260,16 +260,22 @@ def _legs(gone: Flags, near: Flags, tone: Floats, bare: Flags) -> Flags:
     return found
 
 
-def bare_ceiling(room: RoomModel, rgb: Floats) -> bool:
-    """Return whether nothing hangs on the ceiling: no lamp, no fan, no detector.
+def on_ceiling(room: RoomModel, rgb: Floats) -> list[list[float]] | None:
+    """Return where something hangs on the ceiling (a lamp, a fan, a detector): x and y in metres, of each the place
+    nearest to the camera, since what hangs lower is seen behind it. None: no ceiling is seen.
 
     ``rgb`` (H, 2 H, 3): the upright panorama, linear light of any unit.
     """
     rows = min(len(rgb), CEILING_ROWS)
     tone = np.log(np.maximum(resized(rgb, (rows, 2 * rows)).mean(axis=-1), 1e-6)).astype(np.float32)
-    seen = unwrap(tone, Equirectangular(2 * rows, rows), room, planes_of(room)[CEILING], CEILING_PX_PER_M)
+    plane = planes_of(room)[CEILING]
+    seen = unwrap(tone, Equirectangular(2 * rows, rows), room, plane, CEILING_PX_PER_M)
     edge, around = (CEILING_PX_PER_M * size_m for size_m in APART_M)
     inner = cv2.distanceTransform(np.pad(seen.known, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1] > edge
     odd = inner & (np.abs(seen.values - known_mean(seen.values, seen.known, around)[0]) > ODD)
     odd = cv2.morphologyEx(odd.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
-    return bool(inner.any() and odd.sum() < LEAST_CELLS)
+    if not inner.any():
+        return None
+    labels, places = ndimage.label(odd)[0], texel_places(plane, CEILING_PX_PER_M)[..., :2]
+    parts = [places[labels == k] for k in range(1, labels.max() + 1)] if odd.sum() >= LEAST_CELLS else []
+    return [part[np.hypot(*part.T).argmin()].round(3).tolist() for part in parts]

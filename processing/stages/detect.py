@@ -13,7 +13,7 @@ from processing.ground.seam import share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import read_mask
 from processing.removal.masks import Masks, find_masks
-from processing.removal.rests import bare_ceiling
+from processing.removal.rests import on_ceiling
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, read_evidence
 from processing.stages import upright
@@ -56,7 +56,7 @@ def run(context: StageContext) -> StageOutput:
         margin_rad=math.radians(asked.margin_deg),
     )
     made = _output(_corrected(found, asked, context), evidence, why, asked.margin_deg)
-    return replace(made, metrics={**made.metrics, "ceiling_bare": bare_ceiling(room, image.rgb)})
+    return replace(made, metrics={**made.metrics, "on_ceiling": on_ceiling(room, image.rgb)})
 
 
 def _corrected(found: Masks, asked: DetectParameters, context: StageContext) -> Masks:

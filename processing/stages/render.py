@@ -91,12 +91,12 @@ def run(context: StageContext) -> StageOutput:
     was, (plan, _) = plan_from_mapping(arranged.plan, where="arrangement"), session_plan(known_room(context))
     if np.array_equal(np.round(was.corners, 3), np.round(plan.corners, 3)):  # else it was given for another shape
         plan = replace(plan, hung=was.hung)
-    bare = bool(context.summary("detect").get("metrics", {}).get("ceiling_bare"))
+    lamps = context.summary("detect").get("metrics", {}).get("on_ceiling")
     alternatives, units = list[Any](), ""
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
         style = asked.style or STYLES[(asked.seed + number) % len(STYLES)]
-        added = styled(one, plan, style, asked.styling, asked.seed, bare=bare)
+        added = styled(one, plan, style, asked.styling, asked.seed, lamps)
         name = f"staged-{number + 1}"
         own: dict[str, Any] = {"style": style, "effort": repr(effort), "quality": context.quality}
         own |= {"method": asked.method, "seed": asked.seed, "of": one.model_dump(mode="json", include=_SHOWN)}

@@ -85,7 +85,7 @@ def test_styles_have_designs_of_their_own() -> None:
 
 def test_a_lamp_hangs_low_over_a_table_else_above_heads_and_not_where_one_hangs(solved: Arrangement) -> None:
     assert not [i for i in styled(solved, PLAN, "classic", "light", 0) if i.category == "pendant"]
-    (lamp,) = [i for i in styled(solved, PLAN, "classic", "light", 0, bare=True) if i.category == "pendant"]
+    (lamp,) = [i for i in styled(solved, PLAN, "classic", "light", 0, []) if i.category == "pendant"]
     assert lamp.base_m + lamp.size_m[2] == pytest.approx(PLAN.ceiling_height_m, abs=0.003)
     tables = [i for i in solved.items if i.category == "dining table"]
     if tables:
@@ -95,10 +95,10 @@ def test_a_lamp_hangs_low_over_a_table_else_above_heads_and_not_where_one_hangs(
         assert lamp.t_m[:2] == pytest.approx((2.3, 2.0))
         assert lamp.base_m > 2.0
     eye = replace(PLAN, keep_free=((lamp.t_m[0] + 0.6, lamp.t_m[1]),))
-    above = styled(solved, eye, "classic", "light", 0, bare=True)
+    above = styled(solved, eye, "classic", "light", 0, [])
     assert not [i for i in above if i.category == "pendant"], "it would fill the panorama's top"
     low = replace(PLAN, ceiling_height_m=2.15)
-    assert tables or not [i for i in styled(solved, low, "classic", "light", 0, bare=True) if i.category == "pendant"]
+    assert tables or not [i for i in styled(solved, low, "classic", "light", 0, []) if i.category == "pendant"]
 
 
 @pytest.mark.parametrize(("high", "lit"), [(0.5, True), (0.85, False)])
@@ -131,3 +131,25 @@ def test_art_hangs_over_its_host_wherever_that_was_moved() -> None:
         assert art.t_m[0] == pytest.approx(2.5)
     free = one.model_copy(update={"items": (sofa.model_copy(update={"t_m": (2.5, 2.0, 0.0)}),)})
     assert not [i for i in styled(free, plan, "classic", "light", 0) if i.category == "art"]
+
+
+def test_no_picture_hangs_where_a_ceiling_lamp_is_seen_before_the_wall() -> None:
+    """A pendant that stays in the photograph would hang in front of the new picture, or grow out of it."""
+    plan = make_plan([[0, 0], [5, 0], [5, 4], [0, 4]], doors=[Door(0, 0.2, 1.1)], ceiling_height_m=2.5)
+    plan = replace(plan, keep_free=((2.5, 0.5),))
+    sofa = PlacedItem(
+        id="sofa", category="sofa", size_m=(1.8, 0.85, 0.8), theta_rad=math.pi, t_m=(2.5, 3.5, 0.0), edge=2
+    )
+    one = Arrangement(rank=1, items=(sofa,), score=1.0, scores={}, rule_set="standard")
+
+    def over_sofa(*lamps: tuple[float, float]) -> list[float]:
+        art = [i for i in styled(one, plan, "classic", "light", 0, lamps) if i.category in ("art", "mirror")]
+        return [x for a in art if spans(plan, a, 2) for x in (a.t_m[0] - a.size_m[0] / 2, a.t_m[0] + a.size_m[0] / 2)]
+
+    free = over_sofa()
+    assert min(free) < 2.5 < max(free)
+    # Half way to the wall it hides twice its 0.6 m, in the direction in which it is seen.
+    for x in (2.5, 2.2):
+        assert all(abs(end - (2.5 + 2 * (x - 2.5))) > 0.6 for end in over_sofa((x, 2.25)))
+    assert over_sofa((0.6, 2.25)) == free, "seen before another wall"
+    assert over_sofa((2.5, 1.0)) == free, "above the camera"

@@ -1,11 +1,12 @@
 """What goes beside removed furniture: slits, legs, cables, deep shade, shards of walls; and what stays."""
 
 import numpy as np
+import pytest
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.rests import bare_ceiling, rests_beside, torn_glare
+from processing.removal.rests import on_ceiling, rests_beside, torn_glare
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR
 from tests.processing.removal.test_whole_things import MAPS, NONE, ROOM, ROWS, box, grey_room
@@ -128,11 +129,17 @@ def test_a_windows_reflection_that_furniture_cuts_goes_whole() -> None:
 def test_a_ceiling_is_bare_without_lamp_joints_or_detector_whatever_its_light() -> None:
     rows, columns = np.indices((ROWS, 2 * ROWS))
     light = grey_room() * np.exp(0.8 * np.cos(columns / ROWS * np.pi) * np.sin(rows / ROWS * np.pi))[..., None]
-    assert bare_ceiling(ROOM, light.astype(np.float32))
+    assert on_ceiling(ROOM, light.astype(np.float32)) == []
     lamp = light.copy()
     lamp[40:48, 250:262] *= 0.6
     assert (MAPS.plane[40:48, 250:262] == CEILING).all()
-    assert not bare_ceiling(ROOM, lamp.astype(np.float32))
+    found = on_ceiling(ROOM, lamp.astype(np.float32))
+    assert found is not None
+    ((x, y),) = found
+    columns_rad, lowest_rad = (np.array([250, 262]) / ROWS - 1) * np.pi, (0.5 - 40 / ROWS) * np.pi
+    high_m = ROOM.ceiling_height_m - ROOM.camera_height_m
+    assert columns_rad[0] < np.arctan2(x, y) < columns_rad[1]
+    assert np.hypot(x, y) == pytest.approx(high_m / np.tan(lowest_rad), abs=0.06)
     cornice = light.copy()
     cornice[(MAPS.plane == CEILING) & grown(MAPS.plane != CEILING, 0.04)] *= 0.6
-    assert bare_ceiling(ROOM, cornice.astype(np.float32))
+    assert on_ceiling(ROOM, cornice.astype(np.float32)) == []
