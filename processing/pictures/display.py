@@ -1,9 +1,10 @@
 """How a room's pictures are shown: balanced, exposed, the view outside kept, on a film curve; measured values stay.
 
 One `Display` belongs to a room and serves all its states, so that before and after compare. Light goes to the screen in
-three steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
-seen through panes as a photographer blends in a darker exposure; and `film`, which leaves dark and middle tones in
-proportion and rolls highlights off. ``encoding.ts`` of the studio's viewer has the same film.
+four steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
+seen through panes as a photographer blends in a darker exposure; colours that are nearly white are shown whiter; and
+`film`, which leaves dark and middle tones in proportion and rolls highlights off. ``panorama.ts`` of the viewer has the
+same film.
 """
 
 from __future__ import annotations
@@ -35,6 +36,10 @@ CEILING_STOPS, CEILING_SHARE = 0.8, 0.8
 """How far from the light's colour a white ceiling may look (red or blue over green), and its share in white. Chosen on
 simulated rooms, those of the benchmark's seeds among them: light that has been on brown floors and lawns is up to 0.65
 stops from the board's."""
+CALM, CALM_SPREAD = 0.6, 0.2
+"""Of the distance from grey of what is nearly grey, the share that is taken away; and how far red, green and blue lie
+apart, in luminances, where half as much is. White paint has the light of sky, lawn and floor upon it at once, of which
+one white can take away but one. Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""
@@ -120,6 +125,8 @@ class Display:
             np.maximum(cv2.transform(rgb[top : top + _ROWS], matrix), 0, out=out[top : top + _ROWS])
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, matrix @ np.ones(3, np.float32), around=around)
+        for top in range(0, len(rgb), _TABLED_ROWS):
+            _calm(out[top : top + _TABLED_ROWS])
         return out
 
     def shown(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Bytes:
@@ -260,6 +267,16 @@ def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: 
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weight[order], dtype=np.float64)
     return float(values[order[np.searchsorted(total, share * total[-1])]])
+
+
+def _calm(light: Floats) -> None:
+    """Bring in place what is nearly grey (H, W, 3) nearer to grey, at the same luminance; strong colours stay."""
+    level, planes = luminance_cd_m2(light), cv2.split(light)
+    least, most = cv2.min(cv2.min(*planes[:2]), planes[2]), cv2.max(cv2.max(*planes[:2]), planes[2])
+    spread = (most - least) / (np.float32(CALM_SPREAD) * level + np.float32(1e-9))
+    spread *= spread
+    share = np.float32(CALM) / (1 + spread * spread)
+    cv2.merge([plane + (level - plane) * share for plane in planes], light)
 
 
 def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, around: bool) -> None:

@@ -14,6 +14,8 @@ from processing.ground.colour import lab_of_linear, linear_of_srgb, luminance_cd
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
+    CALM,
+    CALM_SPREAD,
     DAYLIGHT_SHARE,
     KNEE,
     LEAST_VIEW,
@@ -93,7 +95,8 @@ def test_the_view_is_kept_and_the_room_stays() -> None:
     assert (screen(inside) < 254).all()
 
 
-def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
+def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("processing.pictures.display.CALM", 0.0)  # of the balance alone
     rgb, panes = room()
     rgb[panes] = rgb[panes].mean(axis=1, keepdims=True)  # grey by daylight, which the room's white turns blue
     display = display_of(rgb, board_rgb=WARM, panes=panes)
@@ -113,6 +116,49 @@ def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room() -> None:
     assert (np.diff(shown) > -1e-3).all()
     np.testing.assert_allclose(shown[steps < KNEE], steps[steps < KNEE], rtol=1e-3)
     np.testing.assert_array_equal(display.light(rgb, 2 * panes.astype(np.uint8)), display.light(rgb, panes))
+
+
+def test_a_frame_lit_by_sky_and_lawn_is_white_and_sharp_beside_the_view() -> None:
+    """It was milky and green: half a view in a zone as wide as itself, and as coloured as what lights it."""
+    rgb, level = np.full((512, 1024, 3), 60.0, np.float32), np.ones((512, 1024), np.float32)
+    panes = np.zeros((512, 1024), np.uint8)
+    panes[180:300, 400:600], panes[192:288, 412:588] = 1, 2
+    rng = np.random.default_rng(7)
+    view = np.float32([0.45, 1.0, 0.35]) * rng.uniform(800, 2500, (96, 176, 1)).astype(np.float32)
+    rgb[panes == 1] = np.float32([1.0, 1.15, 1.3]) * 220
+    rgb[panes == 2] = view.reshape(-1, 3)
+    display = replace(display_of(rgb, board_rgb=np.ones(3), panes=panes), matrix=AS_GIVEN.matrix)
+    display = replace(display, matrix=tuple((0.57 / 60 * np.eye(3)).ravel()))
+    assert display.pull < 0.2
+    light = display.light(rgb, panes)
+    # A bar of 12 pixels, 4 degrees wide, is a frame but for the pixels at its edge.
+    frame = np.zeros(level.shape, bool)
+    frame[184:296, 403:409] = True
+    lowered = luminance_cd_m2(light)[frame] / luminance_cd_m2(display.light(rgb))[frame]
+    assert np.ptp(lowered) < 0.03
+    assert 0.4 < lowered.mean() < 0.8
+    assert luminance_cd_m2(light)[frame].min() > KNEE
+    shown = lab_of_linear(linear_of_srgb(screen(light))[frame].astype(float), np.ones(3))
+    plain = lab_of_linear(linear_of_srgb(screen(0.5 * display.light(rgb)))[frame].astype(float), np.ones(3))
+    chroma = [float(np.hypot(lab[:, 1], lab[:, 2]).mean()) for lab in (shown, plain)]
+    assert chroma[0] < 0.5 * chroma[1]
+
+
+def test_what_is_nearly_white_is_shown_whiter_and_strong_colours_stay() -> None:
+    def spread(rgb: tuple[float, float, float], scale: float = 0.4) -> tuple[float, float]:
+        given = scale * np.float32([[rgb]])
+        found = AS_GIVEN.light(given)
+        assert luminance_cd_m2(found) == pytest.approx(luminance_cd_m2(given), rel=1e-5)
+        return float(np.ptp(found) / np.ptp(given)), float(np.ptp(given) / luminance_cd_m2(given)[0, 0])
+
+    for rgb in ((1.0, 0.97, 1.02), (1.04, 1.0, 0.98)):
+        assert spread(rgb)[0] == pytest.approx(1 - CALM, abs=0.02)
+        assert spread(rgb, 0.01) == pytest.approx(spread(rgb), rel=1e-3)
+    assert spread((1.0, 0.5, 0.2))[0] > 0.99
+    left, apart = spread((1 + CALM_SPREAD * 0.95, 1.0, 1.0))
+    assert apart == pytest.approx(CALM_SPREAD, rel=0.1)
+    assert left == pytest.approx(1 - CALM / 2, abs=0.08)
+    assert (AS_GIVEN.light(np.zeros((2, 2, 3), np.float32)) == 0).all()
 
 
 def test_trees_in_the_shade_are_part_of_the_view() -> None:
