@@ -21,6 +21,15 @@ from mocks.optics.picture_cache import default_folder
 ROOT = Path(__file__).resolve().parents[1]
 
 
+Row = Callable[[str, Callable[[], Any]], Any]
+"""Gives a row under its key, known or made: `Rows.row`, or `fresh`."""
+
+
+def fresh(_key: str, make: Callable[[], Any]) -> Any:
+    """Return a row of which nothing is kept."""
+    return make()
+
+
 class EnoughError(TimeoutError):
     """The CPU time of this piece is spent."""
 

@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
 
 from benchmarks.hostile.merging import merged_pictures
 from benchmarks.hostile.worlds import Curves, HostileCamera, HostileWorld, hostile_bracket
+from benchmarks.kept_rows import Row, fresh
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
@@ -44,18 +46,24 @@ LAMP, WEAKER = 3e4, 4  # its light, 0.75 of what saturates the shortest frame; l
 WHITE_S = 5.0
 
 
-def stray_light_figures(curves: Curves, scenes: list[Floats], seed: int) -> dict[str, float]:
-    """Return errors near bright places and in dark corners, as taken and with the kernel taken off, and coverage."""
+def stray_light_figures(curves: Curves, scenes: list[Floats], seed: int, kept: Row = fresh) -> dict[str, float]:
+    """Return errors near bright places and in dark corners, as taken and with the kernel taken off, and coverage.
+
+    ``kept``: where rows of a lens and a scene are kept.
+    """
     irradiance, shown = curves
     rows: dict[str, list[float]] = {}
     for family, halo in LENSES.items():
         for k, scene in enumerate(scenes):
             camera = HostileCamera(irradiance, shown[(seed + k) % len(shown)], jpeg=("opencv", 95, "4:2:2"), seed=seed)
-            for key, value in _one(HostileWorld(family, camera, halo=halo), scene, not halo, seed + k).items():
+            world = HostileWorld(family, camera, halo=halo)
+            found = kept(f"glare {family} {k}", partial(_one, world, scene, not halo, seed + k))
+            for key, value in found.items():
                 rows.setdefault(f"glare_{family}_{key}", []).append(value)
     for k, scene in enumerate(scenes):
         camera = HostileCamera(irradiance, shown[(seed + k + 3) % len(shown)], jpeg=("opencv", 95, "4:2:2"), seed=seed)
-        for key, value in _by_lamps(HostileWorld("lamps", camera), scene, seed + k).items():
+        found = kept(f"glare lamps {k}", partial(_by_lamps, HostileWorld("lamps", camera), scene, seed + k))
+        for key, value in found.items():
             rows.setdefault(f"glare_lamps_{key}", []).append(value)
     return {key: float(np.median(values)) for key, values in rows.items()}
 

@@ -11,11 +11,13 @@ A bracket that is refused counts as refused, not as covered. Cameras with a mosa
 their JPEGs: the same wells, merged as `daylit process` merges them. Stray light: `glare`; raw files of a panorama
 camera, of two lenses side by side: `two_lenses`; rigs that see spectra: `spectra`; whole rigs of hostile cameras,
 with their k1, k2, room and sky: `rigs`; hard films, by command: `film`.
+A full run keeps a row for each bracket, lens, rig and film (`benchmarks.kept_rows`): one that was interrupted goes on
+where it stopped. A row's key holds a digest of the code that it measures (`CODE`): change that, and it is made anew.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -30,6 +32,7 @@ from benchmarks.hostile.rigs import rig_figures
 from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
 from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
+from benchmarks.kept_rows import Row, Rows
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
 from mocks.worlds.hdr_world import read_equirect
@@ -48,6 +51,21 @@ from processing.pictures.modes import seam_mode, widened
 from processing.sphere import Equirectangular
 from training.response_prior import published_curves
 
+CODE = {
+    "ours": (
+        "benchmarks/hostile/*.py",
+        "benchmarks/photometry/rig.py",
+        "mocks/optics/*.py",
+        "processing/calibration/**/*.*",
+        "processing/figures/*.py",
+        "processing/pictures/*.py",
+        "processing/rig/*.py",
+        "processing/sphere/*.py",
+        "processing/stages/calibrate.py",
+        "processing/stages/merge.py",
+    )
+}
+"""What rows depend on: the cameras, and what merges, scales and sums up their frames."""
 SIZE, QUICK_SIZE = (768, 384), (384, 192)
 SCENES = ("panoramas/hdr/lebombo_1k.hdr", "panoramas/hdr/adams_place_bridge_1k.hdr", "sky/rooitou_park_1k.hdr")
 QUICK_WORLDS = (1, 7, 9, 16)
@@ -82,6 +100,7 @@ class Score:
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
+    kept = Rows("hostile", seed, CODE, keep=not quick)
     [number] = seeds("test", 1, seed)
     worlds = hostile_worlds(published_cameras(), number)
     chosen = [worlds[k] for k in QUICK_WORLDS] if quick else worlds
@@ -89,16 +108,17 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     cases = [
         (world, scene, number + 1000 * worlds.index(world) + k) for world in chosen for k, scene in enumerate(scenes)
     ]
-    scores = [scored(*case) for case in cases]
+    scores = [_kept_score(kept.row, *case) for case in cases]
     developed = [case[0].camera.mosaic and case[0].camera.matrix is not None for case in cases]
-    raws = [(scores[k], scored(*case, raw=True)) for k, case in enumerate(cases) if developed[k]]
-    halos = [scored(*case, lamps=True) for case in cases if case[0].halo]
+    raws = [(scores[k], _kept_score(kept.row, *case, raw=True)) for k, case in enumerate(cases) if developed[k]]
+    halos = [_kept_score(kept.row, *case, lamps=True) for case in cases if case[0].halo]
     by_world = [[s for s in scores if s.name == world.name] for world in chosen]
     done = [s for s in scores if not s.refused]
     covers = [float(np.mean([s.cover for s in group])) for group in by_world]
     gains = [float(np.median([0.0 if s.refused else s.rival / s.median for s in group])) for group in by_world]
     wanted = QUICK_CAMERA_RIGS if quick else CAMERA_RIGS
-    of_rigs, rig_notes = rig_figures(published_cameras(), seeds("test", CAMERA_RIGS, seed), RIG_DIVISOR, wanted)
+    draws = seeds("test", CAMERA_RIGS, seed)
+    of_rigs, rig_notes = rig_figures(published_cameras(), draws, RIG_DIVISOR, wanted, kept.row)
     metrics = {
         "worlds": len(chosen),
         "scenes": len(scenes),
@@ -118,12 +138,12 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "decade_bias_stops": float(np.median([s.bias for s in done])),
         **_raw_metrics(raws),
         **({"halo_lamps_cover95_pct": 100 * _least(halos, "cover")} if halos else {}),
-        **stray_light_figures(published_cameras(), scenes, number),
-        **two_lens_figures(published_cameras(), scenes, number),
-        **spectral_figures(QUICK_RIGS if quick else RIGS, number),
-        **odd_even_figures(SMOOTH, TEXTURED),
+        **stray_light_figures(published_cameras(), scenes, number, kept.row),
+        **two_lens_figures(published_cameras(), scenes, number, kept.row),
+        **kept.row("spectra", lambda: spectral_figures(QUICK_RIGS if quick else RIGS, number)),
+        **kept.row("odd and even", lambda: odd_even_figures(SMOOTH, TEXTURED)),
         **of_rigs,
-        **film_figures(published_cameras(), scenes[0], number),
+        **kept.row("film", lambda: film_figures(published_cameras(), scenes[0], number)),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "
@@ -133,6 +153,12 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     ]
     rounded = {key: round(value, 4) for key, value in metrics.items()}
     return {"metrics": rounded, "notes": [*notes, *rig_notes]}
+
+
+def _kept_score(row: Row, world: HostileWorld, scene: Floats, seed: int, **kind: bool) -> Score:
+    """Return `scored`, of which a row is kept; a case's ``seed`` is its own."""
+    key = " ".join([world.name, str(seed), str(scene.shape[1]), *kind])
+    return Score(**row(key, lambda: asdict(scored(world, scene, seed, **kind))))
 
 
 def published_cameras() -> Curves:

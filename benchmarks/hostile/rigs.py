@@ -15,8 +15,9 @@ import tempfile
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,6 +33,7 @@ from benchmarks.hostile.worlds import (
     jpeg_file,
     through_lens,
 )
+from benchmarks.kept_rows import Row, fresh
 from benchmarks.photometry.rig import calibrated_rig, measured
 from benchmarks.sessions import BODIES, Body, Taken
 from mocks.instruments.exposures import ShotRequest
@@ -242,20 +244,22 @@ def _filter(rng: np.random.Generator) -> Filter:
     return Filter(density=float(rng.normal(3.0, 0.05)), tint=(rows[0], rows[1], rows[2]))
 
 
-def rig_figures(curves: Curves, draws: Sequence[int], divisor: int, wanted: int) -> tuple[dict[str, float], list[str]]:
+def rig_figures(
+    curves: Curves, draws: Sequence[int], divisor: int, wanted: int, kept: Row = fresh
+) -> tuple[dict[str, float], list[str]]:
     """Return errors over rigs of these seeds until ``wanted`` are measured, and each rig's or why it was refused.
 
-    ``divisor``: of full size.
+    ``divisor``: of full size; ``kept``: where a rig's row is kept.
     """
     found, notes = [], []
     for seed in draws:
         if len(found) == wanted:
             break
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                found.append(rig_errors(Path(folder), hostile_bodies(curves, seed), divisor, seed))
-            except ProcessingError as error:
-                notes.append(f"hostile rig {seed} refused: {error.message[:160]}")
+        row = kept(f"rig {seed} {divisor}", partial(_rig_row, curves, seed, divisor))
+        if "refused" in row:
+            notes.append(f"hostile rig {seed} refused: {row['refused']}")
+        else:
+            found.append(row)
     figures: dict[str, float] = {"hostile_rigs": len(found) + len(notes), "hostile_rigs_refused": len(notes)}
     for key in found[0] if found else ():
         values = [one[key] for one in found]
@@ -266,6 +270,15 @@ def rig_figures(curves: Curves, draws: Sequence[int], divisor: int, wanted: int)
         figures["hostile_lux_cover95_pct"] = 100 * float(np.mean([one["lux_sigmas"] <= 1.96 for one in found]))
     notes += [" ".join(f"{key} {value:.2f}" for key, value in one.items()) for one in found]
     return figures, notes
+
+
+def _rig_row(curves: Curves, seed: int, divisor: int) -> dict[str, Any]:
+    """Return one rig's errors, or why it was refused."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return rig_errors(Path(folder), hostile_bodies(curves, seed), divisor, seed)
+        except ProcessingError as error:
+            return {"refused": error.message[:160]}
 
 
 def rig_errors(folder: Path, bodies: dict[Side, Body], divisor: int, seed: int) -> dict[str, float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ from benchmarks.hostile.worlds import (
     HostileWorld,
     hostile_bracket,
 )
+from benchmarks.kept_rows import Row, fresh
 from mocks.optics.lenses import TwoFisheyes
 from processing.calibration.merge.lens_pair import LensPair, stitched
 from processing.calibration.merge.lens_places import clearest, place_lenses
@@ -44,15 +46,18 @@ SCALE_SIGMA = 0.005
 WHITE_S = 5.0
 
 
-def two_lens_figures(curves: Curves, scenes: list[Floats], seed: int) -> dict[str, float]:
-    """Return errors and coverage of raw files, stitched by us, and of the JPEG panoramas beside them."""
+def two_lens_figures(curves: Curves, scenes: list[Floats], seed: int, kept: Row = fresh) -> dict[str, float]:
+    """Return errors and coverage of raw files, stitched by us, and of the JPEG panoramas beside them.
+
+    ``kept``: where a scene's row is kept.
+    """
     irradiance, shown = curves
     rows: dict[str, list[float]] = {}
     for k, scene in enumerate(scenes):
         parts = {"matrix": MATRIX_5D2, "mosaic": True, "denoise": True, "sharpen": 0.3, "prnu": 0.004}
         curve = shown[(seed + 5 * k + 2) % len(shown)]
         camera = HostileCamera(irradiance, curve, jpeg=("opencv", 93, "4:2:2"), seed=seed + k, **parts)  # type: ignore[arg-type]
-        for key, value in _one(camera, scene, seed + k).items():
+        for key, value in kept(f"two lenses {k}", partial(_one, camera, scene, seed + k)).items():
             rows.setdefault(key, []).append(value)
     worst = ("rim_deg", "place_deg")
     return {f"theta_{key}": float((max if key in worst else np.median)(values)) for key, values in rows.items()}
