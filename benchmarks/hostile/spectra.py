@@ -9,6 +9,10 @@ polynomial of the estimator's is. The rig is calibrated as the product does it: 
 then a room is scaled by its meter, and a sky, which is bluer the farther from the sun, measured. Frames are merged
 already: curves have figures of their own.
 
+Indoors (`spectral_indoor_*`) a room of the same rig: walls, floor and coloured things (the chart's spectra) in daylight
+from one side, in half of the rigs also in a lamp's light from the other, and a window of blue sky; its meter read a
+white board somewhere along the walls. Five planes a room, errors and coverage over all.
+
 Errors: horizontal illuminance of the sky against the truth; whether it lies within its stated 95 % interval; colour of
 the zenith, the larger of red and blue over green against what the indoor camera would show of it. The certificate's
 spectral mismatch (published colours) stands beside the true one (V(lambda) on the patches' spectra under that lamp).
@@ -17,6 +21,7 @@ spectral mismatch (published colours) stands beside the true one (V(lambda) on t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +33,12 @@ from processing.calibration.outdoor.session_sky import with_shared_modes
 from processing.calibration.scale.chart import ChartView, scale_from_charts, spectral_mismatch
 from processing.calibration.scale.chart_patches import WHITE, FoundChart
 from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor, combined, scaled
-from processing.calibration.scale.photometry import illuminances
+from processing.calibration.scale.photometry import PLANES, illuminances
 from processing.calibration.scale.vignetting import fit_flat
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import blueness
+from processing.pictures.modes import ROOM_SPECTRAL_SIGMA, blueness, colour_mode, widened
 from processing.rig.calibrate import one_colour
 from processing.sphere import LensMapping
 
@@ -42,6 +47,8 @@ PATCH_NOISE = 0.003
 METER_SIGMA = 0.012
 SKY_PX = 320
 FLAT_POWERS = (2, 4, 6, 8)
+ROOM_PX, THINGS, TINTED = (24, 48), 8, 0.3
+"""Rows and columns of the room's panorama; coloured things in it; the share of a colour in its walls' white."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +103,20 @@ def spectra() -> Spectra:
 
 def spectral_figures(draws: int, seed: int) -> dict[str, float]:
     """Return errors and coverage over ``draws`` rigs."""
-    data, rows = spectra(), []
+    data, rows, planes = spectra(), [], []
     for k in range(draws):
-        rows.append(_one(data, np.random.default_rng((seed, 17, k))))
+        row, room = _one(data, np.random.default_rng((seed, 17, k)))
+        rows.append(row)
+        planes += room
     error, within, colour, index, mismatch = np.array(rows).T
+    indoor, sigmas = np.array(planes).T
     return {
         "spectral_lux_err_pct": 100 * float(np.median(np.abs(error))),
         "spectral_lux_worst_pct": 100 * float(np.max(np.abs(error))),
         "spectral_lux_cover95_pct": 100 * float(np.mean(within)),
+        "spectral_indoor_lux_err_pct": 100 * float(np.median(np.abs(indoor))),
+        "spectral_indoor_lux_worst_pct": 100 * float(np.max(np.abs(indoor))),
+        "spectral_indoor_lux_cover95_pct": 100 * float(np.mean(sigmas <= 1.96)),
         "spectral_zenith_colour_pct": 100 * float(np.median(colour)),
         "spectral_mismatch_pct": 100 * float(np.median(index)),
         "spectral_mismatch_true_pct": 100 * float(np.median(mismatch)),
@@ -126,7 +139,11 @@ def _camera(data: Spectra, rng: np.random.Generator) -> tuple[Doubles, Doubles]:
     return sees, np.linalg.lstsq(light @ sees, rgb, rcond=None)[0]
 
 
-def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float, float, float]:
+def _one(
+    data: Spectra, rng: np.random.Generator
+) -> tuple[tuple[float, bool, float, float, float], list[tuple[float, float]]]:
+    """Return a rig's figures, and of its room's planes relative errors and how many standard deviations they are."""
+    [of_room] = rng.spawn(1)
     (inside, to_rgb), (outside, to_rgb_out) = _camera(data, rng), _camera(data, rng)
     bow = (data.nm - 550) / 150
     density = 3.0 - rng.normal(0, 0.08) * bow - rng.normal(0, 0.05) * bow**2 - 0.15 * rng.random() * (data.nm > 650)
@@ -184,7 +201,41 @@ def _one(data: Spectra, rng: np.random.Generator) -> tuple[float, bool, float, f
     against = against[:18] / np.median(against[18:]) - 1
     index = spectral_mismatch(charts[0].luminance, charts[0].usable, lit) or math.nan
     within = abs(lux["value"] - truth) <= 1.96 * lux["uncertainty"]
-    return error, within, float(off.max()), index, math.sqrt(float(np.mean(against**2)))
+    found = error, within, float(off.max()), index, math.sqrt(float(np.mean(against**2)))
+    return found, _indoors(data, of_room, seen_in, meter)
+
+
+def _indoors(
+    data: Spectra, rng: np.random.Generator, seen_in: Callable[[Doubles], Doubles], meter: Doubles
+) -> list[tuple[float, float]]:
+    """Return relative errors of a room's planes, and the same in stated standard deviations."""
+    high, wide = ROOM_PX
+    latitude = (90 - (np.arange(high) + 0.5) * 180 / high)[:, None] * np.ones(wide)
+    # The share of daylight falls from one side to the other, where the lamp hangs.
+    share = 0.5 + 0.5 * np.cos((np.arange(wide) + 0.5) / wide * 2 * math.pi)
+    lamp = data.lamps[int(rng.integers(len(data.lamps)))] * rng.choice([0.0, rng.uniform(0.2, 1.0)])
+    day = data.sun(rng.uniform(4500, 7500))
+    light = share[:, None] * day + (1.1 - share)[:, None] * lamp + 0.1 * day
+    paint = data.patches[WHITE] * (1 - TINTED) + TINTED * data.patches[int(rng.integers(18))]
+    surfaces = np.where(latitude[..., None] > 35, data.patches[WHITE], paint)
+    surfaces = np.where(latitude[..., None] < -25, data.patches[int(rng.integers(2))], surfaces)
+    for _ in range(THINGS):
+        row, column = int(rng.integers(high // 3, high - 3)), int(rng.integers(wide - 4))
+        surfaces[row : row + 3, column : column + 4] = data.patches[int(rng.integers(18))]
+    room = surfaces * light * 100
+    blue = data.sun(rng.uniform(6500, 20_000))
+    room[high // 3 : high // 2, : wide // 10] = blue * rng.uniform(500, 4000)
+    at = int(rng.integers(wide))
+    board = 0.9 * light[at] * 100
+    reading = float(board @ meter) * (1 + METER_SIGMA * rng.standard_normal())
+    k1 = ScaleFactor(reading / float(seen_in(board) @ np.array(LUMINANCE_WEIGHTS)), METER_SIGMA, measured=reading)
+    picture = scaled(_picture(seen_in(room).astype(np.float32)), k1)
+    lit = float(blueness(seen_in(board).astype(np.float32)))
+    stated = illuminances(widened(picture, [colour_mode(lit, ROOM_SPECTRAL_SIGMA)]), PLANES)[0]
+    grey = np.repeat((room @ data.eye)[..., None], 3, axis=2).astype(np.float32)
+    true = illuminances(scaled(_picture(grey), ScaleFactor(1.0, 0.0)), PLANES)[0]
+    off = [(stated[name]["value"] - true[name]["value"], stated[name]["uncertainty"]) for name in PLANES]
+    return [(error / true[name]["value"], abs(error) / u) for name, (error, u) in zip(PLANES, off, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ import numpy as np
 
 from processing.calibration.outdoor.session_sky import FROM_LUX, LUX_METER_UNCERTAINTY
 from processing.calibration.scale.photometry import UP, illuminance_lx, luminance_map
+from processing.ground.arrays import Doubles
 from processing.ground.tables import table_of
 from processing.pictures.images import LuminanceImage, Validity
-from processing.pictures.modes import shared_errors
+from processing.pictures.modes import modes_of, relative_error, shared_errors
 from processing.sphere import Fisheye, projected_solid_angles
 
 COVERAGE_FACTOR = 2.0  # k of the GUM for about 95 %
@@ -86,11 +87,12 @@ def _indices(
     steps = [abs((1 + b) / (1 + a) - 1) for a, b in pairwise(offsets)]
     drift = facts.get("meter_drift_frac")
     drift = facts.get("repeat_drift_frac") if drift is None else drift
+    own = _own(image)
     found = [
         ("f3 (linearity)", max(map(abs, offsets), default=None), "", "largest deviation of a frame from the merge"),
         ("f11 (change of range)", max(steps, default=None), "", "largest difference of adjacent frames"),
-        ("repeatability", _repeatability(image), "", "median uncertainty of the brighter half of the valid pixels"),
-        ("limit of detection", _detection_limit(image), image.unit, "luminance at three standard deviations"),
+        ("repeatability", _repeatability(image, own), "", "median noise of the brighter half of the valid pixels"),
+        ("limit of detection", _detection_limit(image, own), image.unit, "luminance at three standard deviations"),
         ("stability", drift, "", "readings before and after the bracket, or a stop repeated after it"),
         ("spectral mismatch", facts.get("spectral_mismatch"), "", "coloured patches of the rig's chart, rms (not f1')"),
     ]
@@ -100,13 +102,21 @@ def _indices(
     ]
 
 
-def _repeatability(image: LuminanceImage) -> float | None:
+def _own(image: LuminanceImage) -> Doubles:
+    """Return each pixel's relative uncertainty (H, W) less what pixels share: a repetition has that again."""
+    luminance, squares = luminance_map(image), np.square(image.uncertainty, dtype=np.float64)
+    for mode in modes_of(image):
+        squares -= np.square(relative_error(mode, image, luminance), dtype=np.float64)
+    return np.sqrt(np.maximum(squares, 0))
+
+
+def _repeatability(image: LuminanceImage, own: Doubles) -> float | None:
     level, valid = luminance_map(image), image.validity == Validity.VALID
     bright = valid & (level >= np.median(level[valid])) if valid.any() else valid
-    return float(np.median(image.uncertainty[bright])) if bright.any() else None
+    return float(np.median(own[bright])) if bright.any() else None
 
 
-def _detection_limit(image: LuminanceImage) -> float | None:
+def _detection_limit(image: LuminanceImage, own: Doubles) -> float | None:
     """Return the luminance that best parts unsure pixels below from sure ones above (`DETECTED`); None: all unsure.
 
     Few pixels do not count much: a sun's edge is unsure, and bright.
@@ -116,7 +126,7 @@ def _detection_limit(image: LuminanceImage) -> float | None:
     if not seen.any():
         return None
     place = np.floor(BINS_A_STOP * np.log2(level[seen])).astype(np.int64)
-    unsure = image.uncertainty[seen] > DETECTED
+    unsure = own[seen] > DETECTED
     first = int(place.min())
     above, below = (np.bincount(place[which] - first, minlength=np.ptp(place) + 2) for which in (unsure, ~unsure))
     wrong = above[::-1].cumsum()[::-1] + below.cumsum() - below

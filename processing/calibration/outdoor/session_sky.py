@@ -17,11 +17,21 @@ from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
 from processing.calibration.scale.photometry import READING_KEY, UP, compare_illuminance, illuminance_lx, illuminances
-from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
+from processing.calibration.scale.veiling_glare import Metered, kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, P, RelativeImage, Validity, in_blocks
-from processing.pictures.modes import SharedMode, colour_mode, falloff_mode, less_by_sum, modes_of, widened, with_modes
+from processing.pictures.modes import (
+    ROOM_SPECTRAL_SIGMA,
+    SPECTRAL_SIGMA,
+    SharedMode,
+    colour_mode,
+    falloff_mode,
+    less_by_sum,
+    modes_of,
+    widened,
+    with_modes,
+)
 from processing.sphere import Equirectangular, Fisheye, projected_solid_angles
 from station.session.session import SessionManifest, Side
 
@@ -147,19 +157,26 @@ def _other_curves(k2: K2Record | None, responses: Mapping[Side, ResponseRecord])
 
 
 def with_shared_modes(
-    picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None, light: float = 0.0
+    picture: LuminanceImage,
+    optics: OutdoorOptics,
+    kernel: GlareKernel | None,
+    light: float = 0.0,
+    measured: Metered | None = None,
 ) -> LuminanceImage:
     """Return the picture with what stray light, spectra, fall-off and filter leave uncertain in all pixels alike.
 
     The last two are in the pixels' own uncertainty already, which sums take as independent. ``light``: blueness of the
-    light by which the scale was measured. Of a picture whose illuminance is a reading they add nothing to that.
+    light by which the scale was measured; ``measured``: in this picture, where stray light and fall-off are then 0. Of
+    a picture whose illuminance is a reading they add nothing to that.
     """
     others = list(modes_of(picture))
     if optics.vignetting and optics.vignetting.relative_uncertainty:
-        others.append(falloff_mode(optics.vignetting.relative_uncertainty))
+        falloff = falloff_mode(optics.vignetting.relative_uncertainty)
+        others.append(falloff.less(falloff.values[1] * math.cos(measured[2])) if measured else falloff)
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
-    left = [*(kernel_modes(picture, kernel) if kernel else unmeasured_modes(picture)), colour_mode(light)]
+    stray = kernel_modes(picture, kernel, measured) if kernel else unmeasured_modes(picture, measured)
+    left = [*stray, colour_mode(light, ROOM_SPECTRAL_SIGMA if measured else SPECTRAL_SIGMA)]
     if READING_KEY in picture.attributes:
         weights = projected_solid_angles(picture.geometry, UP) * (picture.validity == Validity.VALID)
         left, others = (less_by_sum(some, picture, weights) for some in (left, others))

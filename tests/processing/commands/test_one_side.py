@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 
 import daylit
+from processing.calibration.scale.luminance import Spot, sighted, spot_pixels
 from processing.calibration.scale.photometry import UP, illuminance_lx
 from processing.ground.colour import srgb_of_linear
 from processing.pictures.exr import read_exr
-from processing.pictures.images import LuminanceImage
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.modes import modes_of, relative_error
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, directions
 
 TIMES_S = [4.0**-k for k in range(7)]
@@ -141,6 +143,17 @@ def test_a_fisheye_at_the_eye_gives_the_light_there(eye_session: Path) -> None:
     assert {"dgi", "ugr", "cgi", "vcp_pct", "ugp", "lveil_cd_m2"} <= look["indices"].keys()
     assert figures["camera"]["level_up"] is None
     assert figures["meter"]["picture_cd_m2"] == pytest.approx(1500, rel=0.005)
+
+
+def test_an_eyes_stray_light_is_in_the_meters_reading(eye_session: Path) -> None:
+    """At the spot nothing of it is left uncertain; beside it, something is."""
+    image = read_exr(eye_session / "stages/calibrate/indoor.exr")
+    spot = spot_pixels(image.geometry, Spot(*sighted(image.geometry, math.radians(30), math.radians(10))))
+    level = luminance_cd_m2(image.rgb)
+    stray = [mode for mode in modes_of(image) if mode.name.startswith("stray light")]
+    errors = [relative_error(mode, image, level) for mode in stray]
+    assert math.hypot(*(spot.mean(one) for one in errors)) < 0.0015
+    assert math.hypot(*(one[image.validity == 0].mean() for one in errors)) > 0.003
 
 
 def test_evalglare_agrees_about_a_fisheye_at_the_eye(

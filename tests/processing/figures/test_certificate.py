@@ -61,6 +61,22 @@ def test_indices_that_a_session_shows_and_those_that_it_cannot() -> None:
     assert all(found[name]["value"] is None for name in NOT_DETERMINED)
 
 
+def test_repeatability_and_limit_of_detection_are_of_noise_alone() -> None:
+    """What all pixels share is in the budget; a repetition has it again."""
+    found = []
+    for image in (picture(veil=False), picture()):
+        rows = certificate({"indoor": image}, CALIBRATION, MERGED)["indices"]
+        found.append([row["value"] for row in rows if row["index"].endswith(("repeatability", "limit of detection"))])
+    assert np.median(picture().uncertainty) > 1.1 * np.median(picture(veil=False).uncertainty)
+    assert found[1] == pytest.approx(found[0], rel=1e-3)
+
+
+def test_every_index_of_the_standard_is_found_or_named() -> None:
+    """F1 to f8 and f11 of ISO/CIE 19476, as far as a luminance camera has them."""
+    said = " ".join(row["index"] for row in certificate({"indoor": picture()}, CALIBRATION, MERGED)["indices"])
+    assert {name for name in ("f1'", "f2", "f3", "f4", "f5", "f6", "f7", "f8", "f11") if f"{name} (" not in said} == set()
+
+
 def limit_of_detection(image: LuminanceImage) -> float | None:
     rows = certificate({"outdoor": image}, {"outdoor": {"k2_source": "k2"}}, {})["indices"]
     return {row["index"]: row["value"] for row in rows}["outdoor: limit of detection"]
