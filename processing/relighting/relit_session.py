@@ -34,6 +34,7 @@ from processing.light.solver.stage import Stage
 from processing.pictures.display import Display
 from processing.pictures.exr import read_any_exr, read_exr
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
+from processing.pictures.modes import modelled
 from processing.pictures.writing import write_bytes, write_whole
 from processing.running.artifacts import MAX_JSON_BYTES
 from processing.sphere import Equirectangular, Perspective
@@ -250,6 +251,7 @@ class Relighting:
             ghost=None,
             attributes={**image.attributes, "relit": said},
         )
+        picture = modelled(picture, 0.0)
         return RelitRoom(picture, said | self._facts(after, picture, found.detail))
 
     def _facts(self, after: Relit, picture: LuminanceImage, detail: np.ndarray) -> dict[str, Any]:

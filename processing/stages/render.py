@@ -26,6 +26,7 @@ from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.pictures.exr import write_stage_exr
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
+from processing.pictures.modes import modelled
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
@@ -182,7 +183,7 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
     image, method, uncertainty = work.empty.image, work.asked.method, work.empty.image.uncertainty.copy()
     widen_doubt(staged.rgb, image.rgb, _kept(work, staged), np.array(LUMINANCE_WEIGHTS, np.float32), uncertainty)
-    return replace(
+    picture = replace(
         image,
         rgb=staged.rgb,
         uncertainty=uncertainty,
@@ -190,6 +191,7 @@ def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
         ghost=None,
         attributes={**image.attributes, "staged": True, "method": method, "arrangement": one.rank},
     )
+    return modelled(picture, image.uncertainty)
 
 
 def _kept(work: _Work, staged: Staged) -> Flags:

@@ -74,7 +74,9 @@ def test_repeatability_and_limit_of_detection_are_of_noise_alone() -> None:
 def test_every_index_of_the_standard_is_found_or_named() -> None:
     """F1 to f8 and f11 of ISO/CIE 19476, as far as a luminance camera has them."""
     said = " ".join(row["index"] for row in certificate({"indoor": picture()}, CALIBRATION, MERGED)["indices"])
-    assert {name for name in ("f1'", "f2", "f3", "f4", "f5", "f6", "f7", "f8", "f11") if f"{name} (" not in said} == set()
+    assert {
+        name for name in ("f1'", "f2", "f3", "f4", "f5", "f6", "f7", "f8", "f11") if f"{name} (" not in said
+    } == set()
 
 
 def limit_of_detection(image: LuminanceImage) -> float | None:

@@ -8,7 +8,9 @@ import math
 import numpy as np
 import pytest
 
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import DaylightError, ViewpointError
+from processing.pictures.modes import SHARED_OF_MODELLED, modelled, modes_of
 from processing.relighting.live import LiveRoom
 from tests.processing.relighting.lit_sessions import lit_session
 
@@ -32,6 +34,16 @@ def test_the_captured_moment_looks_as_it_was_taken_and_evening_is_darker(room, t
     assert room.under("2023-05-19 19:30", "captured") is evening, "not worked out twice"
     with pytest.raises(DaylightError, match="below the horizon"):
         room.under("2023-05-19 23:00", "captured")
+
+
+def test_what_is_modelled_of_another_light_is_an_error_of_the_whole_picture(room) -> None:
+    """Its illuminance is about half as unsure as its pixels are; their errors do not all average out."""
+    ready = room._ready
+    relit = ready.under(room.room.scene.outdoors, {}, modelled_sky=False).picture
+    light = illuminance_lx(relit, (0.0, 1.0, 0.0))
+    own = math.sqrt(light.uncertainty_lx**2 - light.scale_lx**2) / light.value_lx
+    assert own == pytest.approx(SHARED_OF_MODELLED * np.median(relit.uncertainty), rel=0.25)
+    assert [mode.name for mode in modes_of(modelled(relit, 0.0))].count("modelled light") == 1
 
 
 def test_the_page_keeps_its_colours_and_exposes_only_where_that_is_asked(room) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ItemError, PinError, ProcessingError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems
 from processing.layout.assumed import fitting_choice, named_choice, with_door
@@ -28,8 +30,9 @@ from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
-from processing.pictures.exr import read_exr
+from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
+from processing.pictures.modes import SHARED_OF_MODELLED
 from processing.pictures.writing import handed_on
 from processing.pipeline import stage_named
 from processing.running.artifacts import load, save
@@ -429,6 +432,25 @@ def test_what_changes_more_is_stated_less_sure_and_the_kept_photograph_as_before
     assert much == pytest.approx(np.hypot(np.hypot(own, MODELLED), 0.5 * np.log(2)), rel=1e-3)
     assert black == pytest.approx(1.0, rel=0.05)
     np.testing.assert_array_equal(found.uncertainty[3], image.uncertainty[3])
+
+
+def test_a_staged_pictures_illuminance_is_as_unsure_as_its_pixels_are_together(tmp_path: Path) -> None:
+    """Errors of what is modelled mostly have one sign in a room: they do not average out over its pixels."""
+    flat = np.full((64, 128, 3), 100.0, np.float32)
+    image = luminance_image(flat)
+    kept = np.zeros(flat.shape[:2], bool)
+    kept[:, :64] = True
+    work = SimpleNamespace(empty=SimpleNamespace(image=image), asked=SimpleNamespace(method="differential"))
+    staged = SimpleNamespace(rgb=flat, kept=kept, furniture=~kept)
+    picture = rendering._picture(work, staged, SimpleNamespace(rank=1))  # type: ignore[arg-type]
+    write_exr(tmp_path / "staged.exr", picture)
+    found = read_exr(tmp_path / "staged.exr")
+    # To the right all is modelled, to the left nothing: what is kept is as certain as before.
+    for plane, share in (((1.0, 0.0, 0.0), 1.0), ((-1.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 1.0), 0.5)):
+        before, after = illuminance_lx(image, plane), illuminance_lx(found, plane)
+        grown = math.sqrt(max(after.uncertainty_lx**2 - before.uncertainty_lx**2, 0)) / after.value_lx
+        assert grown == pytest.approx(share * SHARED_OF_MODELLED * MODELLED, rel=0.03, abs=0.002), plane
+    assert (tmp_path / "staged.exr").stat().st_size < 200_000
 
 
 def test_materials_lets_go_of_what_the_emptied_room_was_made_of(
