@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from benchmarks.photometry.outdoor import linke_of, pvlib_clear_sky_lx
+from benchmarks.photometry.sky_anchor import linke_of, pvlib_clear_sky_lx
 from mocks.rooms.sky import daylight as sky_light
 from mocks.rooms.sky.daylight import Moment, draw_moment, sun_distance_au, sun_of
 from mocks.rooms.sky.sky import CloudDrift, Sky, draw_sky
