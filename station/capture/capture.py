@@ -188,11 +188,9 @@ class Capture:
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
         # Which reading to begin with: "before" where it is missing, one more when the capture goes on later
-        lacks = (
-            self._readings.planned > 0 if self._store is None else "before" in self._store.manifest.missing_readings()
-        )
+        lacks = self._store is None or "before" in self._store.manifest.missing_readings()
         when: When = "before" if lacks else "extra"
-        first = when if (lacks or self._store is not None) and self._readings.can_take(when) else None
+        first = when if self._readings.can_take(when) else None
         if first is not None and self._rig.meter is None:
             self._readings.start(first)
         tables = (t for s, t in self._rig.file.cameras().items() if s in self._plan.sides)
