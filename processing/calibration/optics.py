@@ -92,9 +92,7 @@ def find_optics(
     falloff, falloff_source = _falloff(session, asked, profile, warnings, side)
     if side is Side.OUTDOOR:
         if _kind(session, side) not in LENS_MAPPINGS and lens.polynomial == ():
-            warnings.append(
-                f"the outdoor lens's mapping ({lens.mapping}) is assumed: angles may be up to 4 degrees off"
-            )
+            warnings.append(f"the outdoor lens's mapping ({lens.mapping}) is assumed: angles may be 4 degrees off")
         measured = camera is not None and camera.nd is not None
         of_sky = None if measured or k2 is not None else _tint_of_sky(image, lens)
         tint, tint_source = _filter(session, profile, k2, of_sky, warnings)
@@ -176,9 +174,7 @@ def _lens(
         name, _, degrees = (asked.eye_lens or EYE_LENS).partition(",")
         mapping, field_deg, how = LensMapping(name), float(degrees), "as asked" if asked.eye_lens else "assumed"
         if not asked.eye_lens:
-            warnings.append(
-                f"the lens at the eye is taken as {EYE_LENS} degrees: if it is another, say so (--eye-lens)"
-            )
+            warnings.append(f"the lens at the eye is taken as {EYE_LENS} degrees: if it is another, say so: --eye-lens")
     lens = LensModel(mapping, circle, math.radians(field_deg) / 2, source=source)
     return lens, f"{mapping} {how}; image circle {source}"
 

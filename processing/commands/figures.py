@@ -42,6 +42,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
       daylit figures bracket --view fisheye,equisolid,180 --cal vignetting.cal
       daylit figures bracket --view fisheye,equisolid,180 --response camera.rsp --cal vignetting.cal --cal factor.cal
     """
+    from processing.pictures.panorama import ADOBE, read_tags
     from station.session.durable import disk_errors
 
     image = _opened(file, asked)
@@ -63,9 +64,9 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         write_bytes(falsecolour, png_bytes(with_legend(false_colour(level, low, high), scale)))
     lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; lx, cd/m2, glare need --scale or --reading"}
+    if file.is_dir() and any(read_tags(path).adobe for path in file.iterdir() if path.is_file()):
+        left_out["colour profile"] = ADOBE
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
-    if note := image.attributes.get("note"):
-        facts, lines = {**facts, "note": note}, [*lines, str(note)]
     return answer(facts, [*lines, *left_out.values()], as_json=as_json)
 
 

@@ -165,8 +165,8 @@ class Made(NamedTuple):
         """Return what was changed, and where the unaltered original is; empty: as the camera took it."""
         edits = ["added"] * (self.state == STAGED) + [self.removed] * (self.state != PHOTOGRAPH)
         edits = [self.state] if self.removed == FURNITURE else edits
-        texts = (EDITS[one].split("|")[: 2 if self.lit else 1] for one in (*edits, self.further) if one in EDITS)
-        said = " ".join(f"{''.join(parts)}." for parts in texts)
+        known = (EDITS[one].split("|") for one in (*edits, self.further) if one in EDITS)
+        said = " ".join("".join(parts[: 1 + self.lit]) + "." for parts in known)
         return f"{said} Unaltered original: {self.original}" if said and self.original else said
 
     def on(self, rgb8: Bytes, *, panorama: bool | None = None) -> Bytes:

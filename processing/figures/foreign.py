@@ -29,7 +29,6 @@ from processing.pictures.exr import read_any_exr
 from processing.pictures.frames import Reduce, array_frame, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.modes import falloff_mode, modes_of, multiplied, widened, with_modes
-from processing.pictures.panorama import ADOBE, read_tags
 from processing.pictures.radiance import RELATIVE_MARK, WHITE_EFFICACY_LM_W, read_radiance_hdr
 from processing.pictures.writing import check_light
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, solid_angles
@@ -75,11 +74,10 @@ def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:
     """Return the picture after the .cal files: fall-off taken off, channels multiplied; their doubt is shared."""
     for one in files:
         check_light(image.rgb, "--cal", max(one.gains))
-        if one.varies and not isinstance(image.geometry, Fisheye):
+        lens = image.geometry if isinstance(image.geometry, Fisheye) else None
+        if one.varies and lens is None:
             raise ParameterError("a lens's vignetting needs a fisheye picture", advice="give --view")
-        factors = (
-            one.factors(image.geometry) if isinstance(image.geometry, Fisheye) else np.array(one.gains, np.float32)
-        )
+        factors = np.array(one.gains, np.float32) if lens is None else one.factors(lens)
         rgb, modes = image.rgb * factors, [falloff_mode(COPY_SIGMA)] if one.varies else []
         octaves = math.log2(float(np.dot(one.gains, LUMINANCE_WEIGHTS)))
         moved = with_modes(image.attributes, [mode.moved(octaves) for mode in modes_of(image)])
@@ -98,8 +96,6 @@ class Taken:
     model: str
     turns: int = 0
     """Quarters, counter-clockwise, by which EXIF wants it shown."""
-    adobe: bool = False
-    """In Adobe RGB by its EXIF."""
 
 
 def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: str, field_deg: float) -> LuminanceImage:
@@ -130,18 +126,15 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     height_px, width_px = codes[0].shape[:2]
     lens = Fisheye(width_px, height_px, LensMapping(mapping), circle.radius_px, half, circle.centre_px)
     arrays = [array_frame(one, taken.path.name) for one, taken in zip(codes, frames, strict=True)]
-    options, off, given_s = MergeOptions(ghosts=False, own_curve=True), fit.time_sigma, bracket.given_s
-    image = merge(
-        arrays, fit.times_s, curve, noise, geometry=lens, options=options, time_sigma=off, given_s=given_s
-    ).image
+    how, off, given_s = MergeOptions(ghosts=False, own_curve=True), fit.time_sigma, bracket.given_s
+    image = merge(arrays, fit.times_s, curve, noise, geometry=lens, options=how, time_sigma=off, given_s=given_s).image
     factor = constant * frames[0].f_number ** 2 / frames[0].iso
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
     image, kernel, _ = glare_taken_off(image, lens)
     _, seen = directions(lens)
     validity = np.where(seen, image.validity, np.uint8(Validity.OUTSIDE))
     light = np.where(seen[..., None], image.rgb * np.float32(factor), 0).astype(np.float32)
-    facts = {"scale": said, **({"note": f"{frames[0].path.name}: {ADOBE}"} if frames[0].adobe else {})}
-    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes(facts, modes))
+    picture = LuminanceImage(light, image.uncertainty, validity, lens, sigma, None, with_modes({"scale": said}, modes))
     return widened(picture, unmeasured_modes(picture) if kernel is None else kernel_modes(picture, kernel))
 
 
@@ -264,7 +257,7 @@ def taken_frames(folder: Path) -> list[Taken]:
             raise BracketError("has no time, aperture or speed in EXIF", where=path.name)
         time_s, aperture, speed = said
         model, turns = str(exif.get(_MODEL, "")).strip("\0 "), _TURNS.get(exif.get(_ORIENTATION, 1), 0)
-        found.append(Taken(path, time_s, aperture, speed, model, turns, read_tags(path).adobe))
+        found.append(Taken(path, time_s, aperture, speed, model, turns))
     if len(found) < 2:
         raise BracketError("holds no bracket", where=folder.name, advice="give a folder with a camera's frames")
     for name in ("f_number", "iso", "model"):

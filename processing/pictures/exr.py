@@ -279,8 +279,7 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
 
     ``whiteLuminance`` is the cd/m2 of (1, 1, 1); the values are given as they are in the file.
     Small negative values, as lossy compression makes them, become 0. Raises `PictureFileError` for damage, for deep
-    or cropped or subsampled data, for several parts, for other channels than R, G, B (and an opaque A) and for other
-    primaries than Rec. 709.
+    or cropped or subsampled data, several parts, other channels than R, G, B (opaque A), primaries other than Rec. 709.
     """
     header, arrays = _read(path)
     together = next((arrays[name] for name in ("RGB", "RGBA") if name in arrays), None)

@@ -105,12 +105,7 @@ class RawFrame:
     depth_bits: int = 16
     linear: bool = True
     white: float = 1.0
-    """Where wells saturate, see `mosaic.saturation`: that of its bracket's longest frame."""
-
-    def saturation(self) -> float:
-        """Return where its own wells saturate."""
-        with _opened_raw(self.source, self.name) as raw:
-            return saturation(raw)
+    """Where wells saturate, see `mosaic.saturation`."""
 
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Return the camera's own channels, see `mosaic.camera_rgb`; the middle of the sensor where it is larger."""
@@ -162,22 +157,25 @@ def lossless_frame(path: Path | str, name: str | None = None, *, coded: bool = F
     return LosslessFrame(path, where, size, 16 if deep else 8, deep)
 
 
-def raw_frame(source: Path | str | bytes, name: str | None = None, within: tuple[int, int] | None = None) -> RawFrame:
+def raw_frame(
+    source: Path | str | bytes, name: str | None = None, within: tuple[int, int] | None = None, white: float | None = 1
+) -> RawFrame:
     """Return a frame of a camera raw file or its bytes; ``within``: width and height of the camera's JPEG of it.
 
-    Cameras' pictures leave out a border of the sensor. Raises `PictureFileError` for a file that cannot be used.
+    Cameras' pictures leave out a border of the sensor. ``white``: where wells saturate; None: as its own wells show.
+    Raises `PictureFileError` for a file that cannot be used.
     """
     kept = source if isinstance(source, bytes) else Path(source)
     where = name or (kept.name if isinstance(kept, Path) else "raw bytes")
     with _opened_raw(kept, where) as raw:
-        colours = camera_colours(raw, where)
+        colours, white = camera_colours(raw, where), saturation(raw) if white is None else white
         size = checked_size(raw.sizes.width, raw.sizes.height, where)
     if within and not all(0 <= own - asked <= RAW_BORDER * own for own, asked in zip(size, within, strict=True)):
         what = f"it has {size[0]} x {size[1]} wells, the camera's picture {within[0]} x {within[1]} pixels"
         raise PictureFileError(what, where=where, advice="set the camera to its full picture size")
     left, top = _border(size, within or size)
     shifted = np.roll(colours.cell, (-top, -left), axis=(0, 1))
-    return RawFrame(kept, where, within or size, colours._replace(cell=shifted))
+    return RawFrame(kept, where, within or size, colours._replace(cell=shifted), white=white)
 
 
 def _border(sensor: tuple[int, int], picture: tuple[int, int]) -> tuple[int, int]:

@@ -12,16 +12,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import Literal, TypeVar
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
-from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.images import LuminanceImage, P, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Geometry, directions
 
-Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 KEY, SEAM_KEY = "shared_modes", "seam_sigma"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
 Kind = Literal["level", "seam", "axis", "whole", "scatter", "colour"]
@@ -87,12 +86,10 @@ def together(modes: Sequence[SharedMode], luminance: Floats) -> Floats:
 def _by_bits(places: Doubles, values: Doubles) -> Floats:
     """Return values by the upper bits of a float32: sign, exponent and three bits of the fraction."""
     upper = np.arange(LEVELS, dtype=np.uint32)
-    usable = (upper > 0) & (upper < (0x7F800000 >> LEVEL_SHIFT))
-    bits = np.where(
-        usable, (upper << np.uint32(LEVEL_SHIFT)) | np.uint32(1 << (LEVEL_SHIFT - 1)), np.uint32(0x3F800000)
-    )
+    good = (upper > 0) & (upper < (0x7F800000 >> LEVEL_SHIFT))
+    bits = np.where(good, (upper << np.uint32(LEVEL_SHIFT)) | np.uint32(1 << (LEVEL_SHIFT - 1)), np.uint32(0x3F800000))
     log2 = np.log2(bits.astype(np.uint32).view(np.float32).astype(np.float64))
-    return np.asarray(np.where(usable, np.interp(log2, places, values), 0.0), dtype=np.float32)
+    return np.asarray(np.where(good, np.interp(log2, places, values), 0.0), dtype=np.float32)
 
 
 def with_modes(attributes: Mapping[str, object], modes: Sequence[SharedMode]) -> dict[str, object]:
@@ -100,11 +97,10 @@ def with_modes(attributes: Mapping[str, object], modes: Sequence[SharedMode]) ->
     return {**attributes, KEY: [asdict(mode) for mode in modes]} if modes else dict(attributes)
 
 
-def multiplied(image: Picture, factor: float) -> Picture:
+def multiplied(image: P, factor: float) -> P:
     """Return the picture times a factor above 0, and its modes with it."""
     modes = [mode.moved(math.log2(factor)) for mode in modes_of(image)]
-    rgb = np.asarray(image.rgb * np.float32(factor))
-    return replace(image, rgb=rgb, attributes=with_modes(image.attributes, modes))
+    return replace(image, rgb=image.rgb * np.float32(factor), attributes=with_modes(image.attributes, modes))
 
 
 def modelled(image: LuminanceImage, before: Floats | float) -> LuminanceImage:

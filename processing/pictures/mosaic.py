@@ -36,8 +36,8 @@ def saturation(raw: Any) -> float:
     By the file's own levels, and where wells pile up at the top, more closely than photons' noise would have them: at
     some speeds cameras saturate far below.
     """
-    wells, white = raw.raw_image_visible[::5], float(raw.white_level)  # odd: all wells of a cell
-    black, reach = (at := float(np.mean(raw.black_level_per_channel))), white - at
+    wells, black = raw.raw_image_visible[::5], float(np.mean(raw.black_level_per_channel))  # odd: all wells of a cell
+    reach = float(raw.white_level) - black
     above = np.cumsum(np.bincount(wells.ravel())[::-1])[::-1]  # wells of a code or a higher one
     top = int(np.flatnonzero(above >= LEAST_PILE * wells.size)[-1])
     pile, both = (int(above[max(math.ceil(top - k * PILE * (top - black)), 0)]) for k in (1, 2))

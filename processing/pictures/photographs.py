@@ -74,9 +74,7 @@ def _opened(path: Path, kind: Kind) -> Image:
     try:
         return Image.open(io.BytesIO(path.read_bytes()), formats=(PILLOW[kind],))
     except OSError as error:
-        raise damaged_picture(
-            path.name, f"its content is not {kind.upper()}" if error.strerror is None else error.strerror
-        ) from error
+        raise damaged_picture(path.name, error.strerror or f"its content is not {kind.upper()}") from error
 
 
 def _other_curve(image: Image, path: Path, kind: Kind) -> str | None:

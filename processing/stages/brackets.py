@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -95,19 +95,18 @@ def _raw_bracket(
         raise BracketError(what, where=(alone or pictures)[0].file, advice="give each picture its raw file")
     _check_settings(pictures[0].side, raws)
     apart = is_panorama_camera(device)
-    beside = (
-        () if pictures[0].is_raw else tuple(frame_of(session_path / one.file, one.file, coded=True) for one in pictures)
-    )
+    shown = () if pictures[0].is_raw else pictures
+    beside = tuple(frame_of(session_path / one.file, one.file, coded=True) for one in shown)
     if apart and not beside:
         what = "its raw files show the lenses side by side, and no picture of the camera's shows where they look"
         raise BracketError(what, where=raws[0].file, advice="give the camera's JPEGs with them")
     size_px = beside[0].size_px if beside and not apart else None
-    frames = tuple(raw_frame(session_path / raw.file, raw.file, size_px) for raw in raws)
+    named = [(session_path / raw.file, raw.file, size_px) for raw in raws]
+    longest = raw_frame(*named[0], None)
+    frames = (longest, *(raw_frame(*one, longest.white) for one in named[1:]))
     for frame in frames:
         if not all(np.array_equal(a, b) for a, b in zip(frame.colours, frames[0].colours, strict=True)):
             raise BracketError("its colours are not those of the first raw file", where=frame.name)
-    white = frames[0].saturation()
-    frames = tuple(replace(frame, white=white) for frame in frames)
     return SideBracket(pictures[0].side, tuple(raws), frames, device, panoramas=beside if apart else ())
 
 

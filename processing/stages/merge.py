@@ -33,9 +33,7 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
 
-_ONLY_JPEGS = (
-    "the rig profile holds for this camera's JPEGs only (daylit rig calibrate, with raw files of chart and flat)"
-)
+_ONLY_JPEGS = "the rig profile holds for this camera's JPEGs only (daylit rig calibrate with raw files of chart, flat)"
 _STEPS, Z95 = 2 * 2, 1.96  # response and merge of two sides, for the progress; 95 % of a normal distribution
 
 
@@ -324,12 +322,10 @@ def _recovered(bracket: brackets.SideBracket, codes: Sequence[Bytes]) -> CameraR
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
     fit = recover_response([Bracket8(codes, times_s, bracket.nominal_s)], estimate_times=rule is None)
-    times_source = f"rule of the camera: {rule}" if rule else "estimated"
+    source = f"rule of the camera: {rule}" if rule else "estimated"
     warnings = _warnings("response", bracket, fit.warnings)
     left = code_residuals(codes, fit.times_s, fit.curve)
-    return CameraResponse(
-        fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", times_source, {}, left, warnings
-    )
+    return CameraResponse(fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", source, {}, left, warnings)
 
 
 def _from_profile(bracket: brackets.SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:

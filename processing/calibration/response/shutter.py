@@ -177,9 +177,7 @@ def _scatter(
     count = len(now)
     if np.bincount(evidence.bracket_of_frame, np.diag(evidence.matrix) > 0).max() < _LEAST_FRAMES:
         return None
-    tried = [
-        (change, _off_rule(evidence, change, now, np.full(count, t)), t) for change in rules for t in _TOLERANCES_STOPS
-    ]
+    tried = [(c, _off_rule(evidence, c, now, np.full(count, t)), t) for c in rules for t in _TOLERANCES_STOPS]
     best = max(tried, key=lambda one: one[1].likely)
     ones = np.where(np.eye(count, dtype=bool), SLOPPY_STOPS, RULE_SIGMA_STOPS)
     single = max(_off_rule(evidence, change, now, one).likely for change in rules for one in ones)

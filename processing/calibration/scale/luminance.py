@@ -119,9 +119,7 @@ def scale_from_reading(
         "drift": max(measured.drift_part, repeat_frac / math.sqrt(12)),
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
-        warnings.append(
-            f"the light changes by {parts['spot']:.1%} within the aiming error: an edge or a patch of sun on the target"
-        )
+        warnings.append(f"light changes by {parts['spot']:.1%} within the aim: an edge or a patch of sun on the target")
     if measured.drift_frac is not None and abs(measured.drift_frac) > DRIFT_WARNING_FRAC:
         warnings.append(f"the light changed by {measured.drift_frac:+.1%} from the first reading to the last")
     return ScaleFactor(
@@ -180,9 +178,7 @@ def _measured(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord], 
     usable = [r for r in readings if r.status in _USABLE and r.luminance_cd_m2 is not None]
     if not usable:
         had = f"{len(readings)} with status {', '.join(sorted({r.status for r in readings}))}" if readings else "none"
-        raise ScaleError(
-            f"no usable meter reading ({had})", where="readings", advice="give one: --reading CD_M2, or --k1"
-        )
+        raise ScaleError(f"no usable meter reading ({had})", where="readings", advice="give --reading CD_M2 or --k1")
     values = np.array([float(r.luminance_cd_m2 or 0.0) for r in usable])
     if not np.all(values > 0):
         raise ScaleError("a meter reading of 0 gives no scale", where="readings", advice=_OTHER_TARGET)
@@ -242,9 +238,7 @@ def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
     }
     for kind, reason in reasons.items():
         if share[kind] > 0:
-            raise ScaleError(
-                f"{share[kind]:.0%} of the meter's spot is {reason}", where="the meter's spot", advice=_OTHER_TARGET
-            )
+            raise ScaleError(f"{share[kind]:.0%} of it is {reason}", where="the meter's spot", advice=_OTHER_TARGET)
     moving = 0.0 if image.ghost is None else float(found.share[image.ghost[found.row, found.column] > 0].sum())
     if moving > MAX_GHOST_SHARE:
         raise ScaleError(
@@ -268,8 +262,6 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
     return math.sqrt(2 * float(np.mean(np.square(changes)))) if changes else 0.0
 
 
-SPOT_DIAMETER_RAD = math.radians(1 / 3)
-"""Of an LS-160."""
 _SAMPLES = 16_384  # spread evenly over the spot: an edge across it is then right to 0.1 % of its contrast
 
 
@@ -279,7 +271,7 @@ class Spot:
 
     longitude_rad: float
     latitude_rad: float
-    diameter_rad: float = SPOT_DIAMETER_RAD
+    diameter_rad: float = LS160.spot_rad
 
     def direction(self) -> Doubles:
         """Return the unit vector to its middle. Of shape (3,)."""

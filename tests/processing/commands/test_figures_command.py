@@ -281,5 +281,5 @@ def test_frames_in_adobe_rgb_are_noted(tmp_path: Path, capsys: pytest.CaptureFix
             Image.fromarray(shown).convert("RGB").save(tmp_path / name / f"{k}.jpg", exif=exif, quality=97)
     code, answer = said(capsys, str(tmp_path / "adobe"), "--view", "fisheye,equidistant,180")
     assert code == 0
-    assert answer["note"].startswith("0.jpg: it is in Adobe RGB")
-    assert "note" not in said(capsys, str(tmp_path / "srgb"), "--view", "fisheye,equidistant,180")[1]
+    assert "Adobe RGB" in answer["left_out"]["colour profile"]
+    assert said(capsys, str(tmp_path / "srgb"), "--view", "fisheye,equidistant,180")[1]["left_out"] == {}
