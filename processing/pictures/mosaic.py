@@ -17,8 +17,8 @@ FULL = 65535.0  # largest code of 16 bits
 PEDESTAL = 512.0
 """Code of no light, so that noise below black is kept; chosen: 30 standard deviations of a good sensor's."""
 SATURATED = 0.98  # of the file's white level; chosen: wells' gains differ by less
-PILE, PILED = 0.005, 4  # of the top level, and how many more wells there than in as much below; chosen
-LEAST_PILE = 1e-4  # of all wells: fewer are hot ones; chosen
+PILE, PILED = 0.005, 4  # of the top level, to both sides; how many more wells there than in as much below; chosen
+LEAST_PILE, LEAST_WELLS = 1e-4, 100  # of the wells looked at, and in all: fewer are hot ones, or chance; chosen
 LEAST_WHITE = 0.5  # of the stated white level; chosen: below, an even dark picture would look like a pile
 EVEN = 0.01  # of log light: two directions that differ by less are alike; chosen
 HOT = 0.15  # of log light, by which a well is brighter than all eight of its colour around it; chosen
@@ -37,11 +37,13 @@ def saturation(raw: Any) -> float:
     some speeds cameras saturate far below.
     """
     wells, black = raw.raw_image_visible[::5], float(np.mean(raw.black_level_per_channel))  # odd: all wells of a cell
-    reach = float(raw.white_level) - black
-    above = np.cumsum(np.bincount(wells.ravel())[::-1])[::-1]  # wells of a code or a higher one
-    top = int(np.flatnonzero(above >= LEAST_PILE * wells.size)[-1])
-    pile, both = (int(above[max(math.ceil(top - k * PILE * (top - black)), 0)]) for k in (1, 2))
-    found = [*(raw.camera_white_level_per_channel or ()), *([top] if pile > PILED * (both - pile) else [])]
+    reach = max(float(raw.white_level) - black, 1.0)
+    above = np.append(np.cumsum(np.bincount(wells.ravel())[::-1])[::-1], 0)  # wells of a code or a higher one
+    top = int(np.count_nonzero(above >= max(LEAST_PILE * wells.size, LEAST_WELLS))) - 1
+    ends = [math.ceil(top + k * PILE * (top - black)) for k in (-3, -1, 1)]
+    lower, low, over = (int(n) for n in above[np.clip(ends, 0, len(above) - 1)])
+    piled = low - over > PILED * max(lower - low, over)
+    found = [*(raw.camera_white_level_per_channel or ()), *([top] if piled else [])]
     share = min((one - black for one in found if one - black > LEAST_WHITE * reach), default=reach) / reach
     return share if share < SATURATED else 1.0
 

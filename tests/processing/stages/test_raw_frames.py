@@ -220,3 +220,8 @@ def test_only_piles_of_wells_are_saturation() -> None:
     wall = np.full(wells.shape, 9000.0)
     assert saturation(opened(rng.normal(wall, np.sqrt(wall)) + 1024)) == 1
     assert saturation(opened(rng.normal(0 * wall, 3) + 1024)) == 1, "a dark frame"
+    few = wells * (wells < 3000)
+    few[::10, ::20] = 12_700
+    few[5:, :] *= few[5:, :] < 12_700
+    assert saturation(opened(few)) == 1, "hot wells"
+    assert saturation(opened(np.full((4, 4), 12_700.0))) == 1, "no picture"
