@@ -33,8 +33,7 @@ _NEAR = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32)
 def saturation(raw: Any) -> float:
     """Return where an opened raw file's wells saturate, of the white level stated for its camera, above black; up to 1.
 
-    By the file's own levels, and where wells pile up at the top, more closely than photons' noise would have them: at
-    some speeds cameras saturate far below.
+    By the file's own levels, and where wells pile up at the top, more closely than photons' noise would have them.
     """
     wells, black = raw.raw_image_visible[::5], float(np.mean(raw.black_level_per_channel))  # odd: all wells of a cell
     reach = max(float(raw.white_level) - black, 1.0)
