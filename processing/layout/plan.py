@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 import shapely
@@ -267,17 +267,16 @@ def from_room_model(
 
     Openings that are too narrow for one are left out, and that is noted. Raises `PlanError` as `make_plan` does.
     """
-    doors, windows, notes = [], list[Window](), []
+    doors, windows, notes = [], list[Window](hung), []
     for o in room.openings:
         if o.end_m - o.start_m < LEAST_OPENING_M:
-            notes.append(
-                f"a {o.kind.value} on wall {o.wall + 1} is {100 * (o.end_m - o.start_m):.0f} cm wide: left out"
-            )
+            notes.append(f"a {o.kind.value} on wall {o.wall + 1} is {o.end_m - o.start_m:.2f} m wide: left out")
         elif o.kind is OpeningKind.WINDOW:
             windows.append(Window(o.wall, o.start_m, o.end_m, o.sill_m, o.head_m))
         else:
             swing: Swing = "sliding" if o.kind is OpeningKind.PASSAGE else "unknown"
             doors.append(Door(o.wall, o.start_m, o.end_m, swing=swing))
     high_m, free = room.ceiling_height_m, [(0.0, 0.0)] if keep_camera_free else []
-    openings: Any = {"doors": doors, "windows": [*windows, *hung]}
-    return make_plan(room.floor, ceiling_height_m=high_m, **openings, keep_free=free, name=name, notes=notes)
+    return make_plan(
+        room.floor, ceiling_height_m=high_m, doors=doors, windows=windows, keep_free=free, name=name, notes=notes
+    )

@@ -150,8 +150,7 @@ def fitted_below_windows(mask: Flags, probability: Floats, maps: SurfaceMaps) ->
 
 @lru_cache(maxsize=4)
 def segments(picture: bytes, shape: tuple[int, ...], scale: float, least_px: int) -> Int32s:
-    """Return each pixel's segment of colour (H, W), round the seam; ``picture``: the bytes of one of a ``shape``
-    (H, W, 3)."""
+    """Return each pixel's segment of colour (H, W), round the seam; ``picture``: the bytes of a ``shape`` (H, W, 3)."""
     width, pad = shape[1], round(shape[1] * SEAM_SHARE)
     around = wrapped(np.frombuffer(picture, np.uint8).reshape(shape), pad)
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, scale, least_px)
@@ -166,7 +165,7 @@ def segments(picture: bytes, shape: tuple[int, ...], scale: float, least_px: int
         links.append(np.stack([one, other])[:, 2 * both > either])
     ends = np.concatenate(links, axis=1)
     graph = coo_array((np.ones(ends.shape[1]), (ends[0], ends[1])), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1].astype(np.int32)[labels[:, pad : pad + width]]
+    labels = np.asarray(connected_components(graph, directed=False)[1], np.int32)[labels[:, pad : pad + width]]
     labels.setflags(write=False)
     return labels
 

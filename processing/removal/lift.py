@@ -39,8 +39,9 @@ DEEP = math.log(4)
 """Log change from which shade is replaced in place of lifted: what a picture still shows there is noise, in colours of
 its own (chosen on one real room of eight; the others have next to none)."""
 BURNT = math.log(1.25)  # log change of a lamp's glow that is taken off, from which what is clipped is replaced (chosen)
-SHOULDER_PX = 3.0  # of the working size, its smoothness (chosen)
-REACHES_PX = (1.0, 4.0, 16.0, 64.0)  # of the working size: over which light goes on where a plane's own is not known
+SHOULDER_RAD = math.radians(2.109375)  # its smoothness (chosen)
+REACHES_RAD = tuple(math.radians(0.703125 * times) for times in (1, 4, 16, 64))
+"""Over which light goes on where a plane's own is not known; a pixel of 256 rows, as standard quality has, and more."""
 
 
 class Shade(NamedTuple):
@@ -187,7 +188,7 @@ def _put_on(image: LuminanceImage, rows: int) -> Floats:
     level = largest_channel(image.rgb)
     stops = np.log2(float(np.median(level[clipped])) / np.maximum(level, 1e-6))
     much = resized(np.clip(stops / SHOULDER, 0, 1).astype(np.float32), (rows, 2 * rows))
-    return smoothed(much, SHOULDER_PX * math.pi / rows)
+    return smoothed(much, SHOULDER_RAD)
 
 
 def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Floats]:
@@ -230,10 +231,10 @@ def _continued(values: Floats, known: Flags) -> Floats:
     if not known.any():
         return out
     weight, todo = known.astype(np.float32), ~known
-    for reach in REACHES_PX:
-        share = smoothed(weight, reach * math.pi / len(values))
+    for reach_rad in REACHES_RAD:
+        share = smoothed(weight, reach_rad)
         ready = todo & (share > 0.05)
-        mean = smoothed(np.where(known[..., None], values, 0).astype(np.float32), reach * math.pi / len(values))
+        mean = smoothed(np.where(known[..., None], values, 0).astype(np.float32), reach_rad)
         out[ready] = mean[ready] / share[ready, None]
         todo &= ~ready
     out[todo] = np.median(values[known], axis=0)

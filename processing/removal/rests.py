@@ -232,10 +232,9 @@ def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> 
 def _parts(mask: Flags) -> Iterator[Part]:
     """Yield the box of each part of a mask (H, W), round the seam, and the part in it."""
     labels = components(mask)[1]
-    for number, found in enumerate(ndimage.find_objects(labels), 1):
-        if found is not None:
-            box: tuple[Any, ...] = found
-            if found[1] == slice(0, mask.shape[1]):
+    for number, place in enumerate(ndimage.find_objects(labels), 1):
+        if (box := place) is not None:
+            if place[1] == slice(0, mask.shape[1]):
                 rows, columns = spanned(labels == number)
                 box = np.ix_(np.arange(rows[0], rows[-1] + 1), np.arange(columns[0], columns[-1] + 1))
             yield box, labels[box] == number

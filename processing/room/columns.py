@@ -23,8 +23,7 @@ LARGEST_SIGMA_RAD = math.radians(30.0)
 STEEPEST_RAD = math.radians(86.0)
 FLATTEST_RAD = math.radians(1.5)
 """Latitudes of boundaries are held within these: beyond, a wall touches the camera or stands 40 m away."""
-RATIO_RANGE = (0.15, 10.0)
-"""Of the ceiling's height over the camera to the camera's over the floor; 10: a hall of 17.6 m, or 2.2 m over 0.2 m."""
+RATIO_RANGE = (0.15, 10.0)  # of the ceiling's height over the camera to the camera's over the floor; 10: 17.6 m
 RATIO_SIGMA = 0.05  # of the ratio's logarithm, with which a fit begins
 
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int64s
+from processing.ground.seam import resized
 from processing.light.scene.scene import Outdoors, Pane, Scene
 from processing.light.solver.relight import RelightView, Relit
 from processing.light.solver.sight import GLASS, looked_up
@@ -237,22 +238,9 @@ def with_captured_land(found: Outdoors, captured: Outdoors) -> Outdoors:
     """
     before, now = level_lx(captured), level_lx(found)
     rows = max(found.rgb.shape[0], captured.rgb.shape[0])
-    rgb, land = _sized(found.rgb, rows), _sized(captured.rgb, rows)
+    rgb, land = (np.array(resized(one.rgb, (rows, 2 * rows))) for one in (found, captured))
     if before <= 0:
         rgb[rows // 2 :] = 0.2 / math.pi * now
         return Outdoors(rgb, found.sun)
     where = land_of(replace(captured, rgb=land))
     return replace(found, rgb=np.where(where[..., None], land * np.float32(now / before), rgb))
-
-
-def _sized(rgb: Floats, rows: int) -> Floats:
-    if rgb.shape[0] == rows:
-        return rgb.copy()
-    wide = np.concatenate([rgb[:, -1:], rgb, rgb[:, :1]], axis=1)
-    factor = rows / rgb.shape[0]
-    x = (np.arange(2 * rows, dtype=np.float32) + 0.5) / factor + 0.5
-    y = (np.arange(rows, dtype=np.float32) + 0.5) / factor - 0.5
-    across = np.ascontiguousarray(np.broadcast_to(x, (rows, 2 * rows)))
-    down = np.ascontiguousarray(np.broadcast_to(y[:, None], (rows, 2 * rows)))
-    found = cv2.remap(wide, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found, dtype=np.float32)

@@ -342,6 +342,20 @@ def test_a_wall_that_shows_as_a_sliver_has_light_where_the_working_size_does_not
     np.testing.assert_allclose(done.image.rgb[sliver], 100, rtol=0.02)
 
 
+def test_light_goes_on_over_the_same_angles_at_any_working_size() -> None:
+    """From what is known on one side of a plane (dark) and the other (bright), 45 degrees apart."""
+    room, found = box_room().model_copy(update={"openings": ()}), []
+    for rows in (128, 256):
+        light = np.full((rows, 2 * rows, 3), 100, np.float32)
+        light[:, rows:] = 900
+        light[:, rows * 7 // 8 : rows * 9 // 8] = 0
+        shade = Shade(np.zeros_like(light), light, np.ones(light.shape[:2], bool))
+        found.append(light_without(shade, room, 128)[0][60:68, 112:144, 0])
+    assert found[1][:, 2].max() < 150 < 600 < found[1][:, -3].min(), "on both sides as beside it"
+    for part in (np.s_[:, :13], np.s_[:, -13:]):  # without the step in the middle
+        np.testing.assert_allclose(found[0][part], found[1][part], rtol=0.05)
+
+
 def test_an_even_room_stays_even_where_a_corner_hides_some_of_its_planes() -> None:
     """Texels behind the corner hold nothing, and pixels at its edge take nothing from them."""
     floor = ((-1.6, -2.2), (3.4, -2.2), (3.4, -0.2), (0.4, -0.2), (0.4, 2.8), (-1.6, 2.8))

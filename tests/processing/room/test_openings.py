@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems
-from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.room.opening_fit import WINDOW as KIND
 from processing.room.opening_fit import Candidate, Field, brighter_inside
 from processing.room.openings import find_openings, uncovered
@@ -215,3 +215,18 @@ def test_walls_of_a_large_panorama_are_taken_from_a_smaller_one(monkeypatch: pyt
     (coarse,) = find_openings(image, evidence, ROOM)
     assert coarse != fine
     assert iou(coarse, fine.wall, fine.start_m, fine.end_m, fine.sill_m, fine.head_m) > 0.85
+
+
+def test_the_border_of_a_cropped_panorama_is_no_edge_of_a_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is known above it, at full size and where walls are taken from a smaller picture."""
+    image, evidence = result((), ())
+    rgb, validity = image.rgb.copy(), image.validity.copy()
+    rgb[: ROWS * 7 // 16], validity[: ROWS * 7 // 16] = 0, Validity.OUTSIDE
+    for widest in (2 * ROWS, ROWS):
+        monkeypatch.setattr("processing.room.wall_views.WIDEST_PX", widest)
+        views = wall_views(replace(image, rgb=rgb, validity=validity), evidence, ROOM)
+        assert len(views) == len(ROOM.floor)
+        for view in views:
+            assert 0.3 < view.known.mean() < 0.9
+            inner = np.s_[8 : -len(view.known) // 8]  # without the foot, which is an edge
+            assert np.abs(view.edges[1][inner]).max() < 0.5

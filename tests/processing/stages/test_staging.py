@@ -403,7 +403,7 @@ def test_a_slit_in_a_wall_is_no_opening_to_arrange_by(tmp_path: Path) -> None:
     assert geometry_problems(room) == []
     found = {("room", "room"): room}
     made = arrange.run(context(tmp_path, ArrangeParameters(items="nightstand", alternatives=1), found))
-    assert "a window on wall 2 is 4 cm wide: left out" in [one.message for one in made.warnings]
+    assert "a window on wall 2 is 0.04 m wide: left out" in [one.message for one in made.warnings]
     assert made.artifacts["arrangement"].arrangements
 
 
