@@ -44,12 +44,7 @@ Groups = Iterator[list[PlacedItem]]
 
 
 def styled(
-    one: Arrangement,
-    plan: FloorPlan,
-    style: str,
-    level: str,
-    seed: int,
-    lamps: Sequence[Sequence[float]] | None = None,
+    one: Arrangement, plan: FloorPlan, style: str, level: str, seed: int, lamps: Sequence[Sequence[float]] | None = None
 ) -> tuple[PlacedItem, ...]:
     """Return what dresses an arrangement in its room, at most `styling.toml`'s `most` with the furniture itself.
 
@@ -336,7 +331,9 @@ def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
         starts = np.arange(0.4, length - w - 0.4, 0.1)
         low = EYE_M - h / 2
         # Air on both sides: a picture squeezed between a door and a wardrobe is none.
-        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h), room.behind_lamps)]
+        free = [
+            s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h), room.behind_lamps)
+        ]
         if free:
             s = free[len(free) // 2]
             yield [room.at_wall(row["what"], (edge, s, s + w, low, low + h), d)]

@@ -1,10 +1,10 @@
 """How a room's pictures are shown: balanced, exposed, the view outside kept, on a film curve; measured values stay.
 
 One `Display` belongs to a room and serves all its states, so that before and after compare. Light goes to the screen in
-four steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
-seen through panes as a photographer blends in a darker exposure; colours that are nearly white are shown whiter; and
-`film`, which leaves dark and middle tones in proportion and rolls highlights off. ``panorama.ts`` of the viewer has the
-same film.
+five steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
+seen through panes as a photographer blends in a darker exposure; large highlights are lowered and keep their texture;
+colours that are nearly white are shown whiter; and `film`, which leaves dark and middle tones in proportion and rolls
+highlights off. ``panorama.ts`` of the viewer has the same film, on light that the other steps have been done to.
 """
 
 from __future__ import annotations
@@ -51,13 +51,16 @@ of the room's level and the view's, the share. Chosen by looking."""
 VIEW_GREEN = 1.25
 """Green over red from which something in a pane is the view however dark: leaves in the shade. Chosen by looking."""
 DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
+HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 1.5, 0.2
+"""Stops above 1 at which a large highlight is shown at most, and how strong its edges are (squared stops). Chosen by
+looking at sun on rugs and sheets: the film alone shows ten per cent of texture there in one code."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
 PLATEAU = 0.28
 """Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
 _NORM = 6.0  # of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best
-_EDGE_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
-"""Within which a pane's edge follows the picture's, how strong an edge counts (squared stops), and up to which share
-there is none: half a frame's width at 4 m. Chosen by looking: a wider soft zone makes frames milky and green."""
+_REACH_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
+"""Within which a pane's edge follows the picture's (half a frame's width at 4 m), how strong an edge counts (squared
+stops), and up to which share there is none. Chosen by looking: a wider soft zone makes frames milky and green."""
 _ROWS, _TABLED_ROWS = 256, 32  # at a time, for memory; for the processor's cache
 
 
@@ -119,14 +122,20 @@ class Display:
         ``panes`` (H, W): where one looks out of a window, bool or 2; 1: at its reveal or frame. ``around``: whether it
         is a whole panorama, whose left edge goes on at the right.
         """
-        out = np.empty(rgb.shape, np.float32)
-        matrix = np.reshape(np.asarray(self.matrix, np.float32), (3, 3))
-        for top in range(0, len(rgb), _ROWS):
-            np.maximum(cv2.transform(rgb[top : top + _ROWS], matrix), 0, out=out[top : top + _ROWS])
+        out = self.balanced(rgb)
         if panes is not None and self.pull < 1 and panes.any():
-            _pull(out, panes, self.pull, matrix @ np.ones(3, np.float32), around=around)
+            cast = np.reshape(np.asarray(self.matrix, np.float32), (3, 3)) @ np.ones(3, np.float32)
+            _pull(out, panes, self.pull, cast, around=around)
+        _lower_highlights(out, around=around)
         for top in range(0, len(rgb), _TABLED_ROWS):
             _calm(out[top : top + _TABLED_ROWS])
+        return out
+
+    def balanced(self, rgb: Floats) -> Floats:
+        """Return linear RGB (H, W, 3) white-balanced and exposed alone, float32 >= 0: in proportion to the light."""
+        out, matrix = np.empty(rgb.shape, np.float32), np.reshape(np.asarray(self.matrix, np.float32), (3, 3))
+        for top in range(0, len(rgb), _ROWS):
+            np.maximum(cv2.transform(rgb[top : top + _ROWS], matrix), 0, out=out[top : top + _ROWS])
         return out
 
     def shown(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Bytes:
@@ -140,7 +149,7 @@ class Display:
     def exposed(self, rgb: Floats) -> Display:
         """Return the same white with exposure by another picture (H, W, 3), linear: the room at another hour, a sky."""
         step = max(1, rgb.shape[1] // 1024)
-        level = luminance_cd_m2(self.light(np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step])))
+        level = luminance_cd_m2(self.balanced(np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step])))
         seen = level[level > 0]
         bright = float(np.quantile(seen, BRIGHT_SHARE)) if seen.size else 0.0
         return self.brighter(BRIGHT_LEVEL / bright) if bright > 0 else self
@@ -269,6 +278,28 @@ def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: 
     return float(values[order[np.searchsorted(total, share * total[-1])]])
 
 
+def _reach_px(rows: int, *, around: bool) -> int:
+    return max(2, round(_REACH_RAD / math.pi * rows) if around else rows // 150)
+
+
+def _guided(guide: Floats, given: Floats, reach: int, eps: float, *, around: bool) -> Floats:
+    """Return what is ``given`` (H, W), smooth but for the edges of a guide (H, W) or (H, W, 3): He et al. 2013."""
+    if around:
+        guide, given = wrapped(guide, 2 * reach), wrapped(given, 2 * reach)
+    found = cv2.ximgproc.guidedFilter(guide, given, reach, eps)
+    return np.asarray(found[:, 2 * reach : -2 * reach] if around else found, np.float32)
+
+
+def _lower_highlights(light: Floats, *, around: bool) -> None:
+    """Lower in place what is brighter than 1 as a whole (H, W, 3), all channels alike: details keep their contrast."""
+    reach, tone = _reach_px(len(light), around=around), np.log2(np.maximum(luminance_cd_m2(light), np.float32(1e-3)))
+    bright = np.flatnonzero(tone.max(axis=1) > 0)
+    if len(bright):
+        rows = slice(max(0, bright[0] - 4 * reach), bright[-1] + 4 * reach)
+        base = np.maximum(_guided(tone[rows], tone[rows], reach, HIGHLIGHT_EPS, around=around), 0)
+        light[rows] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))[..., None]
+
+
 def _calm(light: Floats) -> None:
     """Bring in place what is nearly grey (H, W, 3) nearer to grey, at the same luminance; strong colours stay."""
     level, planes = luminance_cd_m2(light), cv2.split(light)
@@ -288,9 +319,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     stay. Of a window's reveal and frame each channel is lowered by half of its stops above what the film shows in
     proportion, by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
     """
-    margin = max(2, round(_EDGE_RAD / math.pi * len(light))) if around else max(2, len(light) // 150)
-    rows = np.flatnonzero(panes.any(axis=1))
-    top, bottom = max(0, rows[0] - 2 * margin), min(len(light), rows[-1] + 2 * margin + 1)
+    reach, rows = _reach_px(len(light), around=around), np.flatnonzero(panes.any(axis=1))
+    top, bottom = max(0, rows[0] - 2 * reach), min(len(light), rows[-1] + 2 * reach + 1)
     part = light[top:bottom]
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
@@ -302,11 +332,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     guide = np.log2(np.maximum(part, np.float32(1e-3)))
 
     def soft(mask: npt.NDArray[Any]) -> Floats:
-        given, edges = np.asarray(mask, np.float32), guide
-        if around:
-            given, edges = wrapped(given, 2 * margin), wrapped(guide, 2 * margin)
-        found = (cv2.ximgproc.guidedFilter(edges, given, margin, _EDGE_EPS) - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE)
-        return np.clip(found[:, 2 * margin : -2 * margin] if around else found, 0, 1, dtype=np.float32)
+        found = _guided(guide, np.asarray(mask, np.float32), reach, _EDGE_EPS, around=around)
+        return np.clip((found - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE), 0, 1)
 
     shares = soft(closed), soft(frame)
     balanced = (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE

@@ -85,9 +85,9 @@ def test_bradford_is_what_colour_science_has() -> None:
 def test_the_view_is_kept_and_the_room_stays() -> None:
     rgb, panes = room()
     display = display_of(rgb, board_rgb=WARM, panes=panes)
-    pulled, plain = display.light(rgb, panes), display.light(rgb)
+    pulled, plain = display.light(rgb, panes), display.balanced(rgb)
     assert display.pull < 0.05
-    np.testing.assert_array_equal(pulled[:14], plain[:14])
+    np.testing.assert_array_equal(pulled[:14], display.light(rgb)[:14])
     inside = pulled[22:32, 52:78]
     assert inside.max() < 1.5 < 20 < plain[panes].max()
     ratio = float(pulled[22:32, 67:78].mean() / pulled[22:32, 52:63].mean())
@@ -96,11 +96,12 @@ def test_the_view_is_kept_and_the_room_stays() -> None:
 
 
 def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("processing.pictures.display.CALM", 0.0)  # of the balance alone
+    monkeypatch.setattr("processing.pictures.display.CALM", 0.0)  # of the pull alone
+    monkeypatch.setattr("processing.pictures.display.HIGHLIGHT_STOPS", 1e9)
     rgb, panes = room()
     rgb[panes] = rgb[panes].mean(axis=1, keepdims=True)  # grey by daylight, which the room's white turns blue
     display = display_of(rgb, board_rgb=WARM, panes=panes)
-    pulled, plain = display.light(rgb, panes)[27, 70], display.light(rgb)[27, 70]
+    pulled, plain = display.light(rgb, panes)[27, 70], display.balanced(rgb)[27, 70]
     before, after = (float(one[2] / one[0]) for one in (plain, pulled))
     assert 1 < after < before
     assert after == pytest.approx(before ** (1 - DAYLIGHT_SHARE), rel=0.02)
@@ -161,6 +162,26 @@ def test_what_is_nearly_white_is_shown_whiter_and_strong_colours_stay() -> None:
     assert (AS_GIVEN.light(np.zeros((2, 2, 3), np.float32)) == 0).all()
 
 
+def test_texture_in_the_sun_is_shown_and_what_is_no_highlight_stays() -> None:
+    """A rug in the sun, 8 to 12 times as bright as the room's walls, was white without form."""
+    rng = np.random.default_rng(3)
+    level = 0.3 * rng.uniform(0.9, 1.1, (256, 512)).astype(np.float32)
+    level[100:160, 0:300] *= 32
+    rgb = np.repeat(level[..., None], 3, axis=2)
+    shown, film_alone = AS_GIVEN.shown(rgb)[..., 0].astype(int), screen(rgb)[..., 0].astype(int)
+    sunny = np.zeros(level.shape, bool)
+    sunny[110:150, 10:290] = True
+    assert film_alone[sunny].min() > 248
+    assert 235 < np.median(shown[sunny]) < 248
+    assert np.std(film(AS_GIVEN.light(rgb))[sunny]) > 4 * np.std(film(rgb)[sunny])
+    # Of details the contrast is kept; what is darker than the film's white is shown as it was, at the very edge too.
+    light = np.log2(AS_GIVEN.light(rgb)[..., 0])[sunny]
+    assert np.std(light) == pytest.approx(np.std(np.log2(level[sunny])), rel=0.25)
+    np.testing.assert_array_equal(shown[level < 1], film_alone[level < 1])
+    seam = AS_GIVEN.light(np.roll(rgb, 256, axis=1))
+    np.testing.assert_allclose(np.roll(seam, -256, axis=1), AS_GIVEN.light(rgb), rtol=1e-3)
+
+
 def test_trees_in_the_shade_are_part_of_the_view() -> None:
     """Dark leaves would keep the room's white, turquoise, within an edge of their own."""
     rgb, panes = room()
@@ -203,8 +224,8 @@ def test_one_display_for_all_states_and_as_a_file() -> None:
     rgb, panes = room()
     display = display_of(rgb, board_rgb=WARM, panes=panes)
     assert Display.read(json.loads(json.dumps(display.to_dict()))) == display
-    half = display.light(rgb * 0.5)
-    np.testing.assert_allclose(half, display.light(rgb) * 0.5, rtol=1e-5)
+    for light, where in ((display.balanced, np.ones_like(panes)), (display.light, np.indices(SHAPE)[0] > 40)):
+        np.testing.assert_allclose(light(rgb * 0.5)[where], light(rgb)[where] * 0.5, rtol=1e-5)
     for bad in ({}, {"matrix": [1.0] * 8, "pull": 1.0, "source": "x"}, {"matrix": [1.0] * 9, "pull": 0, "source": "x"}):
         with pytest.raises(ParameterError):
             Display.read(bad)
