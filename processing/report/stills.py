@@ -56,6 +56,8 @@ WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, lon
 MOST_STILLS = MOST + MOST_STAGED - 1
 """Of the first alternative up to `MOST`, of each further one the best."""
 LIGHT_PX = 960  # chosen: 10 MB a still
+MOST_ENLARGED, LEAST_PX = 1.5, 1280
+"""Pixels of a still over the panorama's own (chosen): beyond, a draft's edges are stairs; a plate's code is read from here on."""
 
 
 @dataclass(frozen=True)
@@ -343,7 +345,8 @@ def _stills(
     light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []
     for number, frame in enumerate(frames, before + 1):
-        name, view, rows = f"still-{number}", frame.view(), frame.height_px()
+        wide = _width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED)
+        name, view, rows = f"still-{number}", frame.view(wide), frame.height_px(wide)
         rgb8, original = (screen(cut_view(one, view)[-rows:]) for one in (light, originals))
         said = what._replace(original=asked.original_url or f"{name}-original.jpg")
         rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
@@ -357,9 +360,15 @@ def _stills(
         write_exr(context.folder / f"{name}-light.exr", estimated(cut, made))
         files = {"file": f"{name}.jpg", "original": f"{name}-original.jpg", "light": f"{name}-light.exr"}
         taken = {"yaw_deg": round(math.degrees(frame.yaw_rad), 2), "lens_mm": frame.lens_mm, "drop": frame.drop}
-        rest = {"size_px": list(SIZE_PX), "shows": list(frame.shows), "statement": said.statement}
+        rest = {"size_px": [wide, rows], "shows": list(frame.shows), "statement": said.statement}
         found.append({**files, "state": state, **taken, **rest})
     return found
+
+
+def _width_px(image: LuminanceImage, frame: Frame, least_px: int, most_px: int, enlarged: float = 1.0) -> int:
+    """Return a frame's width at the panorama's own density in its middle, or so many times that."""
+    own = enlarged * image.rgb.shape[1] / (2 * math.pi) * SENSOR_MM / frame.lens_mm
+    return max(least_px, min(most_px, int(own) // 2 * 2))
 
 
 def _light(image: LuminanceImage, measured: Panorama, frame: Frame) -> LuminanceImage:
@@ -367,8 +376,7 @@ def _light(image: LuminanceImage, measured: Panorama, frame: Frame) -> Luminance
 
     It has the panorama's own resolution at most, and `LIGHT_PX` of width: light is not made up by enlarging.
     """
-    own = measured.geometry.width_px / (2 * math.pi) * SENSOR_MM / frame.lens_mm
-    view = frame.view(max(64, min(LIGHT_PX, int(own) // 2 * 2)))
+    view = frame.view(_width_px(image, frame, 64, LIGHT_PX))
     rgb = cut_view(measured, view)
     shape = rgb.shape[:2]
     doubt = cut_view(np.minimum(image.uncertainty, np.float32(1e3)), view)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -33,6 +34,7 @@ from processing.report.stills import (
     _pieces,
     _plain_share,
     _seen,
+    _width_px,
     aimed,
     frames_of,
     run,
@@ -174,6 +176,15 @@ def test_what_stands_at_the_camera_is_no_main_piece_and_a_bare_room_has_frames()
     assert len(frames_of(ROOM, ())) >= FEWEST
 
 
+def test_a_still_has_no_more_pixels_than_its_panorama_shows() -> None:
+    """A draft's stills were enlarged up to four times, and their edges were stairs."""
+    wide = {}
+    for panorama in (1680, 3360, 6720, 8192):
+        image = SimpleNamespace(rgb=np.empty((0, panorama, 3)))
+        wide[panorama] = [_width_px(image, Frame(0.0, mm, 0.0), 1280, 1920, 1.5) for mm in (24.0, 16.0)]
+    assert wide == {1680: [1280, 1280], 3360: [1280, 1804], 6720: [1920, 1920], 8192: [1920, 1920]}
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
     given = context(tmp_path_factory.mktemp("session"), results())
@@ -193,7 +204,7 @@ def test_each_still_has_its_original_its_light_and_says_what_was_changed(made: t
     for one in stills:
         data = (folder / one["file"]).read_bytes()
         with Image.open(io.BytesIO(data)) as opened:
-            assert opened.size == (1920, 1280)
+            assert opened.size == (1280, 853) == tuple(one["size_px"]), "of a small panorama"
         assert b"compositeSynthetic" in data
         for element in ("virtual", "removed digitally", "Unaltered original: https://example.org/7"):
             assert element in one["statement"]
