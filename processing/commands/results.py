@@ -219,7 +219,7 @@ def still_paths(session: Path) -> list[Path]:
 @click.option("--into", type=FOLDER, help="Copy the stills to a folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: bool) -> int:
-    """List the framed stills of SESSION: JPEGs of up to 1920 x 1280, each with its unaltered original and luminance (EXR).
+    """List the framed stills of SESSION: JPEGs up to 1920 x 1280, each with its unaltered original and luminance (EXR).
 
     `daylit process` frames them: corner to corner, upright, at 16 to 24 mm, with main pieces uncut and windows in view.
     --aim adds framings of your own before these and saves them with the session: degrees right of the panorama's

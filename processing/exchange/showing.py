@@ -79,9 +79,8 @@ def _views(display: Display, photograph: LuminanceImage, room: RoomModel) -> tup
     whose place there will be a bright wall.
     """
     step = max(1, photograph.rgb.shape[1] // 1024)
-    level = luminance_cd_m2(
-        display.balanced(np.ascontiguousarray(photograph.rgb[step // 2 :: step, step // 2 :: step]))
-    )
+    sample = np.ascontiguousarray(photograph.rgb[step // 2 :: step, step // 2 :: step])
+    level = luminance_cd_m2(display.balanced(sample))
     opening = opening_map(room, Equirectangular(level.shape[1], level.shape[0]))
     every = [level[opening == number] for number in range(len(room.openings))]
     return tuple(number for number, own in enumerate(every) if (own > LEAST_VIEW).sum() > VIEW_OF_IT * own.size)

@@ -107,9 +107,7 @@ class _Room:
         return len(self.judge.judge(self._pieces(piece))) <= self.broken
 
     def free(self, wall: Wall, also: Sequence[Wall] = ()) -> bool:
-        """Return whether a rectangle of a wall, with air round it, is free of openings, pieces, what hangs there, and
-        ``also`` of others.
-        """
+        """Return whether a rectangle of a wall, with air round it, is free of openings, things and what is ``also``."""
         edge, start, end, low, high = wall
         if start < AIR_M or end > self.plan.edge(edge)[2] - AIR_M or high > self.plan.ceiling_height_m - AIR_M:
             return False
@@ -153,13 +151,11 @@ class _Room:
 
 
 def _behind_lamps(plan: FloorPlan, lamps: Sequence[Sequence[float]]) -> Iterator[Wall]:
-    """Yield what ceiling lamps hide of walls from the cameras, as if they hung down to the eye; none right above one."""
-    for eye, lamp in ((np.array(a), np.array(b)) for a in plan.keep_free for b in lamps):
-        away = float(np.hypot(*(lamp - eye)))
-        if away < OVER_CAMERA_M:
-            continue
-        side = (lamp - eye)[::-1] * (-1, 1) / away * LAMP_M
-        ends = [eye + far * (lamp + sign * side - eye) for far, sign in ((1, 1), (1, -1), (99, -1), (99, 1))]
+    """Yield what ceiling lamps, but those above a camera, hide of walls from it, as if they hung down to the eye."""
+    for eye, lamp in ((np.array(a), b) for a in plan.keep_free for b in lamps if math.dist(a, b) >= OVER_CAMERA_M):
+        ahead = lamp - eye
+        side = ahead[::-1] * (-1, 1) / np.hypot(*ahead) * LAMP_M
+        ends = [eye + far * (ahead + sign * side) for far, sign in ((1, 1), (1, -1), (99, -1), (99, 1))]
         for edge in range(len(plan.corners)):
             corner, u, length = plan.edge(edge)
             hidden = shapely.Polygon(ends).intersection(shapely.LineString([corner, corner + u * length]))
@@ -331,12 +327,11 @@ def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
         starts = np.arange(0.4, length - w - 0.4, 0.1)
         low = EYE_M - h / 2
         # Air on both sides: a picture squeezed between a door and a wardrobe is none.
-        free = [
-            s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h), room.behind_lamps)
-        ]
+        high, also = low + h, room.behind_lamps
+        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, high), also)]
         if free:
             s = free[len(free) // 2]
-            yield [room.at_wall(row["what"], (edge, s, s + w, low, low + h), d)]
+            yield [room.at_wall(row["what"], (edge, s, s + w, low, high), d)]
 
 
 def _ceiling(room: _Room, row: Mapping[str, Any]) -> Groups:

@@ -1,10 +1,9 @@
 """How a room's pictures are shown: balanced, exposed, the view outside kept, on a film curve; measured values stay.
 
 One `Display` belongs to a room and serves all its states, so that before and after compare. Light goes to the screen in
-five steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
-seen through panes as a photographer blends in a darker exposure; large highlights are lowered and keep their texture;
-colours that are nearly white are shown whiter; and `film`, which leaves dark and middle tones in proportion and rolls
-highlights off. ``panorama.ts`` of the viewer has the same film, on light that the other steps have been done to.
+five steps: adaptation to the screen's white and exposure (one matrix); the window pull, as a photographer blends in a
+darker exposure; large highlights are lowered and keep their texture; what is nearly white becomes whiter; and `film`,
+which rolls highlights off. ``panorama.ts`` of the viewer has the same film, on light that has been through the others.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ CEILING_STOPS, CEILING_SHARE = 0.8, 0.8
 simulated rooms, those of the benchmark's seeds among them: light that has been on brown floors and lawns is up to 0.65
 stops from the board's."""
 CALM, CALM_SPREAD = 0.6, 0.2
-"""Of the distance from grey of what is nearly grey, the share that is taken away; and how far red, green and blue lie
-apart, in luminances, where half as much is. White paint has the light of sky, lawn and floor upon it at once, of which
-one white can take away but one. Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
+"""Of how far what is nearly grey is from grey, the share that is taken away; and how far its channels lie apart, in
+luminances, where half as much is: white paint has light of sky, lawn and floor on it, of which one white takes away but
+one. Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""
@@ -61,7 +60,7 @@ _NORM = 6.0  # of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shade
 _REACH_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
 """Within which a pane's edge follows the picture's (half a frame's width at 4 m), how strong an edge counts (squared
 stops), and up to which share there is none. Chosen by looking: a wider soft zone makes frames milky and green."""
-_ROWS, _TABLED_ROWS = 256, 32  # at a time, for memory; for the processor's cache
+_TABLED_ROWS = 32  # at a time, for the processor's cache
 
 
 @dataclass(frozen=True)
@@ -122,21 +121,19 @@ class Display:
         ``panes`` (H, W): where one looks out of a window, bool or 2; 1: at its reveal or frame. ``around``: whether it
         is a whole panorama, whose left edge goes on at the right.
         """
-        out = self.balanced(rgb)
+        out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
         if panes is not None and self.pull < 1 and panes.any():
             cast = np.reshape(np.asarray(self.matrix, np.float32), (3, 3)) @ np.ones(3, np.float32)
-            _pull(out, panes, self.pull, cast, around=around)
-        _lower_highlights(out, around=around)
+            _pull(out, panes, self.pull, cast, reach, around=around)
+        _lower_highlights(out, reach, around=around)
         for top in range(0, len(rgb), _TABLED_ROWS):
             _calm(out[top : top + _TABLED_ROWS])
         return out
 
     def balanced(self, rgb: Floats) -> Floats:
         """Return linear RGB (H, W, 3) white-balanced and exposed alone, float32 >= 0: in proportion to the light."""
-        out, matrix = np.empty(rgb.shape, np.float32), np.reshape(np.asarray(self.matrix, np.float32), (3, 3))
-        for top in range(0, len(rgb), _ROWS):
-            np.maximum(cv2.transform(rgb[top : top + _ROWS], matrix), 0, out=out[top : top + _ROWS])
-        return out
+        out = np.asarray(cv2.transform(rgb, np.reshape(np.asarray(self.matrix, np.float32), (3, 3))), np.float32)
+        return np.maximum(out, 0, out=out)
 
     def shown(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Bytes:
         """Return linear RGB (H, W, 3) in the picture's unit as sRGB codes; see `light`."""
@@ -278,26 +275,19 @@ def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: 
     return float(values[order[np.searchsorted(total, share * total[-1])]])
 
 
-def _reach_px(rows: int, *, around: bool) -> int:
-    return max(2, round(_REACH_RAD / math.pi * rows) if around else rows // 150)
-
-
 def _guided(guide: Floats, given: Floats, reach: int, eps: float, *, around: bool) -> Floats:
     """Return what is ``given`` (H, W), smooth but for the edges of a guide (H, W) or (H, W, 3): He et al. 2013."""
-    if around:
-        guide, given = wrapped(guide, 2 * reach), wrapped(given, 2 * reach)
-    found = cv2.ximgproc.guidedFilter(guide, given, reach, eps)
-    return np.asarray(found[:, 2 * reach : -2 * reach] if around else found, np.float32)
+    pad = 2 * reach if around else 0
+    found = cv2.ximgproc.guidedFilter(wrapped(guide, pad), wrapped(given, pad), reach, eps)
+    return np.asarray(found[:, pad : found.shape[1] - pad], np.float32)
 
 
-def _lower_highlights(light: Floats, *, around: bool) -> None:
+def _lower_highlights(light: Floats, reach: int, *, around: bool) -> None:
     """Lower in place what is brighter than 1 as a whole (H, W, 3), all channels alike: details keep their contrast."""
-    reach, tone = _reach_px(len(light), around=around), np.log2(np.maximum(luminance_cd_m2(light), np.float32(1e-3)))
-    bright = np.flatnonzero(tone.max(axis=1) > 0)
-    if len(bright):
-        rows = slice(max(0, bright[0] - 4 * reach), bright[-1] + 4 * reach)
-        base = np.maximum(_guided(tone[rows], tone[rows], reach, HIGHLIGHT_EPS, around=around), 0)
-        light[rows] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))[..., None]
+    tone = np.log2(np.maximum(luminance_cd_m2(light), np.float32(1e-3)))
+    if tone.max(initial=0) > 0:
+        base = np.maximum(_guided(tone, tone, reach, HIGHLIGHT_EPS, around=around), 0)
+        light *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))[..., None]
 
 
 def _calm(light: Floats) -> None:
@@ -310,7 +300,7 @@ def _calm(light: Floats) -> None:
     cv2.merge([plane + (level - plane) * share for plane in planes], light)
 
 
-def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, around: bool) -> None:
+def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, reach: int, *, around: bool) -> None:
     """Lower in place what is seen through panes by a factor, all of a view alike, and balance it for daylight.
 
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
@@ -319,7 +309,7 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     stay. Of a window's reveal and frame each channel is lowered by half of its stops above what the film shows in
     proportion, by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
     """
-    reach, rows = _reach_px(len(light), around=around), np.flatnonzero(panes.any(axis=1))
+    rows = np.flatnonzero(panes.any(axis=1))
     top, bottom = max(0, rows[0] - 2 * reach), min(len(light), rows[-1] + 2 * reach + 1)
     part = light[top:bottom]
     level = luminance_cd_m2(part)
@@ -330,12 +320,8 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, *, 
     closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     frame = np.zeros_like(glass) if panes.dtype == bool else (panes > 0) & (closed == 0)
     guide = np.log2(np.maximum(part, np.float32(1e-3)))
-
-    def soft(mask: npt.NDArray[Any]) -> Floats:
-        found = _guided(guide, np.asarray(mask, np.float32), reach, _EDGE_EPS, around=around)
-        return np.clip((found - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE), 0, 1)
-
-    shares = soft(closed), soft(frame)
+    soft = (_guided(guide, np.asarray(one, np.float32), reach, _EDGE_EPS, around=around) for one in (closed, frame))
+    shares = [np.clip((one - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE), 0, 1) for one in soft]
     balanced = (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE
     for row in range(len(part)):  # memory: three powers a pixel; where nothing is pulled, none
         columns = np.flatnonzero((shares[0][row] > 0) | (shares[1][row] > 0))

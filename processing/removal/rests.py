@@ -259,7 +259,7 @@ def _legs(gone: Flags, near: Flags, tone: Floats, bare: Flags) -> Flags:
     return found
 
 
-def on_ceiling(room: RoomModel, rgb: Floats) -> list[list[float]] | None:
+def on_ceiling(room: RoomModel, rgb: Floats) -> list[Any] | None:
     """Return where something hangs on the ceiling (a lamp, a fan, a detector): x and y in metres, of each the place
     nearest to the camera, since what hangs lower is seen behind it. None: no ceiling is seen.
 

@@ -30,10 +30,7 @@ BEFORE = (
 """Stages that the report covers; each of them is also in its row's ``needs``."""
 FILES = {
     **{(stage, name): what for stage, named in table_of(__package__, "files").items() for name, what in named.items()},
-    **{
-        ("stills", f"still-{k}.jpg"): "still, up to 1920 x 1280; beside it luminance (EXR), original"
-        for k in range(1, 13)
-    },
+    **{("stills", f"still-{k}.jpg"): "still; beside it luminance (EXR), original" for k in range(1, 13)},
     **{("day", f"hour-{k}.jpg"): "the first still's frame at another hour of its day" for k in range(1, 25)},
     **{("render", f"staged-{k}.exr"): f"staged, alternative {k}, in cd/m2" for k in range(1, MOST_STAGED + 1)},
     **{("render", f"staged-{k}.glb"): f"model of alternative {k}" for k in range(1, MOST_STAGED + 1)},

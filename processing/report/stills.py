@@ -56,8 +56,7 @@ WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, lon
 MOST_STILLS = MOST + MOST_STAGED - 1
 """Of the first alternative up to `MOST`, of each further one the best."""
 LIGHT_PX = 960  # chosen: 10 MB a still
-MOST_ENLARGED, LEAST_PX = 1.5, 1280
-"""Pixels of a still over the panorama's own (chosen): beyond, a draft's edges are stairs; a plate's code is read from here on."""
+MOST_ENLARGED, LEAST_PX = 1.5, 1280  # chosen: a draft's edges are stairs beyond; a plate's code is read from here on
 
 
 @dataclass(frozen=True)
