@@ -19,8 +19,8 @@ from mocks.rooms.view import RoomView, outdoors
 from mocks.worlds.light import BrightDisc, Site, Vector, unit, vector_of
 from processing.ground.arrays import Floats
 
-# Raise when baking or looking up changes; then `python -m mocks.rooms.world` makes the shipped light anew.
-LIGHT_VERSION = 6
+# Raise when baking changes (then `python -m mocks.rooms.world` makes the shipped light anew); when looking it up does.
+LIGHT_VERSION, VIEW_VERSION = 6, 1
 DEFAULT: tuple[str, int, str, Kind] = ("bedroom", 7, "reference", "clear")
 """The room of `daylit demo`, whose light is shipped: nobody waits for it, and its walls are free of noise."""
 SHIPPED = Path(__file__).with_name("default.light")
@@ -37,7 +37,7 @@ class RoomWorld:
     @property
     def key(self) -> str:
         """Return what the light depends on."""
-        return f"RoomWorld {LIGHT_VERSION} {self.room.key} {QUALITIES[self.quality]!r} {self.drift!r}"
+        return f"RoomWorld {LIGHT_VERSION} {VIEW_VERSION} {self.room.key} {QUALITIES[self.quality]!r} {self.drift!r}"
 
     @property
     def components(self) -> tuple[str, ...]:

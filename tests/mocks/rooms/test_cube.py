@@ -1,9 +1,16 @@
 """The cube of pictures around the camera: every direction has its place, and pixels their directions."""
 
+import math
+
 import numpy as np
 import pytest
 
-from mocks.rooms.light.cube import FACES, Cube
+from mocks.rooms.light.cube import FACES, Cube, Guide, facing_normals
+from mocks.rooms.light.geometry import Geometry
+from mocks.rooms.model import Material
+from mocks.rooms.shell.surfaces import part_of
+from mocks.rooms.view import CubeLookup, Seen
+from processing.ground.shapes import lathe
 
 
 def random_directions(count, seed=0):
@@ -52,3 +59,27 @@ def test_faces_fade_into_one_another_everywhere():
     near /= np.linalg.norm(near, axis=1, keepdims=True)
     pair = np.stack([cube.place_in(face, near)[2] for face in range(6)])
     assert np.abs(pair[:, 0] - pair[:, 1]).max() < 1e-2
+
+
+def test_the_inside_of_a_lampshade_is_not_lit_like_its_outside() -> None:
+    """It is hardly a pixel of the cube high: taken for the outside at both ends, a shade looked see-through."""
+    profile = [(0.247, 0.4), (0.25, 0.4), (0.1, 0.6), (0.097, 0.6), (0.247, 0.4)]
+    shade = part_of(lathe(profile, 40), Material("shade", (0.8, 0.8, 0.8)), "lamp", "light")
+    eye = np.array([0.0, -2.3, 0.22], np.float32)
+    geometry = Geometry([shade])
+    guide = Guide.of(geometry, eye, Cube(192))
+    picture = np.where(guide.normal[..., 2:] < 0, np.float32(10), np.float32(100)).repeat(3, axis=3)
+    longitude, latitude = np.meshgrid(np.linspace(-0.1, 0.1, 160), np.linspace(0.06, 0.16, 160))
+    rays = np.stack([np.sin(longitude) * np.cos(latitude), np.cos(longitude) * np.cos(latitude), np.sin(latitude)], -1)
+    rays = rays.reshape(-1, 3).astype(np.float32)
+    hits = geometry.cast(eye, rays)
+    rays = rays[hits.face >= 0]
+    hits = geometry.cast(eye, rays)
+    normal = facing_normals(geometry, hits, rays)
+    plane = (np.einsum("ij,ij->i", normal, rays) * hits.distance_m).astype(np.float32)
+    seen = Seen(geometry.part_of[hits.face], normal, plane)
+    (light,) = CubeLookup(guide).at(rays, seen, [picture])
+    inside = normal[:, 2] < -0.3
+    assert 50 < inside.sum() < 0.5 * len(inside)
+    assert math.isclose(float(np.median(light[~inside])), 100, rel_tol=0.05)
+    assert (light[inside] < 30).mean() > 0.9
