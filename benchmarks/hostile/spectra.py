@@ -38,7 +38,7 @@ from processing.calibration.scale.vignetting import fit_flat
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import ROOM_SPECTRAL_SIGMA, blueness, colour_mode, widened
+from processing.pictures.modes import blueness, colour_mode, widened
 from processing.rig.calibrate import one_colour
 from processing.sphere import LensMapping
 
@@ -231,7 +231,7 @@ def _indoors(
     k1 = ScaleFactor(reading / float(seen_in(board) @ np.array(LUMINANCE_WEIGHTS)), METER_SIGMA, measured=reading)
     picture = scaled(_picture(seen_in(room).astype(np.float32)), k1)
     lit = float(blueness(seen_in(board).astype(np.float32)))
-    stated = illuminances(widened(picture, [colour_mode(lit, ROOM_SPECTRAL_SIGMA)]), PLANES)[0]
+    stated = illuminances(widened(picture, [colour_mode(lit, indoors=True)]), PLANES)[0]
     grey = np.repeat((room @ data.eye)[..., None], 3, axis=2).astype(np.float32)
     true = illuminances(scaled(_picture(grey), ScaleFactor(1.0, 0.0)), PLANES)[0]
     off = [(stated[name]["value"] - true[name]["value"], stated[name]["uncertainty"]) for name in PLANES]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from processing.errors import ParameterError
 from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer, numbers
 
 if TYPE_CHECKING:
@@ -17,7 +19,10 @@ if TYPE_CHECKING:
     from processing.figures.uncertainty import Figure
     from processing.pictures.images import LuminanceImage
 
+FIELD_SIGMA_RAD = math.radians(1.5)
+"""Standard uncertainty of half a lens's field: makers' figures and lens notes of one lens differ by 6 degrees."""
 READING_SIGMA = 0.02  # relative standard uncertainty of a luminance meter's reading (LS-160: 2 %)
+LYING = "glare is that of somebody who lies and looks at the zenith: the picture is of the sky"
 _EXISTING = click.Path(path_type=Path, exists=True)
 
 
@@ -29,9 +34,17 @@ _EXISTING = click.Path(path_type=Path, exists=True)
 @click.option("--cal", type=_EXISTING, multiple=True, help="Apply a Radiance .cal file (repeatable).")
 @click.option("--response", type=_EXISTING, help="Response curve from hdrgen (.rsp), for a folder of frames.")
 @click.option("--task", metavar="RIGHT,UP,ACROSS", help="Task zone, degrees: above 5 times its luminance is glare.")
+@click.option(
+    "--look",
+    type=Number(),
+    metavar="DEG",
+    multiple=True,
+    help="Glare there, right of a panorama's middle (repeatable).",
+)
 @click.option("--region", metavar="X0,Y0,X1,Y1", multiple=True, help="Statistics of a region, pixels (repeatable).")
 @click.option("--csv", "table", type=NO_FOLDER, help="Write the figures as CSV.")
 @click.option("--falsecolour", type=NO_FOLDER, help="Write a falsecolour picture of luminance (PNG).")
+@click.option("--falsecolour-range", metavar="LO,HI", help="Ends of its scale, in the picture's unit.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json: bool, **asked: Any) -> int:
     """Compute lighting figures of FILE: an EXR or Radiance HDR picture, or a folder with a fisheye bracket.
@@ -39,6 +52,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     \b
     Examples:
       daylit figures eye.hdr --view fisheye,equidistant,180 --reading 812@500,420 --csv eye.csv
+      daylit figures room.exr --look 0 --look 90 --falsecolour room.png --falsecolour-range 1,10000
       daylit figures bracket --view fisheye,equisolid,180 --cal vignetting.cal
       daylit figures bracket --view fisheye,equisolid,180 --response camera.rsp --cal vignetting.cal --cal factor.cal
     """
@@ -46,7 +60,16 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     from station.session.durable import disk_errors
 
     image = _opened(file, asked)
-    found = _figures(image, asked)
+    ends = (limits := asked["falsecolour_range"]) and numbers("--falsecolour-range", limits, 2, "lowest and highest")
+    if ends and not (falsecolour and 0 < ends[0] < ends[1]):
+        raise ParameterError("--falsecolour-range", advice="give --falsecolour FILE, and ends above 0 that rise")
+    found, why = _figures(image, asked)
+    if file.is_dir():
+        lens = replace(image.geometry, half_field_rad=image.geometry.half_field_rad + FIELD_SIGMA_RAD)  # type: ignore[arg-type, union-attr]
+        for name, one in _figures(replace(image, geometry=lens), asked)[0].items():
+            known, off = found[name], one["value"] - found[name]["value"]
+            known["uncertainty"] = known["uncertainty"] and math.hypot(known["uncertainty"], off)
+        why["movement"] = "what moved between frames is not judged: keep people and doors still, or use daylit process"
     if table is not None:
         with disk_errors(table, "writing"), table.open("w", newline="", encoding="utf-8") as out:
             rows = csv.writer(out)
@@ -59,7 +82,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         from processing.pictures.writing import write_bytes
 
         level = luminance_map(image)
-        low, high = display_range(level)
+        low, high = ends or display_range(level)
         scale = legend(low, high, image.unit, level.shape[0])
         write_bytes(falsecolour, png_bytes(with_legend(false_colour(level, low, high), scale)))
     lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
@@ -67,12 +90,12 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     if file.is_dir() and any(read_tags(path).adobe for path in file.iterdir() if path.is_file()):
         left_out["colour profile"] = ADOBE
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
+    left_out |= why
     return answer(facts, [*lines, *left_out.values()], as_json=as_json)
 
 
 def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     """Return the picture in cd/m2: by the frames' settings, a factor, a reading, or as the file says."""
-    from processing.errors import ParameterError
     from processing.figures import foreign
     from processing.figures.cal import read_cal
     from processing.sphere import Fisheye
@@ -102,9 +125,10 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     return foreign.by_reading(image, luminance_cd_m2, (column, row), READING_SIGMA)
 
 
-def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, Figure]:
-    from processing.errors import ParameterError
+def _figures(image: LuminanceImage, asked: dict[str, Any]) -> tuple[dict[str, Figure], dict[str, str]]:
+    """Return the figures, and what is left out or to be known of them."""
     from processing.figures import foreign
+    from processing.figures.figures import WIDTH_PX, reduced
     from processing.figures.glare import glare_indices
     from processing.sphere import Fisheye
 
@@ -114,15 +138,24 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, Figure]:
         task = (right, up, across)
         if not (abs(right) <= 180 and abs(up) <= 90 and 0 < across <= 180):
             raise ParameterError(f"--task {asked['task']}", advice="within ±180, ±90, and above 0 up to 180 degrees")
-    has_glare = isinstance(image.geometry, Fisheye) and image.absolute
+    fisheye, why = isinstance(image.geometry, Fisheye), dict[str, str]()
+    has_glare = fisheye and image.absolute
     if task and not has_glare:
         raise ParameterError("--task needs a fisheye picture in cd/m2", advice="give --view, --scale or --reading")
+    if (looks := asked["look"]) and (fisheye or not image.absolute):
+        raise ParameterError("--look needs a panorama in cd/m2", advice="a fisheye looks along its axis")
     found = foreign.light_figures(image)
     if has_glare:
         found |= glare_indices(image, task=task)[0]
+        why |= {"glare": LYING} if image.attributes.get("side") == "outdoor" else {}
+    elif looks:
+        seen = glare_indices(reduced(image, WIDTH_PX), [math.radians(at) for at in looks])
+        found |= {f"look-{at:g}-{name}": f for at, one in zip(looks, seen, strict=True) for name, f in one.items()}
+    elif image.absolute:
+        why["glare"] = "of a panorama depends on where somebody looks: give --look DEG"
     boxes = [numbers("--region", text, 4, "pixels: left, top, right, bottom") for text in asked["region"]]
     names = [f"region-{number + 1}" for number in range(len(boxes))]
-    return found | foreign.region_figures(image, [(int(a), int(b), int(c), int(d)) for a, b, c, d in boxes], names)
+    return found | foreign.region_figures(image, [(int(a), int(b), int(c), int(d)) for a, b, c, d in boxes], names), why
 
 
 @click.command()
@@ -140,7 +173,6 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
       daylit certificate sessions/2023-05-19T1554Z_coda-320
       daylit certificate sessions/2023-05-19T1554Z_coda-320 --into lab --json
     """
-    from processing.errors import ParameterError
     from processing.figures.certificate import certificate as found_of
     from processing.ground.finished import Finished
     from processing.pictures.exr import read_exr

@@ -34,15 +34,10 @@ def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px
 
     Of a fisheye at the eye, that one.
     """
-    if isinstance(image.geometry, Fisheye):
-        write_radiance_hdr(folder / f"{name}_eye-000.hdr", image)
-        return [folder / f"{name}_eye-000.hdr"]
-    found = []
-    for k in range(DIRECTIONS):
-        degrees = 360 * k // DIRECTIONS
-        path = folder / f"{name}_eye-{degrees:03d}.hdr"
-        write_radiance_hdr(path, eye_view(image, math.radians(degrees), size_px))
-        found.append(path)
+    fisheye, found = isinstance(image.geometry, Fisheye), list[Path]()
+    for degrees in range(0, 1 if fisheye else 360, 360 // DIRECTIONS):
+        found.append(folder / f"{name}_eye-{degrees:03d}.hdr")
+        write_radiance_hdr(found[-1], image if fisheye else eye_view(image, math.radians(degrees), size_px))
     return found
 
 
@@ -84,13 +79,12 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
 
     Illuminances are in lx; of a picture without absolute scale in relative units, and then there is no glare, which
     depends on the scale. ``heading_rad``: compass azimuth of the panorama's centre, None where it is not known. A
-    fisheye at the eye has one direction, with all glare indices, and nothing of what it does not see: None.
+    fisheye at the eye has one direction, and nothing of what it does not see: None.
     """
     picture = reduced(image, WIDTH_PX)
     if isinstance(picture.geometry, Fisheye):
         (glare,) = glare_indices(picture) if picture.absolute else (None,)
-        look = _look(0.0, heading_rad, light_figure(illuminance_lx(picture)), glare)
-        looks = [look if glare is None else look | {"indices": glare}]
+        looks = [_look(0.0, heading_rad, light_figure(illuminance_lx(picture)), glare)]
         unseen = dict.fromkeys(("level_up", "level_down", "cylindrical"))
         return {"height_m": height_m, **unseen, "directions": looks, "brightest": 0}
     azimuths = [2 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
@@ -109,7 +103,7 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
 def _look(azimuth_rad: float, heading_rad: float | None, light: Figure, glare: Mapping[str, Figure] | None) -> Facts:
     compass = None if heading_rad is None else round(math.degrees(azimuth_rad + heading_rad) % 360, 3)
     look: Facts = {"azimuth_deg": round(math.degrees(azimuth_rad), 6), "compass_deg": compass, "vertical": light}
-    return look if glare is None else look | {"glare": _glare(glare)}
+    return look if glare is None else look | {"glare": _glare(glare), "indices": glare}
 
 
 def _glare(found: Mapping[str, Figure]) -> Facts:

@@ -22,7 +22,7 @@ from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_
 from processing.calibration.scale.vignetting import COPY_SIGMA
 from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
 from processing.figures.cal import CalFile, text_of
-from processing.figures.uncertainty import Figure, light_figure, statistics
+from processing.figures.uncertainty import QUANTILES, Figure, light_figure, statistics
 from processing.ground.arrays import Doubles
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.exr import read_any_exr
@@ -222,7 +222,7 @@ def light_figures(image: LuminanceImage) -> dict[str, Figure]:
 def region_figures(
     image: LuminanceImage, boxes: Sequence[tuple[int, int, int, int]], names: Sequence[str]
 ) -> dict[str, Figure]:
-    """Return mean, median, lowest and highest luminance by solid angle in boxes (left, top, right, bottom).
+    """Return mean, quantiles and extremes of luminance by solid angle in boxes (left, top, right, bottom).
 
     Clipped and dark pixels count with their values, what lies outside the picture's field does not. Raises
     `ParameterError` for a box of which the picture shows nothing.
@@ -236,7 +236,7 @@ def region_figures(
     for name in names:
         if name not in found:
             raise ParameterError(f"{name} is empty", advice="give a part inside the picture")
-    unit, kinds = "_cd_m2" if image.absolute else "", ("mean", "median", "lowest", "highest")
+    unit, kinds = "_cd_m2" if image.absolute else "", ("mean", *QUANTILES)
     return {f"{name}-{kind}{unit}": found[name][kind] for name in names for kind in kinds}
 
 

@@ -234,9 +234,9 @@ def blueness(rgb: Floats) -> Floats:
     return np.asarray(np.clip(np.log(blue / green), -3, 3), dtype=np.float32)
 
 
-def colour_mode(light: float, sigma: float = SPECTRAL_SIGMA) -> SharedMode:
+def colour_mode(light: float, *, indoors: bool = False) -> SharedMode:
     """Return the mode of spectra: of luminance from RGB, ``light`` being the blueness of what set the scale."""
-    return SharedMode("spectra", "colour", (light,), (sigma,))
+    return SharedMode("spectra", "colour", (light,), (ROOM_SPECTRAL_SIGMA if indoors else SPECTRAL_SIGMA,))
 
 
 def seam_mode(measured_rad: float | None, sigma: float = SEAM_SIGMA) -> SharedMode:

@@ -32,7 +32,7 @@ from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView, Relit
 from processing.light.solver.stage import Stage
 from processing.pictures.display import Display
-from processing.pictures.exr import read_any_exr, read_exr
+from processing.pictures.exr import read_exr
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.modes import modelled
 from processing.pictures.writing import write_bytes, write_whole
@@ -194,22 +194,14 @@ def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tu
 
 
 def other_sky(path: Path) -> Outdoors:
-    """Return the light of a picture of the sky: one of ours, or anyone's OpenEXR panorama (2 : 1) that states cd/m2."""
-    image = read_any_exr(path)
-    if isinstance(image, tuple):
-        rgb, white = image
-        if rgb.shape[1] != 2 * rgb.shape[0]:
-            raise RelightError(f"a sky of {rgb.shape[1]} x {rgb.shape[0]} pixels", advice="give 2 to 1")
-        shape = rgb.shape[:2]
-        image = LuminanceImage(
-            rgb=rgb * np.float32(white or 1.0),
-            uncertainty=np.full(shape, 0.1, np.float32),
-            validity=np.full(shape, int(Validity.VALID), np.uint8),
-            geometry=Equirectangular(shape[1], shape[0]),
-            scale_uncertainty=0.1,
-            absolute=white is not None,
-        )
-    if not isinstance(image, LuminanceImage) or not image.absolute:
+    """Return the light of a picture of the sky: one of ours, or anyone's HDR panorama (2 : 1) that states cd/m2."""
+    from processing.figures.foreign import picture_of
+
+    try:
+        image = picture_of(path, None)
+    except ParameterError as error:
+        raise RelightError("a sky of unknown projection", where=path.name, advice="give a panorama, 2 to 1") from error
+    if not image.absolute:
         advice = "give one in cd/m2: stages/calibrate has it; others' pictures need whiteLuminance"
         raise RelightError("a sky without an absolute scale", where=path.name, advice=advice)
     return outdoors_of(image)

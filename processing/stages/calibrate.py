@@ -8,28 +8,17 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from processing.calibration.optics import LAMPS, find_optics, glare_facts, indoor_falloff, lamp_kernel
 from processing.calibration.outdoor.outdoor import OutdoorView, outdoor_view, project
 from processing.calibration.outdoor.session_sky import bare_light, calibrate_outdoor, why_no_scale, with_shared_modes
 from processing.calibration.profile import RigProfile, chart_mismatches, load_profile, unlike_profile
 from processing.calibration.profile_records import ResponseRecord
-from processing.calibration.scale.luminance import (
-    Calibrated,
-    ScaleFactor,
-    Spot,
-    given_scale,
-    scale_from_reading,
-    scaled,
-    sighted,
-    spot_pixels,
-)
+from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
 from processing.calibration.scale.photometry import PLANES, UP, illuminances
 from processing.calibration.scale.veiling_glare import (
-    Metered,
     bound_from_darkest,
     kernel_modes,
+    metered,
     unmeasured_modes,
     without_glare,
 )
@@ -37,17 +26,7 @@ from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import (
-    ROOM_SPECTRAL_SIGMA,
-    SEAM_KEY,
-    SEAM_SIGMA,
-    blueness,
-    carrying,
-    colour_mode,
-    falloff_mode,
-    seam_mode,
-    widened,
-)
+from processing.pictures.modes import SEAM_KEY, SEAM_SIGMA, carrying, colour_mode, falloff_mode, seam_mode, widened
 from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.sphere import Equirectangular, Fisheye
 from processing.stages.brackets import is_panorama_camera
@@ -227,11 +206,11 @@ def calibrate_indoor(
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
     del image
     lenses = any(is_panorama_camera(device) for device in session.devices if device.role == "indoor")
-    spot = _metered(picture, scale, target)
+    spot, lit = metered(picture, scale, target)
     sigma = tied if isinstance(tied, float) else SEAM_SIGMA
     seam = [seam_mode(spot[1] if spot else None, sigma)] if lenses else []
     stray = kernel_modes(picture, kernel, spot) if kernel else unmeasured_modes(picture, spot)
-    picture = widened(picture, [*stray, *seam, colour_mode(_lit(picture, spot), ROOM_SPECTRAL_SIGMA)])
+    picture = widened(picture, [*stray, *seam, colour_mode(lit, indoors=True)])
     if falloff and falloff.relative_uncertainty:
         cosine = math.cos(spot[1]) * math.cos(spot[2]) if spot else 1.0
         picture = carrying(picture, [falloff_mode(falloff.relative_uncertainty, cosine)])
@@ -244,22 +223,6 @@ def calibrate_indoor(
     except LensError as error:
         facts["veil_upper_bound"] = {"none": str(error)}
     return Calibrated(picture, scale, facts, (*scale.warnings, *low, *not_a_panorama(picture)))
-
-
-def _metered(image: LuminanceImage, scale: ScaleFactor, target: dict[str, Any]) -> Metered | None:
-    """Return what the meter read, and where in the picture's own axes; None: no reading set the scale."""
-    if not scale.measured:
-        return None
-    towards = math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"])
-    return (scale.measured, *sighted(image.geometry, *towards))
-
-
-def _lit(image: LuminanceImage, spot: Metered | None) -> float:
-    """Return the blueness of what the meter read, on whose light the scale holds; of daylight without a reading."""
-    if spot is None:
-        return 0.0
-    found = spot_pixels(image.geometry, Spot(*spot[1:]))
-    return float(blueness(np.asarray(found.share @ image.rgb[found.row, found.column], np.float32)))
 
 
 def _scale_facts(scale: ScaleFactor, target: dict[str, Any], session: SessionManifest) -> dict[str, Any]:
@@ -284,8 +247,8 @@ def calibrate_eye(
     image = project(bare, outdoor_view(OutdoorView.EQUIDISTANT, round(2 * facts["image_circle"]["radius_px"])))
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
-    spot = _metered(picture, scale, target)
-    picture = with_shared_modes(picture, optics, kernel, _lit(picture, spot), spot)
+    spot, lit = metered(picture, scale, target)
+    picture = with_shared_modes(picture, optics, kernel, lit, spot)
     lux, low = illuminances(picture, {"eye": UP})
     facts |= _scale_facts(scale, target, session) | {"veil": veil, "illuminance_lx": lux}
     return Calibrated(picture, scale, facts, (*scale.warnings, *warnings, *low))

@@ -21,17 +21,7 @@ from processing.calibration.scale.veiling_glare import Metered, kernel_modes, un
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, P, RelativeImage, Validity, in_blocks
-from processing.pictures.modes import (
-    ROOM_SPECTRAL_SIGMA,
-    SPECTRAL_SIGMA,
-    SharedMode,
-    colour_mode,
-    falloff_mode,
-    less_by_sum,
-    modes_of,
-    widened,
-    with_modes,
-)
+from processing.pictures.modes import SharedMode, colour_mode, falloff_mode, less_by_sum, modes_of, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye, projected_solid_angles
 from station.session.session import SessionManifest, Side
 
@@ -176,7 +166,7 @@ def with_shared_modes(
     if optics.filter and optics.filter.relative_uncertainty:
         others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
     stray = kernel_modes(picture, kernel, measured) if kernel else unmeasured_modes(picture, measured)
-    left = [*stray, colour_mode(light, ROOM_SPECTRAL_SIGMA if measured else SPECTRAL_SIGMA)]
+    left = [*stray, colour_mode(light, indoors=measured is not None)]
     if READING_KEY in picture.attributes:
         weights = projected_solid_angles(picture.geometry, UP) * (picture.validity == Validity.VALID)
         left, others = (less_by_sum(some, picture, weights) for some in (left, others))

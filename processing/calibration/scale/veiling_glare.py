@@ -8,18 +8,20 @@ light.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from scipy.linalg import block_diag
 
 from processing.calibration.scale import glare_fit
+from processing.calibration.scale.luminance import ScaleFactor, Spot, sighted, spot_pixels
 from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import ROWS_AT_ONCE, SharedMode, between
+from processing.pictures.modes import ROWS_AT_ONCE, SharedMode, between, blueness
 from processing.sphere import Fisheye, Geometry, directions, in_pixels, solid_angles
 
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
@@ -175,6 +177,16 @@ def without_glare(image: Picture, kernel: glare_fit.GlareKernel) -> Picture:
 
 Metered = tuple[float, float, float]
 """Luminance in cd/m2, longitude and latitude in radians of the spot that set a picture's scale."""
+
+
+def metered(image: LuminanceImage, scale: ScaleFactor, target: Mapping[str, Any]) -> tuple[Metered | None, float]:
+    """Return which spot of an indoor picture set its scale, and its blueness; None, and daylight's: none did."""
+    if not scale.measured:
+        return None, 0.0
+    place = sighted(image.geometry, math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
+    spot = spot_pixels(image.geometry, Spot(*place))
+    light = np.asarray(spot.share @ image.rgb[spot.row, spot.column], np.float32)
+    return (scale.measured, *place), float(blueness(light))
 
 
 def kernel_modes(

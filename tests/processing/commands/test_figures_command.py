@@ -15,13 +15,16 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from daylit import main
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import BracketError
+from processing.figures import foreign
 from processing.figures.foreign import taken_frames
+from processing.figures.uncertainty import QUANTILES
 from processing.ground.colour import srgb_of_linear
 from processing.pictures.exr import write_exr
 from processing.pictures.images import Validity
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Fisheye, LensMapping, Perspective
+from processing.sphere import Fisheye, LensMapping, Perspective, directions
 from tests.processing.pictures.picture_strategies import luminance_image
 
 FISHEYE = ("--view", "fisheye,equidistant,180")
@@ -57,7 +60,7 @@ def test_a_picture_without_a_scale_is_in_relative_units(tmp_path: Path, capsys: 
     code, found = said(capsys, path, *FISHEYE)
     assert (code, found["unit"]) == (0, "relative units")
     # No name may promise lx or cd/m2, and glare depends on the scale.
-    assert set(found["figures"]) == {"illuminance", *(f"picture-{n}" for n in ("mean", "median", "lowest", "highest"))}
+    assert set(found["figures"]) == {"illuminance", "picture-mean", *(f"picture-{n}" for n in QUANTILES)}
     assert found["figures"]["picture-mean"]["value"] == pytest.approx(40)
     assert "--scale" in found["left_out"]["glare"]
     assert main(["figures", path, *FISHEYE]) == 0
@@ -150,6 +153,64 @@ def test_tables_go_where_there_is_a_folder(tmp_path: Path, capsys: pytest.Captur
         assert "folder does not exist" in found["likely"]
 
 
+def test_a_falsecolour_scale_may_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two pictures of one scale can be compared; an end that cannot be, or no picture to draw, is refused."""
+    path, drawn = exr(tmp_path / "p.exr", white=1.0), []
+    for ends in ((), ("--falsecolour-range", "1,1000"), ("--falsecolour-range", "10,100")):
+        assert said(capsys, path, "--falsecolour", str(tmp_path / "x.png"), *ends)[0] == 0
+        drawn.append((tmp_path / "x.png").read_bytes())
+    assert len(set(drawn)) == 3
+    for ends in ("100,10", "0,10"):
+        found = error(capsys, path, "--falsecolour", str(tmp_path / "x.png"), "--falsecolour-range", ends)
+        assert "--falsecolour-range" in found["message"]
+    assert "--falsecolour FILE" in error(capsys, path, "--falsecolour-range", "1,10")["advice"]
+
+
+def test_a_panoramas_glare_is_where_somebody_looks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    light = np.full((64, 128, 3), 50, np.float32)
+    light[20:30, 90:102] = 8000  # a window to the right
+    write_exr(tmp_path / "p.exr", luminance_image(light))
+    path = str(tmp_path / "p.exr")
+    assert "--look" in said(capsys, path)[1]["left_out"]["glare"]
+    _, found = said(capsys, path, "--look", "90", "--look", "-90")
+    window, wall = ({k: found["figures"][f"look-{at}-{k}"]["value"] for k in ("dgp", "ugr", "dgi")} for at in (90, -90))
+    assert window["dgp"] > 0.3 > wall["dgp"]
+    assert window["ugr"] > 10
+    assert "glare" not in found["left_out"]
+    for words in ((exr(tmp_path / "relative.exr"),), (exr(tmp_path / "f.exr", size=(32, 32), white=1.0), *FISHEYE)):
+        assert "--look" in error(capsys, *words, "--look", "0")["message"]
+
+
+def test_glare_of_a_sky_is_of_somebody_who_lies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = luminance_image(np.full((32, 32, 3), 3000, np.float32), Fisheye(32, 32, LensMapping.EQUIDISTANT, 16))
+    for side, lying in (("outdoor", True), ("indoor", False)):
+        write_exr(tmp_path / "own.exr", replace(image, attributes={"side": side}))
+        _, found = said(capsys, str(tmp_path / "own.exr"))
+        assert ("lies" in found["left_out"].get("glare", "")) == lying
+        assert "dgp" in found["figures"]
+
+
+def test_a_bracket_is_as_unsure_as_its_lens_field(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disc off the axis goes nearer to the rim, and grows, where the field is taken wider by 3 degrees."""
+    geometry = Fisheye(200, 200, LensMapping.EQUIDISTANT, 100)
+    rays, seen = directions(geometry)
+    level = np.where(rays @ np.array([0.7, 0, 0.714]) > 0.95, 5000.0, 0.0) * seen
+    image = luminance_image(np.repeat(level[..., None], 3, axis=2), geometry)
+    image = replace(image, validity=np.where(seen, image.validity, np.uint8(Validity.OUTSIDE)))
+    monkeypatch.setattr(foreign, "merged_bracket", lambda *_: image)
+    _, found = said(capsys, str(frames(tmp_path / "frames")), "--view", "fisheye,equidistant,180")
+    wider = replace(image, geometry=replace(geometry, half_field_rad=math.radians(91.5)))
+    known, other = illuminance_lx(image), illuminance_lx(wider)
+    stated = found["figures"]["illuminance_lx"]
+    expected = math.hypot(known.uncertainty_lx, other.value_lx - known.value_lx)
+    assert abs(other.value_lx - known.value_lx) > 0.005 * known.value_lx
+    assert stated["value"] == pytest.approx(known.value_lx)
+    assert stated["uncertainty"] == pytest.approx(expected, rel=1e-4)
+    assert "moved" in found["left_out"]["movement"]
+
+
 def test_a_black_picture_has_false_colours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = exr(tmp_path / "black.exr", level=0.0)
     assert said(capsys, path, "--falsecolour", str(tmp_path / "x.png"))[0] == 0
@@ -187,6 +248,8 @@ def test_a_region_is_what_lies_inside(tmp_path: Path, capsys: pytest.CaptureFixt
     path = exr(tmp_path / "p.exr")
     _, found = said(capsys, path, "--region", "-5,-5,10,10")
     assert found["figures"]["region-1-mean"]["value"] == pytest.approx(40)
+    assert found["figures"]["region-1-p05"]["value"] == pytest.approx(40)
+    assert "region-1-p95" in found["figures"]
     assert "is empty" in error(capsys, path, "--region", "-5,-5,0,0")["message"]
 
 

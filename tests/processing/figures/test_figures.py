@@ -50,6 +50,10 @@ def test_a_window_to_the_right_is_where_the_light_is() -> None:
     assert found["directions"][found["brightest"]]["azimuth_deg"] == 90
     assert found["directions"][0]["compass_deg"] is None
     assert found["directions"][2]["glare"]["dgp"]["value"] > found["directions"][6]["glare"]["dgp"]["value"]
+    indices = [look["indices"] for look in found["directions"]]
+    assert all({"dgi", "ugr", "cgi", "vcp_pct", "ugp", "lveil_cd_m2"} <= one.keys() for one in indices)
+    assert indices[2]["ugr"]["value"] > indices[6]["ugr"]["value"]
+    assert indices[2]["dgp"] == found["directions"][2]["glare"]["dgp"]
 
 
 def test_clipped_light_makes_a_lower_bound_and_no_scale_no_glare() -> None:
