@@ -22,7 +22,7 @@ SATURATION_CD_M2_S = 120 * 5.6**2 / 100
 FIRST, LAST, MIDDLE = 5, 250, 128
 JPEG_QUALITY = 95
 MOST = 1000
-"""Brackets at most: all of them (67), but for a trial."""
+"""Brackets at most: all of them (34), but for a trial."""
 
 
 def dorf_figures(seed: int, *, quick: bool) -> dict[str, float]:

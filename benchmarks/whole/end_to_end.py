@@ -101,10 +101,8 @@ def rows_of(
     count, divisor = (QUICK_ROOMS, QUICK_DIVISOR) if quick else (FULL_ROOMS, FULL_DIVISOR)
     count, asked = rooms or count, dict(options or {})
     named = "".join(f"-{flag.strip('-')}-{value}" for flag, value in asked.items())
-    path = default_folder().parent / f"end-to-end-rows-{seed}{named}-{_digest('processing', 'mocks')}.jsonl"
-    known: dict[str, dict[str, Any]] = {}
-    if path.is_file() and not quick:
-        known = {row["key"]: row for row in map(json.loads, path.read_text("utf-8").splitlines())}
+    path = _rows_path(seed, named)
+    known: dict[str, dict[str, Any]] = {} if quick else {row["key"]: row for row in _kept(path)}
     limit_s, start_s = float(os.environ.get("DAYLIT_BENCH_CPU_S", "inf")), time.process_time()
     rows = []
     for number, use in truth_list("test", count, seed):
@@ -123,6 +121,19 @@ def rows_of(
                     file.write(json.dumps(known[key]) + "\n")
         rows.append(known[key])
     return rows
+
+
+def kept_rows(seed: int) -> list[dict[str, Any]]:
+    """Return the rows that full runs of today's code have left; none where there was no such run."""
+    return _kept(_rows_path(seed))
+
+
+def _rows_path(seed: int, named: str = "") -> Path:
+    return default_folder().parent / f"end-to-end-rows-{seed}{named}-{_digest('processing', 'mocks')}.jsonl"
+
+
+def _kept(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path.is_file() else []
 
 
 def _digest(*folders: str) -> str:

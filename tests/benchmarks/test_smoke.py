@@ -23,17 +23,20 @@ from processing.light.solver.irradiance import Effort
 KEYS = {
     "capture": "limit_ratio skew_p99_ms peak_mb help_s",
     "truth": "furnace_err_pct sphere_err_pct form_factor_err_pct daylight_err_pct outdoor_lux_err_pct rooms_ok",
-    "response": "rms_stops jpeg_rms_stops cpu_s rival_best_rms_stops",
+    "response": "rms_stops jpeg_rms_stops cpu_s rival_best_rms_stops dorf_median_stops dorf_p90_stops dorf_cover2_pct "
+    "dorf_jpeg_median_stops dorf_jpeg_p90_stops",
     "hostile": "worlds scenes worst_cover95_pct median_cover95_pct smooth_cover95_pct textured_cover95_pct "
     "lux_cover95_pct worlds_better_than_opencv median_gain_over_opencv false_ghost_pct "
     "glare_in_family_near_pct glare_in_family_dark_kept_pct glare_hostile_near_pct glare_hostile_dark_kept_pct "
     "glare_lamps_near_pct theta_raw_gain theta_raw_cover95_pct spectral_lux_err_pct spectral_lux_cover95_pct "
+    "spectral_indoor_lux_err_pct spectral_indoor_lux_cover95_pct "
     "odd_even_canon_cover95_pct odd_even_room_cover95_pct smooth_worst_cover95_pct smooth_median_cover95_pct "
     "textured_worst_cover95_pct textured_median_cover95_pct p95_err_stops cover68_pct decade_bias_stops "
     "film_cover95_pct film_err_stops hostile_rigs hostile_rigs_refused",
     "merge": "cpu_ratio_robertson cpu_ratio_debevec median_err_stops p95_err_stops decade_bias_stops "
     "jpeg_median_err_stops jpeg_p95_err_stops decode_ratio peak_mb coverage68_pct coverage95_pct",
-    "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct",
+    "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct "
+    "zenith_colour_err_pct staged_cover95_pct canon_lux_err_pct canon_unscaled_lux_err_pct",
     "sphere": "speedup_py360convert remap_ratio uniform_err hemisphere_err sun_energy_err_pct",
     "room": "iou3d_empty_median iou3d_furnished_median corner_err_pct window_iou iou3d_zind_median seconds "
     "iou3d_zind_inside_mean confidence_brier_zind_inside constant_brier_zind_inside windows_precision_zind_own_room "
@@ -65,6 +68,8 @@ KEYS = {
     "one_more_cpu_s first_use_extra_cpu_s first_use_wheel_extra_cpu_s growth_exponent zenith_colour_err_pct",
 }
 NEEDS = {
+    "photometry": "brackets/canon5d2_8mm_bracket",
+    "response": "curves",
     "room": "panoramas/zind",
     "detect": "panoramas",
     "real": "panoramas/furnished",
