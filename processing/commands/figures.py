@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from processing.errors import ParameterError
 from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer, numbers
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     image = _opened(file, asked)
     ends = (limits := asked["falsecolour_range"]) and numbers("--falsecolour-range", limits, 2, "lowest and highest")
     if ends and not (falsecolour and 0 < ends[0] < ends[1]):
-        raise ParameterError("--falsecolour-range", advice="give --falsecolour FILE, and ends above 0 that rise")
+        raise click.UsageError(f"--falsecolour-range {limits}: give --falsecolour FILE, and ends above 0 that rise")
     found, why = _figures(image, asked)
     if file.is_dir():
         lens = replace(image.geometry, half_field_rad=image.geometry.half_field_rad + FIELD_SIGMA_RAD)  # type: ignore[arg-type, union-attr]
@@ -96,6 +95,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
 
 def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     """Return the picture in cd/m2: by the frames' settings, a factor, a reading, or as the file says."""
+    from processing.errors import ParameterError
     from processing.figures import foreign
     from processing.figures.cal import read_cal
     from processing.sphere import Fisheye
@@ -127,6 +127,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
 
 def _figures(image: LuminanceImage, asked: dict[str, Any]) -> tuple[dict[str, Figure], dict[str, str]]:
     """Return the figures, and what is left out or to be known of them."""
+    from processing.errors import ParameterError
     from processing.figures import foreign
     from processing.figures.figures import WIDTH_PX, reduced
     from processing.figures.glare import glare_indices
@@ -173,6 +174,7 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
       daylit certificate sessions/2023-05-19T1554Z_coda-320
       daylit certificate sessions/2023-05-19T1554Z_coda-320 --into lab --json
     """
+    from processing.errors import ParameterError
     from processing.figures.certificate import certificate as found_of
     from processing.ground.finished import Finished
     from processing.pictures.exr import read_exr

@@ -163,7 +163,7 @@ def test_a_falsecolour_scale_may_be_given(tmp_path: Path, capsys: pytest.Capture
     for ends in ("100,10", "0,10"):
         found = error(capsys, path, "--falsecolour", str(tmp_path / "x.png"), "--falsecolour-range", ends)
         assert "--falsecolour-range" in found["message"]
-    assert "--falsecolour FILE" in error(capsys, path, "--falsecolour-range", "1,10")["advice"]
+    assert "--falsecolour FILE" in error(capsys, path, "--falsecolour-range", "1,10")["message"]
 
 
 def test_a_panoramas_glare_is_where_somebody_looks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
