@@ -189,7 +189,7 @@ def _one(
     image = outdoor.with_lens(_picture(rgb.astype(np.float32), lens), optics)
     image = outdoor.correct_colour(outdoor.correct_vignetting(image, optics), optics)
     lit = float(blueness(charts[0].rgb[WHITE]))
-    picture = with_shared_modes(scaled(image, combined(k1, k2), k1=k1.value, k2=k2.value), optics, None, lit)
+    picture = with_shared_modes(scaled(image, combined(k1, k2), k1=k1.value, k2=k2.value), optics, None, (None, lit))
     lux = illuminances(picture, {"up": (0.0, 0.0, 1.0)})[0]["up"]
     truth = _true_lux(sun / np.linalg.norm(sun))
     error = lux["value"] / truth - 1

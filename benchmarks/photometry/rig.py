@@ -194,7 +194,7 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     view = outdoor_view(OutdoorView.HEMISPHERICAL, max(64, round(2 * camera.lens.circle.radius_px)))
     lit = outdoor.correct_vignetting(outdoor.with_lens(merged, optics), optics)
     flat = scaled(outdoor.project(outdoor.correct_colour(lit, optics), view), scale)
-    lux = illuminance_lx(with_shared_modes(flat, optics, kernel, k2.light))
+    lux = illuminance_lx(with_shared_modes(flat, optics, kernel, (None, k2.light)))
     true_lux = _true_lux(taken.world)
     known = sky_all_known(camera, taken, side, rows, scene) if rig.bodies[Side.OUTDOOR].known else None
     return Outdoor(

@@ -247,8 +247,7 @@ def calibrate_eye(
     image = project(bare, outdoor_view(OutdoorView.EQUIDISTANT, round(2 * facts["image_circle"]["radius_px"])))
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
-    spot, lit = metered(picture, scale, target)
-    picture = with_shared_modes(picture, optics, kernel, lit, spot)
+    picture = with_shared_modes(picture, optics, kernel, metered(picture, scale, target))
     lux, low = illuminances(picture, {"eye": UP})
     facts |= _scale_facts(scale, target, session) | {"veil": veil, "illuminance_lx": lux}
     return Calibrated(picture, scale, facts, (*scale.warnings, *warnings, *low))

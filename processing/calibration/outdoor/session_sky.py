@@ -111,7 +111,7 @@ def calibrate_outdoor(
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     factors |= {READING_KEY: (asked.outdoor_lux, LUX_METER_UNCERTAINTY)} if scale_facts["k2_source"] == FROM_LUX else {}
     picture = scaled(sky.image, scale, side="outdoor", session_id=session.session_id, **factors)
-    shared = optics, sky.kernel, k2.light if k2 else 0.0
+    shared = optics, sky.kernel, (None, k2.light if k2 else 0.0)
     if smaller == 1:
         picture, repair = _repaired(with_shared_modes(picture, *shared), asked, session, sky)
     else:  # only in the whole picture is a clipped sun's disc sharp
@@ -147,19 +147,15 @@ def _other_curves(k2: K2Record | None, responses: Mapping[Side, ResponseRecord])
 
 
 def with_shared_modes(
-    picture: LuminanceImage,
-    optics: OutdoorOptics,
-    kernel: GlareKernel | None,
-    light: float = 0.0,
-    measured: Metered | None = None,
+    picture: LuminanceImage, optics: OutdoorOptics, kernel: GlareKernel | None, lit: tuple[Metered | None, float]
 ) -> LuminanceImage:
     """Return the picture with what stray light, spectra, fall-off and filter leave uncertain in all pixels alike.
 
-    The last two are in the pixels' own uncertainty already, which sums take as independent. ``light``: blueness of the
-    light by which the scale was measured; ``measured``: in this picture, where stray light and fall-off are then 0. Of
-    a picture whose illuminance is a reading they add nothing to that.
+    The last two are in the pixels' own uncertainty already, which sums take as independent. ``lit``: the spot of the
+    picture by which its scale was measured, if any, where stray light and fall-off are then 0, and the blueness of the
+    light on which the scale holds. Of a picture whose illuminance is a reading they add nothing to that.
     """
-    others = list(modes_of(picture))
+    (measured, light), others = lit, list(modes_of(picture))
     if optics.vignetting and optics.vignetting.relative_uncertainty:
         falloff = falloff_mode(optics.vignetting.relative_uncertainty)
         others.append(falloff.less(falloff.values[1] * math.cos(measured[2])) if measured else falloff)

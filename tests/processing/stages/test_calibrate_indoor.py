@@ -69,7 +69,7 @@ def test_fall_off_and_stray_light_of_an_eye_are_0_where_the_meter_looked() -> No
     towards = sighted(geometry, math.radians(40), math.radians(10))
     spot = spot_pixels(geometry, Spot(*towards))
     level = luminance_cd_m2(picture.rgb)
-    found = with_shared_modes(picture, optics, None, 0.0, (spot.mean(level), *towards))
+    found = with_shared_modes(picture, optics, None, ((spot.mean(level), *towards), 0.0))
     assert {"fall-off", "stray light 1", "spectra"} <= {mode.name for mode in modes_of(found)}
     errors = {mode.name: relative_error(mode, found, level) for mode in modes_of(found)}
     for name, error in errors.items():
