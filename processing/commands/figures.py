@@ -34,11 +34,7 @@ _EXISTING = click.Path(path_type=Path, exists=True)
 @click.option("--response", type=_EXISTING, help="Response curve from hdrgen (.rsp), for a folder of frames.")
 @click.option("--task", metavar="RIGHT,UP,ACROSS", help="Task zone, degrees: above 5 times its luminance is glare.")
 @click.option(
-    "--look",
-    type=Number(),
-    metavar="DEG",
-    multiple=True,
-    help="Glare there, right of a panorama's middle (repeatable).",
+    "--look", type=Number(), metavar="DEG", multiple=True, help="Glare that far right of a panorama's middle."
 )
 @click.option("--region", metavar="X0,Y0,X1,Y1", multiple=True, help="Statistics of a region, pixels (repeatable).")
 @click.option("--csv", "table", type=NO_FOLDER, help="Write the figures as CSV.")
@@ -64,7 +60,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         raise click.UsageError(f"--falsecolour-range {limits}: give --falsecolour FILE, and ends above 0 that rise")
     found, why = _figures(image, asked)
     if file.is_dir():
-        lens = replace(image.geometry, half_field_rad=image.geometry.half_field_rad + FIELD_SIGMA_RAD)  # type: ignore[arg-type, union-attr]
+        lens = replace(image.geometry, half_field_rad=image.geometry.half_field_rad - FIELD_SIGMA_RAD)  # type: ignore[arg-type, union-attr]
         for name, one in _figures(replace(image, geometry=lens), asked)[0].items():
             known, off = found[name], one["value"] - found[name]["value"]
             known["uncertainty"] = known["uncertainty"] and math.hypot(known["uncertainty"], off)
