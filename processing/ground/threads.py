@@ -7,11 +7,11 @@ that have threads of their own the same number.
 
 import ctypes
 import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from processing.errors import ParameterError
 
@@ -83,6 +83,27 @@ def give_back(kept_bytes: int = KEPT_BYTES) -> None:
 def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
     """Return the results of two independent calls, made side by side."""
     return cast(tuple[T, R], tuple(side_by_side(lambda make: make(), (one, other))))
+
+
+@contextmanager
+def behind() -> Iterator[Callable[[Callable[[], Any]], Future[Any]]]:
+    """Give what does work, in order, behind its caller, who goes on; at once where only one thread may work.
+
+    What a piece of work raises is raised again when the next one is given, and at the end, when all is done.
+    """
+    tasks: list[Future[Any]] = []
+    with ThreadPoolExecutor(1) as pool:
+
+        def later(work: Callable[[], Any]) -> Future[Any]:
+            while tasks and tasks[0].done():
+                tasks.pop(0).result()
+            tasks.append(pool.submit(work))
+            wait(tasks if threads() == 1 else [])
+            return tasks[-1]
+
+        yield later
+        for task in tasks:
+            task.result()
 
 
 def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:

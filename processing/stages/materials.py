@@ -72,7 +72,9 @@ def run(context: StageContext) -> StageOutput:
     sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
     found = _under_share(found, share)
     if sunlit is not None:
-        write_patch(context.folder / "sun.npz", sunlit, replace(image, rgb=empty.without(empty.sunlit)[0]))
+        with empty.without(empty.sunlit) as (below, _):
+            removed = below.copy()
+        write_patch(context.folder / "sun.npz", sunlit, replace(image, rgb=removed))
     write_scene(context.folder / "scene.npz", found.scene)
     facts = _facts(found, source, absolute=image.absolute)
     return StageOutput(
@@ -109,18 +111,19 @@ def in_its_sun(
     reached = resized(grown(lit, 2 * math.pi / rows).astype(np.float32), empty.sunless.shape) > 0
     if not (empty.sunless & reached).any():
         return as_seen, "no direct sun falls on what was removed or shaded", whole
-    below, sunless = empty.without(empty.sunlit)
-    assert sunless is not None
-    found = differential(below, bare, (), eye_m, effort=effort, sunless=sunless & reached)
-    rgb, kept, doubt = found.rgb, found.kept, image.uncertainty.copy()
-    rgb -= below
+    with empty.without(empty.sunlit) as (below, sunless):
+        assert sunless is not None
+        found = differential(below, bare, (), eye_m, effort=effort, sunless=sunless & reached)
+        rgb, kept, doubt = found.rgb, found.kept, image.uncertainty.copy()
+        rgb -= below
     if empty.sunlit is not None and empty.shaded is not None:
         seen = image.rgb[empty.sunlit] - empty.shaded
         valid = image.validity[empty.sunlit] == Validity.VALID
         whole = share_of_sun(seen[valid], rgb[empty.sunlit][valid], len(rgb), most_sun(scene.outdoors.sun))
         kept |= empty.sunlit
     rgb *= whole.astype(np.float32)
-    rgb += below
+    with empty.without(empty.sunlit) as (below, _):
+        rgb += below
     np.copyto(rgb, image.rgb, where=kept[..., None])
     widen_doubt(rgb, image.rgb, kept, np.asarray(LUMINANCE_WEIGHTS, np.float32), doubt)
     return estimated(replace(image, rgb=rgb, uncertainty=doubt), ~kept, own=True), "", whole

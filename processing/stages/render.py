@@ -1,6 +1,7 @@
 """The stage render: furniture in the calibrated picture, in cd/m2 (paper, section 6)."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -11,14 +12,23 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import finely, write_scene_glb
 from processing.ground.arrays import Flags, Floats, Indices, Vector
-from processing.ground.threads import give_back
+from processing.ground.threads import behind
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.assumed import session_plan
 from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import Bare, Staged, differential, ibl, parted_sun, patches_of_sun, widen_doubt
+from processing.light.picture.composite import (
+    Bare,
+    Staged,
+    changed,
+    drawn,
+    ibl,
+    parted_sun,
+    patches_of_sun,
+    widen_doubt,
+)
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -39,6 +49,7 @@ QUALITY = {
     "standard": EFFORTS["standard"],
     "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
 }
+Later = Callable[[Callable[[], Any]], Future[Any]]
 _PLACED: Any = {"id", "category", "model", "size_m", "theta_rad", "t_m"}
 _SHOWN: Any = {"rank": True, "items": {"__all__": _PLACED}, "not_placed": True}
 """Of an arrangement, what its picture and facts depend on."""
@@ -74,12 +85,18 @@ class _Work:
     effort: Effort
     asked: RenderParameters
     own: Catalogue | None
-    model: Scene
+    model: Future[Scene]
     """For the models: with finer albedo."""
+    later: Later
 
 
 def run(context: StageContext) -> StageOutput:
-    """Render each alternative, of which those that stand already are kept; pictures and models one by one."""
+    """Render each alternative, of which those that stand are kept; each is written during the next one's light."""
+    with behind() as later:
+        return _rendered(context, later)
+
+
+def _rendered(context: StageContext, later: Later) -> StageOutput:
     asked = context.parameters_of(RenderParameters)
     if asked.style is not None:
         style_named(asked.style)
@@ -88,7 +105,7 @@ def run(context: StageContext) -> StageOutput:
     effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
     if context.time_budget_s is not None:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
-    work = cache(partial(_work, context, asked, effort))
+    work = cache(partial(_work, context, asked, effort, later))
     was, (plan, _) = plan_from_mapping(arranged.plan, where="arrangement"), session_plan(known_room(context))
     if np.array_equal(np.round(was.corners, 3), np.round(plan.corners, 3)):  # else it was given for another shape
         plan = replace(plan, hung=was.hung)
@@ -121,7 +138,7 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Work:
+def _work(context: StageContext, asked: RenderParameters, effort: Effort, later: Later) -> _Work:
     empty = emptied(context)
     context.let_go()  # three quarters of a gigabyte
     bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
@@ -134,23 +151,20 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Wo
         geometry = Equirectangular(base.shape[1], base.shape[0])
         base = render(bare.stage, geometry, eye, effort=effort, seed=asked.seed).rgb
     folder = asked.furniture
-    model = finely(bare.stage.scene, empty.image, room)
-    patches = patches_of_sun(empty.sunlit)
-    return _Work(
-        empty, base, bare, patches, eye, effort, asked, None if folder is None else Catalogue.at(folder), model
-    )
+    model = later(partial(finely, bare.stage.scene, empty.image, room))
+    patches, own = patches_of_sun(empty.sunlit), None if folder is None else Catalogue.at(folder)
+    return _Work(empty, base, bare, patches, eye, effort, asked, own, model, later)
 
 
 def _alternative(
     path: Path, common: Callable[[], _Work], style: str, one: Arrangement, added: tuple[PlacedItem, ...]
 ) -> dict[str, Any]:
-    """Render one alternative, write its picture and its model (``path`` without an ending), and return its facts."""
+    """Render one alternative, have its picture and its model written (``path`` without an ending), return its facts."""
     work = common()
-    give_back()  # what the alternative before was made with
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=work.asked.lamps == "on")
-    staged = _staged(work, parts, work.effort)
-    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged), own=True)
-    write_scene_glb(path.with_suffix(".glb"), work.model.furnished(parts), work.eye_m)
+    staged = _staged(work, parts)
+    image, made = _picture(work, staged, one), ~_kept(work, staged)
+    work.later(partial(_write, path, image, made, work, parts))
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",
         "items": [item.id for item in one.items],
@@ -166,18 +180,28 @@ def _alternative(
     }
 
 
-def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
+def _write(path: Path, image: LuminanceImage, made: Flags, work: _Work, parts: tuple[Part, ...]) -> None:
+    write_stage_exr(path.with_suffix(".exr"), image, made, own=True)
+    write_scene_glb(path.with_suffix(".glb"), work.model.result().furnished(parts), work.eye_m)
+
+
+def _staged(work: _Work, parts: tuple[Part, ...]) -> Staged:
     """Return the picture with furniture by the method asked for.
 
     ``global`` is the rendered room with the rendered change of light: the same light transport as one render of the
     furnished room, less the noise that the two have in common.
     """
+    base, seed = work.base, work.asked.seed
+    if work.asked.method == "ibl" or work.effort.budget_s is not None:
+        work.later(lambda: None).result()  # two pictures more would be in memory; writing would spend of the budget
     if work.asked.method == "ibl":
-        return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, clean=effort.clean, seed=work.asked.seed)
-    base, sunless = work.base, None
-    if work.asked.method == "differential":
-        base, sunless = work.empty.without(parted_sun(work.patches, base.shape, work.bare, parts, work.eye_m))
-    return differential(base, work.bare, parts, work.eye_m, effort=effort, seed=work.asked.seed, sunless=sunless)
+        return ibl(base, parts, work.eye_m, work.bare.stage.scene, clean=work.effort.clean, seed=seed)
+    change = changed(base, work.bare, parts, work.eye_m, effort=work.effort, seed=seed)
+    work.later(lambda: None).result()  # before anything as large is made, or the emptied picture is changed
+    if work.asked.method == "global":
+        return drawn(change, base, None)
+    with work.empty.without(parted_sun(work.patches, base.shape, work.bare, parts, work.eye_m)) as (below, sunless):
+        return drawn(change, below, sunless)
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:

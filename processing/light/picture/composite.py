@@ -16,7 +16,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.kernels import compiled
 from processing.ground.seam import components
-from processing.ground.threads import give_back
+from processing.ground.threads import KEPT_BYTES, give_back
 from processing.light.picture.change import Change, bands, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
@@ -38,6 +38,7 @@ validation rooms, photographed at 1/16, it covers 95 % of the changed pixels; th
 CHANGE, MOST_CHANGE = 0.5, 2.0
 """The same for each e-fold by which furniture or shadow changes a pixel, up to so many; chosen: of a validation bedroom
 those that change by more than 0.4 err by 0.44 to 0.73 (rms), and were covered at 77 %."""
+DRAWN_BYTES = 700_000_000  # that drawing a picture of 22.6 megapixels takes (measured)
 IBL_ROWS = 512  # height of the picture in which furniture's light by the panorama is gathered
 
 
@@ -84,10 +85,18 @@ def differential(
       once (`Bare.of`) it serves several pictures.
     ``sunless`` (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
     """
-    geometry = _panorama(photograph)
+    _panorama(photograph)
     if not parts and (sunless is None or not sunless.any()):
         return _untouched(photograph)
     bare = room if isinstance(room, Bare) else Bare.of(room, effort)
+    return drawn(changed(photograph, bare, parts, eye_m, effort=effort, seed=seed), photograph, sunless)
+
+
+def changed(
+    photograph: Floats, bare: Bare, parts: tuple[Part, ...], eye_m: Vector, *, effort: Effort, seed: int
+) -> Change:
+    """Return the light on a room without and with furniture, for `drawn`; of ``photograph`` (H, 2 H, 3) its size."""
+    geometry = _panorama(photograph)
     full = Stage.of(bare.stage.scene.furnished(parts), effort.texel_m) if parts else bare.stage
     small = sight_of(full, small_geometry(geometry, effort.rows), eye_m)
     lights: Lights = {}
@@ -99,11 +108,16 @@ def differential(
         lit = np.asarray((before.picture > 0).all(axis=2), bool)
         after = replace(after, picture=evened(after.picture, before.picture, small, lit))
     first = min(lights)
-    give_back()  # half a gigabyte of what light was made with
     pair = (bare.lights[first], lights[first])
-    mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
-    change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)
-    return Staged(*in_bands(change, photograph, sunless), after.error)
+    return Change(bare.stage, full, small, before, after, pair, None, effort, seed, eye_m)
+
+
+def drawn(change: Change, photograph: Floats, sunless: Flags | None) -> Staged:
+    """Return a photograph (H, 2 H, 3) under changed light, with furniture; ``sunless`` (H, 2 H): see `differential`."""
+    give_back(KEPT_BYTES - DRAWN_BYTES)  # of what light was made with
+    seed, clean = change.seed, change.effort.clean
+    mirrors = mirrors_of(change.bare, change.full, change.lights, photograph, change.eye_m, seed=seed, clean=clean)
+    return Staged(*in_bands(replace(change, mirrors=mirrors), photograph, sunless), change.after.error)
 
 
 def _untouched(photograph: Floats) -> Staged:
@@ -114,7 +128,7 @@ def _untouched(photograph: Floats) -> Staged:
 def _panorama(photograph: Floats) -> Equirectangular:
     if photograph.ndim != 3 or photograph.shape[1:] != (2 * photograph.shape[0], 3):
         raise ParameterError(f"a photograph of shape {photograph.shape}", advice="give a whole panorama (H, 2 H, 3)")
-    if not np.isfinite(photograph).all() or (photograph < 0).any():
+    if not (photograph.min(initial=0) >= 0 and photograph.max(initial=0) < np.inf):  # nor NaN, which both pass on
         raise ParameterError("a photograph with values that light cannot have", advice="give finite values from 0")
     return Equirectangular(photograph.shape[1], photograph.shape[0])
 

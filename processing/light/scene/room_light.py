@@ -11,6 +11,8 @@ factor is the slope of apparent albedo over the mirrored part, over many pixels,
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import cv2
@@ -191,13 +193,22 @@ class EmptyRoom:
     shaded: Floats | None = None
     """(K, 3): what removal left of those places, without that sun, row by row."""
 
-    def without(self, patches: Flags | None) -> tuple[Floats, Flags | None]:
-        """Return picture and ``sunless`` with some patches of sun (H, W), None for none, as removal left them."""
+    @contextmanager
+    def without(self, patches: Flags | None) -> Iterator[tuple[Floats, Flags | None]]:
+        """Give picture and ``sunless`` with some patches of sun (H, W), None for none, as removal left them.
+
+        It is the picture's own array (H, W, 3), which is as it was when this ends: nobody else may use it meanwhile.
+        """
+        rgb = self.image.rgb
         if self.sunlit is None or self.shaded is None or self.sunless is None or patches is None:
-            return self.image.rgb, self.sunless
-        rgb = self.image.rgb.copy()
+            yield rgb, self.sunless
+            return
+        sun = rgb[patches]
         rgb[patches] = self.shaded[patches[self.sunlit]]
-        return rgb, self.sunless | patches
+        try:
+            yield rgb, self.sunless | patches
+        finally:
+            rgb[patches] = sun
 
 
 def with_sunlight(

@@ -12,7 +12,7 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.ground import threads as module
-from processing.ground.threads import ASKED, MOST, give_back, limit_libraries, side_by_side, threads, together
+from processing.ground.threads import ASKED, MOST, behind, give_back, limit_libraries, side_by_side, threads, together
 
 
 def test_as_many_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,6 +76,39 @@ def test_what_a_thread_raises_is_raised(monkeypatch: pytest.MonkeyPatch) -> None
 
     with pytest.raises(ValueError, match="three"):
         side_by_side(work, range(5))
+
+
+def test_work_behind_is_done_in_order_while_its_caller_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ASKED, "2")
+    gate, done = threading.Event(), list[int]()
+    with behind() as later:
+        later(lambda: gate.wait(30) and done.append(1))
+        two = later(lambda: done.append(2) or "two")
+        assert done == [], "the caller goes on"
+        gate.set()
+        assert two.result() == "two"
+        later(lambda: done.append(3))
+    assert done == [1, 2, 3]
+    monkeypatch.setenv(ASKED, "1")
+    with behind() as later:
+        later(lambda: done.append(4))
+        assert done == [1, 2, 3, 4], "at once where one thread may work"
+
+
+@pytest.mark.parametrize("further", [0, 1])
+def test_what_work_behind_raises_is_raised_at_the_next_and_at_the_end(further: int) -> None:
+    went_on = []
+
+    def caller() -> None:
+        with behind() as later:
+            later(lambda: 1 // 0).exception(timeout=30)
+            for _ in range(further):
+                later(lambda: None)
+            went_on.append(1)
+
+    with pytest.raises(ZeroDivisionError):
+        caller()
+    assert len(went_on) == 1 - further
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc's malloc")

@@ -134,10 +134,10 @@ def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() ->
     assert parted[sunny].mean() > 0.5
     assert whole is not None
     assert not whole.any()
-    rgb, sunless = empty.without(parted)
-    assert sunless is not None
-    assert (rgb[sunny & sunless] == 1).all()
-    assert np.array_equal(rgb[~sunless], photograph[~sunless])
+    with empty.without(parted) as (rgb, sunless):
+        assert sunless is not None
+        assert (rgb[sunny & sunless] == 1).all()
+        assert np.array_equal(rgb[~sunless], photograph[~sunless])
 
 
 def test_ibl_lights_furniture_by_the_panorama_and_changes_nothing_else(room) -> None:

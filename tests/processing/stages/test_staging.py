@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ItemError, PinError, ProcessingError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems
+from processing.ground.threads import ASKED, threads
 from processing.layout.assumed import fitting_choice, named_choice, with_door
 from processing.layout.furniture.bench import STYLES
 from processing.layout.items import KINDS, SETS
@@ -142,6 +144,48 @@ def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict
     again.mkdir()
     rendering.run(context(again, RenderParameters(style="mid-century"), known, max_error=0.5))
     assert (again / "staged-1.exr").read_bytes() == (tmp_path / "staged-1.exr").read_bytes()
+
+
+def test_an_alternative_is_written_during_the_next_ones_light(
+    tmp_path: Path, known: dict[tuple[str, str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And before the next one is drawn; however many threads there are, the files are the same bytes."""
+    arranged = known["arrange", "arrangement"]
+    found = {
+        **known,
+        ("arrange", "arrangement"): arranged.model_copy(update={"arrangements": 2 * arranged.arrangements}),
+    }
+    order, second = list[str](), threading.Event()
+
+    def noted(name: str) -> None:
+        real = getattr(rendering, name)
+
+        def call(*given: Any, **more: Any) -> Any:
+            order.append(name)
+            if order.count("changed") == 2:
+                second.set()
+            if name == "_write" and threads() > 1:
+                assert second.wait(60), "the second one's light waits for the first one's file"
+            made = real(*given, **more)
+            order.append(f"{name} done")
+            return made
+
+        monkeypatch.setattr(rendering, name, call)
+
+    for name in ("changed", "drawn", "_write"):
+        noted(name)
+    files = []
+    for count in ("1", "2"):
+        folder = tmp_path / count
+        folder.mkdir()
+        monkeypatch.setenv(ASKED, count)
+        order.clear()
+        rendering.run(context(folder, RenderParameters(), found))
+        files.append({path.name: path.read_bytes() for path in folder.iterdir()})
+        drawn = [at for at, what in enumerate(order) if what == "drawn"]
+        assert order.index("_write done") < drawn[1]
+    assert files[0] == files[1]
+    assert len(files[0]) == 4
 
 
 def test_a_room_that_was_corrected_since_is_styled_as_it_is_now(
@@ -470,7 +514,10 @@ def test_materials_lets_go_of_what_the_emptied_room_was_made_of(
     room = materials.emptied(context(tmp_path, MaterialsParameters(), held))
     assert room.sunlit is not None
     assert room.sunlit.any()
-    assert np.array_equal(room.without(room.sunlit)[0], held["remove", "empty"].rgb)
+    before = room.image.rgb.copy()
+    with room.without(room.sunlit) as (below, _):
+        assert np.array_equal(below, held["remove", "empty"].rgb)
+    assert np.array_equal(room.image.rgb, before), "and it is as it was"
     large = ("calibrate", "indoor"), ("remove", "empty")
     pictures = [weakref.ref(held[name].rgb) for name in large]
 
