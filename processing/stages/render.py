@@ -19,16 +19,7 @@ from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import (
-    Bare,
-    Staged,
-    changed,
-    drawn,
-    ibl,
-    parted_sun,
-    patches_of_sun,
-    widen_doubt,
-)
+from processing.light.picture.composite import Bare, Staged, changed, draw, ibl, parted_sun, patches_of_sun, widen_doubt
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -199,9 +190,9 @@ def _staged(work: _Work, parts: tuple[Part, ...]) -> Staged:
     change = changed(base, work.bare, parts, work.eye_m, effort=work.effort, seed=seed)
     work.later(lambda: None).result()  # before anything as large is made, or the emptied picture is changed
     if work.asked.method == "global":
-        return drawn(change, base, None)
+        return draw(change, base, None)
     with work.empty.without(parted_sun(work.patches, base.shape, work.bare, parts, work.eye_m)) as (below, sunless):
-        return drawn(change, below, sunless)
+        return draw(change, below, sunless)
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:

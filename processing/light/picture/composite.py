@@ -89,13 +89,13 @@ def differential(
     if not parts and (sunless is None or not sunless.any()):
         return _untouched(photograph)
     bare = room if isinstance(room, Bare) else Bare.of(room, effort)
-    return drawn(changed(photograph, bare, parts, eye_m, effort=effort, seed=seed), photograph, sunless)
+    return draw(changed(photograph, bare, parts, eye_m, effort=effort, seed=seed), photograph, sunless)
 
 
 def changed(
     photograph: Floats, bare: Bare, parts: tuple[Part, ...], eye_m: Vector, *, effort: Effort, seed: int
 ) -> Change:
-    """Return the light on a room without and with furniture, for `drawn`; of ``photograph`` (H, 2 H, 3) its size."""
+    """Return the light on a room without and with furniture, for `draw`; of ``photograph`` (H, 2 H, 3) its size."""
     geometry = _panorama(photograph)
     full = Stage.of(bare.stage.scene.furnished(parts), effort.texel_m) if parts else bare.stage
     small = sight_of(full, small_geometry(geometry, effort.rows), eye_m)
@@ -112,7 +112,7 @@ def changed(
     return Change(bare.stage, full, small, before, after, pair, None, effort, seed, eye_m)
 
 
-def drawn(change: Change, photograph: Floats, sunless: Flags | None) -> Staged:
+def draw(change: Change, photograph: Floats, sunless: Flags | None) -> Staged:
     """Return a photograph (H, 2 H, 3) under changed light, with furniture; ``sunless`` (H, 2 H): see `differential`."""
     give_back(KEPT_BYTES - DRAWN_BYTES)  # of what light was made with
     seed, clean = change.seed, change.effort.clean

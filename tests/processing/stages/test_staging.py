@@ -172,7 +172,7 @@ def test_an_alternative_is_written_during_the_next_ones_light(
 
         monkeypatch.setattr(rendering, name, call)
 
-    for name in ("changed", "drawn", "_write"):
+    for name in ("changed", "draw", "_write"):
         noted(name)
     files = []
     for count in ("1", "2"):
@@ -182,7 +182,7 @@ def test_an_alternative_is_written_during_the_next_ones_light(
         order.clear()
         rendering.run(context(folder, RenderParameters(), found))
         files.append({path.name: path.read_bytes() for path in folder.iterdir()})
-        drawn = [at for at, what in enumerate(order) if what == "drawn"]
+        drawn = [at for at, what in enumerate(order) if what == "draw"]
         assert order.index("_write done") < drawn[1]
     assert files[0] == files[1]
     assert len(files[0]) == 4
