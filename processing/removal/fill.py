@@ -18,7 +18,7 @@ from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
-from processing.ground.threads import give_back, side_by_side
+from processing.ground.threads import KEPT_BYTES, give_back, side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.plain import MOST_RISE_FLOOR, seamless
@@ -46,6 +46,7 @@ MIXED_SHARE = 0.1  # of what is removed in a texel that still counts as known; c
 MIXED_PX = 1  # panorama pixels beside the target that hold some of what is removed: seen, but not to be copied
 UNSURE_SUN = 0.4  # of the confidence that sunlight continued into a hole costs
 PLANES_AT_ONCE = 4  # chosen, for memory: each has some 200 MB of textures
+FILLING_BYTES = 600_000_000  # that two planes of 1.6 million texels take while they are filled (measured)
 FILLED_UNCERTAINTY = 0.05  # relative standard uncertainty of the surest filled pixel
 TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
 """Of the largest texture."""
@@ -210,13 +211,17 @@ def empty_room(
     seen = _Seen(rgb, np.stack([unfit, kept, foreign], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
     filled = _filled(seen, hidden, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
-    out, notes = image.rgb if own else image.rgb.copy(), []
-    for plane, done in zip(hidden, filled, strict=True):
+    out = image.rgb if own else image.rgb.copy()
+
+    def drawn(done: FilledPlane) -> list[str]:
+        plane = done.texture.plane
         where = target & (shown == plane.index)
         _draw(done, seen, where, (out, provenance, confidence))
-        notes.append(f"{plane.name}: {where.sum()} px, {done.how}")
-        if done.hole.any() and (done.confidence[done.hole] < 0.06).all():  # no hole: thinner than a texel
-            notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
+        guess = done.hole.any() and (done.confidence[done.hole] < 0.06).all()  # no hole: thinner than a texel
+        more = [f"{plane.name}: hidden altogether, its colour is a guess"] if guess else []
+        return [f"{plane.name}: {where.sum()} px, {done.how}", *more]
+
+    notes = [note for some in side_by_side(drawn, filled, PLANES_AT_ONCE) for note in some]
     soften_edges(out, target, room, geometry)
     return Emptied(_image(image, out, provenance, confidence), provenance, confidence, tuple(filled), tuple(notes))
 
@@ -230,16 +235,18 @@ def _filled(
     seen: _Seen, hidden: list[Plane], quality: str | Quick, skirting: Skirting | None, filler: PlaneFiller | None
 ) -> list[FilledPlane]:
     """Return the filled textures of planes, in their order; the floor alone takes nothing from what is foreign."""
+    floor = replace(seen, marks=seen.marks.copy())
+    floor.marks[..., 0] |= floor.marks[..., 2]
 
     def fill(plane: Plane) -> FilledPlane:
-        done = _plane(seen, plane, quality, skirting)
+        done = _plane(floor if plane.index == FLOOR else seen, plane, quality, skirting)
         done = done if filler is None else filler(done)
         return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
 
-    give_back()
-    filled = side_by_side(fill, [plane for plane in hidden if plane.index != FLOOR], PLANES_AT_ONCE)
-    seen.marks[..., 0] |= seen.marks[..., 2]
-    filled += [fill(plane) for plane in hidden if plane.index == FLOOR]
+    give_back(KEPT_BYTES - FILLING_BYTES)
+    # Those of which most is hidden first, so that no thread has a long one left when the others are done.
+    order = sorted(hidden, key=lambda plane: -np.count_nonzero(seen.masked & (seen.planes == plane.index)))
+    filled = side_by_side(fill, order, PLANES_AT_ONCE)
     return sorted(filled, key=lambda done: done.texture.plane.index)
 
 

@@ -92,12 +92,15 @@ def lifted(
     gain = relit(reflectance, shade.shadow, (no_surface, foreign), room)
     reflectance *= gain
     replaced = target.copy()
-    for k, factors in enumerate(gain):  # row by row: little memory
-        less = np.log(factors).mean(axis=-1)
+
+    def lighter(row: tuple[int, Floats]) -> None:  # row by row: little memory
+        k, less = row[0], np.log(row[1]).mean(axis=-1)
         change[k] += less
         # What a lamp's glow has clipped shows no more than that it was lit.
         replaced[k] |= (change[k] > DEEP) | ((less < -BURNT) & (image.validity[k] == Validity.CLIPPED))
-    del gain, factors
+
+    side_by_side(lighter, enumerate(gain))
+    del gain
     target = replaced
     stays = ~target & (image.validity == Validity.VALID)
     same = ~(target | (stays & (change != 0)))

@@ -1,7 +1,8 @@
-"""Memory of the emptied room by the picture's pixels: what does not grow with the picture is left out."""
+"""Memory of the emptied room by the picture's pixels: what does not grow with it is left out; and its threads."""
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 import weakref
 from typing import Any
@@ -9,11 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from processing.ground.threads import ASKED, threads
 from processing.pictures.images import LuminanceImage
-from processing.removal import lift
-from processing.removal.fill import Emptied, Quick, empty_room
+from processing.removal import fill, lift
+from processing.removal.fill import Emptied, Others, Quick, empty_room
 from processing.removal.lift import Shade, lifted
 from processing.sphere import Equirectangular
+from processing.surfaces.maps import FLOOR, plane_map
 from tests.processing.removal.painted_room import box_room
 
 MOST = 38.0  # bytes a pixel beside the picture and its masks (measured: 33; 43 before places of a median were let go)
@@ -63,3 +66,32 @@ def test_the_photograph_is_let_go_while_planes_are_filled(monkeypatch: pytest.Mo
     found, _ = lifted(given.pop(), target, box_room(), shade, quality=Quick())
     assert held == [False]
     assert (found.image.rgb > 0).all()
+
+
+def test_planes_are_filled_side_by_side_with_most_hidden_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The floor, too, though it alone takes nothing from what is foreign; by however many threads, it is the same."""
+    image, target, _ = grey_room(64)
+    foreign = np.zeros(target.shape, bool)
+    foreign[50:, 100:] = True
+    began, order, plane_of = threading.Barrier(2, timeout=30), list[int](), fill._plane
+
+    def noted(seen: Any, plane: Any, *more: Any) -> Any:
+        order.append(plane.index)
+        if threads() > 1 and len(order) <= 2:
+            began.wait()
+        return plane_of(seen, plane, *more)
+
+    monkeypatch.setattr(fill, "_plane", noted)
+    made = []
+    for count in ("1", "2"):
+        order.clear()
+        monkeypatch.setenv(ASKED, count)
+        made.append(empty_room(image, target, box_room(), others=Others(foreign), quality=Quick()))
+        shown = plane_map(box_room(), image.geometry)
+        hidden = {index: np.count_nonzero(target & (shown == index)) for index in order}
+        assert FLOOR in hidden
+        assert len(hidden) > 1
+        if count == "1":
+            assert order == sorted(order, key=lambda index: -hidden[index])
+    np.testing.assert_array_equal(made[0].image.rgb, made[1].image.rgb)
+    assert made[0].notes == made[1].notes
