@@ -82,28 +82,38 @@ def give_back(kept_bytes: int = KEPT_BYTES) -> None:
 
 def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
     """Return the results of two independent calls, made side by side."""
-    return cast(tuple[T, R], tuple(side_by_side(lambda make: make(), (one, other))))
+    return cast(tuple[T, R], tuple(side_by_side(at_once, (one, other))))
+
+
+Later = Callable[[Callable[[], Any]], Any]
+"""Takes a piece of work, to do it some time."""
+
+
+def at_once(work: Callable[[], T]) -> T:
+    """Do it, where others put it off."""
+    return work()
 
 
 @contextmanager
-def behind() -> Iterator[Callable[[Callable[[], Any]], Future[Any]]]:
-    """Give what does work, in order, behind its caller, who goes on; at once where only one thread may work.
+def behind() -> Iterator[Later]:
+    """Give what does work, in order, behind its caller, who gets a `Future`; at once where only one thread may work.
 
-    What a piece of work raises is raised again when the next one is given, and at the end, when all is done.
+    What a piece of work raises is raised again in place of all that come after it, when one is given, and at the end.
     """
-    tasks: list[Future[Any]] = []
+    last: list[Future[Any]] = []
     with ThreadPoolExecutor(1) as pool:
 
         def later(work: Callable[[], Any]) -> Future[Any]:
-            while tasks and tasks[0].done():
-                tasks.pop(0).result()
-            tasks.append(pool.submit(work))
-            wait(tasks if threads() == 1 else [])
-            return tasks[-1]
+            former = last[:]
+            if former and former[0].done():
+                former[0].result()
+            last[:] = [pool.submit(lambda: ([one.result() for one in former], work())[1])]
+            wait(last if threads() == 1 else [])
+            return last[0]
 
         yield later
-        for task in tasks:
-            task.result()
+        for one in last:
+            one.result()
 
 
 def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:

@@ -19,6 +19,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,10 @@ import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, Flags, Floats
-from processing.ground.threads import threads
+from processing.ground.threads import Later, at_once, threads
 from processing.pictures.frames import refuse_alpha
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.pictures.writing import check_image, check_light, check_size, handed_on, refused, write_whole
+from processing.pictures.writing import P, check_image, check_light, check_size, handed_on, refused, write_whole
 from processing.sphere.geometry import geometry_from_json, geometry_to_json
 
 MAGIC = b"\x76\x2f\x31\x01"
@@ -186,16 +187,19 @@ def write_exr(path: Path, image: RelativeImage | LuminanceImage) -> None:
     _write(path, image, "ZIP_COMPRESSION", {"validity": np.float16, "ghost": np.float16})
 
 
-def write_stage_exr(
-    path: Path, image: RelativeImage | LuminanceImage, made: Flags | None = None, *, own: bool = False
-) -> RelativeImage | LuminanceImage:
+def write_stage_exr(path: Path, image: P, made: Flags | None = None, *, own: bool = False, later: Later = at_once) -> P:
     """Write a picture for later stages and return it as they read it (`handed_on`); raises as `write_exr`.
 
-    ``made`` (H, W): where it was estimated rather than photographed; ``own``: it may be rounded in place.
+    ``made`` (H, W): where it was estimated rather than photographed; ``own``: it may be rounded in place; ``later`` is
+    given what writes the file, and may put it off.
     """
     check_image(image, path)
     image = handed_on(image, made, own=own)
-    _write(path, image, "ZSTD_COMPRESSION", {"uncertainty": np.float16, "validity": np.float16, "ghost": np.float16})
+    later(
+        partial(
+            _write, path, image, "ZSTD_COMPRESSION", dict.fromkeys(("uncertainty", "validity", "ghost"), np.float16)
+        )
+    )
     return image
 
 

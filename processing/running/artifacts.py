@@ -10,15 +10,17 @@ import dataclasses
 import json
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from processing.errors import ProcessingError
 from processing.ground.finished import digest
 from processing.ground.room_model import read_json
-from processing.ground.threads import give_back, side_by_side
+from processing.ground.threads import Later, at_once, give_back, side_by_side
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.fingerprint import DigestMemory, Ingredients
 from processing.running.progress import Cost
@@ -37,6 +39,7 @@ _WRITE_MASK = "processing.pictures.preview:write_mask"
 HELD_BYTES = 800 << 20
 """Of pictures in memory between stages; those unused longest are let go, and read again where they are wanted."""
 GIVEN = "given by the user"
+Write = Callable[[], None]
 
 
 def file_name(artifact: Artifact) -> str:
@@ -44,15 +47,15 @@ def file_name(artifact: Artifact) -> str:
     return artifact.file_name or artifact.name + _SUFFIX[artifact.kind]
 
 
-def save(artifact: Artifact, value: object, folder: Path) -> object:
-    """Write an artifact into ``folder`` and return what later stages are handed.
+def save(artifact: Artifact, value: object, folder: Path, later: Later = at_once) -> object:
+    """Write an artifact into ``folder``, a picture ``later``, and return what later stages are handed.
 
     A picture may be `WRITTEN` by the stage itself, so that large ones need not be in memory together. Raises
     `ProcessingError` for a "file" that the stage has not written, and what the writers raise.
     """
     path = folder / file_name(artifact)
     if artifact.kind == "picture" and value is not WRITTEN:
-        handed_on: object = resolve(_WRITE_PICTURE)(path, value, own=True)
+        handed_on: object = resolve(_WRITE_PICTURE)(path, value, own=True, later=later)
         return handed_on
     if artifact.kind == "mask":
         resolve(_WRITE_MASK)(path, value)
@@ -153,11 +156,18 @@ class Shelf:
 
 @dataclass(frozen=True)
 class Made:
-    """A result whose files are in its folder and durable, and its artifacts in memory."""
+    """A result without the records of its files, and its artifacts in memory."""
 
     result: StageResult
     in_memory: Mapping[str, object] = field(default_factory=dict)
     unfinished: bool = False
+    pictures: tuple[Write, ...] = ()
+    """What writes them, whoever has time: later stages can work with those in memory."""
+
+    def whole(self, work: "Work") -> StageResult:
+        """Return the result when all its files are in its folder and durable; raises what the writers raise."""
+        side_by_side(at_once, self.pictures, 2)
+        return self.result.model_copy(update={"files": work.records(self.result)})
 
     def run_record(self, cost: Cost, megapixels: float) -> RunRecord:
         """Return what run.json says."""
@@ -176,9 +186,9 @@ class Work:
     building: Building
     memory: DigestMemory
 
-    def records(self, made: list[Artifact]) -> dict[str, FileRecord]:
+    def records(self, made: StageResult) -> dict[str, FileRecord]:
         """Return the records of the files, which are then durable; those taken over are known."""
-        names = sorted(set(map(file_name, made)) - set(self.parts.kept))
+        names = sorted(set(made.artifacts.values()) - set(self.parts.kept))
         return dict(sorted((self.building.sync_files(names, self.memory) | self.parts.kept).items()))
 
 
@@ -200,19 +210,9 @@ def make_result(stage: Stage, context: StageContext, work: Work) -> Made:
             raise ProcessingError(f"has neither made {name} nor said why not", where=stage.name)
     made = [artifact for artifact in stage.makes if output.artifacts.get(artifact.name) is not None]
     give_back()  # a gigabyte of what the stage worked with
-    in_memory = _write(made, output.artifacts, work.building, context.folder)
-    result = _result(
-        stage,
-        work,
-        artifacts={artifact.name: file_name(artifact) for artifact in made},
-        files=work.records(made),
-        parts=work.parts.records,
-        left_out=dict(output.left_out),
-        metrics=dict(output.metrics),
-        warnings=output.warnings,
-        honoured=dict(output.honoured),
-    )
-    return Made(result, in_memory, output.unfinished)
+    said = {name: dict(getattr(output, name)) for name in ("left_out", "metrics", "honoured")}
+    facts = {**said, "parts": work.parts.records, "warnings": output.warnings}
+    return replace(_made(stage, work, made, output.artifacts, facts), unfinished=output.unfinished)
 
 
 def answer_result(stage: Stage, answers: Mapping[str, Path], context: StageContext, work: Work) -> Made:
@@ -220,17 +220,9 @@ def answer_result(stage: Stage, answers: Mapping[str, Path], context: StageConte
     made = [artifact for artifact in stage.makes if artifact.name in answers]
     warnings: list[StageWarning] = []
     values = {artifact.name: _answer(artifact, answers[artifact.name], context, warnings) for artifact in made}
-    in_memory = _write(made, values, work.building, context.folder)
-    result = _result(
-        stage,
-        work,
-        given=tuple(artifact.name for artifact in made),
-        artifacts={artifact.name: file_name(artifact) for artifact in made},
-        files=work.records(made),
-        left_out={a.name: GIVEN + ": " + ", ".join(answers) for a in stage.makes if a.name not in answers},
-        warnings=tuple(warnings),
-    )
-    return Made(result, in_memory)
+    given = tuple(artifact.name for artifact in made)
+    left_out = {a.name: GIVEN + ": " + ", ".join(answers) for a in stage.makes if a.name not in answers}
+    return _made(stage, work, made, values, {"given": given, "left_out": left_out, "warnings": tuple(warnings)})
 
 
 def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: list[StageWarning]) -> object:
@@ -244,15 +236,25 @@ def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: lis
     return value
 
 
-def _write(made: list[Artifact], values: Mapping[str, object], building: Building, folder: Path) -> dict[str, object]:
-    """Write artifacts, two at a time, and return what stays in memory: no files, as their folder is still to move."""
+def _made(
+    stage: Stage, work: Work, made: list[Artifact], values: Mapping[str, object], facts: Mapping[str, object]
+) -> Made:
+    """Write artifacts but pictures, two at a time; files do not stay in memory, as their folder is still to move."""
+    folder, pictures = work.building.folder.path, list[Write]()
+
+    def durably(path: Path, write: Callable[[], object]) -> Any:
+        with durable.disk_errors(path, "writing"):
+            return write()
 
     def written(artifact: Artifact) -> object:
-        with durable.disk_errors(building.folder.path / file_name(artifact), "writing"):
-            return save(artifact, values[artifact.name], folder)
+        path, value = folder / file_name(artifact), values[artifact.name]
+        later = lambda write: pictures.append(partial(durably, path, write))  # noqa: E731
+        return durably(path, lambda: save(artifact, value, folder, later))
 
     saved = zip(made, side_by_side(written, made, 2), strict=True)
-    return {one.name: value for one, value in saved if one.kind != "file" and values[one.name] is not WRITTEN}
+    in_memory = {one.name: value for one, value in saved if one.kind != "file" and values[one.name] is not WRITTEN}
+    files = {artifact.name: file_name(artifact) for artifact in made}
+    return Made(_result(stage, work, artifacts=files, **facts), in_memory, pictures=tuple(pictures))
 
 
 def remade(result: StageResult, work: Work) -> StageResult:

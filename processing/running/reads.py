@@ -11,6 +11,7 @@ import errno
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -43,18 +44,26 @@ class Earlier:
     def __init__(self, folder: Callable[[str], Path]) -> None:
         """``folder(stage)``: where a stage's result is."""
         self.results: dict[str, StageResult] = {}
+        self._whole: dict[str, Future[StageResult] | None] = {}
         self._folder = folder
         self._json: dict[tuple[str, str], Json] = {}
 
-    def put(self, result: StageResult) -> None:
-        """Take the result of a stage as it stands now."""
+    def put(self, result: StageResult, whole: Future[StageResult] | None = None) -> None:
+        """Take the result of a stage as it stands now; ``whole``: the same when its files are written."""
         self.results[result.stage] = result
+        self._whole[result.stage] = whole
         self._json = {key: value for key, value in self._json.items() if key[0] != result.stage}
+
+    def written(self, stage: str) -> StageResult | None:
+        """Return the result of a stage, its files in their place, for which this waits; raises what writing raised."""
+        if whole := self._whole.pop(stage, None):
+            self.results[stage] = whole.result()
+        return self.results.get(stage)
 
     def value(self, name: str) -> Json:
         """Return what a read gives: a file's digest, a short value, or the digest of a longer one."""
         stage, part, *path = (one.replace("~1", "/").replace("~0", "~") for one in name.split("/"))
-        result = self.results.get(stage)
+        result = self.results.get(stage) if part == SUMMARY else self.written(stage)
         if result is None:
             return ABSENT
         if part == SUMMARY:
@@ -134,8 +143,13 @@ class Reads:
 
     def __init__(self, earlier: Earlier, parameters: StageParameters) -> None:
         self._earlier, self._parameters = earlier, parameters
-        self.found: dict[str, Json] = {}
+        self._names: dict[str, None] = {}
         self.parameters: dict[str, Json] = {}
+
+    @property
+    def found(self) -> dict[str, Json]:
+        """What the reads so far give; this waits for files that are still being written."""
+        return {name: self._earlier.value(name) for name in self._names}
 
     def note_parameter(self, name: str) -> None:
         """Note that the stage looked at one of its parameters."""
@@ -144,9 +158,9 @@ class Reads:
     def ingredients(self) -> Ingredients:
         """Return what was read, as part of what a result depends on."""
         reads = dict(sorted(self.found.items()))
-        for name in self.found:  # where all around a value was read too, that counts for it
+        for name in self._names:  # where all around a value was read too, that counts for it
             parts = name.split("/")
-            if any("/".join(parts[:count]) in self.found for count in range(2, len(parts))):
+            if any("/".join(parts[:count]) in self._names for count in range(2, len(parts))):
                 del reads[name]
         return {"parameters": dict(sorted(self.parameters.items())), "reads": reads}
 
@@ -160,8 +174,8 @@ class Reads:
         return self.ingredients()
 
     def note(self, name: str) -> None:
-        """Note a read with what it gives."""
-        self.found[name] = self._earlier.value(name)
+        """Note a read."""
+        self._names[name] = None
 
     def now(self, name: str) -> Json:
         """Return what a read gives."""

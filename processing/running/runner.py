@@ -1,17 +1,17 @@
 """Runs the stages of the table on a session: only what has to run, each result whole or not at all."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from processing.errors import ProcessingError
-from processing.ground.threads import give_back, limit_libraries
+from processing.ground.threads import Later, behind, give_back, limit_libraries
 from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running import requests
-from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
+from processing.running.artifacts import Made, Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory, visible_part
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
 from processing.running.reads import SUMMARY, Earlier, Parts, Reads, unread
@@ -44,9 +44,11 @@ def process(
             store.recover()
         run = PipelineRun(StageInputs(session, root, load_manifest(session), request, memory), plan, store, on_event)
         try:
-            reports = tuple(run.steps())
+            with behind() as run.later:
+                reports = tuple(run.steps())
         finally:
             if write:
+                store.recover()  # of what was not written because something before it could not be
                 memory.save()
     costs = [report.cost.peak_bytes for report in reports if report.cost]
     total = meter.read()
@@ -93,9 +95,16 @@ def _listed(names: list[str]) -> str:
 
 
 class PipelineRun:
-    """One run over one session; `steps` yields a report a stage."""
+    """One run over one session; `steps` yields a report a stage.
+
+    A stage's pictures are written ``later`` (`behind`), while the next one works with those in memory; results get into
+    their places in turn.
+    """
+
+    later: Later
 
     def __init__(self, inputs: StageInputs, plan: tuple[Stage, ...], store: ResultStore, on_event: OnEvent) -> None:
+        self._unwritten: list[tuple[BaseException, str]] = []
         self._plan = plan
         self._request = inputs.request
         self._store = store
@@ -131,7 +140,8 @@ class PipelineRun:
         try:
             report = self._predict(stage) if self._request.dry_run else self._step(stage, later, first_only=first_only)
         except BaseException as error:
-            self._on_event(RunEvent(RunEventKind.FAILED, stage.name, str(error)))
+            whose = [name for one, name in self._unwritten if one is error]
+            self._on_event(RunEvent(RunEventKind.FAILED, [*whose, stage.name][0], str(error)))
             raise
         self._on_event(RunEvent(RunEventKind.FINISHED, stage.name, report.reason, 1.0, None, report))
         return report
@@ -170,7 +180,6 @@ class PipelineRun:
         meter = Meter()
         forced = stage.name in self._request.force and stage.name not in self._unfinished
         result = self._make(stage, later, meter, None if forced else stored.result, first_only=first_only)
-        self._earlier.put(result)
         cost = meter.read()
         action, reason = Action.RAN, decision.reason
         if result.skipped:
@@ -196,7 +205,8 @@ class PipelineRun:
         limit_libraries()
         answers = requests.given_answers(stage, self._request)
         static, reads = self._inputs.ingredients(stage), self._reads(stage)
-        with self._store.building(stage.name) as building:
+        with ExitStack() as stack:
+            building = stack.enter_context(self._store.building(stage.name))
             folder, common = building.folder.path, {key: static.get(key) for key in ("version", "files", "data")}
             parts = Parts(former, self._store.path(stage.name), folder, common, reads, first_only)
             context = self._context(stage, folder, reads, parts, self._progress(stage, later, meter))
@@ -206,11 +216,27 @@ class PipelineRun:
                 work = replace(work, static=static | {"unfinished": True})
                 made = replace(made, result=remade(made.result, work))
             (self._unfinished.add if made.unfinished else self._unfinished.discard)(stage.name)
-            result = self._store.commit(building, made.result, made.run_record(meter.read(), self._megapixels))
-        self._store.known_again(stage.name, parts.kept)
+            tail = partial(self._written, stack.pop_all(), work, made, meter.read())
+        whole = self.later(tail)
+        if made.unfinished or not (made.pictures and later):
+            whole.result()
+        self._earlier.put(made.result, whole)
         if any(stage.name in other.needs for other in later):
             for name, value in made.in_memory.items():
                 self._shelf.put(stage.name, name, value)
+        return made.result
+
+    def _written(self, stack: ExitStack, work: Work, made: Made, cost: Cost) -> StageResult:
+        """Write what is left of a result and put it in its place."""
+        stage = made.result.stage
+        try:
+            with stack:
+                record = made.run_record(cost, self._megapixels)
+                result = self._store.commit(work.building, made.whole(work), record)
+            self._store.known_again(stage, work.parts.kept)
+        except BaseException as error:
+            self._unwritten.append((error, stage))
+            raise
         return result
 
     def _context(self, stage: Stage, folder: Path, reads: Reads, parts: Parts, progress: Progress) -> StageContext:
@@ -239,7 +265,8 @@ class PipelineRun:
 
     def _read(self, stage: str, name: str) -> object | None:
         """Return an artifact from disk; None where it was left out."""
-        result = self._earlier.results[stage]
+        result = self._earlier.written(stage)
+        assert result is not None
         artifact = next((a for a in self._rows[stage].makes if a.name == name), None)
         if artifact is None:
             raise ProcessingError(f"the stage {stage} makes no {name}")

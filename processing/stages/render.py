@@ -12,7 +12,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import finely, write_scene_glb
 from processing.ground.arrays import Flags, Floats, Indices, Vector
-from processing.ground.threads import behind
+from processing.ground.threads import Later, behind
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.assumed import session_plan
 from processing.layout.furniture.bench import STYLES, differing, style_named
@@ -40,7 +40,6 @@ QUALITY = {
     "standard": EFFORTS["standard"],
     "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
 }
-Later = Callable[[Callable[[], Any]], Future[Any]]
 _PLACED: Any = {"id", "category", "model", "size_m", "theta_rad", "t_m"}
 _SHOWN: Any = {"rank": True, "items": {"__all__": _PLACED}, "not_placed": True}
 """Of an arrangement, what its picture and facts depend on."""

@@ -1,24 +1,35 @@
-"""What a stage read is what it depends on; parts of a result stand each by itself; the first part goes first."""
+"""What a stage read is what it depends on; parts of a result stand each by itself; the first part goes first; pictures
+are written while the next stage works with them."""
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
+import subprocess
+import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import pytest
 from pydantic import Field
 
 from processing.errors import ParameterError
 from processing.ground.finished import Finished
+from processing.ground.threads import ASKED
+from processing.pictures import exr
 from processing.pipeline import Artifact, Stage
 from processing.running.requests import RunRequest
 from processing.running.results import Action, RunEvent, RunEventKind
 from processing.running.runner import clean, process
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import StageParameters
+from station.errors import DiskFullError
+from tests.processing.pictures.picture_strategies import luminance_image
 from tests.processing.running import toy_stages
 from tests.processing.running.test_pipeline import actions, contents, reason, result, run
 from tests.processing.running.toy_stages import FRAMES, TOTAL, TOYS
@@ -177,3 +188,111 @@ def twice(context: StageContext) -> StageOutput:
     values = context.optional_artifact("frames", "values") or {}
     assert sum(values.values()) >= 0
     return StageOutput()
+
+
+# A picture is written while the next stage works with the one in memory.
+
+began = threading.Event()
+"""The stage after the picture works."""
+write_picture = exr._write
+
+
+def viewed(context: StageContext) -> StageOutput:
+    values = context.artifact("frames", "values")
+    toy_stages.calls.append("view")
+    return StageOutput(artifacts={"view": luminance_image(np.full((4, 8, 3), 1.0 + len(values), np.float32))})
+
+
+def measured(context: StageContext) -> StageOutput:
+    mean = float(context.artifact("view", "view").rgb.mean())
+    began.set()
+    toy_stages.calls.append("mean")
+    return StageOutput(artifacts={"mean": {"mean": mean}})
+
+
+VIEW = Stage(
+    name="view",
+    version=1,
+    title="a picture",
+    function=f"{PARTS}:viewed",
+    needs=("frames",),
+    makes=(Artifact("view", "picture"),),
+)
+MEAN = Stage(
+    name="mean",
+    version=1,
+    title="its mean",
+    function=f"{PARTS}:measured",
+    needs=("view",),
+    makes=(Artifact("mean", "json"),),
+)
+VIEWED = (FRAMES, VIEW, MEAN)
+
+
+def slowly(*given: Any) -> None:
+    assert began.wait(30), "the next stage waits for the picture's file"
+    write_picture(*given)
+
+
+def full(*_: Any) -> None:
+    assert began.wait(30)
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def dies(*_: Any) -> None:
+    began.wait(30)
+    os._exit(9)
+
+
+def killed(session: str) -> None:
+    """Process a session and die while the picture is written and the next stage works."""
+    exr._write = dies
+    process(Path(session), RunRequest(), stages=VIEWED)
+
+
+def test_a_picture_is_written_while_the_next_stage_works(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exr, "_write", slowly)
+    monkeypatch.setenv(ASKED, "2")
+    began.clear()
+    assert actions(run(session, VIEWED)) == [RAN] * 3
+    before = contents(session)
+    assert (
+        result(session, "mean")["ingredients"]["reads"]["view/view"]
+        == result(session, "view")["files"]["view.exr"]["sha256"]
+    )  # type: ignore[index]
+    assert actions(run(session, VIEWED)) == [SKIPPED] * 3
+    monkeypatch.setenv(ASKED, "1")
+    assert actions(run(session, VIEWED, force=("frames", "view", "mean"))) == [RAN] * 3
+    assert contents(session) == before, "at once or behind"
+    monkeypatch.setenv(ASKED, "2")
+    began.clear()
+    began.set()
+    assert actions(run(session, VIEWED, force=("view",))) == [SKIPPED, RAN, SKIPPED], (
+        "it is compared when it is written"
+    )
+
+
+def test_a_picture_that_cannot_be_written_is_its_own_stage_s_failure(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    events: list[RunEvent] = []
+    monkeypatch.setenv(ASKED, "2")
+    began.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(exr, "_write", full)
+        with pytest.raises(DiskFullError, match="writing"):
+            process(session, RunRequest(), stages=VIEWED, on_event=events.append)
+    assert (events[-1].kind, events[-1].stage) == (RunEventKind.FAILED, "view")
+    assert [path.name for path in (session / "stages").iterdir() if path.is_dir()] == ["frames"], "nor what came after"
+    assert actions(run(session, VIEWED)) == [SKIPPED, RAN, RAN]
+
+
+def test_killed_between_a_stage_and_its_picture_all_before_it_stands(session: Path) -> None:
+    command = [sys.executable, "-c", f"from {PARTS} import killed; killed({str(session)!r})"]
+    root = Path(__file__).resolve().parents[3]
+    died = subprocess.run(command, cwd=root, env={**os.environ, ASKED: "2"}, timeout=120, check=False)
+    assert died.returncode == 9
+    there = {path.name for path in (session / "stages").iterdir() if not path.name.startswith(".")}
+    assert there == {"frames"}, "the next stage was done, and is not put in its place before the picture"
+    assert actions(run(session, VIEWED)) == [SKIPPED, RAN, RAN]
+    assert not [path for path in (session / "stages").iterdir() if path.name.startswith(".part-")]
