@@ -33,7 +33,7 @@ SPECTRAL_SIGMA = 0.025
 spectra: chosen on rigs of measured sensitivities (`benchmarks.hostile.spectra`, validation seeds)."""
 ROOM_SPECTRAL_SIGMA = 0.05
 """The same of rooms, of daylight and lamps: 0.025 covered 82 % of their planes, this 91; with an ideal meter 97."""
-MODELLED, SHARED_OF_MODELLED = "modelled light", 0.5
+MODELLED, SHARED_OF_MODELLED = "modelled light", 0.7  # of it: holds 19 of 20 sums over four validation rooms
 MODELLED_CELLS = (32, 64)  # rows and columns of the map of such errors; chosen: 20 kB beside a picture
 
 

@@ -37,7 +37,7 @@ def test_the_captured_moment_looks_as_it_was_taken_and_evening_is_darker(room, t
 
 
 def test_what_is_modelled_of_another_light_is_an_error_of_the_whole_picture(room) -> None:
-    """Its illuminance is about half as unsure as its pixels are; their errors do not all average out."""
+    """Its illuminance is about seven tenths as unsure as its pixels are: their errors do not all average out."""
     ready = room._ready
     relit = ready.under(room.room.scene.outdoors, {}, modelled_sky=False).picture
     light = illuminance_lx(relit, (0.0, 1.0, 0.0))
