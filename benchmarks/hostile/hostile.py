@@ -55,7 +55,9 @@ CODE = {
     "ours": (
         "benchmarks/hostile/*.py",
         "benchmarks/photometry/rig.py",
+        "benchmarks/sessions.py",
         "mocks/optics/*.py",
+        "mocks/worlds/*.py",
         "processing/calibration/**/*.*",
         "processing/figures/*.py",
         "processing/pictures/*.py",
