@@ -1,9 +1,10 @@
-"""One set of names for the array types of the whole project, and a median for all of them.
+"""One set of names for the array types of the whole project, a median for all of them, and what carries values on.
 
 The name states the dtype; the docstring of a function states the shape, unit and range of each array. Pictures are
 `Floats` (float32); accumulation, solves and geometry are `Doubles` (float64).
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -37,3 +38,22 @@ def weighted_median(values: Reals, weight: Reals) -> Any:
     share = np.cumsum(weight[order], axis=0) / weight.sum()
     place = (share >= 0.5 - 1e-12).argmax(axis=0)[None]
     return np.take_along_axis(np.take_along_axis(values, order, axis=0), place, axis=0)[0]
+
+
+def carried_on(
+    values: Floats, known: Flags, blurs: Sequence[Callable[[Floats], npt.ArrayLike]], usual: npt.ArrayLike
+) -> Floats:
+    """Return values (H, W, C) of which those that are not ``known`` (H, W) are the mean around them, ever farther.
+
+    ``blurs``: weighted means of pictures (H, W[, C]) around each place, the nearest first; ``usual`` (C,): what stands
+    where none of them meets enough.
+    """
+    out = np.where(known[..., None], values, 0).astype(np.float32)
+    seen, weight, todo = out.copy(), known.astype(np.float32), ~known
+    for blur in blurs if known.any() else ():
+        share = np.asarray(blur(weight))
+        ready = todo & (share > 0.05)
+        out[ready] = np.asarray(blur(seen))[ready] / share[ready, None]
+        todo &= ~ready
+    out[todo] = usual
+    return out

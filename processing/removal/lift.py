@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats, Int16s
+from processing.ground.arrays import Flags, Floats, Int16s, carried_on
 from processing.ground.colour import largest_channel
 from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
@@ -230,18 +230,8 @@ def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> list[Floats]:
 
 def _continued(values: Floats, known: Flags) -> Floats:
     """Return values (h, w, C) that go on smoothly, round the seam, where not ``known`` (h, w); 0 where none is."""
-    out = np.where(known[..., None], values, 0).astype(np.float32)
-    if not known.any():
-        return out
-    weight, todo = known.astype(np.float32), ~known
-    for reach_rad in REACHES_RAD:
-        share = smoothed(weight, reach_rad)
-        ready = todo & (share > 0.05)
-        mean = smoothed(np.where(known[..., None], values, 0).astype(np.float32), reach_rad)
-        out[ready] = mean[ready] / share[ready, None]
-        todo &= ~ready
-    out[todo] = np.median(values[known], axis=0)
-    return out
+    usual = np.median(values[known], axis=0) if known.any() else np.zeros(values.shape[2])
+    return carried_on(values, known, [partial(smoothed, angle_rad=reach_rad) for reach_rad in REACHES_RAD], usual)
 
 
 def _in_bands(

@@ -66,16 +66,17 @@ def wall_views(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, r
     """Return the walls that the camera sees, of an upright equirectangular picture."""
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
-    luminance, outside = luminance_cd_m2(image.rgb), np.asarray(image.validity == Validity.OUTSIDE, np.float32)
+    luminance, outside = luminance_cd_m2(image.rgb), (image.validity == Validity.OUTSIDE).view(np.uint8)
     if luminance.shape[1] > WIDEST_PX:
-        size = WIDEST_PX, WIDEST_PX // 2
-        smaller = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in (luminance, outside)]
-        luminance, outside = (one.astype(np.float32, copy=False) for one in smaller)
+        smaller = cv2.resize(luminance, (WIDEST_PX, WIDEST_PX // 2), interpolation=cv2.INTER_AREA)
+        luminance = smaller.astype(np.float32, copy=False)
+        outside = np.asarray(cv2.resize(outside, (WIDEST_PX, WIDEST_PX // 2), interpolation=cv2.INTER_AREA), np.uint8)
         geometry = replace(geometry, width_px=WIDEST_PX, height_px=WIDEST_PX // 2)
     shown = luminance[luminance > 0]
     middle = float(np.median(shown)) if shown.size else 1.0
     log = np.log2(luminance + np.float32(0.01 * middle)) - np.float32(math.log2(middle))
-    found = (_wall_view(log, outside > 0, geometry, room, plane) for plane in planes_of(room)[FIRST_WALL:])
+    hidden = outside > 0 if outside.any() else None
+    found = (_wall_view(log, hidden, geometry, room, plane) for plane in planes_of(room)[FIRST_WALL:])
     return shown_by(evidence.probabilities, geometry, room, [view for view in found if view is not None])
 
 
@@ -89,14 +90,14 @@ def shown_by(shares: Floats, geometry: Geometry, room: RoomModel, views: Sequenc
 
 
 def _wall_view(
-    log: Floats, outside: Flags, geometry: Equirectangular, room: RoomModel, plane: Plane
+    log: Floats, hidden: Flags | None, geometry: Equirectangular, room: RoomModel, plane: Plane
 ) -> WallView | None:
     to_eye = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
     eye = (float(to_eye @ plane.u_axis), float(to_eye @ plane.v_axis), float(to_eye @ plane.normal))
     if eye[2] <= 0.02:
         return None
     px_per_m = _px_per_m(geometry, eye, plane)
-    light = unwrap(log, geometry, room, plane, px_per_m, mask=outside)
+    light = unwrap(log, geometry, room, plane, px_per_m, mask=hidden)
     if light.known.mean() < LEAST_SEEN:
         return None
     return WallView(plane, px_per_m, light.values, light.known, np.empty((0, 0, 0), np.float32), eye)

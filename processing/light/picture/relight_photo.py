@@ -21,14 +21,6 @@ from processing.light.solver.sight import GLASS, looked_up
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, directions, solid_angles
 
-# What stands at a window and shades the sun wherever it is: bars, blinds, curtains; not the tree behind the glass.
-#
-# `windows` gives cells of a pane that show less than the sky or the ground does. A tree, a house, a shadow on the lawn
-# do that too, yet they stand far away: another sun crosses the glass elsewhere. What stands at the glass runs along it:
-# columns from top to bottom (frames, curtains), rows from side to side (bars, blinds from above, the sill from below).
-# Below the horizon bars and bushes look alike, so that columns are found above it where there is sky.
-
-
 FULL, NONE = 0.35, 0.9
 """Of log luminance between photograph and scene: up to which its detail is kept, and from which none of it is."""
 AROUND = 0.012  # of a picture's height, to all sides: where photograph and scene are compared

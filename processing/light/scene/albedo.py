@@ -10,6 +10,7 @@ edge is light that was estimated wrong, and goes (`painted`).
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from scipy.fft import dctn, idctn
 from scipy.ndimage import maximum_filter
 
 from processing.errors import AlbedoError
-from processing.ground.arrays import Doubles, Flags, Floats, Vector, weighted_median
+from processing.ground.arrays import Doubles, Flags, Floats, Vector, carried_on, weighted_median
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import resized
 from processing.light.scene import room_light, sources
@@ -370,16 +371,5 @@ def continued(values: Floats, known: Flags, colour: Doubles) -> Floats:
 
     ``colour`` (3,) stands where nothing is known.
     """
-    out = np.where(known[..., None], values, 0).astype(np.float32)
-    weight = known.astype(np.float32)
-    todo = ~known
-    for sigma in (2.0, 8.0, 32.0):
-        if not todo.any():
-            break
-        share = cv2.GaussianBlur(weight, (0, 0), sigma)
-        mean = cv2.GaussianBlur(out * weight[..., None], (0, 0), sigma)
-        ready = todo & (share > 0.05)
-        out[ready] = mean[ready] / share[ready, None]
-        todo &= ~ready
-    out[todo] = colour
-    return np.clip(out, LEAST_ALBEDO, MOST_ALBEDO)
+    blurs = [partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=sigma) for sigma in (2.0, 8.0, 32.0)]
+    return np.clip(carried_on(values, known, blurs, colour), LEAST_ALBEDO, MOST_ALBEDO)

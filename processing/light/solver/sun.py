@@ -34,7 +34,10 @@ DRAWN = 0.85  # of what is seen before the sky: covered as much, all of it is a 
 def clear_of_sun(pane: Pane, eye_height_m: float) -> Floats:
     """Return which cells (H, W) of a pane let the sun in, 0 or 1; ``eye_height_m``: from where it was looked through.
 
-    A pane of a single cell is left as it is: nothing is known of where its covering is.
+    What stands at the glass runs along it: columns from top to bottom (frames, curtains), rows from side to side (bars,
+    blinds). A tree, a house, a shadow on the lawn stand far away: another sun crosses the glass elsewhere. Below the
+    horizon bars and bushes look alike: columns are found above it where there is sky. A pane of a single cell is left
+    as it is: nothing is known of where its covering is.
     """
     if pane.clear.size == 1:
         return pane.clear
