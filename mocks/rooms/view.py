@@ -93,8 +93,7 @@ class CubeLookup:
             apart = np.abs(self._plane[pixel] - seen.plane_m)
             match = (part == seen.part) * np.clip((alike - _SAME_NORMAL) / (1 - _SAME_NORMAL), 0, 1) ** 2
             match = match * self._purity[pixel] ** 8 * (PLANE_TOLERANCE_M / (apart + PLANE_TOLERANCE_M)) ** 2
-            # The last terms decide only where no neighbour matches: the same side of the same part (the inside of a
-            # lampshade is darker than its outside), else that part, else alike normals, else anything seen.
+            # The last terms decide only where no neighbour matches: the part's own side, else it, else alike normals.
             alike = np.maximum(alike, 0)
             spare = (part == seen.part) * (1e-3 * alike**4 + 1e-5) + 1e-6 * alike + 1e-7 * (part >= 0)
             weights[:, k] = near * (match + spare) + 1e-12

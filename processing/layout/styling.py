@@ -153,9 +153,8 @@ class _Room:
 def _behind_lamps(plan: FloorPlan, lamps: Sequence[Sequence[float]]) -> Iterator[Wall]:
     """Yield what ceiling lamps, but those above a camera, hide of walls from it, as if they hung down to the eye."""
     for eye, lamp in ((np.array(a), b) for a in plan.keep_free for b in lamps if math.dist(a, b) >= OVER_CAMERA_M):
-        ahead = lamp - eye
-        side = ahead[::-1] * (-1, 1) / np.hypot(*ahead) * LAMP_M
-        ends = [eye + far * (ahead + sign * side) for far, sign in ((1, 1), (1, -1), (99, -1), (99, 1))]
+        side = (lamp - eye)[::-1] * (-1, 1) / math.dist(lamp, eye) * LAMP_M
+        ends = [eye + far * (lamp - eye + sign * side) for far, sign in ((1, 1), (1, -1), (99, -1), (99, 1))]
         for edge in range(len(plan.corners)):
             corner, u, length = plan.edge(edge)
             hidden = shapely.Polygon(ends).intersection(shapely.LineString([corner, corner + u * length]))
@@ -325,13 +324,12 @@ def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
         if row["what"] == "art":
             w = usual * float(room.rng.choice((0.8, 1.0, 1.3)))
         starts = np.arange(0.4, length - w - 0.4, 0.1)
-        low = EYE_M - h / 2
+        low, also = EYE_M - h / 2, room.behind_lamps
         # Air on both sides: a picture squeezed between a door and a wardrobe is none.
-        high, also = low + h, room.behind_lamps
-        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, high), also)]
+        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h), also)]
         if free:
             s = free[len(free) // 2]
-            yield [room.at_wall(row["what"], (edge, s, s + w, low, high), d)]
+            yield [room.at_wall(row["what"], (edge, s, s + w, low, low + h), d)]
 
 
 def _ceiling(room: _Room, row: Mapping[str, Any]) -> Groups:

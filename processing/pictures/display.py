@@ -51,8 +51,7 @@ VIEW_GREEN = 1.25
 """Green over red from which something in a pane is the view however dark: leaves in the shade. Chosen by looking."""
 DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
 HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 1.5, 0.2
-"""Stops above 1 at which a large highlight is shown at most, and how strong its edges are (squared stops). Chosen by
-looking at sun on rugs and sheets: the film alone shows ten per cent of texture there in one code."""
+"""Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
 PLATEAU = 0.28
 """Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
@@ -123,8 +122,7 @@ class Display:
         """
         out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
         if panes is not None and self.pull < 1 and panes.any():
-            cast = np.reshape(np.asarray(self.matrix, np.float32), (3, 3)) @ np.ones(3, np.float32)
-            _pull(out, panes, self.pull, cast, reach, around=around)
+            _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
         _lower_highlights(out, reach, around=around)
         for top in range(0, len(rgb), _TABLED_ROWS):
             _calm(out[top : top + _TABLED_ROWS])
@@ -295,8 +293,7 @@ def _calm(light: Floats) -> None:
     level, planes = luminance_cd_m2(light), cv2.split(light)
     least, most = cv2.min(cv2.min(*planes[:2]), planes[2]), cv2.max(cv2.max(*planes[:2]), planes[2])
     spread = (most - least) / (np.float32(CALM_SPREAD) * level + np.float32(1e-9))
-    spread *= spread
-    share = np.float32(CALM) / (1 + spread * spread)
+    share = np.float32(CALM) / (1 + np.square(spread * spread))
     cv2.merge([plane + (level - plane) * share for plane in planes], light)
 
 

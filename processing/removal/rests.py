@@ -273,8 +273,6 @@ def on_ceiling(room: RoomModel, rgb: Floats) -> list[Any] | None:
     inner = cv2.distanceTransform(np.pad(seen.known, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1] > edge
     odd = inner & (np.abs(seen.values - known_mean(seen.values, seen.known, around)[0]) > ODD)
     odd = cv2.morphologyEx(odd.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
-    if not inner.any():
-        return None
     labels, places = ndimage.label(odd)[0], texel_places(plane, CEILING_PX_PER_M)[..., :2]
     parts = [places[labels == k] for k in range(1, labels.max() + 1)] if odd.sum() >= LEAST_CELLS else []
-    return [part[np.hypot(*part.T).argmin()].round(3).tolist() for part in parts]
+    return [part[np.hypot(*part.T).argmin()].round(3).tolist() for part in parts] if inner.any() else None

@@ -324,12 +324,11 @@ def _gain(given, weights, photo, n, gain):  # type: ignore[no-untyped-def]
         shown += weights[c] * photo[c]
         sun += weights[c] * given.old_sun[n, c]
     modelled, shown = max(modelled + dark, np.float32(1e-6)), max(shown, np.float32(1e-6))
-    sunny = sun > 0 and abs(math.log(modelled / shown)) < MISFIT
     # Where the photograph does not show the sun that the model expects, only the rest of the light is compared; but
     # where removal took it away, or filled what furniture had shaded, it falls now, unless nothing but it explains what
     # is shown: of a half shadow's rim both are as likely, and a patch that falls elsewhere now left a dark hair line.
-    if given.sunless[n] and abs(math.log(max(dark, np.float32(1e-6)) / shown)) < MISFIT:
-        sunny = False
+    without = given.sunless[n] and abs(math.log(max(dark, np.float32(1e-6)) / shown)) < MISFIT
+    sunny = sun > 0 and not without and abs(math.log(modelled / shown)) < MISFIT
     returns = given.sunless[n] and not sunny
     if given.label[n] < 0:
         return
