@@ -44,9 +44,7 @@ BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 not white. Chosen by looking at simulated and real rooms."""
 VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
 MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
-LEAST_VIEW, VIEW_SPREAD = 0.9, 0.85
-"""Level of the film from which something in a pane is the view: not the room's light walls; and, of the geometric mean
-of the room's level and the view's, the share. Chosen by looking."""
+LEAST_VIEW = 0.9  # of the film, from which something in a pane is the view: not the room's light walls. Chosen.
 VIEW_GREEN = 1.25
 """Green over red from which something in a pane is the view however dark: leaves in the shade. Chosen by looking."""
 DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
@@ -310,11 +308,13 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, rea
     top, bottom = max(0, rows[0] - 2 * reach), min(len(light), rows[-1] + 2 * reach + 1)
     part = light[top:bottom]
     level = luminance_cd_m2(part)
-    least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
+    least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull))
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
     panes = panes[top:bottom]
     glass = panes if panes.dtype == bool else panes > 1
     closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    beyond = cv2.floodFill(cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT), None, (0, 0), 1)[1]
+    closed[beyond[1:-1, 1:-1] == 0] = 1  # shade amid a view is part of it: bars reach the pane's edge
     frame = np.zeros_like(glass) if panes.dtype == bool else (panes > 0) & (closed == 0)
     guide = np.log2(np.maximum(part, np.float32(1e-3)))
     soft = (_guided(guide, np.asarray(one, np.float32), reach, _EDGE_EPS, around=around) for one in (closed, frame))

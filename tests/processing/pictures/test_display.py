@@ -195,6 +195,17 @@ def test_trees_in_the_shade_are_part_of_the_view() -> None:
     assert PLATEAU * 0.8 < pulled[1] < plain[1]
 
 
+def test_shade_amid_a_view_is_part_of_it_and_a_bar_is_not() -> None:
+    """A house's dark windows were pale holes in the view, as if they stood in the room."""
+    rgb, panes = room()
+    rgb[25:29, 70:74], rgb[20:34, 60:65] = 80 * WARM, 80 * WARM
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    pulled, plain = (luminance_cd_m2(one) for one in (display.light(rgb, panes), display.balanced(rgb)))
+    assert LEAST_VIEW > plain[27, 72] > PLATEAU
+    assert pulled[27, 72] < 0.8 * plain[27, 72]
+    assert pulled[27, 62] == pytest.approx(plain[27, 62], rel=0.1)
+
+
 def test_what_stands_before_a_pane_or_was_taken_for_one_stays() -> None:
     rgb, panes = room()
     display = display_of(rgb, board_rgb=WARM, panes=panes)
