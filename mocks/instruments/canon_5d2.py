@@ -24,9 +24,7 @@ SHUTTER_TIMES_S = {**codes.SHUTTER_CODES, **codes.SHUTTER_CODES_HALF}
 
 
 class SimulatedCanon5D2(CanonBody):
-    """Put it into a `mocks.instruments.usb.bus.SimulatedUsbBackend`, or behind
-    `tests.peers.ptp_ip.PtpIpServer`.
-    """
+    """Put it into a `mocks.instruments.usb.bus.SimulatedUsbBackend`, or behind `tests.peers.ptp_ip.PtpIpServer`."""
 
     half_pressed = False
     full_pressed = False

@@ -47,10 +47,9 @@ KEPT = ("furniture", "site", "heading", "zone")
 def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     """Relight SESSION's room, emptied or staged: for another time, another sky or a whole day.
 
-    Needs a session processed with furniture (--set). The captured weather follows the sun: sky clearness and colour
-    are kept. Writes pictures in cd/m2 (EXR) and as JPEG; a sweep writes JPEGs, a contact sheet and an animation
-    (WebP). The light basis is cached in SESSION/relight. --furniture, --site, --heading and --zone are saved with the
-    session.
+    Needs a session processed with furniture (--set). The captured weather follows the sun: sky clearness and colour are
+    kept. Writes pictures in cd/m2 (EXR) and as JPEG; a sweep writes JPEGs, a contact sheet and an animation (WebP). The
+    light basis is cached in SESSION/relight. --furniture, --site, --heading and --zone are saved with the session.
 
     \b
     Examples:

@@ -42,9 +42,8 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
     """Return a copy of an 8-bit picture (H, W, 3) with the label on it.
 
     ``panorama``: whether it shows the whole sphere; None: if it is twice as wide as high. ``link``: where a QR code
-    beside the text leads. The label is made smaller where it does not fit; below about 200 pixels of
-    width it cannot be read. Raises `ParameterError` for another array and for a text that is empty or longer than 60
-    characters.
+    beside the text leads. The label is made smaller where it does not fit; below about 200 pixels of width it cannot be
+    read. Raises `ParameterError` for another array and for a text that is empty or longer than 60 characters.
     """
     from PIL import Image
 

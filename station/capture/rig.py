@@ -173,11 +173,10 @@ def open_named_rig(
     """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
 
     Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
-    ``rate``: how much faster than life simulated time runs;
-    ``on_progress`` hears what is being rendered, steps done and steps in all; ``in_its_place``: the rig stands where a
-    generated room does, at its time, and knows its heading, so that the sun is where it should be; ``record``: write
-    a transcript of all links there (`drivers.transcript`); ``fresh``: a picture taken again has noise of its own;
-    ``simulate`` may be ``recorded:FILE``: such a transcript is
+    ``rate``: how much faster than life simulated time runs; ``on_progress`` hears what is being rendered, steps done
+    and steps in all; ``in_its_place``: the rig stands where a generated room does, at its time, and knows its heading,
+    so that the sun is where it should be; ``record``: write a transcript of all links there (`drivers.transcript`);
+    ``fresh``: a picture taken again has noise of its own; ``simulate`` may be ``recorded:FILE``: such a transcript is
     replayed; ``changes`` replace tables of the rig file (``outdoor=None``).
 
     Raises `RigError`: no rig file, or one that cannot be right; `ResourceError`: the transcript cannot be written.

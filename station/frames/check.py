@@ -1,9 +1,8 @@
 """Frames are read and decoded in a process of their own, whose death is no more than a refused frame.
 
-The station's own process never decodes a stranger's bytes, so its memory and its interpreter lock stay free.
-What the worker gives up before the first file is in `station.frames.worker`; what it answers is held against
-`FrameFacts`. Waiting here is waiting for a process of the operating system, so it goes by the system's clock,
-not an injected one.
+The station's own process never decodes a stranger's bytes, so its memory and its interpreter lock stay free. What the
+worker gives up before the first file is in `station.frames.worker`; what it answers is held against `FrameFacts`.
+Waiting here is waiting for a process of the operating system, so it goes by the system's clock, not an injected one.
 """
 
 import json

@@ -1,9 +1,8 @@
 """The few EXIF facts that a frame is checked by, read from the TIFF block of the Exif segment (CIPA DC-008).
 
-Why not a library: maker notes are where EXIF readers break (most of libexif's CVEs), libraries read them or
-guess past damage in silence, and twelve tags of two directories need one page. Thumbnails, GPS,
-interoperability and maker notes are never visited. The reader runs in the worker process all the same
-(`station.frames.worker`).
+Why not a library: maker notes are where EXIF readers break (most of libexif's CVEs), libraries read them or guess past
+damage in silence, and twelve tags of two directories need one page. Thumbnails, GPS, interoperability and maker notes
+are never visited. The reader runs in the worker process all the same (`station.frames.worker`).
 """
 
 import itertools

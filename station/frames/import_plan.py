@@ -73,8 +73,7 @@ def refusal(side: Side, name: str, error: FrameRejectedError, time_s: float | No
 def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[Refusal]]:
     """Return the frames of one side, longest exposure first, and the files that do not fit.
 
-    What most files agree on (size, camera, ISO, F-number) is taken to be meant; of equals, what comes first
-    by name.
+    What most files agree on (size, camera, ISO, F-number) is taken to be meant; of equals, what comes first by name.
     """
     sieve = _Sieve(side, list(candidates), [])
     for candidate in candidates:

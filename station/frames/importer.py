@@ -44,12 +44,11 @@ CLOCKS_APART = timedelta(hours=1)  # chosen: no bracket takes as long; a clock t
 class ImportRequest:
     """What to import, and what no file says.
 
-    ``shutter_s`` gives the exposure times in the order of the file names, seconds (empty: EXIF's).
-    ``readings_cd_m2`` are none, one (before) or two (before and after). ``camera_zone`` is that of the
-    cameras' clocks (None: unknown, unless EXIF says). ``strict`` refuses the import when any file is refused.
-    ``files`` are taken instead of all that is in a side's folder; ``devices`` is what is known of the cameras (fields
-    of `DeviceRecord`), ``notes`` what else is worth a warning. ``raw``: raw files of the same name as a JPEG are
-    copied, too.
+    ``shutter_s`` gives the exposure times in the order of the file names, seconds (empty: EXIF's). ``readings_cd_m2``
+    are none, one (before) or two (before and after). ``camera_zone`` is that of the cameras' clocks (None: unknown,
+    unless EXIF says). ``strict`` refuses the import when any file is refused. ``files`` are taken instead of all that
+    is in a side's folder; ``devices`` is what is known of the cameras (fields of `DeviceRecord`), ``notes`` what else
+    is worth a warning. ``raw``: raw files of the same name as a JPEG are copied, too.
     """
 
     room: str

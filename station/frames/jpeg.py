@@ -1,8 +1,7 @@
 """The gate before a JPEG decoder: what the markers of a file say, read from its bytes within fixed limits.
 
-Written from ITU-T T.81 annex B. Nothing is decoded. Accepted is what a digital camera writes: Huffman-coded
-baseline, extended or progressive, 8 bits, three components; everything else is refused before a decoder sees
-it.
+Written from ITU-T T.81 annex B. Nothing is decoded. Accepted is what a digital camera writes: Huffman-coded baseline,
+extended or progressive, 8 bits, three components; everything else is refused before a decoder sees it.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """The process in which strangers' bytes are decoded; started by `station.frames.check`, never imported by it.
 
-It reads one JSON request a line from standard input and answers one JSON line. Before the first request it
-locks itself in: 2 GiB of address space, no new files, no children, few open files, an empty folder, no
-network where the system lets it. OpenCV is the decoder because it says what libjpeg found odd ("premature end
-of data segment") on standard error, which is read here; Pillow keeps that to itself and fills the rest of the
-picture with grey.
+It reads one JSON request a line from standard input and answers one JSON line. Before the first request it locks itself
+in: 2 GiB of address space, no new files, no children, few open files, an empty folder, no network where the system lets
+it. OpenCV is the decoder because it says what libjpeg found odd ("premature end of data segment") on standard error,
+which is read here; Pillow keeps that to itself and fills the rest of the picture with grey.
 """
 
 import hashlib

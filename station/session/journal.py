@@ -1,9 +1,8 @@
 """The journal of a session: one durable line an event.
 
-A line is ``<bytes of the JSON, 8 digits> <CRC-32, 8 hex digits> <JSON>\\n`` with the JSON object
-``{"seq", "utc", "monotonic_s", "kind", "data"}``; ``seq`` counts from 1 without gaps. A line counts once
-fdatasync has returned. Only the last line can be torn by a crash, so a bad last line is cut and a bad earlier
-one is damage.
+A line is ``<bytes of the JSON, 8 digits> <CRC-32, 8 hex digits> <JSON>\\n`` with the JSON object ``{"seq", "utc",
+"monotonic_s", "kind", "data"}``; ``seq`` counts from 1 without gaps. A line counts once fdatasync has returned. Only
+the last line can be torn by a crash, so a bad last line is cut and a bad earlier one is damage.
 """
 
 import json

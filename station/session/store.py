@@ -1,8 +1,7 @@
 """A session on disk that survives anything: what `add_frame` has returned for is there, come what may.
 
-Order of a frame: bytes under a temporary name, fsync, size check, rename, fsync of the folder, journal line,
-fdatasync; then it is acknowledged. The manifest is a snapshot, replaced at checkpoints; the journal is the
-truth.
+Order of a frame: bytes under a temporary name, fsync, size check, rename, fsync of the folder, journal line, fdatasync;
+then it is acknowledged. The manifest is a snapshot, replaced at checkpoints; the journal is the truth.
 """
 
 from __future__ import annotations
