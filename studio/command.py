@@ -6,15 +6,10 @@ from pathlib import Path
 
 import click
 
-from station.commands.views import FOLDER, answer
+from station.commands.views import answer, parameters
 
 
-@click.command()
-@click.argument("folder", type=FOLDER, default="sessions")
-@click.option("--port", type=click.IntRange(0, 65535), default=8321, help="Port to listen on; 0: any free port.")
-@click.option("--phone", is_flag=True, help="Also listen on the local network and print a second link, for a phone.")
-@click.option("--open/--no-open", "show", default=True, help="Open the browser.")
-@click.option("--json", "as_json", is_flag=True, help="Print the links as one JSON object.")
+@click.command(params=parameters(__package__, "studio"))
 def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -> int:
     """View the sessions in FOLDER and correct rooms, masks and furniture by hand.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from processing.commands.process import ProcessCommand, given_now, run_request
-from station.commands.views import FILE, FOLDER, Number, SilentView, answer, numbers, printable
+from station.commands.views import SilentView, answer, numbers, parameters, printable
 
 if TYPE_CHECKING:
     from processing.batch.run import BatchReport
@@ -55,20 +55,7 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
     )
 
 
-@click.command(cls=ProcessCommand)
-@click.argument("folder")
-@click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Sessions to run at once on this computer.")
-@click.option("--cluster", metavar="ADDRESS", help="Use a Dask scheduler, e.g. tcp://10.0.0.5:8786.")
-@click.option(
-    "--session-timeout",
-    type=Number(1, 1e6),
-    default=7200.0,
-    metavar="SECONDS",
-    help="Stop a session that takes longer.",
-)
-@click.option("--zone", metavar="NAME", help="Time zone of the table (default: each session's).")
-@click.option("--into", type=FOLDER, help="Folder for the table (default: FOLDER; for a URL: the current folder).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
+@click.command(cls=ProcessCommand, params=parameters(__package__, "batch"))
 def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     """Process every session in FOLDER (or URL), several at a time; takes the options of `daylit process`.
 
@@ -152,18 +139,7 @@ def dataset() -> None:
     """
 
 
-@dataset.command()
-@click.argument("folder", type=FILE)
-@click.option("--name", required=True, help="Name of the data set.")
-@click.option("--licence", required=True, help="Licence: SPDX identifier (CC-BY-4.0) or URL.")
-@click.option("--creator", default="", show_default=False, help="Author of the data set.")
-@click.option("--cite", default="", show_default=False, help="Citation text.")
-@click.option("--url", default="", show_default=False, help="Web address of the data set.")
-@click.option("--release", default="1.0.0", help="Version of the data set.")
-@click.option("--date", default="", show_default=False, metavar="YYYY-MM-DD", help="Date of publication.")
-@click.option("--split", default="70,15,15", metavar="A,B,C", help="Percentage of rooms in train, validation and test.")
-@click.option("--zone", metavar="NAME", help="Time zone of the index (default: each session's).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@dataset.command(params=parameters(__package__, "dataset build"))
 def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about: str) -> int:
     """Write index.csv, croissant.json, LICENCE.txt and SHA256SUMS into FOLDER, beside its sessions.
 
@@ -184,9 +160,7 @@ def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about:
     return answer({"ok": True, "files": files, **found}, [*files, *_summary_lines(found)], as_json=as_json)
 
 
-@dataset.command()
-@click.argument("folder", type=FILE)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@dataset.command(params=parameters(__package__, "dataset check"))
 def check(folder: Path, *, as_json: bool) -> int:
     """Compare FOLDER with its checksums, index and metadata.
 
@@ -203,9 +177,7 @@ def check(folder: Path, *, as_json: bool) -> int:
     return answer({"ok": report.ok, **facts}, lines, as_json=as_json, exit_code=0 if report.ok else 1)
 
 
-@dataset.command()
-@click.argument("folder", type=FILE)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@dataset.command(params=parameters(__package__, "dataset summary"))
 def summary(folder: Path, *, as_json: bool) -> int:
     """Summarise the data set in FOLDER in numbers.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER
+from station.commands.views import parameters
 
 if TYPE_CHECKING:
     from processing.running.progress import Meter
@@ -36,27 +36,7 @@ QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
 GENERATED = "bedroom-7-clear"
 
 
-@click.command()
-@click.option("--world", help=f"Simulated scene: {GENERATED} (the default), living-63, room:7, chart, uniform:100.")
-@click.option(
-    "--room",
-    "picture",
-    type=FILE,
-    metavar="FILE",
-    help="Use a real room: a photograph (processed in relative units) or, with --sky, an HDR panorama.",
-)
-@click.option(
-    "--sky",
-    type=FILE,
-    metavar="FILE",
-    help="HDR panorama of a real sky: the simulated cameras photograph --room and --sky in cd/m2.",
-)
-@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), help="Frame size (default: full).")
-@click.option("--quick", is_flag=True, help="Run faster: quarter size, high simulation speed, draft quality.")
-@click.option("--set", "furniture", metavar="NAME", help="Furniture set: bedroom, living, ..., none (default: auto).")
-@click.option("--into", type=FOLDER, default=Path("demo"), help="Sessions folder.")
-@click.option("--capture-only", is_flag=True, help="Stop after the session is verified.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON events, then one summary object.")
+@click.command(params=parameters(__package__, "demo"))
 def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:
     """Run the whole chain on simulated instruments: capture a room and its sky, process, stage it three ways.
 

@@ -7,19 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, NO_FOLDER, answer, numbers
+from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
     from processing.layout.furniture.model import FurnitureModel
     from processing.layout.items import Item
     from processing.layout.models.catalogue import Catalogue
-
-
-_FOLDER = click.option(
-    "--furniture", "catalogue", type=FILE, metavar="FOLDER", help="glTF, GLB, OBJ or 3D-FUTURE models."
-)
-_STYLE = click.option("--style", metavar="NAME", help="Built-in: scandinavian, mid-century, classic or industrial.")
 
 
 @click.group()
@@ -33,11 +27,7 @@ def furniture() -> None:
     """
 
 
-@furniture.command("list")
-@_FOLDER
-@_STYLE
-@click.option("--category", metavar="NAME", help="List one category only, e.g. sofa.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@furniture.command("list", params=parameters(__package__, "furniture list"))
 def list_(catalogue: Path | None, style: str | None, category: str | None, *, as_json: bool) -> int:
     """List models with category, size (width x depth x height), licence, and what was guessed or corrected.
 
@@ -65,13 +55,7 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     return answer(facts, lines, as_json=as_json, exit_code=1 if refused else 0)
 
 
-@furniture.command()
-@click.argument("model", required=False)
-@_FOLDER
-@_STYLE
-@click.option("--size", metavar="W,D,H", help="Size in metres (default: the model's own).")
-@click.option("--into", "output", type=NO_FOLDER, help="PNG file (default: the model's name).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@furniture.command(params=parameters(__package__, "furniture show"))
 def show(model: str | None, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Draw MODEL from the front and from behind, or a contact sheet of the whole catalogue.
 
@@ -96,14 +80,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
     return _report_written(path, models, as_json=as_json)
 
 
-@furniture.command()
-@click.argument("what")
-@_FOLDER
-@_STYLE
-@click.option("--rank", type=click.IntRange(min=1), default=1, help="Rank of the arrangement in the file.")
-@click.option("--size", metavar="W,D,H", help="Size of a single model, metres.")
-@click.option("--into", "output", type=NO_FOLDER, help="GLB file (default: the model's name).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@furniture.command(params=parameters(__package__, "furniture export"))
 def export(what: str, rank: int, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Export a model, or all furniture of an arrangement.json in place, as GLB (metres, y up).
 
@@ -155,23 +132,7 @@ def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) 
     return answer(facts, [*lines, f"{path}: {len(models)} models, {triangles} triangles"], as_json=as_json)
 
 
-@click.command()
-@click.argument("room", type=FILE)
-@click.option("--items", metavar="LIST", help='Furniture to place, e.g. "bed, 2 nightstand, desk".')
-@click.option("--set", "set_name", metavar="NAME", help="Furniture set instead: bedroom, living, dining or office.")
-@click.option("--rules", default="standard", help="Rule set: comfort, standard, tight, accessible, or your own.")
-@click.option("--rules-file", type=FILE, help="Use your own edited copy of the rules.")
-@click.option("--alternatives", "-n", "count", type=click.IntRange(1, 50), default=7, help="Number of alternatives.")
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, help="Random seed.")
-@click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="Place a piece by hand and keep it there.")
-@click.option(
-    "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="As in the paper; see above."
-)
-@click.option("--furniture", "catalogue", type=FILE, metavar="FOLDER", help="Models to take shapes and sizes from.")
-@click.option("--keep-camera", is_flag=True, help="Keep the floor at the camera clear (rooms and sessions).")
-@click.option("--into", "output", type=FOLDER, help="Folder for the results.")
-@click.option("--no-pictures", is_flag=True, help="Write arrangement.json only.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the arrangements.")
+@click.command(params=parameters(__package__, "arrange"))
 def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None, **options: Any) -> int:
     """Arrange furniture in ROOM (a plan.json, a room.json or a session) without breaking a hard rule.
 

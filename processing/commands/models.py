@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from station.commands.views import FILE, answer
+from station.commands.views import answer, parameters
 
 
 @click.group()
@@ -21,8 +21,7 @@ def models() -> None:
     """
 
 
-@models.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@models.command("list", params=parameters(__package__, "models list"))
 def list_(*, as_json: bool) -> int:
     """List the models with size, licence, SHA-256, source, and whether they are installed.
 
@@ -47,10 +46,7 @@ def list_(*, as_json: bool) -> int:
     return answer({"ok": True, "models": rows}, lines, as_json=as_json)
 
 
-@models.command()
-@click.argument("name")
-@click.option("--url", help="Download from another address: a mirror or your own server.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@models.command(params=parameters(__package__, "models get"))
 def get(name: str, url: str | None, *, as_json: bool) -> int:
     """Download model NAME, check its SHA-256 and install it; an installed model is not downloaded again.
 
@@ -64,9 +60,7 @@ def get(name: str, url: str | None, *, as_json: bool) -> int:
     return _done(model.name, get_model(model, url=url), as_json=as_json)
 
 
-@models.command()
-@click.argument("file", type=FILE)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@models.command(params=parameters(__package__, "models add"))
 def add(file: Path, *, as_json: bool) -> int:
     """Install a model FILE you downloaded yourself; its SHA-256 identifies the model.
 

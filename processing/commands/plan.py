@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from station.commands.views import Number, answer, numbers
+from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
     from processing.calibration.outdoor.sun_place import Place
@@ -31,17 +31,7 @@ class Moment(NamedTuple):
     global_lx: float
 
 
-@click.command()
-@click.option("--site", metavar="LAT,LON", required=True, help="Location of the room, degrees north and east.")
-@click.option(
-    "--heading", type=Number(-360, 360), required=True, metavar="DEG", help="Compass azimuth of the panorama's middle."
-)
-@click.option("--date", metavar="DATE", help="Date, e.g. 2023-06-21 (default: today).")
-@click.option(
-    "--window", "windows", type=Number(), multiple=True, metavar="DEG", help="Azimuth a window faces; repeatable."
-)
-@click.option("--zone", metavar="NAME", help="Time zone: America/New_York, or -04:00 (default: from the site).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "plan"))
 def plan(*, as_json: bool, **asked: Any) -> int:
     """Plan a day: hours of sun on each wall of a room, and how fast a clear sky's light changes.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, SilentView, answer, printable
+from station.commands.views import FILE, SilentView, answer, parameter, parameters, printable
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -38,10 +38,11 @@ class ProcessCommand(click.Command):
 
         *own, as_json, help_option = super().get_params(ctx)
         table = table_of(__package__, "process")
-        more = [_table_option(name, row) for name, row in table["run"].items()]
+        more = [parameter(f"--{name}", row) for name, row in table["run"].items()]
         for trade in sorted(trades()):
-            users = f" Stages: {', '.join(stage.name for stage in STAGES if trade in stage.trades)}."
-            more.append(_table_option(trade, table["trades"][trade], users))
+            row, users = table["trades"][trade], ", ".join(stage.name for stage in STAGES if trade in stage.trades)
+            help_ = f"{row['help']} Stages: {users}."
+            more.append(parameter(f"--{trade.replace('_', '-')}", {**row, "help": help_}))
         more += [_stage_option(option) for option in options().values()]
         return [*own, *more, as_json, help_option]
 
@@ -59,16 +60,6 @@ class ProcessCommand(click.Command):
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)
-
-
-def _table_option(name: str, row: Mapping[str, Any], more: str = "") -> click.Option:
-    """Return an option of `process.toml` as click takes it, with ``more`` to its help."""
-    given = {**row, "help": row["help"] + more}
-    if "choices" in given:
-        given["type"] = click.Choice(given.pop("choices"))
-    if given.pop("number", False):
-        given["type"] = float
-    return click.Option([f"--{name.replace('_', '-')}"], **given)
 
 
 def _stage_option(option: Option) -> click.Option:
@@ -105,18 +96,7 @@ def given_now(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value is not None}
 
 
-@click.command(cls=ProcessCommand)
-@click.argument("session", type=FILE, required=False)
-@click.option(
-    "--panorama",
-    type=FILE,
-    metavar="FILE",
-    help="Process one equirectangular panorama (JPEG, PNG, EXR, HDR) instead of SESSION, in relative units.",
-)
-@click.option("--into", type=FOLDER, metavar="FOLDER", help="With --panorama: sessions folder (default: sessions).")
-@click.option("--dry-run", is_flag=True, help="Show what would run and why; change nothing.")
-@click.option("--explain", is_flag=True, help="Show for every stage which input or parameter changed, old and new.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
+@click.command(cls=ProcessCommand, params=parameters(__package__, "process"))
 def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any) -> int:
     """Process SESSION: check, merge, calibrate ... A stage runs only if something it depends on has changed.
 
@@ -321,12 +301,7 @@ def _left(seconds: float | None) -> str:
     return f", about {max(1, round(seconds))} s left" if seconds < 90 else f", about {round(seconds / 60)} min left"
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.argument("given", nargs=-1, metavar="[NAME=VALUE]...")
-@click.option("--forget", metavar="NAME", multiple=True, help="Drop a saved option (repeatable); all: drop every one.")
-@click.option("--past", is_flag=True, help="Also show earlier values.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "choices"))
 def choices(session: Path, given: tuple[str, ...], *, forget: tuple[str, ...], past: bool, as_json: bool) -> int:
     """Show or change the saved options of SESSION, which process, batch, relight and view-from use.
 

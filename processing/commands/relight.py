@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, Number, answer, numbers
+from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -26,24 +26,7 @@ KEPT = ("furniture", "site", "heading", "zone")
 """Options that the session remembers."""
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--at", "at", metavar="TIME", help='Time, e.g. "2023-06-21 16:00" (local) or 2023-06-21T14:00Z.')
-@click.option("--sky", type=FILE, metavar="FILE", help="Light the room with another sky, EXR or Radiance.")
-@click.option("--sweep", type=click.Choice(["day"]), help="Relight through the hours of a day.")
-@click.option("--date", metavar="DATE", help="With --sweep: date, e.g. 2023-06-21 (default: the day of capture).")
-@click.option("--step", metavar="TIME", help="With --sweep: time step, e.g. 30m or 1h.  [default: 1h]")
-@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="Show staged alternative N.")
-@click.option("--furniture", type=FILE, metavar="FOLDER", help="Folder of your own models it was staged with.")
-@click.option("--empty", is_flag=True, help="Show the emptied room.  [default]")
-@click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured")
-@click.option("--site", metavar="LAT,LON", help="Latitude and longitude of the room, if the session has none.")
-@click.option("--heading", type=Number(-360, 360), metavar="DEGREES", help="Compass azimuth of the panorama's centre.")
-@click.option("--zone", metavar="NAME", help="Time zone: America/New_York, or -04:00 (default: from the site).")
-@click.option("--rows", type=click.IntRange(64, 2048), default=1024, help="Height of the pictures, pixels.")
-@click.option("--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard")
-@click.option("--into", "output", type=FOLDER, help="Output folder (default: SESSION/relight).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
+@click.command(params=parameters(__package__, "relight"))
 def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     """Relight SESSION's room, emptied or staged: for another time, another sky or a whole day.
 
@@ -217,23 +200,7 @@ def _line(one: dict[str, Any]) -> str:
     return f"{when}  {sun}, {light}, {100 * one['sunny_share']:.1f} % in the sun"
 
 
-MOST_PX = 4096  # chosen: about the width of a 4K screen
-
-
-@click.command("view-from")
-@click.argument("session", type=FILE)
-@click.option("--eye", required=True, metavar="X,Y,Z", help="Metres right, ahead, up of the floor below the camera.")
-@click.option("--look", metavar="AZ,EL", help="View direction, degrees right of ahead, and up.  [default: 0,0]")
-@click.option("--fov", type=Number(10, 150), help="Horizontal field of view, degrees.  [default: 70]")
-@click.option("--panorama", is_flag=True, help="Render a panorama instead of a perspective view.")
-@click.option("--width", type=click.IntRange(64, MOST_PX), default=1280, help="Width of the picture, pixels.")
-@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="Show staged alternative N.")
-@click.option("--furniture", type=FILE, metavar="FOLDER", help="Folder of your own models it was staged with.")
-@click.option("--empty", is_flag=True, help="Show the emptied room.  [default]")
-@click.option("--quality", type=click.Choice(["draft", "standard"]), default="draft")
-@click.option("--name", help="Name of the files (default: from the viewpoint).")
-@click.option("--into", "output", type=FOLDER, help="Output folder (default: SESSION/views).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object at the end.")
+@click.command("view-from", params=parameters(__package__, "view-from"))
 def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     """Render SESSION's room, emptied or staged, from another viewpoint.
 

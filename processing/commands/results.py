@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, answer, numbers
+from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
     from processing.exchange.export import Exported
@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 # ``daylit inspect``: what a picture says, as a whole and at a place.
 
 
-@click.command()
-@click.argument("file", type=FILE)
-@click.option("--at", metavar="LON,LAT", multiple=True, help="Point, degrees right of the centre and up (repeatable).")
-@click.option("--radius", type=float, default=1.0, metavar="DEGREES", help="Radius of the sampled spot, degrees.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "inspect"))
 def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) -> int:
     """Show unit, range and metadata of FILE (EXR, Radiance HDR, JPEG, PNG); with --at, the value at a point.
 
@@ -71,12 +67,7 @@ def _place_lines(place: dict[str, Any]) -> list[str]:
     return found
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--what", default="jpeg,hdr,gltf", metavar="KINDS", help="Any of jpeg,hdr,exr,gltf,glare.")
-@click.option("--into", type=FOLDER, help="Output folder (default: SESSION's name + -export).")
-@click.option("--no-label", is_flag=True, help="Leave the label off altered JPEGs (their metadata still declare it).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "export"))
 def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_json: bool) -> int:
     """Export the pictures and models of a processed SESSION as JPEG, Radiance HDR, EXR and glTF.
 
@@ -138,10 +129,7 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
 REPORT = Path("stages", "report", "index.html")
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--no-open", is_flag=True, help="Print the path only.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object; open nothing.")
+@click.command(params=parameters(__package__, "view"))
 def view(session: Path, *, no_open: bool, as_json: bool) -> int:
     """Open the report of SESSION in the browser and print its path.
 
@@ -179,10 +167,7 @@ def _page(session: Path) -> Path:
 # ``daylit clean``: what only the stages need goes, results stay.
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--keep", metavar="STAGE", multiple=True, help="Also keep the results of this stage (repeatable).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "clean"))
 def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
     """Delete SESSION's intermediate files; keep frames, calibrated and staged pictures, and the report.
 
@@ -213,11 +198,7 @@ def still_paths(session: Path) -> list[Path]:
     return []
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--aim", multiple=True, metavar="YAW,LENS[,DROP]", help="Add your own framing: degrees, mm (repeatable).")
-@click.option("--into", type=FOLDER, help="Copy the stills to a folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "stills"))
 def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: bool) -> int:
     """List the framed stills of SESSION: JPEGs up to 1920 x 1280, each with its unaltered original and luminance (EXR).
 
@@ -257,17 +238,7 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
     return answer({"ok": True, "folder": str(folder), "stills": facts}, lines, as_json=as_json)
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--into", type=FOLDER, help="Output folder (default: SESSION's name + -proof).")
-@click.option("--check", "checked", is_flag=True, help="Check the pack and SESSION's frames, instead of writing it.")
-@click.option("--digest", metavar="HEX", help="With --check: the digest printed when the pack was written.")
-@click.option(
-    "--sign",
-    metavar="PEM",
-    help="Add C2PA content credentials, signed with a PEM file; 'self': with a new, self-signed certificate.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "proof"))
 def proof(
     session: Path, into: Path | None, *, checked: bool, digest: str | None, sign: str | None, as_json: bool
 ) -> int:

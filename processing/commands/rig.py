@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FOLDER, NO_FOLDER, Number, answer, numbers
+from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
@@ -22,25 +22,7 @@ def rig() -> None:
     """Calibrate the instruments of a rig."""
 
 
-@rig.command()
-@click.argument("sessions", type=FOLDER, nargs=-1, required=True)
-@click.option("--into", "out", type=NO_FOLDER, default=Path("calibration.json"))
-@click.option("--chart", type=FOLDER, help="Session with the colour chart (default: the first of SESSIONS).")
-@click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera facing an evenly lit field.")
-@click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera facing the chart, with and without ND filter.")
-@click.option(
-    "--lamp",
-    "lamps",
-    type=FOLDER,
-    nargs=2,
-    multiple=True,
-    help="Two sessions in the dark: a lamp visible, then hidden by a card; repeat for more lamps.",
-)
-@click.option("--lens-data", multiple=True, metavar="NAME", help="Published vignetting: theta_z1, canon_8mm_f11 ...")
-@click.option("--corners", multiple=True, metavar="SIDE:X,Y,...", help="Corners of the chart in the frames, pixels.")
-@click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, exact thirds or halves.")
-@click.option("--half-field", type=Number(45, 110), default=90.0, help="Half the field of view, degrees.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@rig.command(params=parameters(__package__, "rig calibrate"))
 def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     """Find the rig's response curves, noise, lens data and k2 from SESSIONS; write a profile for `daylit process`.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, answer
+from station.commands.views import answer, parameters
 
 if TYPE_CHECKING:
     from processing.ground.room_model import RoomModel
@@ -16,20 +16,7 @@ if TYPE_CHECKING:
 ROOM_FILE = "room.json"
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--edit", is_flag=True, help="Open SESSION/room.json, or else the estimated room, in $EDITOR.")
-@click.option("--from", "start", type=FILE, help="With --edit: start from this room.")
-@click.option(
-    "--import",
-    "imported",
-    type=click.Choice(["zind", "led2net", "horizonnet"]),
-    help="With --from: format of that file (led2net: also PanoAnnotator's).",
-)
-@click.option("--panorama", help="With --import zind: panorama whose room to take.")
-@click.option("--around", is_flag=True, help="Re-estimate SESSION/room.json, keeping what was placed by hand.")
-@click.option("--check", type=FILE, help="Check a room file and list every fault.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "room"))
 def room(
     session: Path,
     *,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, Number, answer
+from station.commands.views import answer, parameters
 
 if TYPE_CHECKING:
     from station.capture.bracket import BracketPlan, Estimate
@@ -19,40 +19,7 @@ if TYPE_CHECKING:
     from station.session.session import MeterTarget, SessionManifest
 
 
-_SIZE = click.Choice(["full", "half", "quarter", "small"])
-_RATE, _NOISE = Number(0.1, 50), Number(0.5, 50)
-_READING = "Luminance read off the meter's display; give twice: before, after."
-_RESUME = "Complete a partial session with the rig it was started with (or another: --rig)."
-
-
-@click.command()
-@click.argument("rooms", nargs=-1)
-@click.option("--rig", "rig_path", type=FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--into", type=FOLDER, show_default="sessions", help="Sessions folder.")
-@click.option(
-    "--simulate",
-    metavar="WORLD",
-    help="Use simulated instruments in WORLD: room, bedroom-7 (living, dining, office, empty; any seed; "
-    "-clear, -overcast), chart, uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE to replay a --record file.",
-)
-@click.option("--size", type=_SIZE, default="full", help="Frame size of the simulated cameras.")
-@click.option("--rate", type=_RATE, default=1.0, help="Speed of simulated time; 1 is real time.")
-@click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Take nine stops, or only those needed.")
-@click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
-@click.option("--noise", type=_NOISE, metavar="PERCENT", help="Repeat exposures until 95 % of pixels have less noise.")
-@click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="Use one camera only.")
-@click.option("--reading", "readings", type=float, multiple=True, metavar="CD_M2", help=_READING)
-@click.option("--no-meter", is_flag=True, help="Capture without a meter; the session records this.")
-@click.option("--target", metavar="LON,LAT", help="Where the meter points in the panorama, degrees.")
-@click.option("--address", default="", metavar="TEXT", help="Address to show on the client's page.")
-@click.option("--every", metavar="60m", help="Repeat the bracket of ROOM at this interval, until --until.")
-@click.option("--until", metavar="HH:MM", help="With --every: latest start of the last bracket, local time.")
-@click.option("--rooms", "rooms_path", type=FILE, help="Read the rooms from a file, one per line.")
-@click.option("--notify", metavar="CMD|URL", help="Send events as JSON to a command's standard input, or by HTTP POST.")
-@click.option("--resume", "resume_path", type=FILE, metavar="SESSION", help=_RESUME)
-@click.option("--record", type=FILE, metavar="FILE", help="Record all traffic with the instruments, for bug reports.")
-@click.option("--dry-run", is_flag=True, help="Print the bracket table and exit.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON events, one per line (the default off a terminal).")
+@click.command(params=parameters(__package__, "capture"))
 def capture(**options: Any) -> int:
     """Capture ROOM: a meter reading, synchronised brackets from both cameras, a second reading.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.commands.views import FILE, FOLDER, answer, printable
+from station.commands.views import answer, parameters, printable
 
 if TYPE_CHECKING:
     from drivers.clock import Clock
@@ -23,12 +23,7 @@ if TYPE_CHECKING:
 _MARKS = {"ok": click.style("ok  ", "green"), "warn": click.style("warn", "yellow"), "fail": click.style("FAIL", "red")}
 
 
-@click.command()
-@click.option("--rig", "rig_path", type=FILE, help="Connect to, set up and check every instrument in this rig file.")
-@click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead, e.g. room.")
-@click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
-@click.option("--write-rig", type=FILE, metavar="FILE", help="Write an example rig file and exit.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "doctor"))
 def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: Path | None, *, as_json: bool) -> int:
     """Check the computer and its connections and, with --rig, the instruments themselves.
 
@@ -84,13 +79,7 @@ def _lines(check: Check) -> Iterator[str]:
 # ``daylit conform``: does an instrument, real or simulated, do what daylit relies on?
 
 
-@click.command()
-@click.option("--rig", "given", type=FILE, help="Rig file (default: ./rig.toml).")
-@click.option("--simulate", metavar="WORLD", help="Test simulated instruments instead, or recorded:FILE.")
-@click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="Test one instrument only.")
-@click.option("--delete", "may_delete", is_flag=True, help="Let the test delete its pictures from the camera.")
-@click.option("--record", type=FILE, metavar="FILE", help="Record all traffic with the instruments, for bug reports.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object, for bug reports.")
+@click.command(params=parameters(__package__, "conform"))
 def conform(
     given: Path | None, simulate: str | None, only: str | None, record: Path | None, *, may_delete: bool, as_json: bool
 ) -> int:
@@ -154,12 +143,7 @@ def meter() -> None:
     """Read a luminance meter, or identify its protocol."""
 
 
-@meter.command()
-@click.option("--port", default="auto", help="Serial port, e.g. /dev/ttyUSB0 or COM3.")
-@click.option("--dialect", default="ls160", help="ls160 (assumed), ls100, cs100a, or a file.")
-@click.option("--samples", type=click.IntRange(1, 50), default=3)
-@click.option("--timeout", "timeout_s", type=click.FloatRange(0.1, 120), default=20.0, help="Time limit, seconds.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@meter.command(params=parameters(__package__, "meter read"))
 def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bool) -> int:
     """Take one reading: the mean of several samples, with their spread.
 
@@ -186,10 +170,7 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
     return answer(facts, [line], as_json=as_json, exit_code=0 if ok else 3)
 
 
-@meter.command()
-@click.argument("transcript", type=FILE)
-@click.option("--port", default="auto", help="Serial port, e.g. /dev/ttyACM0 or COM3.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of progress lines.")
+@meter.command(params=parameters(__package__, "meter probe"))
 def probe(transcript: Path, port: str, *, as_json: bool) -> int:
     """Try every known protocol on a meter, record the exchange in TRANSCRIPT and report which dialect fits.
 

@@ -11,7 +11,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 
-from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer
+from station.commands.views import answer, parameters
 
 if TYPE_CHECKING:
     from station.frames.dataset import Pair
@@ -20,31 +20,11 @@ if TYPE_CHECKING:
     from station.session.session import Site
     from station.session.verify import VerifyReport
 
-_FOLDER, _CD_M2 = click.Path(exists=True, file_okay=False, path_type=Path), Number(min=0, max=1e10)
-_READING = "Luminance of the meter's target; give twice: before, after."
 NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading", "address")
 """Options that say something of one room only."""
 
 
-@click.command()
-@click.argument("room", required=False)
-@click.option("--dataset", type=_FOLDER, help="Import a tree of bracket folders as many sessions, in place of ROOM.")
-@click.option("--table", type=NO_FOLDER, help="With --dataset: CSV of its readings.")
-@click.option("--only", metavar="TEXT", default="", show_default=False, help="Import only names with TEXT (--dataset).")
-@click.option("--dry-run", is_flag=True, help="With --dataset: show what would be imported and exit.")
-@click.option("--raw/--no-raw", default=True, help="Also copy the raw file beside each JPEG.")
-@click.option("--indoor", type=_FOLDER, help="Folder with the JPEGs of the room.")
-@click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
-@click.option("--shutter", metavar="S,S,...", help="Exposure times, in file-name order (default: from EXIF).")
-@click.option("--reading", "readings", type=_CD_M2, multiple=True, metavar="CD_M2", help=_READING)
-@click.option("--target", metavar="LON,LAT", help="Where the meter pointed in the panorama, degrees.")
-@click.option("--heading", type=Number(-360, 360), help="Compass azimuth of the centre column, degrees.")
-@click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
-@click.option("--address", metavar="TEXT", help="Address to show on the client's page.")
-@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks, or its name (default: EXIF).")
-@click.option("--into", type=FOLDER, default=Path("sessions"), help="Sessions folder.")
-@click.option("--strict", is_flag=True, help="Fail if any file is rejected.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "import"))
 def import_session(**options: Any) -> int:
     """Build a session of ROOM from folders of JPEGs, one per camera; the folders are not changed.
 
@@ -161,12 +141,7 @@ def _show(report: ImportReport, *, as_json: bool) -> int:
     return 4 if manifest.missing else 0
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--fast", is_flag=True, help="Check names and sizes only; read no frame.")
-@click.option("--look", is_flag=True, help="Also decode every frame, in a sandboxed process.")
-@click.option("--repair", is_flag=True, help="Rebuild session.json from the journal; never deletes anything.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "verify"))
 def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool) -> int:
     """Check every file of SESSION (size and SHA-256), that none is extra, and that journal and manifest agree.
 

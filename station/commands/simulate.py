@@ -8,31 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, SilentView, answer, printable
+from station.commands.views import SilentView, answer, parameters, printable
 
 if TYPE_CHECKING:
     from station.simulate.run import DatasetEvent
 
 
-_CONDITIONS = "Scenes, times, headings and lux, a row a session, local time in Pittsburgh (default: rooms by seed)."
-_USE = click.Choice(["bedroom", "living", "dining", "office", "empty"])
-_QUALITY = click.Choice(["draft", "standard", "reference"])
-_SESSIONS, _ROWS = click.IntRange(min=1), click.IntRange(min=16, max=4096)
 _PASSING = ("begun", "rendering", "capturing")
 
 
-@click.command()
-@click.argument("folder", type=FOLDER)
-@click.option("--conditions", type=FILE, metavar="CSV", help=_CONDITIONS)
-@click.option("--sessions", type=_SESSIONS, metavar="N", help="Sessions to make (default: one per condition or 137).")
-@click.option("--use", type=_USE, help="Room type of every session (default: from the scene's name, else random).")
-@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full")
-@click.option("--quality", type=_QUALITY, default="standard", help="Effort spent on the rooms' light.")
-@click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, help="Random seed of the rooms.")
-@click.option("--truth/--no-truth", default=True, help="Save the ground truth of each room.")
-@click.option("--truth-rows", type=_ROWS, default=512, help="Height of the truth panoramas (2:1), pixels.")
-@click.option("--clouds", is_flag=True, help="Let clouds pass during the brackets.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON summary object.")
+@click.command(params=parameters(__package__, "simulate"))
 def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:
     """Generate a data set of simulated rooms in FOLDER: sessions, their ground truth in FOLDER/truth, dataset.csv.
 

@@ -1,10 +1,13 @@
-"""What a user sees of a command at work: the base of all views, those of a capture, and options that are numbers."""
+"""What commands share: the table of their parameters, and what a user sees of them at work."""
 
 from __future__ import annotations
 
 import json
 import math
+import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -17,6 +20,8 @@ FILE = click.Path(path_type=Path)
 """A file that is read or written, or a session."""
 FOLDER = click.Path(path_type=Path, file_okay=False)
 NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
+_FOLDER_THERE = click.Path(path_type=Path, file_okay=False, exists=True)
+_KINDS = {"file": FILE, "folder": FOLDER, "no folder": NO_FOLDER, "folder there": _FOLDER_THERE, "float": click.FLOAT}
 _RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
 _STYLE = {
     EventKind.WARNING: "yellow",
@@ -37,6 +42,29 @@ class Number(click.FloatRange):
         """Return the number; what click takes for one but has no ends, such as nan, is refused."""
         found = super().convert(value, param, ctx)
         return found if math.isfinite(found) else self.fail(f"{value!r} is not a finite number.", param, ctx)
+
+
+def parameter(flags: str, row: Mapping[str, Any]) -> click.Parameter:
+    """Return what a row says: an option, or without dashes an argument; ``kind`` and ``choices``: what it takes."""
+    kind, choices, ends = row.get("kind"), row.get("choices"), (row.get("min"), row.get("max"))
+    given = {key: value for key, value in row.items() if key not in ("kind", "choices", "min", "max")}
+    if choices:
+        given["type"] = click.Choice(choices)
+    elif kind in ("number", "whole number"):
+        given["type"] = (Number if kind == "number" else click.IntRange)(*ends)
+    elif kind:
+        given["type"] = _KINDS[kind]
+    return (click.Option if flags.startswith("-") else click.Argument)(flags.split(), **given)
+
+
+@cache
+def _tables(package: str) -> dict[str, dict[str, dict[str, Any]]]:
+    return tomllib.loads((files(package) / "options.toml").read_text("utf-8"))
+
+
+def parameters(package: str, command: str) -> list[click.Parameter]:
+    """Return the arguments and options of a command, from `options.toml` beside it."""
+    return [parameter(flags, row) for flags, row in _tables(package)[command].items()]
 
 
 def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:

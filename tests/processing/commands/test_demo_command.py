@@ -42,6 +42,11 @@ def test_what_cannot_be_is_refused_first(
     assert not (tmp_path / "demo").exists()
 
 
+def test_the_help_names_the_scene_that_is_taken_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    daylit.main(["demo", "--help"])
+    assert f"{command.GENERATED} (the default)" in " ".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.parametrize(
     ("asked", "expected"),
     [
