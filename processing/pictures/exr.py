@@ -195,11 +195,8 @@ def write_stage_exr(path: Path, image: P, made: Flags | None = None, *, own: boo
     """
     check_image(image, path)
     image = handed_on(image, made, own=own)
-    later(
-        partial(
-            _write, path, image, "ZSTD_COMPRESSION", dict.fromkeys(("uncertainty", "validity", "ghost"), np.float16)
-        )
-    )
+    halves: dict[str, type] = dict.fromkeys(("uncertainty", "validity", "ghost"), np.float16)
+    later(partial(_write, path, image, "ZSTD_COMPRESSION", halves))
     return image
 
 

@@ -248,8 +248,11 @@ def _made(
 
     def written(artifact: Artifact) -> object:
         path, value = folder / file_name(artifact), values[artifact.name]
-        later = lambda write: pictures.append(partial(durably, path, write))  # noqa: E731
-        return durably(path, lambda: save(artifact, value, folder, later))
+
+        def later(write: Write) -> None:
+            pictures.append(partial(durably, path, write))
+
+        return durably(path, partial(save, artifact, value, folder, later))
 
     saved = zip(made, side_by_side(written, made, 2), strict=True)
     in_memory = {one.name: value for one, value in saved if one.kind != "file" and values[one.name] is not WRITTEN}
