@@ -23,14 +23,18 @@ from processing.light.solver.transport import LightMap, bounced, light_map, link
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25  # of a pixel's rays for bounces: to each pane, to bright patches
+FURNITURE_TIMES = 4
+"""As many rays from a pixel of furniture that is to be cleaned: it has few that are like it, over which cleaning could
+average, so that lamps, pillows and folds were blotchy (chosen; measured in docs/measurements/render.md)."""
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
 Lights: TypeAlias = dict[tuple[int, int], LightMap]
 """Light maps of a stage that are known already, by samples and seed."""
 WRAP = 0.125  # share of a panorama's width that is repeated beyond its seam
-EVEN_RAD, EVEN_RANGE = 0.06, 0.9
-"""Over which a ratio of two lights is evened out, and by how much (natural logarithm, summed over the channels) it may
-differ there; chosen on the demo's room: contact shadows and half shadows stay, blotches of single texels go."""
+EVEN_RAD, EVEN_RANGE, EVEN_FROM_RAD = 0.06, 0.7, 0.1
+"""Over which a ratio of two lights is evened out, by how much (natural logarithm, summed over the channels) it may
+differ there, and how far from furniture it is evened out fully, less the nearer. Chosen: contact shadows and half
+shadows stay (0.9 everywhere took them away: docs/measurements/render.md), blotches of single texels go."""
 RIM_PX = 5  # of the neighbours that say what light is at a surface's end (chosen: its own and the next two pixels)
 APART = 20.0  # of such a ratio, between places that have nothing to do with each other
 
@@ -46,7 +50,7 @@ class Effort:
     rows: int = 256
     """Height of the picture in which irradiance is gathered; never more than the picture asked for."""
     pixel_samples: int = 16
-    """Rays from each of its pixels in a round."""
+    """Rays from each of its pixels in a round; of cleaned furniture `FURNITURE_TIMES` as many."""
     sun_samples: int = 128
     """Rays to the sun's disc from pixels in half shadow."""
     clean: bool = True
@@ -133,10 +137,14 @@ def irradiance_of(
 
 
 def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int, lights: Lights) -> Doubles:
-    samples = max(1, effort.patch_samples // 2)
+    samples, furniture = max(1, effort.patch_samples // 2), sight.label[solid] >= FIRST_PART
     light = lights.get((samples, seed)) or light_map(stage, samples, seed)
     lights[samples, seed] = light
-    return gathered(stage, light, sight.point[solid], sight.normal[solid], max(1, effort.pixel_samples // 2), seed)
+    out = np.empty((len(solid), 3))
+    for mine, times in ((~furniture, 1), (furniture, FURNITURE_TIMES if effort.clean and stage.scene.parts else 1)):
+        at, rays = solid[mine], max(1, times * effort.pixel_samples // 2)
+        out[mine] = gathered(stage, light, sight.point[at], sight.normal[at], rays, seed)
+    return out
 
 
 def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:
@@ -258,7 +266,9 @@ def evened(after: Floats, before: Floats, sight: Sight, known: Flags) -> Floats:
     _rims_by_inner(shifted, whose, wrapped((label < FIRST_PART).astype(np.uint8), pad_px) > 0)
     # Values so far apart have no weight in each other's mean.
     smooth = cv2.bilateralFilter(shifted + np.float32(APART) * whose[..., None], -1, EVEN_RANGE, sigma_px)
-    change = np.exp(smooth[:, pad_px:-pad_px] - APART * label[..., None])
+    far_px = cv2.distanceTransform(wrapped((label < FIRST_PART).astype(np.uint8), pad_px), cv2.DIST_L2, 3)
+    share = np.minimum(far_px / (EVEN_FROM_RAD / np.pi * sight.shape[0]), 1)[:, pad_px:-pad_px, None]
+    change = np.exp(share * (smooth[:, pad_px:-pad_px] - APART * label[..., None]) + (1 - share) * ratio)
     return np.asarray(np.where(mine[..., None] & (ratio != 0), before * change, after), np.float32)
 
 

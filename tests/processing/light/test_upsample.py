@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,12 +15,13 @@ from processing.ground.threads import give_back
 from processing.light.scene.outdoor import without_sun
 from processing.light.scene.room_light import gloss_factor
 from processing.light.scene.scene import Sun
-from processing.light.solver.irradiance import denoised, denoiser_available, evened
+from processing.light.solver import irradiance
+from processing.light.solver.irradiance import Effort, denoised, denoiser_available, evened, irradiance_of
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage, area_means
 from processing.light.solver.upsample import upsampled
 from processing.sphere import Equirectangular, directions, solid_angles
-from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 
 def test_each_surface_keeps_its_own_light_however_near_the_edge() -> None:
@@ -68,6 +70,45 @@ def test_a_surface_s_ends_have_the_change_of_light_that_is_further_in_but_beside
     ratio = evened(after, before, sight, (label >= 0))[..., 0] / 100
     assert np.abs(ratio[ends & (room >= 0) & ~beside] - 1.2).max() < 0.05
     assert np.median(ratio[beside & ~ends]) < 0.6
+
+
+def test_the_shade_beside_furniture_stays_as_deep_as_it_was_gathered() -> None:
+    """It is narrower than what blotches are evened out over: a third of it was gone."""
+    sight = sight_of(Stage.of(scene_of(box_room(), uniform_sky()), 0.5), Equirectangular(256, 128), EYE)
+    label = sight.label.reshape(sight.shape).copy()
+    floor = label == label[100, 100]
+    label[90:100, 100:120] = FIRST_PART
+    near = cv2.dilate((label == FIRST_PART).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    shade, plain = (
+        near & floor & (label < FIRST_PART),
+        floor & ~(cv2.dilate(near.astype(np.uint8), np.ones((9, 9))) > 0),
+    )
+    rng = np.random.default_rng(0)
+    before = np.full((*sight.shape, 3), 100, np.float32)
+    noisy = np.exp(rng.normal(0, 0.05, sight.shape))[..., None]
+    after = (before * np.where(shade, 0.8, 1)[..., None] * noisy).astype(np.float32)
+    ratio = evened(after, before, replace(sight, label=label.ravel()), (label >= 0))[..., 0] / 100
+    assert ratio[shade].mean() == pytest.approx(0.8, abs=0.03)
+    assert np.std(ratio[plain]) < 0.015, "while noise further off still goes"
+
+
+def test_light_on_furniture_that_is_cleaned_is_gathered_by_more_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    part = box((1.5, 1.0, 0.4), (0.6, 0.6, 0.8))
+    room = scene_of(box_room(), uniform_sky(), 0.5, reveal_m=0.2).furnished((part,))
+    stage, effort = Stage.of(room, 0.2), Effort(texel_m=0.2, rows=48, pixel_samples=8)
+    sight = sight_of(stage, Equirectangular(96, 48), EYE)
+    monkeypatch.setattr(irradiance, "cleaned", lambda picture, *_more, **_named: picture)
+    many = irradiance_of(stage, sight, replace(effort, pixel_samples=512, clean=False), 1, wraps=True).picture
+    furniture = (sight.label == FIRST_PART).reshape(sight.shape)
+
+    def noise(where: np.ndarray, effort: Effort) -> float:
+        found = irradiance_of(stage, sight, effort, 2, wraps=True).picture
+        return float(np.std(found[where, 1] / many[where, 1]))
+
+    few = replace(effort, clean=False)
+    assert noise(furniture, effort) < 0.7 * noise(furniture, few)
+    room_px = sight.solid.reshape(sight.shape) & ~furniture
+    assert noise(room_px, effort) == pytest.approx(noise(room_px, few), rel=1e-6), "the room meets the same chance"
 
 
 def test_area_means_keep_the_mean() -> None:
