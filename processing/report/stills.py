@@ -51,6 +51,10 @@ NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wan
 DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, and mostly open to a dark hall (chosen)
 NEAR_WALL, NEAR_WALL_SHARE = 2.0, 0.3
 """Cost of columns with a wall nearer than this share of the farthest corner (chosen)."""
+TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 2.0, 0.12, 0.02, 0.2
+"""Cost of what pieces so tall, and seats' backs, fill of a picture beyond these shares, up to the last (chosen)."""
+CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
+MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 OPENINGS = ("window", "door")
 WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
 MOST_STILLS = MOST + MOST_STAGED - 1
@@ -93,6 +97,9 @@ class _Thing:
     worth: float
     cut: float
     """What it costs where the picture's edge cuts it."""
+    most: float = 1.0
+    """Share of the picture that it may fill."""
+    main: bool = False
 
 
 def frames_of(
@@ -100,13 +107,16 @@ def frames_of(
 ) -> tuple[Frame, ...]:
     """Return frames of a room with these pieces, the best first: ``fewest`` (whatever they are worth) to ``most``."""
     things = _in_sight([*_pieces(items), *_openings(room)], room)
+    things = [replace(one, worth=one.worth + ALONE) if one.main and most == 1 else one for one in things]
     frames = [Frame(math.radians(yaw), mm, drop) for yaw in range(-180, 180, 4) for mm in LENSES_MM for drop in DROPS]
     seen = [_seen(frame, things, room) for frame in frames]
     pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
     bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
     plain = np.array([_plain_share(frame, things, room) for frame in frames])
     near = np.array([_near_wall_share(frame, room) for frame in frames])
+    filled = np.array([_overfilled(frame, things, room) for frame in frames])
     own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain - NEAR_WALL * near
+    own -= FILLS * filled
     chosen: list[int] = []
     shown = np.zeros(len(things))
     while len(chosen) < most:
@@ -166,7 +176,10 @@ def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
         turned = local @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
         size = math.sqrt(wide * deep * max(high, 0.3)) ** (2 / 3)
         worth = 0.0 if math.hypot(item.t_m[0], item.t_m[1]) < NEAR_M else PIECE * min(size, 1.5)
-        found.append(_Thing(item.id, turned + item.t_m, worth, CUT * min(size, 1.5)))
+        away = item.t_m[1] * cosine - item.t_m[0] * sine > 0.5 * math.hypot(*item.t_m[:2])  # its front looks away
+        back, main = away and item.category.split()[-1] in SEATS, item.category in MAIN
+        share, cut = TALL_SHARE if high > TALL_M else 1.0, CUT * min(size, 1.5) + CUT_MAIN * main
+        found.append(_Thing(item.id, turned + item.t_m, worth, cut, BACK_SHARE if back else share, main))
     return found
 
 
@@ -207,6 +220,17 @@ def _seen(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> Doubles:
     return states
 
 
+def _overfilled(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> float:
+    """Return the share of the picture that things fill beyond what they may, `MOST_FILLED` at most."""
+    high, over = SIZE_PX[1] / SIZE_PX[0], 0.0
+    for thing in (one for one in things if one.most < 1):
+        x, y, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
+        if (front := ahead > 0.05).any():
+            area = np.ptp(np.clip(x[front], -1, 1)) * np.ptp(np.clip(y[front], -high, high))
+            over += max(float(area) / (4 * high) - thing.most, 0)
+    return min(over, MOST_FILLED)
+
+
 def _plain_share(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> float:
     """Return the share of the picture's columns in which neither a piece nor a window is seen."""
     columns, plain = np.linspace(-0.95, 0.95, 39), np.ones(39, bool)
@@ -226,13 +250,8 @@ def _near_wall_share(frame: Frame, room: RoomModel) -> float:
 
 
 def _worth(states: Doubles, things: Sequence[_Thing], shown: Doubles) -> float:
-    value = 0.0
-    for state, thing, before in zip(states, things, shown, strict=True):
-        if state > 0:
-            value += thing.worth * (AGAIN if before else 1.0)
-        elif state < 0:
-            value -= thing.cut
-    return value
+    worth, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
+    return float(np.where(states > 0, worth * np.where(shown > 0, AGAIN, 1.0), -cut * (states < 0)).sum())
 
 
 def _composition(frame: Frame, room: RoomModel) -> float:
@@ -350,9 +369,8 @@ def _stills(
         said = what._replace(original=asked.original_url or f"{name}-original.jpg")
         rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
         how: dict[str, Any] = {"relative": not image.absolute, "quality": 90}
-        title = f"{context.session.name}, {state}"
         path = context.folder / f"{name}.jpg"
-        write_jpeg(path, rgb8, made=said, title=title, **how)
+        write_jpeg(path, rgb8, made=said, title=f"{context.session.name}, {state}", **how)
         write_jpeg(context.folder / f"{name}-original.jpg", original, title=f"{context.session.name}, original", **how)
         cut = _light(image, measured, frame)
         made = np.full(cut.uncertainty.shape, bool(said.plate))
@@ -377,12 +395,11 @@ def _light(image: LuminanceImage, measured: Panorama, frame: Frame) -> Luminance
     """
     view = frame.view(_width_px(image, frame, 64, LIGHT_PX))
     rgb = cut_view(measured, view)
-    shape = rgb.shape[:2]
     doubt = cut_view(np.minimum(image.uncertainty, np.float32(1e3)), view)
     return replace(
         image,
         rgb=np.maximum(rgb, 0),
-        uncertainty=np.asarray(doubt, np.float32).reshape(shape),
+        uncertainty=np.asarray(doubt, np.float32).reshape(rgb.shape[:2]),
         validity=np.asarray(resample_labels(image.validity, measured.geometry, view), np.uint8),
         geometry=view,
         ghost=None,

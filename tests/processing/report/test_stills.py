@@ -31,6 +31,7 @@ from processing.report.stills import (
     Frame,
     _near_wall_share,
     _openings,
+    _overfilled,
     _pieces,
     _plain_share,
     _seen,
@@ -103,6 +104,24 @@ def test_columns_of_plain_wall_count_against_a_frame() -> None:
     shares = [_plain_share(frame, things, ROOM) for frame in frames_of(ROOM, ITEMS)]
     assert shares[0] < 0.35
     assert sorted(shares)[1] < 0.35
+
+
+def test_a_tall_piece_or_a_seat_s_back_does_not_fill_a_frame() -> None:
+    """Without their cost the frame would look 36 degrees further to the right, where they fill a third of it."""
+    away = piece("desk chair", -0.5, 1.5, (0.6, 0.6, 0.95)).model_copy(update={"theta_rad": 0.32})
+    for large in (piece("wardrobe", -0.8, 2.0, (1.0, 0.6, 2.1)), away):
+        best = frames_of(ROOM, (ITEMS[0], large), 1, 1)[0]
+        assert best.shows == ("bed",)
+        assert _overfilled(best, _pieces([large]), ROOM) == 0
+        assert _overfilled(Frame(math.radians(-48), 18.0, 0.0), _pieces([large]), ROOM) > 0.05
+    towards = away.model_copy(update={"theta_rad": 0.32 + math.pi})
+    assert _overfilled(Frame(math.radians(-20), 18.0, 0.0), _pieces([towards]), ROOM) == 0
+
+
+def test_the_only_frame_of_an_alternative_shows_its_main_piece_whole() -> None:
+    bed = piece("bed", -1.0, 2.1, (1.6, 2.0, 0.9)).model_copy(update={"theta_rad": -1.3})
+    small = (piece("desk", -2.8, 0.5, (1.2, 0.6, 0.74)), piece("chest", -3.0, -0.9, (0.9, 0.45, 0.85)))
+    assert "bed" in frames_of(ROOM, (bed, *small), 1, 1)[0].shows
 
 
 def test_a_near_wall_does_not_fill_a_frame_of_a_room_with_wings() -> None:
