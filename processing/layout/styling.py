@@ -18,7 +18,7 @@ from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
 from processing.layout.items import KINDS, ItemSpec
-from processing.layout.plan import FloorPlan, Window
+from processing.layout.plan import FloorPlan, Hung, Window
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
 
@@ -34,7 +34,7 @@ OVER_TABLE_M, OVER_HEADS_M = 0.75, 2.05
 OVER_CAMERA_M = 1.0  # from the camera: what hangs nearer above it covers the top of the panorama
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
-SWING_M = 0.9  # from a wall, within which an open door's leaf may stand before it (chosen: a door's width)
+BEFORE_IT_M = 0.9  # from a wall, within which a leaf may stand open and a lamp hides a picture (chosen: a door's width)
 LAMP_M = 0.3  # from a ceiling lamp's middle: nothing new hangs where it is seen before the wall, down to the eye
 APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
 Wall = tuple[int, float, float, float, float]
@@ -99,10 +99,14 @@ class _Room:
         ]
 
     def stands(self, piece: PlacedItem) -> bool:
-        """Return whether a piece on the floor breaks no rule that holds without it, and hides no door that stays."""
-        for door in (h for h in self.plan.hung if h.name == "door"):
-            along, away = self.along(door.edge, piece)
-            if away.min() < SWING_M and along.min() < door.end_m and along.max() > door.start_m:
+        """Return whether a piece on the floor breaks no rule that holds without it, and hides no door that stays and
+        nothing else that hangs, new pictures among it."""
+        art = ((self.behind(item), item) for item in self.added if item.category in ("art", "mirror"))
+        new = [Hung(edge, *_ends(self.along(edge, item)[0]), item.base_m) for edge, item in art if edge is not None]
+        for hung in (*self.plan.hung, *new):
+            along, away = self.along(hung.edge, piece)
+            before = away.min() < BEFORE_IT_M and (hung.name == "door" or piece.size_m[2] > hung.sill_m)
+            if before and along.min() < hung.end_m and along.max() > hung.start_m:
                 return False
         return len(self.judge.judge(self._pieces(piece))) <= self.broken
 
@@ -160,6 +164,10 @@ def _behind_lamps(plan: FloorPlan, lamps: Sequence[Sequence[float]]) -> Iterator
             hidden = shapely.Polygon(ends).intersection(shapely.LineString([corner, corner + u * length]))
             if len(along := (shapely.get_coordinates(hidden) - corner) @ u):
                 yield edge, float(along.min()), float(along.max()), EYE_M, plan.ceiling_height_m
+
+
+def _ends(along: Doubles) -> tuple[float, float]:
+    return float(along.min()), float(along.max())
 
 
 def outline(item: PlacedItem, grow_m: float = 0.0) -> Doubles:

@@ -153,3 +153,23 @@ def test_no_picture_hangs_where_a_ceiling_lamp_is_seen_before_the_wall() -> None
         assert all(abs(end - (2.5 + 2 * (x - 2.5))) > 0.6 for end in over_sofa((x, 2.25)))
     assert over_sofa((0.6, 2.25)) == free, "seen before another wall"
     assert over_sofa((2.5, 1.0)) == free, "above the camera"
+
+
+def test_a_floor_lamp_stands_before_no_picture() -> None:
+    """Not before one that hangs there, nor before art that was hung over the sofa: its shade is at eye height."""
+    sofa = PlacedItem(
+        id="sofa", category="sofa", size_m=(1.8, 0.85, 0.8), theta_rad=math.pi, t_m=(2.5, 3.5, 0.0), edge=2
+    )
+    one = Arrangement(rank=1, items=(sofa,), score=1.0, scores={}, rule_set="standard")
+
+    def lamp(*hung: Hung) -> list[PlacedItem]:
+        ring = [[0, 0], [5, 0], [5, 4], [0, 4]]
+        plan = make_plan(ring, doors=[Door(0, 0.2, 1.1)], windows=hung, ceiling_height_m=2.5)
+        return [i for i in styled(one, plan, "scandinavian", "light", 0) if i.category == "floor lamp"]
+
+    (alone,) = lamp()
+    left, right = (Hung(2, 2.5 + x - 0.3, 2.5 + x + 0.3, 1.2, 1.8, "picture") for x in (-1.15, 1.15))
+    (other,) = lamp(left if alone.t_m[0] > 2.5 else right)
+    assert (other.t_m[0] > 2.5) != (alone.t_m[0] > 2.5)
+    assert not lamp(left, right)
+    assert lamp(*(replace(one, sill_m=1.7, head_m=2.2) for one in (left, right))), "it may stand below one"
