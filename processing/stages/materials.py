@@ -51,11 +51,9 @@ def nothing_to_stage(context: StageContext) -> str | None:
 
 def run(context: StageContext) -> StageOutput:
     """Estimate albedo, windows and lamps."""
-    asked = context.parameters_of(MaterialsParameters)
-    empty = emptied(context)
+    asked, empty = context.parameters_of(MaterialsParameters), emptied(context)
     context.let_go()  # of the photograph and of what removal left, each as large as what was made of them
-    image = empty.image
-    room = known_room(context)
+    image, room = empty.image, known_room(context)
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
     context.progress(0.0, "outdoor light")
     shade, warnings = read_shade(context), list[str]()
