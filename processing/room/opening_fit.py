@@ -20,6 +20,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.kernels import compiled, inner
+from processing.ground.tables import table_of
 from processing.room.wall_views import WallView
 from processing.segmentation.evidence import SceneClass
 
@@ -170,25 +171,11 @@ class Kind:
     usual_head_m: tuple[float, float] | None = None
 
 
-WINDOW = Kind(
-    SceneClass.WINDOW,
-    (-0.08, -0.05, *(0.04 * i for i in range(12))),
-    (0.23, 0.12),
-    to_floor=False,
-    odds=1.5,
-    weights=(10, 1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0),
-    last_weights=(9.4, 3.9, 0.1, 2.4, 0, 0.8, 1.8, 1.2, -0.3, 1.85, 1.9, 1.75, 3.8),
-)
-DOOR = Kind(
-    SceneClass.DOOR,
-    (-0.1, -0.08, -0.06, -0.04, -0.02, 0.0, 0.05, 0.1),
-    (-0.06, 0.03),
-    to_floor=True,
-    odds=2.5,
-    weights=(10, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0),
-    usual_width_m=(0.82, 0.12),
-    usual_head_m=(2.03, 0.08),
-)
+_KINDS: dict[str, dict[str, Any]] = {
+    kind: {name: tuple(value) if isinstance(value, list) else value for name, value in row.items()}
+    for kind, row in table_of(__package__, "opening_kinds").items()
+}
+WINDOW, DOOR = Kind(SceneClass.WINDOW, **_KINDS["window"]), Kind(SceneClass.DOOR, **_KINDS["door"])
 
 
 @dataclass(frozen=True)

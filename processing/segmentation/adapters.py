@@ -26,16 +26,9 @@ Table = Mapping[str, tuple[SceneClass, ...]]
 """A network's class name -> ours; several: it may be any of them."""
 
 _LETTERS: Table = {
-    "w": (SceneClass.WALL,),
-    "f": (SceneClass.FLOOR,),
-    "c": (SceneClass.CEILING,),
-    "d": (SceneClass.DOOR,),
-    "o": (SceneClass.WINDOW,),
-    "m": (SceneClass.FURNITURE,),
-    "x": (SceneClass.FIXTURE,),
-    "-": tuple(kind for kind in SceneClass if kind is not SceneClass.FURNITURE),
+    letter: tuple(SceneClass[name.upper()] for name in names)
+    for letter, names in table_of(__package__, "classes")["letters"].items()
 }
-"""What is outdoors is seen through a window; what moves is furniture, what stays a fixture."""
 MAX_CONTRACT_BYTES = 1 << 20
 IGNORED_LABEL = 255  # of class maps: by custom, a pixel that no class is given to, unless there are so many classes
 UNKNOWN = 1.0 / len(SceneClass)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from processing.errors import ModelError
+from processing.ground.tables import table_of
 from station.session.folder import file_sha256
 
 if TYPE_CHECKING:
@@ -34,16 +35,7 @@ class KnownModel(NamedTuple):
     what: str
 
 
-ADE20K_DEEPLAB = KnownModel(
-    name="ade20k-deeplab",
-    file="deeplabv3_mnv2_ade20k_uint8.tflite",
-    url="https://github.com/mlcommons/mobile_models/raw/1f9963316b81a63fdef1040133ae64f6e8879c5b/v0_7/tflite/"
-    "deeplabv3_mnv2_ade20k_uint8.tflite",
-    size_bytes=2_348_952,
-    sha256="2d58c681d81b5e181816b81cc815b82edf3daad905b4d7d35afade80aee93b5f",
-    licence="Apache-2.0 (MLCommons mobile_models); trained on ADE20K, whose pictures are for research",
-    what="DeepLab v3+ with MobileNetV2, ADE20K's 31 commonest classes: furniture and windows of real rooms",
-)
+ADE20K_DEEPLAB = KnownModel(**table_of(__package__, "networks")["ade20k-deeplab"])
 KNOWN_MODELS = (ADE20K_DEEPLAB,)
 
 
@@ -152,18 +144,6 @@ def open_installed(path: Path) -> TfliteSegmenter:
     from processing.segmentation.adapters import ADE20K, NetworkContract
     from processing.segmentation.segmenters import TfliteSegmenter
 
-    contract = NetworkContract(
-        name="DeepLab v3+ MobileNetV2 ADE20K (MLPerf Mobile 0.7)",
-        input="MobilenetV2/MobilenetV2/input",
-        layout="NHWC",
-        input_type="uint8",
-        input_range=255,
-        size_px=512,
-        classes=("other", *ADE20K[:31]),
-        # Lamps, cushions, desks and chests are among the others, and so are radiators and switches.
-        meanings={"other": ("furniture", "fixture")},
-        output="logits",
-        outputs=("logits/semantic/BiasAdd",),
-        output_stride=4,
-    )
+    read = table_of(__package__, "networks")["contracts"]["ade20k-deeplab"]
+    contract = NetworkContract(classes=("other", *ADE20K[:31]), **read)
     return TfliteSegmenter(path, contract, threads=1)

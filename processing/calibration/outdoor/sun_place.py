@@ -13,34 +13,14 @@ from zoneinfo import ZoneInfo
 
 from processing.calibration.outdoor.sun_disc import Sun, find_sun
 from processing.errors import ParameterError, SunError
+from processing.ground.tables import table_of
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import SessionManifest, Side, Site
 
 WATER_CM = 1.5  # precipitable water, the usual mid-latitude value, where none is given
-_CLEARNESS_EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)  # Perez et al. 1990, table 1
-_DIRECT_LM_W = (
-    (57.20, -4.55, -2.98, 117.12),
-    (98.99, -3.46, -1.21, 12.38),
-    (109.83, -4.90, -1.71, -8.81),
-    (110.34, -5.84, -1.99, -4.56),
-    (106.36, -3.97, -1.75, -6.16),
-    (107.19, -1.25, -1.51, -26.73),
-    (105.75, 0.77, -1.26, -34.44),
-    (101.18, 1.58, -1.10, -8.29),
-)
-"""a, b, c, d by bin of clearness: a + b W + c exp(5.73 Z - 5) + d brightness."""
-_DIFFUSE_LM_W = (
-    (97.24, -0.46, 12.00, -8.91),
-    (107.22, 1.15, 0.59, -3.95),
-    (104.97, 2.96, -5.53, -8.77),
-    (102.39, 5.59, -13.95, -13.90),
-    (100.71, 5.94, -22.75, -23.74),
-    (106.42, 3.83, -36.15, -28.83),
-    (141.88, 1.90, -53.24, -14.03),
-    (152.23, 0.35, -45.27, -7.98),
-)
-"""The same of the sky's own light: a + b W + c cos Z + d ln brightness."""
+_CLEARNESS_EDGES: list[float] = table_of(__package__, "efficacy")["clearness_edges"]
+_LM_W: dict[str, list[list[float]]] = table_of(__package__, "efficacy")["lm_w"]
 BEAM_UNCERTAINTY = 0.12
 """Relative, standard: the clear-sky model by its turbidity (about 10 %) and the efficacy (about 5 %)."""
 
@@ -142,13 +122,13 @@ def clear_beam(
 
 def direct_efficacy_lm_w(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float) -> float:
     """Return the luminous efficacy of the beam (Perez et al. 1990); ``brightness`` is their Delta."""
-    a, b, c, d = _DIRECT_LM_W[_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
+    a, b, c, d = _LM_W["direct"][_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
     return max(0.0, a + b * WATER_CM + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
 
 
 def diffuse_efficacy_lm_w(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float) -> float:
     """Return the luminous efficacy of the sky's own light on level ground (Perez et al. 1990, table 4, diffuse)."""
-    a, b, c, d = _DIFFUSE_LM_W[_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
+    a, b, c, d = _LM_W["diffuse"][_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
     return max(0.0, a + b * WATER_CM + c * math.cos(zenith_rad) + d * math.log(max(brightness, 1e-3)))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Int64s
+from processing.ground.tables import table_of
 
 RULE_SIGMA_STOPS = 0.02  # how far a shutter may be from its rule: 1.4 %
 LONGEST_DIAL_S = 30.0  # of dials in stops, halves or thirds; really 32 s
@@ -43,33 +44,10 @@ class ShutterRule(StrEnum):
     """2^(k/2) s: cameras set to half stops (1/45, 1/90, 0.7 s)."""
 
 
-@dataclass(frozen=True)
-class CameraRule:
-    """A camera model's rule, and how it is known."""
-
-    model: str
-    rule: ShutterRule
-    source: str
-
-
-CAMERA_RULES = (
-    CameraRule(
-        "Canon EOS 5D Mark II",
-        ShutterRule.THIRDS,
-        "its files' EXIF: ShutterSpeedValue 6.375 for 1/80, 12.375 for 1/5000 (thirds, written in eighths)",
-    ),
-    CameraRule(
-        "Canon EOS REBEL T2i",
-        ShutterRule.THIRDS,
-        "its files' EXIF: ShutterSpeedValue 5 for 1/30, 7 for 1/125, 10 for 1/1000, 12 for 1/4000",
-    ),
-)
-"""Models not listed (the RICOH THETA Z1's maker states nominal times only): `estimate_times`, or nominal."""
-
-
 def camera_rule(model: str) -> ShutterRule | None:
-    """Return the rule of a camera model as EXIF names it, or None where it is not known."""
-    return next((row.rule for row in CAMERA_RULES if row.model.lower() == model.strip().lower()), None)
+    """Return the rule of a camera model as EXIF names it, or None where `shutter.toml` does not have it."""
+    rule = table_of(__package__, "shutter")["rules"].get(model.strip().lower())
+    return None if rule is None else ShutterRule(rule)
 
 
 def true_time_s(nominal_s: float, rule: ShutterRule) -> float:
