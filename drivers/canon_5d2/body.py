@@ -29,7 +29,10 @@ def read_body(remote: CanonRemote) -> tuple[BodySetting, ...]:
 
     Raises `SettingRefusedError`: the camera lists a value, and does not take it.
     """
-    return (*_set(remote), _style(remote), *_tones(remote), *_noise(remote.functions), _power(remote))
+    seconds = remote.number(CanonProp.AUTO_POWER_OFF)
+    got = NOT_REPORTED if seconds is None else "never" if seconds == 0 else f"after {seconds} s"
+    power = BodySetting("auto power off", got, "" if seconds is None else str(seconds), Verdict.RECORDED)
+    return (*_set(remote), _style(remote), *_tones(remote), *_noise(remote.functions), power)
 
 
 def _set(remote: CanonRemote) -> Iterator[BodySetting]:
@@ -110,9 +113,3 @@ def _noise(functions: Mapping[int, int]) -> Iterator[BodySetting]:
         else:
             got = words.get(value, str(value))
             yield BodySetting(name, got, str(value), Verdict.RECORDED, why if value and why else "")
-
-
-def _power(remote: CanonRemote) -> BodySetting:
-    seconds = remote.number(CanonProp.AUTO_POWER_OFF)
-    got = NOT_REPORTED if seconds is None else "never" if seconds == 0 else f"after {seconds} s"
-    return BodySetting("auto power off", got, "" if seconds is None else str(seconds), Verdict.RECORDED)

@@ -169,7 +169,10 @@ class RenderedShots:
                 image_steps = 0 if self.cache.holds(image_key, ".image") else len(picture_jobs.bands(size))
                 steps = _Steps(image_steps + len(missing), self._on_progress)
                 if image_steps:
-                    self._render_image(image_key, size, lambda *work: steps.counted(run(*work)))
+                    with self.cache.new_file(image_key, ".image") as path:
+                        job = picture_jobs.ImageJob(self.world, self.optics, size, path)
+                        bands = run(partial(picture_jobs.render_band, job), picture_jobs.bands(size))
+                        picture_jobs.finish_image(job, list(steps.counted(bands)))
                 tasks = [(self._job(shot, size, image), self._key(shot, size)) for shot in missing]
                 list(steps.counted(run(partial(_expose, self.cache), tasks)))
             for shot in raw_missing:
@@ -183,11 +186,6 @@ class RenderedShots:
     def _job(self, shot: _Shot, size: Size, image: Path) -> picture_jobs.PictureJob:
         seed = int(self._key(shot, size)[:15], 16)
         return picture_jobs.PictureJob(self.optics, size, image, shot.exposure, shot.weights, seed)
-
-    def _render_image(self, key: str, size: Size, run: _Map) -> None:
-        with self.cache.new_file(key, ".image") as path:
-            job = picture_jobs.ImageJob(self.world, self.optics, size, path)
-            picture_jobs.finish_image(job, list(run(partial(picture_jobs.render_band, job), picture_jobs.bands(size))))
 
     @contextmanager
     def _mapper(self, size: Size) -> Iterator[_Map]:

@@ -137,10 +137,6 @@ def draw_floor(rng: np.random.Generator, style: Style, use: Use) -> Material:
         return _tiles(rng, roughness)
     if sort == "stone":
         return _stone(rng, roughness)
-    return _wooden(rng, style, sort, roughness)
-
-
-def _wooden(rng: np.random.Generator, style: Style, sort: str, roughness: float | None) -> Material:
     wood = pick(rng, style.floors)
     colour = scaled(WOODS[wood], rng.uniform(0.85, 1.15))
     kind, options = {"planks": _planks, "laminate": _laminate, "parquet": _parquet}[sort](rng)

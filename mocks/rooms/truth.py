@@ -241,8 +241,13 @@ def save_truth(folder: Path, room: Room, pictures: TruthPictures, lights: list[P
 
 
 def _write(folder: Path, room: Room, pictures: TruthPictures, lights: list[PointLight]) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     for name, file in LIGHT.items():
-        _write_exr(folder / file, getattr(pictures, name))
+        picture = np.ascontiguousarray(getattr(pictures, name), dtype=np.float32)
+        channels = {"Y" if picture.ndim == 2 else "RGB": picture}
+        OpenEXR.File(header, channels).write(os.fspath(folder / file))
     for name, file in NUMBERS.items():
         values = getattr(pictures, name)
         _write_png(folder / file, (values if name in COUNTED_FROM_0 else values + np.int16(1)).astype(np.uint16))
@@ -258,14 +263,6 @@ def _write(folder: Path, room: Room, pictures: TruthPictures, lights: list[Point
         "pictures": {**LIGHT, **NUMBERS, **MASKS},
     }
     (folder / TRUTH_NAME).write_text(json.dumps(facts, indent=1, allow_nan=False) + "\n", "utf-8")
-
-
-def _write_exr(path: Path, picture: Floats) -> None:
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    channel = "Y" if picture.ndim == 2 else "RGB"
-    OpenEXR.File(header, {channel: np.ascontiguousarray(picture, dtype=np.float32)}).write(os.fspath(path))
 
 
 def _write_png(path: Path, picture: AnyArray) -> None:

@@ -106,18 +106,14 @@ class ByContent(UserProvidedCacheLocator):
         path = Path(place._cache_path)
         try:
             if not path.exists() and (shipped := SHIPPED / place._stamp[:20] / path.name).is_dir():
-                _copy_whole(shipped, path)
+                # So that nobody sees half of it; one that another process made meanwhile stays.
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryDirectory(dir=path.parent) as folder, suppress(OSError):
+                    shutil.copytree(shipped, Path(folder, "whole")).rename(path)
             place.ensure_cache_path()  # type: ignore[no-untyped-call]
         except OSError:
             return None
         return place
-
-
-def _copy_whole(source: Path, target: Path) -> None:
-    """Copy a folder so that nobody sees half of it; one that another process made meanwhile stays."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=target.parent) as folder, suppress(OSError):
-        shutil.copytree(source, Path(folder, "whole")).rename(target)
 
 
 def compiled(function: Callable[..., Any], **more: Any) -> Any:

@@ -183,7 +183,9 @@ def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | N
         found += [viewer_section(cuts), model_section(context)]
         arranged = context.optional_artifact("arrange", "arrangement")
         staged = context.optional_artifact("render", "staged")
-        found.append(alternatives_section(arranged, staged, cuts, _plans(context)))
+        paths = {k: context.optional_artifact("arrange", f"plan-{k}") for k in range(1, MOST_STAGED + 1)}
+        plans = {k: path.read_bytes() for k, path in paths.items() if isinstance(path, Path)}
+        found.append(alternatives_section(arranged, staged, cuts, plans))
         swept = (context.session_path / FOLDER).is_dir()
         look = look_of(context, views, upright_panorama(context)) if swept else Look()
         found.append(relight_section(context.session_path, look, _hours(context)))
@@ -191,12 +193,6 @@ def staging_sections(context: StageContext, *, whole: bool) -> tuple[Section | N
     if materials is not None:
         found.append(materials_section(materials, context.summary("materials").get("metrics", {})))
     return lead, [section for section in found if section is not None]
-
-
-def _plans(context: StageContext) -> dict[int, bytes]:
-    """Return the drawn floor plans by number."""
-    paths = {number: context.optional_artifact("arrange", f"plan-{number}") for number in range(1, MOST_STAGED + 1)}
-    return {number: path.read_bytes() for number, path in paths.items() if isinstance(path, Path)}
 
 
 def _hours(context: StageContext) -> tuple[Card, ...]:

@@ -87,7 +87,7 @@ def reduced(grey: Floats, widest_px: int = WIDEST_PX) -> Floats:
 
 
 def find_arcs(image: RelativeImage | LuminanceImage) -> Arcs:
-    """Return the straight edges of an equirectangular picture; none where it is black or constant."""
+    """Return the straight edges of an equirectangular picture but short ones; none where it is black or constant."""
     grey = tone_mapped(image)
     panorama = Panorama(grey, yaw_rad=getattr(image.geometry, "yaw_rad", 0.0))
     size_px = max(32, round(2 * math.tan(VIEW_FOV_RAD / 2) * grey.shape[1] / (2 * math.pi)))
@@ -95,11 +95,7 @@ def find_arcs(image: RelativeImage | LuminanceImage) -> Arcs:
     axes = np.array([view_axes(view)[2] for view in views])
     found = [_of_view(panorama, view) for view in views]
     kept = [ends[(ends.sum(axis=1) @ axes.T).argmax(axis=1) == i] for i, ends in enumerate(found)]
-    return arcs_of(np.concatenate(kept), math.pi / grey.shape[0])
-
-
-def arcs_of(ends: Doubles, pixel_rad: float) -> Arcs:
-    """Return arcs through pairs of directions (N, 2, 3), found with pixels of a size; too short ones are dropped."""
+    ends, pixel_rad = np.concatenate(kept), math.pi / grey.shape[0]
     normals = np.cross(ends[:, 0], ends[:, 1])
     sine = np.linalg.norm(normals, axis=1)
     length = np.arctan2(sine, (ends[:, 0] * ends[:, 1]).sum(axis=1))

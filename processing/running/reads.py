@@ -240,18 +240,13 @@ class Parts:
     def _take(self, record: PartRecord, files: tuple[str, ...]) -> None:
         assert self.former is not None
         for name, former in zip(files, record.files, strict=True):
-            _linked(self.old / former, self.new / name)
+            try:
+                os.link(self.old / former, self.new / name)
+            except OSError as error:  # a copy of its own where the file system knows no second names
+                if error.errno not in _NO_LINKS:
+                    raise
+                shutil.copyfile(self.old / former, self.new / name)
             self.kept[name] = self.former.files[former]
-
-
-def _linked(old: Path, new: Path) -> None:
-    """Give a file a second name; a copy of its own where the file system has no such thing."""
-    try:
-        os.link(old, new)
-    except OSError as error:
-        if error.errno not in _NO_LINKS:
-            raise
-        shutil.copyfile(old, new)
 
 
 def unread(options: Mapping[str, str], result: StageResult) -> str:

@@ -126,8 +126,12 @@ class Previews:
                 value = in_size(value, draft_width_px(value.rgb.shape[1]) // parts)
             elif isinstance(value, np.ndarray):
                 value = mask_in_size(value, draft_width_px(value.shape[1]) // parts)
-            elif name == "shade":
-                value = _small_shade(path, Path(self._place.name) / "shade.npz")
+            elif name == "shade":  # about `SHADE_ROWS` rows of a run's
+                with np.load(path) as kept:
+                    step = max(1, kept["seen"].shape[0] // SHADE_ROWS)
+                    arrays = {name: kept[name][step // 2 :: step, step // 2 :: step] for name in kept.files}
+                value = Path(self._place.name) / "shade.npz"
+                np.savez(value, **arrays)
             self._held[key] = stamp, value
         return self._held[key][1]
 
@@ -148,15 +152,6 @@ def _enlarged(rgb: Floats, small: Floats, done: Floats, filled: np.ndarray) -> F
     ratio = np.where(filled[..., None], 1, done / np.maximum(small, np.float32(1e-9))).astype(np.float32)
     inside = resized(filled.astype(np.float32), size)[..., None]
     return np.asarray(rgb * resized(ratio, size) * (1 - inside) + resized(done, size) * inside, np.float32)
-
-
-def _small_shade(path: Path, into: Path) -> Path:
-    """Write a run's shade with about `SHADE_ROWS` rows."""
-    with np.load(path) as kept:
-        step = max(1, kept["seen"].shape[0] // SHADE_ROWS)
-        arrays = {name: kept[name][step // 2 :: step, step // 2 :: step] for name in kept.files}
-    np.savez(into, **arrays)
-    return into
 
 
 class Warm:

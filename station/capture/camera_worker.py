@@ -109,10 +109,7 @@ class CameraWorker:
                 self._guarded(order)
         self._give_up_backlog()
         self._intake.wait_idle()
-        self._take_leave()
-
-    def _take_leave(self) -> None:
-        """Let the camera forget what became safe meanwhile; one that fails now is not worth a recovery any more."""
+        # The camera forgets what became safe meanwhile; one that fails now is not worth a recovery any more.
         while not self._inbox.empty():
             order = self._inbox.get()
             if isinstance(order, events.Safe):

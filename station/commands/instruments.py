@@ -35,7 +35,13 @@ def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: P
     Exit code: 0 ready to capture · 1 something prevents a capture.
     """
     if write_rig is not None:
-        return _write_example(write_rig, as_json=as_json)
+        from station.capture.rig_file import example_text
+        from station.session import durable
+
+        with durable.disk_errors(write_rig, "writing"), durable.new_file(write_rig) as file:
+            file.write(example_text())
+        line = f"wrote {write_rig}: edit it, then run daylit doctor --rig {write_rig}"
+        return answer({"ok": True, "file": str(write_rig)}, [line], as_json=as_json)
     from station.capture.preflight import check_computer, list_instruments
 
     plugged = list_instruments() if simulate is None else ()
@@ -58,16 +64,6 @@ def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[
         return list(check_rig(rig, into, bytes_needed=0).checks)
     finally:
         rig.close()
-
-
-def _write_example(path: Path, *, as_json: bool) -> int:
-    from station.capture.rig_file import example_text
-    from station.session import durable
-
-    with durable.disk_errors(path, "writing"), durable.new_file(path) as file:
-        file.write(example_text())
-    line = f"wrote {path}: edit it, then run daylit doctor --rig {path}"
-    return answer({"ok": True, "file": str(path)}, [line], as_json=as_json)
 
 
 def _lines(check: Check) -> Iterator[str]:

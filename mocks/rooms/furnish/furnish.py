@@ -82,11 +82,7 @@ def _bed(a: Arrangement) -> Item | None:
         if bed:
             a.keep_free(bed, 0.35)
             return bed
-    return _along_a_wall(a)
-
-
-def _along_a_wall(a: Arrangement) -> Item | None:
-    """Place a single bed with its long side to a wall, as in small rooms."""
+    # A single bed with its long side to a wall, as in small rooms
     size = (0.94, 2.06, 0.9)
     model = a.item("bed", size, (0.0, 0.0, 0.0))
     places = a.wall_places((size[1], size[0], size[2]), tries=24)

@@ -43,7 +43,10 @@ def lamp(fixture: Fixture, ceiling_m: float, finish: Finish) -> list[Part]:
         glowing = [(_disc(radius * 0.96, fixture.height_m, fixture.height_m * 0.4), OPAL, cd_m2)]
         plain = [(_disc(radius, fixture.height_m * 0.6, 0.003), finish.lacquer)]
     else:
-        glowing = [(_dome(radius * 0.95, fixture.height_m), OPAL, cd_m2)]
+        # A shallow bowl under the ceiling
+        r, height = radius * 0.95, fixture.height_m
+        arc = [(r * math.sin(a), -0.02 - (height - 0.02) * math.cos(a)) for a in np.linspace(0.0, math.pi / 2, 12)]
+        glowing = [(lathe([*arc, (r, 0.0)], 40), OPAL, cd_m2)]
         plain = [(_disc(radius, 0.03, 0.008), finish.metal)]
     top = (*fixture.centre, ceiling_m)
     parts = [_part(moved(mesh, top), material) for mesh, material in plain]
@@ -68,12 +71,6 @@ def _disc(radius: float, height: float, edge: float) -> Mesh:
     """Return a flat round body under the ceiling (z 0) with a rounded lower rim."""
     arc = [(radius - edge + edge * math.sin(a), -height + edge - edge * math.cos(a)) for a in np.linspace(0, 1.571, 5)]
     return lathe([(0.0, -height), *arc, (radius, 0.001)], 40)
-
-
-def _dome(radius: float, height: float) -> Mesh:
-    """Return a shallow bowl under the ceiling."""
-    arc = [(radius * math.sin(a), -0.02 - (height - 0.02) * math.cos(a)) for a in np.linspace(0.0, math.pi / 2, 12)]
-    return lathe([*arc, (radius, 0.0)], 40)
 
 
 def _ring(outer: float, inner: float, high: float) -> Mesh:

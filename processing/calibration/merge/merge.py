@@ -144,11 +144,6 @@ class _Job:
         known = self.processed or self.options.colours is not None
         return known or any(isinstance(f, JpegFrame) for f in self.order.frames)
 
-    def noise_shape(self) -> tuple[float, float]:
-        """Return the correlation of the channels' noise, and the squared error that all frames share."""
-        common = coding_error(self.curve, self.noise) if self.coded and self.curve else 0.0
-        return self.correlation, common
-
     @property
     def weights(self) -> Doubles:
         """Return what each channel adds to luminance."""
@@ -276,7 +271,9 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
 def _fuse(codes: Sequence[Codes], samples: MergeTables | LinearSamples, job: _Job) -> tuple[Planes, Doubles]:
     """Return the merged planes, and what part of the picture used each frame."""
     height, width = codes[0].shape[:2]
-    pixels, shape, workers = height * width, job.noise_shape(), job.workers
+    pixels, workers = height * width, job.workers
+    # The correlation of the channels' noise, and the squared error that all frames share
+    shape = (job.correlation, coding_error(job.curve, job.noise) if job.coded and job.curve else 0.0)
     padded = max(pixels, RUN_PX)
     planes = Planes(
         np.empty((padded, 3), np.float32),
