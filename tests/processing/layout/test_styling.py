@@ -173,3 +173,29 @@ def test_a_floor_lamp_stands_before_no_picture() -> None:
     assert (other.t_m[0] > 2.5) != (alone.t_m[0] > 2.5)
     assert not lamp(left, right)
     assert lamp(*(replace(one, sill_m=1.7, head_m=2.2) for one in (left, right))), "it may stand below one"
+
+
+def test_windows_without_room_for_curtains_get_blinds() -> None:
+    """Drawn up before the top of each window of the row; not where curtains find room, or something hangs."""
+    shelf = PlacedItem(id="shelf", category="bookshelf", size_m=(0.8, 0.3, 2.2), theta_rad=0.0, t_m=(0.7, 0.2, 0.0))
+    one = Arrangement(rank=1, items=(shelf,), score=1.0, scores={}, rule_set="standard")
+    ring = [[0, 0], [4.6, 0], [4.6, 4.0], [0, 4.0]]
+
+    def blinds(*windows: Window, high: float = 2.6) -> list[PlacedItem]:
+        plan = make_plan(ring, doors=[Door(1, 0.2, 1.1)], windows=windows, ceiling_height_m=high)
+        added = styled(one, plan, "scandinavian", "light", 0)
+        assert not ([i for i in added if "curtain" in i.category] and [i for i in added if i.category == "blind"])
+        return [i for i in added if i.category == "blind"]
+
+    row = Window(2, 0.15, 1.6, 0.9, 2.1), Window(2, 2.2, 3.4, 0.9, 2.1)
+    found = blinds(*row)
+    assert [v for i in found for v in (i.size_m[0], i.t_m[0])] == pytest.approx([1.45, 3.725, 1.2, 1.8])
+    for item in found:
+        assert item.base_m == pytest.approx(2.1 - 0.18)
+        assert 2.1 + 0.05 < item.base_m + item.size_m[2] < 2.2
+        assert 3.9 < item.t_m[1] + item.size_m[1] / 2 < 4.0
+        checked_size(item.category, item.size_m)
+    assert not blinds(Window(2, 1.2, 2.8, 0.9, 2.1)), "there is room for curtains"
+    assert not blinds(*row, Hung(2, 0.4, 1.0, 0.95, 2.0, "curtain"))
+    assert not blinds(*row, high=2.2), "nor where the ceiling begins"
+    assert not blinds(Window(0, 0.4, 1.2, 0.9, 2.1)), "nor behind a high shelf"
