@@ -46,7 +46,9 @@ def run(context: StageContext) -> StageOutput:
     metrics = {"sections": len(data.sections), "stills": len(client.stills)}
     cuts = {f"cuts-{k}": (context.folder / f"cuts-{k}.json.gz").is_file() for k in range(1, MOST_STAGED + 3)}
     made = dict.fromkeys(("page", "lab", "details", *(name for name, there in cuts.items() if there)), True)
-    return StageOutput(artifacts=made, metrics=metrics, left_out=dict.fromkeys(cuts.keys() - made.keys(), NO_SUCH))
+    return StageOutput(
+        artifacts=made, metrics=metrics, left_out=dict.fromkeys(sorted(cuts.keys() - made.keys()), NO_SUCH)
+    )
 
 
 def report_data(context: StageContext) -> ReportData:
