@@ -18,8 +18,10 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, P, RelativeImage, Validity, luminance_cd_m2
-from processing.sphere import Equirectangular, Geometry, directions
+from processing.sphere import Equirectangular, Fisheye, Geometry, directions
+from processing.sphere.geometry import polar_of_radius
 
 KEY, SEAM_KEY = "shared_modes", "seam_sigma"
 ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the largest frames
@@ -119,11 +121,17 @@ def modelled(image: LuminanceImage, before: Floats | float) -> LuminanceImage:
 
 def widened(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImage:
     """Return the picture with further modes, which each pixel's uncertainty then includes."""
-    luminance = luminance_cd_m2(image.rgb)
-    u2 = np.square(image.uncertainty)
-    for mode in modes:
-        u2 += np.square(relative_error(mode, image, luminance))
-    return carrying(replace(image, uncertainty=np.sqrt(u2)), modes)
+    uncertainty = np.empty_like(image.uncertainty)
+
+    def band(start: int) -> None:
+        rows = slice(start, start + ROWS_AT_ONCE)
+        luminance, u2 = luminance_cd_m2(image.rgb[rows]), np.square(image.uncertainty[rows])
+        for mode in modes:
+            u2 += np.square(relative_error(mode, image, luminance, rows))
+        np.sqrt(u2, out=uncertainty[rows])
+
+    side_by_side(band, range(0, len(uncertainty), ROWS_AT_ONCE))
+    return carrying(replace(image, uncertainty=uncertainty), modes)
 
 
 def carrying(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImage:
@@ -160,23 +168,27 @@ def relative_error(
         return np.asarray(mode.values[0] * (blueness(image.rgb[rows]) - mode.places[0]), dtype=np.float32)
     if mode.kind == "scatter":
         light = _scattered(mode, image.rgb.shape[1], image.rgb.shape[0], rows)
+        light /= np.maximum(luminance, np.float32(1e-30))
         # Where it is all there is, more of it is no news.
-        return np.asarray(np.clip(light / np.maximum(luminance, np.float32(1e-30)), -2, 2) - mode.places[2], np.float32)
+        return np.subtract(np.clip(light, -2, 2, out=light), mode.places[2], out=light)
     if mode.kind == "seam" and isinstance(image.geometry, Equirectangular):
         height, width = image.rgb.shape[:2]
         latitude = (0.5 - (np.arange(height)[rows] + 0.5) / height) * math.pi
         longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * math.pi
         place = np.cos(latitude)[:, None] * np.cos(longitude)
     else:
-        rays = _rays(image.geometry, *rows.indices(image.rgb.shape[0])[:2])
-        place = rays[..., 1] if mode.kind == "seam" else np.hypot(rays[..., 0], rays[..., 1])
+        place = _place(mode.kind, image.geometry, rows)
     return np.asarray(np.interp(place, mode.places, mode.values), dtype=np.float32)
 
 
-@lru_cache(maxsize=1)
-def _rays(geometry: Geometry, start: int, stop: int) -> Doubles:
-    """Return the directions of rows' pixels, (h, W, 3), which several modes ask for one after the other."""
-    return directions(geometry, slice(start, stop))[0]
+def _place(kind: Kind, geometry: Geometry, rows: slice) -> Doubles:
+    """Return where rows' pixels look, (h, W): ahead, of a seam, else the sine of the angle from the axis."""
+    if kind == "axis" and isinstance(geometry, Fisheye):
+        across, down = geometry.offsets_px()
+        radius = np.hypot(across, down[rows]) / geometry.radius_px
+        return polar_of_radius(geometry, np.minimum(radius, 1.0))[0]
+    rays = directions(geometry, rows)[0]
+    return rays[..., 1] if kind == "seam" else np.hypot(rays[..., 0], rays[..., 1])
 
 
 def level_error(image: LuminanceImage, levels: Doubles) -> float:
@@ -217,7 +229,7 @@ def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
 def _scattered(mode: SharedMode, width: int, height: int, rows: slice) -> Floats:
     """Return the light of a scatter mode at rows of a picture, (h, W), between its cells' middles."""
     cells = np.reshape(np.array(mode.values), (int(mode.places[0]), int(mode.places[1])))
-    down, across = between(height, cells.shape[0], rows), between(width, cells.shape[1])
+    down, across = between(height, cells.shape[0], rows), _columns(width, cells.shape[1])
     return np.asarray((down @ cells) @ across.T, dtype=np.float32)
 
 
@@ -225,6 +237,9 @@ def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
     """Return weights, shape (n, count), of cells for a part of ``size`` pixels, linear between the cells' middles."""
     places = np.clip((np.arange(size)[part] + 0.5) / size * count - 0.5, 0, count - 1)
     return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
+
+
+_columns = lru_cache(maxsize=2)(between)  # which all bands and modes share
 
 
 def blueness(rgb: Floats) -> Floats:

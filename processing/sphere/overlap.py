@@ -182,7 +182,8 @@ def gather(net: Any, source: Any, near: Any, live: int, solid: Any, light: Any, 
     scratch, found = np.empty((2, plane.shape[1])), np.empty(plane.shape[2])
     for j in range(x.shape[0] - 1):
         for i in range(x.shape[1] - 1):
-            worst = _quad(x, y, state, i, j, px, py)
+            # Cells beyond a fisheye's field, a fifth of a square, are nothing to `finish`.
+            worst = _quad(x, y, state, i, j, px, py) if solid[j // parts, i // parts] > 0 else HIDDEN
             if worst == HIDDEN:
                 continue
             for c in range(plane.shape[2]):

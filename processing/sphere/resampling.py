@@ -141,7 +141,7 @@ def resample_labels(
     if labels.shape != (source.height_px, source.width_px):
         raise ParameterError(f"a mask of shape {labels.shape} for {source}", advice="give (H, W) of the source's size")
     out = np.full((target.height_px, target.width_px), outside, dtype=labels.dtype)
-    for rows, x, y, seen in _centres(source, target):
+    for rows, x, y, seen in _centres(source, target) if np.any(labels != outside) else ():
         column = np.clip(x.astype(np.intp), 0, source.width_px - 1)
         row = np.clip(y.astype(np.intp), 0, source.height_px - 1)
         out[rows] = np.where(seen, labels[row, column], out[rows])

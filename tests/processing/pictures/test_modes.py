@@ -20,7 +20,7 @@ from processing.pictures.modes import (
     seam_mode,
     widened,
 )
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 WIDTH, HEIGHT = 192, 96
 
@@ -69,6 +69,22 @@ def test_stray_light_is_stronger_near_a_lamp_and_weak_against_the_lamp_itself() 
     assert np.array_equal(relative_error(modes[0], image, luminance[part], part), of(image, modes[0])[part])
     brighter = LuminanceImage(4 * image.rgb, image.uncertainty, image.validity, image.geometry, 0.0)
     assert together(brighter, [mode.moved(2.0) for mode in modes]) == pytest.approx(found, rel=1e-5)
+
+
+def test_a_fisheyes_fall_off_goes_by_its_pixels_own_angles_and_bands_of_a_picture_are_widened_alike(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for mapping in LensMapping:
+        polynomial = (0.8, 0.0, 0.2) if mapping is LensMapping.POLYNOMIAL else ()
+        lens = Fisheye(60, 50, mapping, 24.0, 1.4, centre_px=(31.0, 24.0), top_azimuth_rad=0.7, polynomial=polynomial)
+        rgb = np.random.default_rng(0).random((50, 60, 3)).astype(np.float32)
+        image = LuminanceImage(rgb, rgb[..., 0] + np.float32(0.1), np.zeros((50, 60), np.uint8), lens, 0.0)
+        mode = falloff_mode(0.03)
+        rays, _ = directions(lens)
+        assert of(image, mode) == pytest.approx(0.03 * np.hypot(rays[..., 0], rays[..., 1]), rel=1e-6)
+        whole = np.hypot(image.uncertainty, together(image, [mode, colour_mode(0.1)]))
+        monkeypatch.setattr("processing.pictures.modes.ROWS_AT_ONCE", 7)
+        assert widened(image, [mode, colour_mode(0.1)]).uncertainty == pytest.approx(whole, rel=1e-6)
 
 
 def test_the_scale_has_the_stray_light_of_the_place_that_was_measured() -> None:

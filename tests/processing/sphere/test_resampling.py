@@ -12,6 +12,8 @@ from processing.sphere import (
     Perspective,
     directions,
     projected_solid_angles,
+    resampling,
+    resampling_area,
     solid_angles,
 )
 from processing.sphere.resampling import padded_sphere, resample, resample_labels, resample_uncertainty
@@ -126,6 +128,21 @@ def test_a_quarter_turn_by_whole_columns_is_exact():
     there, back = Equirectangular(32, 16), Equirectangular(32, 16, math.pi / 2)
     picture = np.random.default_rng(2).random((16, 32)).astype(np.float32)
     np.testing.assert_allclose(resample(picture, there, back)[0], np.roll(picture, -8, axis=1), rtol=1e-5)
+
+
+def test_what_cannot_be_seen_of_the_result_is_not_worked_out(monkeypatch):
+    """Cells of a square beyond a fisheye's circle take no light; labels that are all what lies outside stay it."""
+    there, back = fisheye(LensMapping.EQUIDISTANT, 64), fisheye(LensMapping.ORTHOGRAPHIC, 32)
+    found = []
+    monkeypatch.setattr(resampling_area, "finish", lambda light, weight, *_: found.append((light, weight)))
+    resample(np.ones((64, 64, 1), np.float32), there, back)
+    light, weight = (np.concatenate(each) for each in zip(*found, strict=True))
+    beyond = solid_angles(back) == 0
+    assert not weight[beyond].any()
+    assert not light[beyond].any()
+    assert (weight[~beyond] > 0).all()
+    monkeypatch.setattr(resampling, "_centres", None)
+    assert (resample_labels(np.full((64, 64), 7, np.uint8), there, back, outside=7) == 7).all()
 
 
 def test_labels_and_uncertainty_follow():
