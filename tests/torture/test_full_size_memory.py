@@ -32,7 +32,7 @@ HELD_GB = {
     "report": 2.58,
 }
 """The most of two standard runs on 2026-11-30 (2 cores beside other jobs, glibc, our network alone), all stages in one
-process; of `verify`, of the two on 2026-11-29, and of `arrange`, of that night's and one of these."""
+process; of `verify`, of two runs of it alone; of `arrange`, of the night before and of one of these."""
 ROOM = 1.1
 """Over that (chosen: but for `day`, the two runs differ by up to 7 %)."""
 
