@@ -264,13 +264,14 @@ def _problems(folder: Path, rows: Sequence[Row]) -> list[str]:
 def summary(folder: Path) -> dict[str, Any]:
     """Return what a data set holds, in numbers. Raises `ParameterError` without an index."""
     rows = read_index(folder)
+    dates = sorted(row["date"] for row in rows if row["date"])
     sizes = sum(path.stat().st_size for row in rows for path in session_files(folder / row["folder"]))
     return {
         "sessions": len(rows),
         "rooms": len({row["room"] for row in rows}),
         "splits": {name: sum(1 for row in rows if row["split"] == name) for name in SPLITS},
         "bytes": sizes,
-        "dates": _range([row["date"] for row in rows]),
+        "dates": [dates[0], dates[-1]] if dates else [],
         "simulated": sum(1 for row in rows if row["simulated"] == "YES"),
         "absolute": sum(1 for row in rows if row["units"] == "cd/m2"),
         "with_sky": sum(1 for row in rows if row["fisheye_time"]),
@@ -281,11 +282,6 @@ def summary(folder: Path) -> dict[str, Any]:
         "illuminance_lux": _numbers(rows, "illuminance_lux"),
         "highest_dgp": _numbers(rows, "highest_dgp"),
     }
-
-
-def _range(values: list[str]) -> list[str]:
-    known = sorted(value for value in values if value)
-    return [known[0], known[-1]] if known else []
 
 
 def _numbers(rows: Sequence[Row], column: str) -> dict[str, float] | None:

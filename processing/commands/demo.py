@@ -53,7 +53,8 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
     from processing.running.progress import Meter
 
     meter = Meter()
-    size, rate, quality = _effort(asked)
+    usual = (QUICK_SIZE, QUICK_RATE, QUICK_QUALITY) if asked["quick"] else ("full", RATE, "standard")
+    size, rate, quality = asked["size"] or usual[0], *usual[1:]
     options = {} if asked["furniture"] is None else {"set": asked["furniture"]}
     session = _photograph(world, picture, sky, asked)
     manifest, rig, alone = None, asked["into"] / "rig", nullcontext()
@@ -70,13 +71,6 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
                 options["repair-sun"] = "clear-sky"
         report = _processed(session, options, quality, as_json=as_json)
     return _summary(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
-
-
-def _effort(asked: dict[str, Any]) -> tuple[str, float, str]:
-    """Return picture size, speed of simulated time and quality."""
-    if not asked["quick"]:
-        return asked["size"] or "full", RATE, "standard"
-    return asked["size"] or QUICK_SIZE, QUICK_RATE, QUICK_QUALITY
 
 
 def _photograph(world: str | None, picture: Path | None, sky: Path | None, asked: dict[str, Any]) -> Path | None:

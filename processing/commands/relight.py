@@ -14,8 +14,6 @@ import click
 from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from processing.exchange.jpeg_files import Made
     from processing.light.picture.viewpoint import Elsewhere
     from processing.relighting.relit_session import Relighting, SessionRoom
@@ -111,12 +109,10 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     for time_utc in times:
         outdoors, facts = outside.at(time_utc)
         local = time_utc.astimezone(outside.zone)
-        lights.append((f"{local:%Y-%m-%dT%H%M}{other}", _caption(local, facts), outdoors, facts))
+        elevation_deg, klx = facts["sun_elevation_deg"], facts["global_horizontal_lx"] / 1000
+        caption = f"{local:%H:%M}  sun {elevation_deg:.0f}°  {klx:.0f} klx outdoors"
+        lights.append((f"{local:%Y-%m-%dT%H%M}{other}", caption, outdoors, facts))
     return {"modelled": True, "notes": list(outside.notes), "lights": lights}
-
-
-def _caption(time: datetime, sky: dict[str, Any]) -> str:
-    return f"{time:%H:%M}  sun {sky['sun_elevation_deg']:.0f}°  {sky['global_horizontal_lx'] / 1000:.0f} klx outdoors"
 
 
 def _step(text: str) -> Any:

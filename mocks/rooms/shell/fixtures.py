@@ -38,7 +38,9 @@ def lamp(fixture: Fixture, ceiling_m: float, finish: Finish) -> list[Part]:
         glowing, plain = _pendant(fixture, radius, float(rng.uniform()))
     elif fixture.kind == "spot":
         glowing = [(_disc(radius * 0.72, 0.004, 0.012), OPAL, cd_m2)]
-        plain = [(_ring(radius, radius * 0.7, 0.01), finish.metal)]
+        inner, high = radius * 0.7, 0.01  # of its rim
+        rim = [(inner, -0.002), (inner, -high * 0.6), (inner + 0.004, -high), (radius - 0.003, -high), (radius, 0.0)]
+        plain = [(lathe(rim), finish.metal)]
     elif fixture.kind == "disc lamp":
         glowing = [(_disc(radius * 0.96, fixture.height_m, fixture.height_m * 0.4), OPAL, cd_m2)]
         plain = [(_disc(radius, fixture.height_m * 0.6, 0.003), finish.lacquer)]
@@ -71,11 +73,6 @@ def _disc(radius: float, height: float, edge: float) -> Mesh:
     """Return a flat round body under the ceiling (z 0) with a rounded lower rim."""
     arc = [(radius - edge + edge * math.sin(a), -height + edge - edge * math.cos(a)) for a in np.linspace(0, 1.571, 5)]
     return lathe([(0.0, -height), *arc, (radius, 0.001)], 40)
-
-
-def _ring(outer: float, inner: float, high: float) -> Mesh:
-    """Return the rim of a recessed spot."""
-    return lathe([(inner, -0.002), (inner, -high * 0.6), (inner + 0.004, -high), (outer - 0.003, -high), (outer, 0.0)])
 
 
 def _pendant(
