@@ -101,6 +101,11 @@ def test_probe_writes_a_transcript_once_and_names_the_dialect(
         port.close()
 
 
+def test_a_time_limit_is_a_finite_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["meter", "read", "--timeout", "nan"]) == 2
+    assert "not a finite number" in capsys.readouterr().err
+
+
 def test_probe_names_a_transcript_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert daylit.main(["meter", "probe", str(tmp_path / "no folder" / "t.jsonl"), "--port", "/dev/null"]) == 6
     assert "create the folder" in capsys.readouterr().err
