@@ -14,6 +14,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes
+from processing.ground.tables import table_of
 from processing.pictures.panorama import ASPECT_TOLERANCE
 from processing.pictures.preview import check_rgb8
 from processing.pictures.writing import write_bytes
@@ -122,14 +123,7 @@ PHOTOGRAPH, EMPTIED, STAGED = "photograph", "emptied", "staged"
 FURNITURE, EQUIPMENT = "furniture", "equipment"
 """What was removed: furniture, whatever went with it; or no more than the photographer's things and direct sunlight."""
 PLATES = {PHOTOGRAPH: "", EMPTIED: "Furniture removed", STAGED: TEXT, EQUIPMENT: "Retouched"}
-EDITS = {
-    EMPTIED: "Furniture was removed digitally| and the room's light recalculated without it",
-    EQUIPMENT: "The photographer's equipment or direct sunlight was removed digitally",
-    STAGED: "The furniture is virtual; the room's own furniture was removed digitally| and the light recalculated",
-    "added": "The furniture is virtual|, and the room's light was recalculated with it",
-    "relit": "The light was computed for another time or sky",
-    "computed view": "What the camera did not see is computer-generated",
-}
+EDITS: dict[str, str] = table_of(__package__, "edits")
 """Behind the bar: what is said only where the light was recalculated (`Made.lit`)."""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.polygons import signed_area
 from processing.ground.room_model import RoomModel
+from processing.ground.tables import table_of
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import jpeg_bytes
@@ -18,13 +19,7 @@ from processing.surfaces.maps import opening_map, plane_map
 
 TINTS = {"furniture": (230, 40, 40), "tripod": (220, 0, 220), "sunlight": (250, 210, 0), "shadow": (40, 90, 240)}
 """sRGB by mask."""
-_NAMES = {
-    "furniture": "furniture (red)",
-    "tripod": "tripod and equipment (magenta)",
-    "sunlight": "direct sunlight (yellow)",
-    "shadow": "shadows of furniture (blue)",
-    "target": "to be removed, with margin (green line)",
-}
+_NAMES: dict[str, str] = table_of(__package__, "words")["masks"]
 RIM_RGB = (0, 220, 60)
 MOST_SHOWN = 0.5  # relative change of luminance at the ends of the colour scale; chosen
 

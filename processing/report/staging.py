@@ -13,6 +13,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from processing.exchange.jpeg_files import Made, jpeg_bytes
 from processing.exchange.showing import made_of, standing_sha256
+from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section, views_of
@@ -23,11 +24,7 @@ from processing.stages.parameters import MOST_STAGED
 from processing.stages.upright import upright_panorama
 from station.session import strict_json
 
-METHODS = {
-    "differential": "the photograph is kept and changed only where furniture changes the light",
-    "global": "the whole room is rendered",
-    "ibl": "furniture is lit by the panorama alone; it casts no shadows or light into the room",
-}
+METHODS: dict[str, str] = table_of(__package__, "words")["methods"]
 T = TypeVar("T")
 _AS_JSON = ConfigDict(ser_json_bytes="base64", val_json_bytes="base64", ser_json_inf_nan="constants")
 FOLDER = "relight"
