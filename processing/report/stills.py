@@ -109,18 +109,19 @@ def frames_of(
     things = _in_sight([*_pieces(items), *_openings(room)], room)
     things = [replace(one, worth=one.worth + ALONE) if one.main and most == 1 else one for one in things]
     frames = [Frame(math.radians(yaw), mm, drop) for yaw in range(-180, 180, 4) for mm in LENSES_MM for drop in DROPS]
-    seen = [_seen(frame, things, room) for frame in frames]
+    seen = np.array([_seen(frame, things, room) for frame in frames])
     pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
-    bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
+    bare = pieces.any() & ~(seen[:, pieces] == 1).any(axis=1)
     plain = np.array([_plain_share(frame, things, room) for frame in frames])
     near = np.array([_near_wall_share(frame, room) for frame in frames])
     filled = np.array([_overfilled(frame, things, room) for frame in frames])
-    own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain - NEAR_WALL * near
-    own -= FILLS * filled
-    chosen: list[int] = []
-    shown = np.zeros(len(things))
+    own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain
+    own -= NEAR_WALL * near + FILLS * filled
+    gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
+    chosen, shown = list[int](), np.zeros(len(things))
     while len(chosen) < most:
-        worth = own + np.array([_worth(states, things, shown) for states in seen])
+        again = gain * np.where(shown > 0, AGAIN, 1.0)
+        worth = own + np.where(seen > 0, again, -cut * (seen < 0)).sum(axis=1)
         for k in chosen:
             turned = [abs(math.remainder(one.yaw_rad - frames[k].yaw_rad, 2 * math.pi)) for one in frames]
             worth[np.array(turned) < APART_RAD] = -np.inf
@@ -171,9 +172,8 @@ def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
             continue
         wide, deep, high = item.size_m
         signs = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
-        local = signs * (wide, deep, high)
         cosine, sine = math.cos(item.theta_rad), math.sin(item.theta_rad)
-        turned = local @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+        turned = signs * (wide, deep, high) @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
         size = math.sqrt(wide * deep * max(high, 0.3)) ** (2 / 3)
         worth = 0.0 if math.hypot(item.t_m[0], item.t_m[1]) < NEAR_M else PIECE * min(size, 1.5)
         away = item.t_m[1] * cosine - item.t_m[0] * sine > 0.5 * math.hypot(*item.t_m[:2])  # its front looks away
@@ -247,11 +247,6 @@ def _near_wall_share(frame: Frame, room: RoomModel) -> float:
     away = NEAR_WALL_SHARE * float(np.linalg.norm(floor, axis=1).max())
     azimuth = frame.yaw_rad + np.arctan(np.linspace(-0.95, 0.95, 39) * SENSOR_MM / 2 / frame.lens_mm)
     return 1 - float(inside(floor, away * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)).mean())
-
-
-def _worth(states: Doubles, things: Sequence[_Thing], shown: Doubles) -> float:
-    worth, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
-    return float(np.where(states > 0, worth * np.where(shown > 0, AGAIN, 1.0), -cut * (states < 0)).sum())
 
 
 def _composition(frame: Frame, room: RoomModel) -> float:
@@ -369,12 +364,10 @@ def _stills(
         said = what._replace(original=asked.original_url or f"{name}-original.jpg")
         rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
         how: dict[str, Any] = {"relative": not image.absolute, "quality": 90}
-        path = context.folder / f"{name}.jpg"
-        write_jpeg(path, rgb8, made=said, title=f"{context.session.name}, {state}", **how)
+        write_jpeg(context.folder / f"{name}.jpg", rgb8, made=said, title=f"{context.session.name}, {state}", **how)
         write_jpeg(context.folder / f"{name}-original.jpg", original, title=f"{context.session.name}, original", **how)
         cut = _light(image, measured, frame)
-        made = np.full(cut.uncertainty.shape, bool(said.plate))
-        write_exr(context.folder / f"{name}-light.exr", estimated(cut, made))
+        write_exr(context.folder / f"{name}-light.exr", estimated(cut, np.full(cut.validity.shape, bool(said.plate))))
         files = {"file": f"{name}.jpg", "original": f"{name}-original.jpg", "light": f"{name}-light.exr"}
         taken = {"yaw_deg": round(math.degrees(frame.yaw_rad), 2), "lens_mm": frame.lens_mm, "drop": frame.drop}
         rest = {"size_px": [wide, rows], "shows": list(frame.shows), "statement": said.statement}
