@@ -37,7 +37,7 @@ LINES = {
     "drivers": 6_660,
     "station": 10_620,  # other disks, other bodies of a camera, other people's files; mocks gave as much
     "mocks": 14_350,
-    "processing": 59_350,  # uncertainty of every figure, .cal files, steady rooms, hours of a day; mocks, station gave it
+    "processing": 59_350,  # uncertainty of every figure, .cal files, steady rooms, a day; mocks and station gave it
     "studio": 830,
 }
 """The budget of lines of each room."""
