@@ -19,7 +19,9 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import FLOOR, plane_map
 from tests.processing.removal.painted_room import box_room
 
-MOST = 38.0  # bytes a pixel beside the picture and its masks (measured: 33; 43 before places of a median were let go)
+# Bytes a pixel beside picture and masks on one thread (measured: 38.6; 33 before the floor had marks of its own, filled
+# beside the walls). By two threads, whose peaks may meet or not, 35 to 45.
+MOST = 40.0
 
 
 def grey_room(rows: int) -> tuple[LuminanceImage, np.ndarray, Shade]:
@@ -45,7 +47,8 @@ def peak_bytes(rows: int) -> int:
         tracemalloc.stop()
 
 
-def test_an_emptied_room_takes_little_memory_a_pixel() -> None:
+def test_an_emptied_room_takes_little_memory_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ASKED, "1")
     small, large = 256, 512
     peak_bytes(16)  # what is loaded on first use
     more = peak_bytes(large) - peak_bytes(small)
