@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
@@ -32,13 +33,39 @@ def time_against_error(
 
     Below and to the left is better. ``path`` relative: in docs/images.
     """
+    return times_against_errors([(title, points)], path, error_label=error_label, seconds_label=seconds_label)
+
+
+def times_against_errors(
+    panels: Sequence[tuple[str, Sequence[Point]]],
+    path: Path,
+    *,
+    error_label: str,
+    seconds_label: str = "CPU seconds",
+    columns: int = 1,
+) -> Path:
+    """Draw panels of run time against error, a title and its points each, and write them as one picture.
+
+    Both axes are logarithmic, a line is a method; ``path`` relative: in docs/images.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    rows = -(-len(panels) // columns)
+    shape = (6.4, 4.0) if columns == 1 else (4.7 * columns, 3.5 * rows)
+    figure, grid = plt.subplots(rows, columns, figsize=shape, layout="constrained", squeeze=False)
+    for axes, (title, points) in zip(grid.flat, panels, strict=False):
+        _draw(axes, points)
+        axes.set(xscale="log", yscale="log", xlabel=seconds_label, ylabel=error_label, title=title)
+        _finish(axes)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_axis_off()
+    return save_figure(figure, path)
+
+
+def _draw(axes: Axes, points: Sequence[Point]) -> None:
     for number, method in enumerate(dict.fromkeys(p.method for p in points)):
         mine = sorted((p for p in points if p.method == method), key=lambda p: p.seconds)
         marker = MARKERS[number % len(MARKERS)]
@@ -46,7 +73,12 @@ def time_against_error(
         for p in mine:
             place = (p.seconds, p.error)
             axes.annotate(p.label, place, textcoords="offset points", xytext=(6, 5), fontsize=8, color="0.3")
-    axes.set(xscale="log", yscale="log", xlabel=seconds_label, ylabel=error_label, title=title)
+
+
+def _finish(axes: Axes) -> None:
+    """Set plain numbers at 1, 2 and 5, a light grid and the legend."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -55,7 +87,6 @@ def time_against_error(
     axes.margins(0.12)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9)
-    return save_figure(figure, path)
 
 
 def save_figure(figure: Figure, path: Path) -> Path:

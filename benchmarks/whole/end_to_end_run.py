@@ -57,19 +57,26 @@ def measured(
     folder = Path(tempfile.mkdtemp(prefix="end-to-end-"))
     try:
         session = write_session(folder / room.name, taken_of(room, divisor))
-        start_s = time.process_time()
-        request = RunRequest(
-            quality=Quality(quality),
-            options={"--calibration": str(profile), "--alternatives": 1, "--styling": "none", **options},
-        )
-        done = process(session, request)
-        row: dict[str, Any] = {"room": room.name, "cpu_s": round(time.process_time() - start_s, 2)}
-        row["stage_cpu_s"] = {s.stage: round(s.cost.cpu_seconds, 2) for s in done.stages if s.cost}
-        row["peak_mb"] = round(done.cost.peak_bytes / 1e6)
-        row["left_out"] = {s.stage: s.summary.get("skipped") for s in done.stages if s.summary.get("skipped")}
-        return row | compared(session / "stages", room, truth)
+        return processed(session, room, truth, profile, quality, options)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def processed(
+    session: Path, room: Room, truth: TruthPictures, profile: Path, quality: str, options: Mapping[str, object]
+) -> dict[str, Any]:
+    """Return the figures of a room's session, which is processed here; see `measured`."""
+    start_s = time.process_time()
+    request = RunRequest(
+        quality=Quality(quality),
+        options={"--calibration": str(profile), "--alternatives": 1, "--styling": "none", **options},
+    )
+    done = process(session, request)
+    row: dict[str, Any] = {"room": room.name, "cpu_s": round(time.process_time() - start_s, 2)}
+    row["stage_cpu_s"] = {s.stage: round(s.cost.cpu_seconds, 2) for s in done.stages if s.cost}
+    row["peak_mb"] = round(done.cost.peak_bytes / 1e6)
+    row["left_out"] = {s.stage: s.summary.get("skipped") for s in done.stages if s.summary.get("skipped")}
+    return row | compared(session / "stages", room, truth)
 
 
 def taken_of(room: Room, divisor: int) -> Taken:

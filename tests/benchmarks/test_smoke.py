@@ -64,6 +64,8 @@ KEYS = {
     "pages": "index_mb index_first_paint_s index_axe index_asked index_too_wide_px lab_mb lab_first_paint_s lab_axe",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
     "late_partner_lost clock_cases clock_lost",
+    "qualities": "runs refused draft_cpu_s standard_cpu_s reference_cpu_s draft_luminance_median_err_pct "
+    "standard_room_err_pct standard_empty_median_err_pct standard_staged_median_err_pct",
     "pipeline": "quarter_cpu_s quarter_peak_mb quarter_disk_mb rerun_s rerun_unneeded_cpu_s draft_cpu_s draft_moved_m "
     "one_more_cpu_s first_use_extra_cpu_s first_use_wheel_extra_cpu_s growth_exponent zenith_colour_err_pct",
 }
@@ -82,7 +84,20 @@ NEEDS = {
 LONG = {
     *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "files", "hostile", "instruments", "merge"),
     *("pages", "photometry", "steady"),
-    *("pipeline", "real", "relight", "remove", "render", "response", "room", "sphere", "stills", "studio", "truth"),
+    *(
+        "pipeline",
+        "qualities",
+        "real",
+        "relight",
+        "remove",
+        "render",
+        "response",
+        "room",
+        "sphere",
+        "stills",
+        "studio",
+        "truth",
+    ),
 }
 """Five seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
