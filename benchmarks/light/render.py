@@ -15,6 +15,7 @@ Radiance (mkillum, ambient cache): their CPU time over ours at their own error.
 **Staging**: ``changed_median_err_pct``: boxes staged with ``differential`` into a bare room against the furnished room
 rendered at length, where light or surface changed; ``unchanged_identical_pct``: kept pixels that are bit-identical.
 Full runs also stage furniture in simulated rooms by all four methods (`render_methods`; rivals, with a contact sheet),
+and by a shadow catcher in Cycles where DAYLIT_BPY names a Python that has ``bpy``,
 and measure and draw what pixels, triangles and error cost (``growth_width``, ``full_size_*``: `render_growth`).
 
 Rows are kept (`benchmarks.kept_rows`): DAYLIT_BENCH_CPU_S ends a run after so much CPU time; run again to go on.
@@ -24,6 +25,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import os
 from dataclasses import replace
 from typing import Any
 
@@ -33,10 +35,10 @@ from benchmarks.kept_rows import Rows
 from benchmarks.light import analytic as _analytic
 from benchmarks.light.render_daylight import daylight
 from benchmarks.light.render_growth import draw, growth
-from benchmarks.light.render_methods import METHODS, contact_sheet, methods_row
+from benchmarks.light.render_methods import CATCHER, METHODS, contact_sheet, methods_row
 from benchmarks.light.render_race import race_rooms
 from benchmarks.light.render_scenes import EYE, boxes, clear_sky, plain_room, radiance_grid, room_model, sky_outdoors
-from benchmarks.light.render_time import denoised_path, plain_path, race_row, seconds_to, truth_of_room
+from benchmarks.light.render_time import BPY, denoised_path, plain_path, race_row, seconds_to, truth_of_room
 from benchmarks.light.render_time import ours as timed
 from benchmarks.truth_rooms import is_kept, truth_list
 from mocks.optics.picture_cache import default_folder
@@ -155,18 +157,24 @@ def staged_by_methods(rows: Rows, seed: int) -> tuple[dict[str, dict[str, float]
     for number, use in truth_list("test", 4 * METHOD_ROOMS, seed):
         if len(found) < METHOD_ROOMS and is_kept(number, use):
             sheet = default_folder().parent / f"render-methods-{number}.npz"
-            found.append(rows.row(f"methods {number}", lambda n=number, u=use, s=sheet: methods_row(n, u, s)))  # type: ignore[misc]
+            key = f"methods {number}{' and catcher' if os.environ.get(BPY) else ''}"
+            found.append(rows.row(key, lambda n=number, u=use, s=sheet: methods_row(n, u, s)))  # type: ignore[misc]
             sheets.append(sheet)
     if not found:
         return {}, ["no simulated room is kept: run python -m benchmarks.truth_rooms test 8 first"]
     contact_sheet(sheets[:SHEET_ROOMS], [row["room"] for row in found[:SHEET_ROOMS]])
-    methods = {
-        name: {
-            f"{key}_pct": round(100 * float(np.median([row[name][key] for row in found])), 2) for key in found[0][name]
-        }
-        for name in METHODS
-    }
-    return methods, [f"{row['room']}: {', '.join(_method(row, name) for name in METHODS)}" for row in found]
+    names = [name for name in (*METHODS, CATCHER) if all(name in row for row in found)]
+    methods = {name: _medians([row[name] for row in found]) for name in names}
+    return methods, [f"{row['room']}: {', '.join(_method(row, name) for name in names)}" for row in found]
+
+
+def _medians(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Return the medians of shares, as %, and of CPU seconds where all rows have them."""
+    found = {}
+    for key in [key for key in rows[0] if all(key in row for row in rows)]:
+        middle = float(np.median([row[key] for row in rows]))
+        found |= {key: round(middle, 2)} if key == "cpu_s" else {f"{key}_pct": round(100 * middle, 2)}
+    return found
 
 
 def _method(row: dict[str, Any], name: str) -> str:

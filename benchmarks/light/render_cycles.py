@@ -5,6 +5,12 @@
 ``room.npz``: triangles (N, 3, 3), part (N,), colour and emission (parts, 3), panes (p, 3, 3: corner, across, up), sky
 (h, 2 h, 3, centre towards +y), sun (7: direction, illuminance; empty without one), eye (3). ``out.npz``: picture
 (H, 2 H, 3), and cpu_s, the CPU seconds of the render call without Blender's start.
+
+With ``photograph`` (h, 2 h, 3) beside, furniture is put into it as a shadow catcher does: parts whose number is below
+``shell`` are the room and give off the light that the photograph shows at them, but for part ``floor``, which catches
+shadows and bounces light; the rest is furniture (``rough`` (parts,): roughness, 1 is matte; ``metal`` (parts,)), and
+``glass`` triangles (M, 3, 3) shine as panes do in the photograph and let the sun in. ``out.npz`` then holds furniture
+(H, 2 H, 4), premultiplied, and caught (H, 2 H, 3), by which the photograph is multiplied.
 """
 
 import math
@@ -21,6 +27,9 @@ from mathutils import Matrix, Vector
 def main(source, target, samples, height):
     data = np.load(source)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+    if "photograph" in data:
+        composite(data, target, samples, height)
+        return
     scene = bpy.context.scene
     for part in np.unique(data["part"]):
         add_mesh(data["triangles"][data["part"] == part], data["colour"][part], data["emission"][part])
@@ -42,7 +51,64 @@ def main(source, target, samples, height):
     np.savez(target, picture=values.reshape(height, 2 * height, 4)[::-1, :, :3], cpu_s=cpu_s)
 
 
-def add_mesh(triangles, colour, emission):
+def composite(data, target, samples, height):
+    shown, eye = picture_of(data["photograph"]), data["eye"]
+    shell = int(data["shell"])
+    for part in np.unique(data["part"]):
+        triangles, colour = data["triangles"][data["part"] == part], data["colour"][part]
+        if part == data["floor"]:
+            add_mesh(triangles, colour, np.zeros(3)).is_shadow_catcher = True
+        elif part < shell:
+            add_shining(triangles, shown, eye)
+        else:
+            add_mesh(triangles, colour, data["emission"][part], float(data["rough"][part]), float(data["metal"][part]))
+    if len(data["glass"]):
+        add_shining(data["glass"], shown, eye).visible_shadow = False  # or it would keep the sun out
+    if len(data["sun"]):
+        add_sun(data["sun"][:3], data["sun"][3:6])
+    add_camera(eye)
+    settings(bpy.context.scene, samples, height)
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    scene.cycles.filter_width = 1.0
+    scene.render.film_transparent = True
+    layer.cycles.use_pass_shadow_catcher = True
+    scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE"
+    scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
+    scene.render.image_settings.color_depth = "32"
+    scene.render.filepath = str(Path(target).with_suffix(".exr"))
+    start = time.process_time()
+    bpy.ops.render.render(write_still=True)
+    np.savez(target, cpu_s=time.process_time() - start)
+
+
+def picture_of(rgb):
+    high, wide = rgb.shape[:2]
+    image = bpy.data.images.new("panorama", wide, high, float_buffer=True, is_data=True)
+    # Blender's pictures of the world look along +x in the middle.
+    turned = np.roll(rgb, -wide // 4, axis=1)[::-1]
+    image.pixels.foreach_set(np.concatenate([turned, np.ones((high, wide, 1), np.float32)], axis=2).ravel())
+    return image
+
+
+def add_shining(triangles, image, eye):
+    """Add a mesh that gives off what the photograph shows at it, unseen by the camera."""
+    item = add_mesh(triangles, np.zeros(3), np.zeros(3))
+    nodes, links = item.data.materials[0].node_tree.nodes, item.data.materials[0].node_tree.links
+    nodes.clear()
+    place, ray = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeVectorMath")
+    texture, shader = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeEmission")
+    ray.operation, texture.image = "SUBTRACT", image
+    ray.inputs[1].default_value = tuple(float(v) for v in eye)
+    links.new(place.outputs["Position"], ray.inputs[0])
+    links.new(ray.outputs[0], texture.inputs["Vector"])
+    links.new(texture.outputs["Color"], shader.inputs["Color"])
+    links.new(shader.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    # A catcher too: Cycles compares with what catchers alone give.
+    item.visible_camera, item.is_shadow_catcher = False, True
+    return item
+
+
+def add_mesh(triangles, colour, emission, rough=1.0, metal=0.0):
     mesh = bpy.data.meshes.new("part")
     mesh.from_pydata(triangles.reshape(-1, 3).tolist(), [], np.arange(3 * len(triangles)).reshape(-1, 3).tolist())
     material = bpy.data.materials.new("part")
@@ -54,12 +120,18 @@ def add_mesh(triangles, colour, emission):
         shader = nodes.new("ShaderNodeEmission")
         shader.inputs["Strength"].default_value = float(emission.max())
         shader.inputs["Color"].default_value = (*(float(v) for v in emission / emission.max()), 1.0)
+    elif rough < 1 or metal > 0:
+        shader = nodes.new("ShaderNodeBsdfPrincipled")
+        shader.inputs["Base Color"].default_value = (*(float(v) for v in colour), 1.0)
+        shader.inputs["Roughness"].default_value, shader.inputs["Metallic"].default_value = rough, metal
     else:
         shader = nodes.new("ShaderNodeBsdfDiffuse")
         shader.inputs["Color"].default_value = (*(float(v) for v in colour), 1.0)
     links.new(shader.outputs[0], out.inputs["Surface"])
     mesh.materials.append(material)
-    bpy.context.collection.objects.link(bpy.data.objects.new("part", mesh))
+    item = bpy.data.objects.new("part", mesh)
+    bpy.context.collection.objects.link(item)
+    return item
 
 
 def add_portal(corner, across, up):
@@ -78,18 +150,13 @@ def add_portal(corner, across, up):
 
 
 def add_world(sky):
-    high, wide = sky.shape[:2]
-    image = bpy.data.images.new("sky", wide, high, float_buffer=True, is_data=True)
-    # Blender's pictures of the world look along +x in the middle.
-    turned = np.roll(sky, -wide // 4, axis=1)[::-1]
-    image.pixels.foreach_set(np.concatenate([turned, np.ones((high, wide, 1), np.float32)], axis=2).ravel())
     world = bpy.data.worlds.new("world")
     world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
     nodes.clear()
     texture, back = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeBackground")
     out = nodes.new("ShaderNodeOutputWorld")
-    texture.image = image
+    texture.image = picture_of(sky)
     links.new(texture.outputs["Color"], back.inputs["Color"])
     links.new(back.outputs[0], out.inputs["Surface"])
     bpy.context.scene.world = world

@@ -9,6 +9,10 @@ its pixels are those that count, as it is all that is known without a calibrated
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,17 +20,21 @@ from typing import Any
 
 import cv2
 import numpy as np
+import OpenEXR
 
 from benchmarks.light.albedo import REVEAL_M, outdoors_of_room, picture
+from benchmarks.light.render_scenes import emissions_of, triangles_of
+from benchmarks.light.render_time import BPY
+from benchmarks.paired import cost_of
 from benchmarks.plots import IMAGES
-from benchmarks.truth_rooms import QUALITY, room_model_of, truth_of
-from benchmarks.whole.end_to_end_room import StagedRoom, staged_room
+from benchmarks.truth_rooms import QUALITY, room_model_of, truth_list, truth_of
+from benchmarks.whole.end_to_end_room import MATTE, StagedRoom, staged_room
 from mocks.rooms.model import Use
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
 from processing.errors import ParameterError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Vector
 from processing.layout.arrange import arrange
 from processing.layout.items import set_items
 from processing.layout.models.catalogue import Catalogue
@@ -34,6 +42,8 @@ from processing.layout.plan import from_room_model
 from processing.light.picture.composite import differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.albedo import albedo_of_room
+from processing.light.scene.patches import pane_triangles
+from processing.light.scene.scene import Material, Part, Scene
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
@@ -42,6 +52,9 @@ from processing.stages.furnishing import furniture_parts
 ROWS, STYLE, CHANGED = 192, "scandinavian", 0.02
 SETS = {Use.BEDROOM: "bedroom", Use.LIVING: "living", Use.OFFICE: "office", Use.DINING: "dining"}
 METHODS = ("inverse_tone_curve", "ibl", "global", "differential")
+CATCHER = "shadow_catcher"
+"""The rival in Cycles, where `DAYLIT_BPY` names a Python that has ``bpy``."""
+CATCHER_SPP = 64
 LDR_WHITE, GAMMA = 0.02, 2.2
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
@@ -68,10 +81,15 @@ def methods_row(number: int, use: Use, sheet: Path) -> dict[str, Any]:
     furniture = made.pop("furniture")[..., 0] > 0
     changed = np.abs((true @ WEIGHTS) / np.maximum(photograph @ WEIGHTS, 1e-9) - 1) > CHANGED
     row: dict[str, Any] = {"room": room.name, "items": len(items), "changed": float(changed.mean())}
-    for name in METHODS:
+    costs: dict[str, float] = {}
+    if os.environ.get(BPY):
+        made[CATCHER], costs[CATCHER] = shadow_catcher(photograph, known.scene, parts, room.eye)
+        costs["differential"] = cost_of(lambda: differential(photograph, known.scene, parts, room.eye)).cpu_s
+    for name in [name for name in (*METHODS, CATCHER) if name in made]:
         row[name] = _errors(made[name] @ WEIGHTS, true @ WEIGHTS, changed) | {
             f"furniture_{k}": v for k, v in _errors(made[name] @ WEIGHTS, true @ WEIGHTS, changed & furniture).items()
         }
+        row[name] |= {"cpu_s": costs[name]} if name in costs else {}
     np.savez_compressed(sheet, ldr=_ldr(photograph)[0], truth=true, **made)  # type: ignore[arg-type]
     return row | {"cpu_s": time.process_time() - start_s}
 
@@ -81,6 +99,68 @@ def inverse_tone_curve(picture: np.ndarray, white_cd_m2: float, *, gamma: float 
     if picture.dtype != np.uint8 or not white_cd_m2 > 0:
         raise ParameterError("an inverse tone curve takes 8-bit pictures and a white above 0 cd/m2")
     return ((picture.astype(np.float32) / 255) ** gamma * white_cd_m2).astype(np.float32)
+
+
+def shadow_catcher(
+    photograph: Floats, scene: Scene, parts: tuple[Part, ...], eye: Vector, samples: int = CATCHER_SPP
+) -> tuple[Floats, float]:
+    """Return the photograph (H, 2 H, 3) with furniture by Cycles' shadow catcher, cd/m2, and the CPU seconds of that.
+
+    The room gives off the photograph's light from where its surfaces are, the floor catches shadows, the sun comes in
+    through the panes; the composite is furniture over the photograph times what is caught.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        source, target = Path(name, "room.npz"), Path(name, "out.npz")
+        np.savez(source, photograph=photograph, eye=np.array(eye), **_catcher_arrays(scene, parts))
+        script, rows = Path(__file__).with_name("render_cycles.py"), len(photograph)
+        subprocess.run(
+            [os.environ[BPY], script, source, target, str(samples), str(rows)], check=True, capture_output=True
+        )
+        cpu_s = float(np.load(target)["cpu_s"])
+        layers = _layers(target.with_suffix(".exr"))
+    front, noisy = layers["Combined"], layers["Noisy Shadow Catcher"]
+    caught = np.where(noisy == 1, noisy, layers["Shadow Catcher"])  # cleaning must not touch what nothing shades
+    return np.asarray(front[..., :3] + (1 - front[..., 3:]) * caught * photograph, np.float32), cpu_s
+
+
+def _catcher_arrays(scene: Scene, parts: tuple[Part, ...]) -> dict[str, Any]:
+    """Return a room and its furniture as `render_cycles` takes them."""
+    furnished = scene.furnished(parts)
+    every, count = triangles_of(furnished), len(scene.surfaces) + len(scene.parts)
+    looks = [part.material for part in parts]
+    matte = [look.roughness >= MATTE and look.metallic == 0 for look in looks]
+    sun, glass = scene.outdoors.sun, [pane_triangles(pane) for pane in scene.panes]
+    dimmed = np.mean([np.multiply(p.transmittance, p.clear_for_sun.mean()) for p in scene.panes] or [[1.0] * 3], axis=0)
+    return {
+        "triangles": np.concatenate([t for t, _ in every]).astype(np.float32),
+        "part": np.concatenate([np.full(len(t), k) for k, (t, _) in enumerate(every)]),
+        "colour": np.array([*(colour for _, colour in every[:count]), *(_mean_colour(look) for look in looks)]),
+        "emission": np.array(emissions_of(furnished)),
+        "rough": np.array([1.0] * count + [1.0 if m else k.roughness for m, k in zip(matte, looks, strict=True)]),
+        "metal": np.array([0.0] * count + [look.metallic for look in looks]),
+        "shell": count,
+        "floor": [surface.name for surface in scene.surfaces].index("floor"),
+        "glass": np.concatenate(glass) if glass else np.zeros((0, 3, 3)),
+        "sun": np.array([] if sun is None else [*sun.direction, *np.multiply(sun.normal_illuminance_lx, dimmed)]),
+    }
+
+
+def _mean_colour(look: Material) -> Any:
+    """Return a material's albedo (3,), its texture's mean included, as the simulated room has it."""
+    if look.texture is None:
+        return look.colour
+    return np.multiply(look.colour, look.texture.reshape(-1, look.texture.shape[-1])[:, :3].mean(axis=0))
+
+
+def _layers(path: Path) -> dict[str, Any]:
+    """Return the passes (H, W, channels) of a multi-layer file by name."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        every = [part.channels.items() for part in file.parts]
+        channels = {name: np.array(channel.pixels) for part in every for name, channel in part}
+    found = {}
+    for name in {key.split(".")[1] for key in channels if key.count(".") == 2}:
+        found[name] = np.stack([v for c in "RGBA" for k, v in channels.items() if k.split(".")[1:] == [name, c]], -1)
+    return found
 
 
 def _pictures(photograph: Floats, scene: Any, parts: Any, eye: Any) -> dict[str, Floats]:
@@ -146,3 +226,9 @@ def contact_sheet(sheets: list[Path], names: list[str], path: Path = IMAGES / "r
 
 def _toned(rgb: np.ndarray) -> np.ndarray:
     return np.rint(255 * np.clip(rgb / (1 + 0.35 * rgb), 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        for seed_, use_ in truth_list("test", int(sys.argv[1])):
+            print(methods_row(seed_, use_, Path(os.environ.get("DAYLIT_SHEET", Path(place) / "sheet.npz"))), flush=True)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import OpenEXR
 import pytest
 
+from benchmarks.light import render_methods
 from benchmarks.light.render import race_figures
 from benchmarks.light.render_daylight import HEAD_ON, _glass
 from benchmarks.light.render_methods import inverse_tone_curve
 from benchmarks.light.render_race import KINDS, race_rooms
 from benchmarks.light.render_time import seconds_to
 from processing.errors import ParameterError
-from processing.light.scene.scene import transmittance_at
+from processing.light.scene.scene import Material, Part, transmittance_at
 
 ROW = {
     "room": "bedroom-1",
@@ -67,3 +72,45 @@ def test_inverse_tone_curve() -> None:
     assert found.ravel() == pytest.approx([0, 500 * (128 / 255) ** 2.2, 500])
     with pytest.raises(ParameterError):
         inverse_tone_curve(np.zeros((1, 1, 3), np.float32), 500.0)
+
+
+def test_a_shadow_catcher_puts_furniture_over_the_photograph_times_what_is_caught(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    room = race_rooms(1, 0)[0]
+    part = Part("box", np.eye(3), np.array([[0, 1, 2]], np.int32), Material("oak", (0.4, 0.3, 0.2), roughness=0.3))
+    scene = replace(room.scene, parts=())
+    photograph = np.full((2, 4, 3), 50.0, np.float32)
+
+    def cycles(command: list[object], **_: object) -> None:
+        given, target, ends = np.load(str(command[2])), Path(str(command[3])), command[4:]
+        assert ends == ["8", "2"]  # samples, rows
+        assert scene.surfaces[int(given["floor"])].name == "floor"
+        assert int(given["shell"]) == len(scene.surfaces) == given["part"].max()
+        assert given["triangles"].shape == (len(given["part"]), 3, 3)
+        assert (given["colour"][-1], given["rough"][-1]) == (pytest.approx([0.4, 0.3, 0.2]), 0.3)
+        assert given["glass"].shape == (2, 3, 3)
+        assert 0 < given["sun"][3] <= scene.outdoors.sun.normal_illuminance_lx[0]  # type: ignore[union-attr]
+        np.savez(target, cpu_s=3.5)
+        front = np.zeros((2, 4, 4), np.float32)
+        front[0, 0] = (7, 8, 9, 1)
+        noisy, clean = np.ones((2, 4, 3), np.float32), np.full((2, 4, 3), 0.9, np.float32)
+        noisy[1, 1] = 0.4
+        passes = {"Combined": front, "Noisy Shadow Catcher": noisy, "Shadow Catcher": clean}
+        parts = [
+            OpenEXR.Part(
+                {"type": OpenEXR.scanlineimage},
+                {f"Layer.{name}.{c}": np.ascontiguousarray(v[..., k]) for k, c in enumerate("RGBA"[: v.shape[2]])},
+                name,
+            )
+            for name, v in passes.items()
+        ]
+        OpenEXR.File(parts).write(str(target.with_suffix(".exr")))
+
+    monkeypatch.setenv("DAYLIT_BPY", "python-with-bpy")
+    monkeypatch.setattr(render_methods.subprocess, "run", cycles)
+    made, cpu_s = render_methods.shadow_catcher(photograph, scene, (part,), room.eye_m, samples=8)
+    assert cpu_s == 3.5
+    assert made[0, 0] == pytest.approx([7, 8, 9])
+    assert made[1, 1] == pytest.approx([45.0] * 3)
+    assert (made[1, 2] == 50).all()  # kept where nothing shades, whatever the denoiser says
