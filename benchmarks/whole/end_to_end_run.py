@@ -63,11 +63,19 @@ def measured(
 
 
 def processed(
-    session: Path, room: Room, truth: TruthPictures, profile: Path, quality: str, options: Mapping[str, object]
+    session: Path,
+    room: Room,
+    truth: TruthPictures,
+    profile: Path,
+    quality: str,
+    options: Mapping[str, object],
+    *,
+    until: str | None = None,
 ) -> dict[str, Any]:
-    """Return the figures of a room's session, which is processed here; see `measured`."""
+    """Return the figures of a room's session, which is processed here, to a last stage or all; see `measured`."""
     start_s = time.process_time()
     request = RunRequest(
+        until=until,
         quality=Quality(quality),
         options={"--calibration": str(profile), "--alternatives": 1, "--styling": "none", **options},
     )

@@ -30,6 +30,8 @@ from processing.errors import ProcessingError
 
 QUALITIES = ("draft", "standard", "reference")
 FULL_DIVISORS, QUICK_DIVISORS = (24, 16, 8, 4), (24,)
+QUICK_UNTIL = "render"
+"""Last stage of a quick run: no figure is of a later one but the CPU time."""
 REFERENCE = (24, 16)
 """Divisors at which `reference` runs."""
 CODE = {"ours": ("processing/**/*.py", "processing/*.toml", "mocks/**/*.py", "benchmarks/whole/end_to_end_r*.py")}
@@ -61,7 +63,7 @@ def rows_of(*, quick: bool, seed: int) -> list[dict[str, Any]]:
         try:
             for divisor in QUICK_DIVISORS if quick else FULL_DIVISORS:
                 for quality in QUALITIES if quick or divisor in REFERENCE else QUALITIES[:2]:
-                    make = _maker(photographed, profile, divisor, quality, twice=not quick)
+                    make = _maker(photographed, profile, divisor, quality, full=not quick)
                     row = kept.row(f"{use}-{number}-{divisor}-{quality}", make)
                     found.append({"divisor": divisor, "quality": quality, **row})
                     print(table_lines(found[-1:])[0], file=sys.stderr, flush=True)
@@ -87,7 +89,7 @@ _warm: list[int] = []
 
 
 def _maker(
-    photographed: Callable[[int], tuple[Any, Any, Path]], profile: Path, divisor: int, quality: str, *, twice: bool
+    photographed: Callable[[int], tuple[Any, Any, Path]], profile: Path, divisor: int, quality: str, *, full: bool
 ) -> Callable[[], dict[str, Any]]:
     """Return what measures a quality on a copy of a session, and takes the second run where it is the first."""
 
@@ -97,7 +99,7 @@ def _maker(
             copy = Path(place) / session.name
             shutil.copytree(session, copy)
             try:
-                row = processed(copy, room, truth, profile, quality, {})
+                row = processed(copy, room, truth, profile, quality, {}, until=None if full else QUICK_UNTIL)
             except ProcessingError as error:
                 return {"room": room.name, "refused": f"{error.code}: {error.message}"}
         if "iou3d" in row:
@@ -105,7 +107,7 @@ def _maker(
         return row
 
     def make() -> dict[str, Any]:
-        if twice and not _warm and "refused" not in once():
+        if full and not _warm and "refused" not in once():
             _warm.append(divisor)
         return once()
 

@@ -17,9 +17,9 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str
     """Return the runs (size, quality) that are made; each costs its size and errs by a tenth of its divisor."""
     runs: list[tuple[str, str]] = []
 
-    def processed(
-        session: Path, _room: Any, _truth: Any, _profile: Path, quality: str, _options: Any
-    ) -> dict[str, Any]:
+    def processed(session: Path, *given: Any, until: str | None = None) -> dict[str, Any]:
+        quality = given[3]
+        assert until in (None, "render")
         divisor = int((session / "divisor").read_text())
         assert not (session / "stages").exists(), "a session of another quality's results"
         (session / "stages").mkdir()
