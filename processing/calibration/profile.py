@@ -20,14 +20,23 @@ from processing.calibration.scale.chart import spectral_mismatch
 from processing.calibration.scale.chart_patches import PATCH_NAMES
 from processing.errors import ProfileError
 from processing.ground.room_model import read_json
-from processing.ground.tables import table_of
 from station.session import strict_json
 from station.session.folder import Folder, write_file
 from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, SessionManifest, Side
 
 PROFILE_SCHEMA_VERSION = 1  # raised when a field changes its meaning
 MAX_PROFILE_BYTES = 32 << 20  # chosen
-SHAPING: list[str] = table_of(__package__, "profile")["shaping"]
+SHAPING = (
+    "picture style",
+    "colour space",
+    "highlight tone priority",
+    "lighting optimiser",
+    "high-ISO noise reduction",
+    "white-balance shift amber-blue",
+    "white-balance shift green-magenta",
+    "stitching",
+    "filter",
+)
 """Settings of a session's cameras that bend the curve or the colours: a profile holds for what it was measured with."""
 _REL_TOLERANCE = 0.01  # of f-numbers: cameras write 5.6 for 5.657
 

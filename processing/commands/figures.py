@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import FILE, FOLDER, NO_FOLDER, Number, answer, numbers
+from station.commands.views import answer, numbers, parameters
 
 if TYPE_CHECKING:
     from processing.figures.glare import Task
@@ -21,26 +21,10 @@ if TYPE_CHECKING:
 FIELD_SIGMA_RAD = math.radians(1.5)
 """Standard uncertainty of half a lens's field: makers' figures and lens notes of one lens differ by 6 degrees."""
 READING_SIGMA = 0.02  # relative standard uncertainty of a luminance meter's reading (LS-160: 2 %)
-LYING = "glare is that of somebody who lies and looks at the zenith: the picture is of the sky"
-_EXISTING = click.Path(path_type=Path, exists=True)
+LYING = "the picture is of the sky: its glare is for somebody lying down, looking at the zenith"
 
 
-@click.command()
-@click.argument("file", type=_EXISTING)
-@click.option("--view", help="panorama, or fisheye,MAPPING,DEGREES (default: from the file).")
-@click.option("--scale", type=Number(min=0, min_open=True), help="Luminance of one unit of the file, cd/m2.")
-@click.option("--reading", metavar="L@X,Y", help="Meter reading, cd/m2, at a column and row.")
-@click.option("--cal", type=_EXISTING, multiple=True, help="Apply a Radiance .cal file (repeatable).")
-@click.option("--response", type=_EXISTING, help="Response curve from hdrgen (.rsp), for a folder of frames.")
-@click.option("--task", metavar="RIGHT,UP,ACROSS", help="Task zone, degrees: above 5 times its luminance is glare.")
-@click.option(
-    "--look", type=Number(), metavar="DEG", multiple=True, help="Glare that far right of a panorama's middle."
-)
-@click.option("--region", metavar="X0,Y0,X1,Y1", multiple=True, help="Statistics of a region, pixels (repeatable).")
-@click.option("--csv", "table", type=NO_FOLDER, help="Write the figures as CSV.")
-@click.option("--falsecolour", type=NO_FOLDER, help="Write a falsecolour picture of luminance (PNG).")
-@click.option("--falsecolour-range", metavar="LO,HI", help="Ends of its scale, in the picture's unit.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "figures"))
 def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json: bool, **asked: Any) -> int:
     """Compute lighting figures of FILE: an EXR or Radiance HDR picture, or a folder with a fisheye bracket.
 
@@ -155,10 +139,7 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> tuple[dict[str, Fi
     return found | foreign.region_figures(image, [(int(a), int(b), int(c), int(d)) for a, b, c, d in boxes], names), why
 
 
-@click.command()
-@click.argument("session", type=FILE)
-@click.option("--into", type=FOLDER, help="Default: SESSION/certificate.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.command(params=parameters(__package__, "certificate"))
 def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     """Write the certificate of a calibrated SESSION: uncertainty budgets (GUM, k = 2) and ISO/CIE 19476's indices.
 

@@ -25,7 +25,8 @@ MOVED = 1 / (math.sqrt(1 + AGAIN**2) - 1)
 REACH = math.sqrt(math.pi) / 2
 """Standard deviations within which pixels' mean varies as their quantile does, where luminances are evenly spread."""
 Figure = dict[str, Any]
-"""``value``; ``uncertainty``: standard, None where it is not known; ``bound``: "lower", "upper" or None."""
+"""``value``; ``uncertainty``: standard, None where it is not known; ``bound``: "lower", "upper",
+"unknown" (a ratio of two lower bounds) or None."""
 Part = tuple[str, str, Flags]
 """Name, kind and pixels (H, W)."""
 

@@ -23,14 +23,21 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import EngineError
-from processing.ground.tables import table_of
 
 SCALAR, LLVM, CUDA = "scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb"
 OLDEST = 16  # LLVM 14 and 15 abort with 'Cannot select' on processors with AVX-512
 ENVIRONMENT = "DRJIT_LIBLLVM_PATH"
 """Where Dr.Jit looks for its library when it is first used."""
-PLACES: list[str] = table_of(__package__, "llvm")["places"]
-"""Where systems keep LLVM's library, as patterns."""
+PLACES = (
+    "/usr/lib/*/libLLVM*.so*",
+    "/usr/lib*/libLLVM*.so*",
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/lib/llvm*/*/lib*/libLLVM*.so*",
+    "/usr/local/lib/libLLVM*.so*",
+    "/opt/homebrew/opt/llvm*/lib/libLLVM*.dylib",
+    "/usr/local/opt/llvm*/lib/libLLVM*.dylib",
+)
+"""Debian and Ubuntu, Fedora and Arch, LLVM's own packages, Gentoo, self-built, Homebrew on ARM and Intel."""
 PROBE_LIMIT_S = 90.0  # chosen: a first render takes 2 to 5 s on an idle computer
 TOLERANCE = 0.02  # of the probe's radiance; chosen: eight times its noise
 

@@ -36,9 +36,9 @@ CEILING_STOPS, CEILING_SHARE = 0.8, 0.8
 simulated rooms, those of the benchmark's seeds among them: light that has been on brown floors and lawns is up to 0.65
 stops from the board's."""
 CALM, CALM_SPREAD = 0.6, 0.2
-"""Of how far what is nearly grey is from grey, the share that is taken away; and how far its channels lie apart, in
-luminances, where half as much is: white paint has light of sky, lawn and floor on it, of which one white takes away but
-one. Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
+"""Share of its distance from grey that is taken from what is nearly grey; spread of its channels over the luminance, at
+which half of that is taken. White paint is lit by sky, lawn and floor at once, and one white corrects for one of them.
+Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""

@@ -39,9 +39,9 @@ DEEP = math.log(4)
 """Log change from which shade is replaced in place of lifted: what a picture still shows there is noise, in colours of
 its own (chosen on one real room of eight; the others have next to none)."""
 BURNT = math.log(1.25)  # log change of a lamp's glow that is taken off, from which what is clipped is replaced (chosen)
-SHOULDER_RAD = math.radians(2.109375)  # its smoothness (chosen)
-REACHES_RAD = tuple(math.radians(0.703125 * times) for times in (1, 4, 16, 64))
-"""Over which light goes on where a plane's own is not known; a pixel of 256 rows, as standard quality has, and more."""
+SHOULDER_RAD = 3 * math.pi / 256  # its smoothness: three pixels of standard quality (chosen)
+REACHES_RAD = tuple(times * math.pi / 256 for times in (1, 4, 16, 64))
+"""Over which light goes on where a plane's own is not known: so many pixels of standard quality (chosen)."""
 
 
 class Shade(NamedTuple):

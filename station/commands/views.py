@@ -20,8 +20,14 @@ FILE = click.Path(path_type=Path)
 """A file that is read or written, or a session."""
 FOLDER = click.Path(path_type=Path, file_okay=False)
 NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
-_FOLDER_THERE = click.Path(path_type=Path, file_okay=False, exists=True)
-_KINDS = {"file": FILE, "folder": FOLDER, "no folder": NO_FOLDER, "folder there": _FOLDER_THERE, "float": click.FLOAT}
+_KINDS = {
+    "file": FILE,
+    "folder": FOLDER,
+    "no folder": NO_FOLDER,
+    "there": click.Path(path_type=Path, exists=True),
+    "folder there": click.Path(path_type=Path, exists=True, file_okay=False),
+    "float": click.FLOAT,
+}
 _RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
 _STYLE = {
     EventKind.WARNING: "yellow",
@@ -43,15 +49,19 @@ class Number(click.FloatRange):
         found = super().convert(value, param, ctx)
         return found if math.isfinite(found) else self.fail(f"{value!r} is not a finite number.", param, ctx)
 
+    def _describe_range(self) -> str:
+        return "any" if self.min is None and self.max is None else super()._describe_range()
+
 
 def parameter(flags: str, row: Mapping[str, Any]) -> click.Parameter:
     """Return what a row says: an option, or without dashes an argument; ``kind`` and ``choices``: what it takes."""
-    kind, choices, ends = row.get("kind"), row.get("choices"), (row.get("min"), row.get("max"))
-    given = {key: value for key, value in row.items() if key not in ("kind", "choices", "min", "max")}
+    kind, choices, ends = row.get("kind"), row.get("choices"), ("min", "max", "min_open")
+    given = {key: value for key, value in row.items() if key not in ("kind", "choices", *ends)}
     if choices:
         given["type"] = click.Choice(choices)
     elif kind in ("number", "whole number"):
-        given["type"] = (Number if kind == "number" else click.IntRange)(*ends)
+        found = {end: row[end] for end in ends if end in row}
+        given["type"] = (Number if kind == "number" else click.IntRange)(**found)
     elif kind:
         given["type"] = _KINDS[kind]
     return (click.Option if flags.startswith("-") else click.Argument)(flags.split(), **given)

@@ -26,6 +26,7 @@ def test_every_command_loads_has_help_an_example_and_json(name: str) -> None:
     for leaf in leaves:
         assert "xample" in (leaf.help or ""), f"{leaf.name}: the help has no example"
         assert "--json" in {o for p in leaf.params for o in p.opts}, f"{leaf.name}: no --json"
+        assert "None]" not in leaf.get_help(click.Context(leaf)), f"{leaf.name}: a range without ends"
 
 
 def test_help_lists_all_commands_and_imports_none_of_them() -> None:

@@ -119,7 +119,8 @@ def scale_from_reading(
         "drift": max(measured.drift_part, repeat_frac / math.sqrt(12)),
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
-        warnings.append(f"light changes by {parts['spot']:.1%} within the aim: an edge or a patch of sun on the target")
+        what = "an edge or a patch of sun on the target"
+        warnings.append(f"the light changes by {parts['spot']:.1%} within the aiming error: {what}")
     if measured.drift_frac is not None and abs(measured.drift_frac) > DRIFT_WARNING_FRAC:
         warnings.append(f"the light changed by {measured.drift_frac:+.1%} from the first reading to the last")
     return ScaleFactor(

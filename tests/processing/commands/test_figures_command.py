@@ -181,12 +181,12 @@ def test_a_panoramas_glare_is_where_somebody_looks(tmp_path: Path, capsys: pytes
         assert "--look" in error(capsys, *words, "--look", "0")["message"]
 
 
-def test_glare_of_a_sky_is_of_somebody_who_lies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_glare_of_a_sky_is_for_somebody_lying_down(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = luminance_image(np.full((32, 32, 3), 3000, np.float32), Fisheye(32, 32, LensMapping.EQUIDISTANT, 16))
     for side, lying in (("outdoor", True), ("indoor", False)):
         write_exr(tmp_path / "own.exr", replace(image, attributes={"side": side}))
         _, found = said(capsys, str(tmp_path / "own.exr"))
-        assert ("lies" in found["left_out"].get("glare", "")) == lying
+        assert ("lying down" in found["left_out"].get("glare", "")) == lying
         assert "dgp" in found["figures"]
 
 

@@ -26,6 +26,7 @@ from processing.layout.plan import from_room_model
 from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
+from processing.pictures.radiance import write_radiance_hdr
 from processing.relighting.relit_session import check_sky, contact_sheet, display_of_day, read_session_room
 from processing.report.staging import relit_moments
 from processing.running.choices import forget
@@ -162,8 +163,10 @@ def test_another_sky(session, tmp_path) -> None:
     for name in ("relative", "nobody"):
         with pytest.raises(RelightError, match="without an absolute scale"):
             run(relight, session, "--sky", tmp_path / f"{name}.exr", "--rows", 64, "--quality", "draft")
-    found = run(relight, session, "--sky", tmp_path / "stated.exr", "--rows", 64, "--quality", "draft")
-    assert found["moments"][0]["sky_horizontal_lx"] == pytest.approx(math.pi * 3000, rel=0.01)
+    write_radiance_hdr(tmp_path / "radiance.hdr", sky)
+    for name in ("stated.exr", "radiance.hdr"):
+        found = run(relight, session, "--sky", tmp_path / name, "--rows", 64, "--quality", "draft")
+        assert found["moments"][0]["sky_horizontal_lx"] == pytest.approx(math.pi * 3000, rel=0.01)
 
 
 def test_from_another_place(session, monkeypatch) -> None:
