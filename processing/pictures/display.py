@@ -277,13 +277,15 @@ def _guided(guide: Floats, given: Floats, reach: int, eps: float, *, around: boo
 
     Where it reaches far its coefficients are those of half the size (He and Sun 2015).
     """
-    out, beyond = np.empty(given.shape, np.float32), 2 * reach + 4
+    wide, beyond = given.shape[1], 2 * reach + 4
+    out: Floats = np.empty(given.shape, np.float32)
     pad, scale = beyond if around else 0, 0.5 if reach >= HALVED_PX else 1.0
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
-        found = cv2.ximgproc.guidedFilter(wrapped(guide[rows], pad), wrapped(given[rows], pad), reach, eps, scale=scale)
-        out[top : top + _FILTERED_ROWS] = found[top - first :, pad : pad + out.shape[1]][:_FILTERED_ROWS]
+        edges, values = wrapped(guide[rows], pad), wrapped(given[rows], pad)
+        found = np.asarray(cv2.ximgproc.guidedFilter(edges, values, reach, eps, scale=scale), np.float32)
+        out[top : top + _FILTERED_ROWS] = found[top - first :, pad : pad + wide][:_FILTERED_ROWS]
     return out
 
 
