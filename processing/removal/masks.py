@@ -139,8 +139,8 @@ def _find(
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     least = HUNG if known.two_networks else BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
-    hall = _next_floor(chances, maps, shown)
-    hall |= known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)
+    fitted = known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)
+    hall = _next_floor(chances, maps, shown) | fitted
     likely = others | (known.two_networks & pieces.doors_in(chances, maps))
     panes, likely = (pieces.mostly_seen(ones, furniture.mask) for ones in (maps.opening >= 0, likely))
     openings = panes | likely | hall
@@ -165,8 +165,9 @@ def _find(
     bar = stays | openings | fixtures
     rests = rests_beside(gone, chances, luminance, maps, bar)
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
-    rests |= crumbs_on_walls(gone | rests, rgb, maps, boards | other | grown(openings, 2 * pieces.SILL_RAD))
-    plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~bar), hangs & ~rests
+    no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
+    rests |= crumbs_on_walls(gone | rests, rgb, maps, no_wall, fitted)
+    plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~(bar & ~fitted)), hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
     return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)

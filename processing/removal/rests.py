@@ -197,15 +197,17 @@ def torn_glare(gone: Flags, rgb: Floats, free: Flags) -> Flags:
     return found
 
 
-def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> Flags:
+def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags, cut: Flags) -> Flags:
     """Return small things (H, W) on walls near what is ``gone`` (H, W), left in the air: a flower's tip, a hook.
 
-    ``rgb`` (H, W, 3), linear, of any unit; ``bar`` (H, W): what is no wall, or stays.
+    ``rgb`` (H, W, 3), linear, of any unit; ``bar`` (H, W): what is no wall, or stays; ``cut`` (H, W): wall that stays
+    although furniture may be seen before it, so that what touches what is gone there may be the rest of a thing.
     """
     rgb = np.nan_to_num(rgb, nan=0, posinf=0)
     tone = np.log(np.clip(rgb, 1e-3 * float(np.median(rgb)) + 1e-9, 1e20)).astype(np.float32)
     weight = np.broadcast_to(row_solid_angles((gone.shape[0], gone.shape[1])), gone.shape)
     near, found, apart_px = grown(gone, CRUMB_NEAR_RAD), np.zeros_like(gone), 2 * CRUMB_APART_PX + 1
+    touched = cv2.dilate(gone.astype(np.uint8), np.ones((apart_px, apart_px), np.uint8)).astype(bool)
     for number in np.unique(maps.plane[near & (maps.plane >= FIRST_WALL)]):
         wall = (maps.plane == number) & (maps.opening < 0) & ~bar
         fit, off, more = wall & ~gone, np.zeros(gone.shape, np.float32), np.zeros_like(tone)
@@ -219,8 +221,10 @@ def crumbs_on_walls(gone: Flags, rgb: Floats, maps: SurfaceMaps, bar: Flags) -> 
         parts: tuple[list[Part], list[Part]] = ([], [])
         for box, part in _parts(odd > 0):
             solid, bright = part.mean() > 0.5, more[box][part].mean() > 0
-            small = weight[box][part].sum() < (CRUMB_SR if solid or bright else SPARSE_SR)
-            if small and part.sum() >= CRUMB_PX and inner[box][part].all() and not (solid and bright):
+            rest = bool((cut & touched)[box][part].any())
+            small = weight[box][part].sum() < (CRUMB_SR if (solid or bright) and not rest else SPARSE_SR)
+            apart = rest or inner[box][part].all()
+            if small and part.sum() >= CRUMB_PX and apart and not (solid and bright):
                 parts[int(near[box][part].mean() > 0.5)].append((box, part))
         room = [float(weight[wall & ~gone & side].sum()) for side in (~near, near)]
         if len(parts[1]) * room[0] > CRUMB_TIMES * len(parts[0]) * room[1]:

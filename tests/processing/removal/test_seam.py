@@ -83,7 +83,7 @@ def test_a_plate_on_a_wall_across_the_seam_stays_as_elsewhere_and_a_dark_crumb_g
     light[plate], light[crumb] = 0.9, 0.2
     for columns in (0, HALF - 8, HALF + 5):
         maps = SurfaceMaps(*(np.roll(part, columns, axis=1) for part in vars(MAPS).values()))
-        found = crumbs_on_walls(turned(gone, columns), turned(light, columns), maps, turned(NONE))
+        found = crumbs_on_walls(turned(gone, columns), turned(light, columns), maps, turned(NONE), turned(NONE))
         assert not found[turned(plate, columns)].any()
         assert found[turned(crumb, columns)].all()
 

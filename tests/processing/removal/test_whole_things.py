@@ -349,16 +349,27 @@ def test_crumbs_on_a_wall_near_what_goes_go_and_plates_patterns_and_what_is_far_
         stem[116 + k, 248 + k] = stem[122 - k, 250 + k] = True
     for one in (*specks, plate, far, frame, stem):
         light[one] = (0.2, 0.1, 0.3)
-    found = crumbs_on_walls(vase, light, MAPS, frame)
+    found = crumbs_on_walls(vase, light, MAPS, frame, NONE)
     assert all(found[one].all() for one in specks)
     assert found[stem].mean() > 0.9, "thin, and larger than a speck"
     assert not found[plate | far | frame].any()
     light[specks[1]] = 0.9
-    assert not crumbs_on_walls(vase, light, MAPS, frame)[specks[1]].any(), "a socket"
-    assert not crumbs_on_walls(vase, np.zeros_like(light), MAPS, frame).any()
+    assert not crumbs_on_walls(vase, light, MAPS, frame, NONE)[specks[1]].any(), "a socket"
+    assert not crumbs_on_walls(vase, np.zeros_like(light), MAPS, frame, NONE).any()
     light[200:210, 100:120], light[60, 10] = np.nan, np.inf
-    assert crumbs_on_walls(vase, light, MAPS, frame)[specks[0]].all(), "what the lens did not see changes nothing"
+    assert crumbs_on_walls(vase, light, MAPS, frame, NONE)[specks[0]].all(), "what the lens did not see changes nothing"
     light[::10, ::10] = 0.05
     light[1::10, ::10] = 0.05
     light[2::10, ::10] = 0.05
-    assert not crumbs_on_walls(vase, light, MAPS, frame).any(), "a pattern"
+    assert not crumbs_on_walls(vase, light, MAPS, frame, NONE).any(), "a pattern"
+
+
+def test_the_rest_of_a_thing_before_a_wall_that_stays_goes_and_what_is_fitted_there_stays() -> None:
+    light, gone, niche = np.full((ROWS, 2 * ROWS, 3), 0.5, np.float32), box(125, 150, 200, 312), box(100, 125, 200, 312)
+    leaf, grille, apart = box(121, 125, 250, 257), box(104, 125, 204, 236), box(117, 121, 270, 277)
+    for one in (leaf, grille, apart):
+        light[one] = (0.1, 0.2, 0.1)
+    found = crumbs_on_walls(gone, light, MAPS, NONE, niche)
+    assert found[leaf].all()
+    assert not found[grille | apart].any(), "larger, and not touching"
+    assert not crumbs_on_walls(gone, light, MAPS, NONE, NONE)[leaf].any(), "too large for a crumb of another wall"
