@@ -35,7 +35,8 @@ EVEN_RAD, EVEN_RANGE, EVEN_FROM_RAD = 0.06, 0.7, 0.1
 """Over which a ratio of two lights is evened out, by how much (natural logarithm, summed over the channels) it may
 differ there, and how far from furniture it is evened out fully, less the nearer. Chosen: contact shadows and half
 shadows stay (0.9 everywhere took them away: docs/measurements/render.md), blotches of single texels go."""
-RIM_PX = 5  # of the neighbours that say what light is at a surface's end (chosen: its own and the next two pixels)
+RIM_PX = 2  # of a surface's end, where light is that of the same number of pixels further in (chosen: of 1, a blind's
+# shade on the ceiling beside the wall was left in dots, where the pixels' rows cross the edge)
 APART = 20.0  # of such a ratio, between places that have nothing to do with each other
 
 
@@ -278,10 +279,14 @@ def _rims_by_inner(ratio: Floats, label: Floats, room: Flags) -> None:
     There the denoiser brings a bright sill's light to the wall below it, to one picture more than to the other. Ends at
     furniture stay: contact shadows are there. ``label`` (H, W) is below 0 where nothing is known.
     """
+    wide = np.ones((2 * RIM_PX + 1,) * 2, np.uint8)
     for one in np.unique(label[label >= 0]):
         own = label == one
-        beyond = cv2.dilate((~own & room).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        inner = (own & ~beyond)[..., None].astype(np.float32)
-        around = cv2.blur(np.concatenate([ratio * inner, inner], axis=2), (RIM_PX, RIM_PX))
-        rim = own & beyond & (around[..., 3] > 1e-3)
-        ratio[rim] = around[rim, :3] / around[rim, 3:]
+        beyond = cv2.dilate((~own & room).astype(np.uint8), wide) > 0
+        inner = own & ~beyond
+        far, nearest = cv2.distanceTransformWithLabels(
+            (~inner).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        rim, of = own & beyond & (far <= 2 * RIM_PX), np.zeros((nearest.max() + 1, 3), np.float32)
+        of[nearest[inner]] = ratio[inner]
+        ratio[rim] = of[nearest[rim]]

@@ -60,11 +60,18 @@ def test_a_surface_s_ends_have_the_change_of_light_that_is_further_in_but_beside
     sight = replace(sight, label=label.ravel())
     room = np.where(label < FIRST_PART, label, -9)
     ends, beside = np.zeros((2, *label.shape), bool)
-    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+    for axis, shift in (
+        (0, 1),
+        (0, -1),
+        (1, 1),
+        (1, -1),
+        (0, 2),
+        (0, -2),
+    ):  # of one row, dots were left where rows cross it
         near = np.roll(label, shift, axis)
         ends |= (label < FIRST_PART) & (near < FIRST_PART) & (near != label)
         beside |= (label < FIRST_PART) & (near == FIRST_PART)
-    ends[[0, -1]] = False
+    ends[[0, 1, -2, -1]] = False
     before = np.full((*sight.shape, 3), 100, np.float32)
     after = before * np.where(ends | beside, 0.3, 1.2)[..., None].astype(np.float32)
     ratio = evened(after, before, sight, (label >= 0))[..., 0] / 100
