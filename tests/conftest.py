@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.internal.conjecture import providers
 from platformdirs import user_cache_path
 
 from processing.ground.threads import limit_libraries
@@ -46,6 +48,10 @@ SLOW = [HealthCheck.too_slow]  # a busy machine, not a test's fault
 settings.register_profile("same", derandomize=True, max_examples=30, suppress_health_check=SLOW, deadline=None)
 settings.register_profile("new", print_blob=True, deadline=None)
 settings.load_profile("new" if LONG else "same")
+if not LONG:
+    # It would read all sources that are loaded for numbers to try (4 s a worker), and the same examples in every run
+    # would hang on what a worker has run before.
+    providers._get_local_constants = providers.Constants
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -69,6 +75,16 @@ def pytest_configure(config: pytest.Config) -> None:
             if time.time() - other.stat().st_mtime > KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
     os.environ["DAYLIT_CACHE"] = str(folder)
+
+
+@given(st.none())
+def first_example(_nothing: None) -> None:
+    """At its first one Hypothesis searches all objects there are."""
+
+
+def pytest_collection() -> None:
+    """Have that done while they are few."""
+    first_example()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -26,6 +26,7 @@ PURE = {
     "processing.calibration.outdoor.outdoor": ("project",),
     "processing.sphere.area": ("fisheye_projected",),
     "processing.stages.detect": ("find_masks",),
+    "processing.figures.foreign": ("recover_response", "merge"),
     "processing.rig.camera_fit": ("recover_response", "find_chart_around", "merged_bracket"),
     "processing.rig.calibrate": ("find_chart_around",),
     "processing.report.stills": ("frames_of",),

@@ -12,8 +12,10 @@ from pathlib import Path
 
 import click
 import pytest
+from PIL import Image
 
 import daylit
+from processing.layout.drawn import thumbnails
 
 ENTRIES = {name: entry for section in daylit.COMMANDS.values() for name, entry in section.items()}
 
@@ -97,9 +99,10 @@ def test_internal_error_leaves_a_report_without_personal_paths(
     [["furniture", "export", "armchair/classic", "--into"], ["furniture", "show", "armchair/classic", "--into"]],
 )
 def test_a_disk_that_is_full_is_said_to_be(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Python's own writing names no file in its error: it was reported as internal, with a crash report."""
+    monkeypatch.setattr(thumbnails, "two_sides", lambda _: Image.new("RGB", (8, 8)))  # what is drawn is no matter
     (tmp_path / "full.png").symlink_to("/dev/full")
     assert daylit.main([*words, str(tmp_path / "full.png"), "--json"]) == 6
     found = json.loads(capsys.readouterr().out)["error"]

@@ -36,6 +36,8 @@ PATIENCE_MS = 60_000
 COARSE = 0.5
 """Pixels of the screen for each of the page, both ways: without a graphics processor the CPU draws each."""
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+OPTIONS.append("--disable-gpu")
+"""Without a graphics processor the page is put together as the CPU does it best; WebGL is SwiftShader's either way."""
 
 
 @dataclass

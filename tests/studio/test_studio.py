@@ -10,6 +10,8 @@ import shlex
 import shutil
 import signal
 import socket
+import subprocess
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -26,7 +28,6 @@ from PIL import Image
 
 from benchmarks.whole.studio import (
     CHROMIUM,
-    OPTIONS,
     drag,
     furnished,
     iou,
@@ -58,7 +59,7 @@ from studio.command import listening
 from studio.programs import command_of
 from studio.server import STATIC
 from studio.sessions import StaleError, captured, digest, save
-from tests.browser.test_report import COARSE
+from tests.browser.test_report import COARSE, OPTIONS
 from tests.conftest import LONG
 from tests.processing.relighting.lit_sessions import lit_session
 from tests.processing.room.evidence import boundary_of, classes_of
@@ -73,6 +74,14 @@ pytestmark = [
     pytest.mark.timeout(900),
 ]
 PATIENCE_MS = 60_000
+SERVER = """
+import sys, daylit
+from studio import programs
+usual = programs.command_of
+programs.command_of = lambda *asked: [word.replace("--size=quarter", "--size=small") for word in usual(*asked)]
+sys.exit(daylit.main(sys.argv[1:]))
+"""
+"""The studio, whose captures have small pictures: a quarter of the size would be most of what these tests take."""
 AXE = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 SHOTS = Path(__file__).parents[2] / "docs" / "images"
 TRUTH = RoomModel(
@@ -116,7 +125,8 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
     (configured / "rig.toml").write_text(example_text())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(configured.parent))
-        server = start(folder)
+        asked = ["studio", str(folder), "--port", "0", "--no-open", "--json"]
+        server = subprocess.Popen([sys.executable, "-c", SERVER, *asked], stdout=subprocess.PIPE, text=True)
     link, own = json.loads(server.stdout.readline())["links"][0], os.environ.get("DAYLIT_SESSION")
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)

@@ -32,6 +32,7 @@ def coarse_skyline():
     """A skyline of an eighth the columns: rooms are looked at, not what stands before their windows; a small sketch."""
     with pytest.MonkeyPatch.context() as context:
         context.setitem(QUALITIES, "sketch", Quality(32, 8))
+        context.setattr(light_module, "ENVIRONMENT_ROWS", 32)
         context.setattr(backdrop, "COLUMNS", 512)
         context.setattr(backdrop, "PIXEL_RAD", 2 * math.pi / 512)
         context.setattr(backdrop, "ROWS", round((backdrop.TOP_RAD - backdrop.BOTTOM_RAD) / backdrop.PIXEL_RAD))

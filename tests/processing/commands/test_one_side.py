@@ -126,7 +126,7 @@ def eye_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("eye")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DAYLIT_STATE", str(folder / "state"))
-        scene = looking(720, 480, 220.0)
+        scene = looking(540, 360, 165.0)
         frames = [srgb_of_linear(np.minimum(scene * t / 30, 1)[..., None].repeat(3, axis=2)) for t in TIMES_S]
         options = ["--eye-lens", "equisolid,180"]
         session, _ = processed(folder, "indoor", frames, *options, meter=("1500", "30,10"))

@@ -11,6 +11,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from processing.errors import LensError, ParameterError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.modes import modes_of
-from processing.rig import calibrate
+from processing.rig import calibrate, camera_fit
 from processing.rig.calibrate import RigResult, one_colour
 from processing.rig.camera_fit import CameraFit, outdoor_lens, read_side
 from processing.sphere import Equirectangular, LensMapping
@@ -75,13 +76,11 @@ class Calibrated:
 
 @pytest.fixture(scope="module")
 def calibrated(sessions: Path) -> Calibrated:
-    lamps, results, out = [], [], sessions / "lab.json"
-    for number, ahead in enumerate(((0.3, 0.9, 0.3), (-0.6, -0.7, 0.1))):
-        pair = [sessions / f"lamp{number}", sessions / f"lamp{number}-hidden"]
-        for path in pair:
-            world = LampWorld(ahead=ahead, hidden=path.name.endswith("hidden"))
-            write_session(path, Taken(world, SMALL, (Side.INDOOR,)))
-        lamps += ["--lamp", *map(str, pair)]
+    results, out = [], sessions / "lab.json"
+    pair = [sessions / "lamp", sessions / "lamp-hidden"]
+    for path in pair:
+        write_session(path, Taken(LampWorld(hidden=path.name.endswith("hidden")), SMALL, (Side.INDOOR,)))
+    lamps = ["--lamp", *map(str, pair)]
     chart, room, plain = (str(sessions / name) for name in ("chart", "room", "plain"))
     asked = ["rig", "calibrate", chart, room, "--nd", chart, plain, "--lens-data", "theta_z1", *lamps]
     work, said = calibrate.calibrate_rig, io.StringIO()
@@ -185,6 +184,41 @@ def test_lamps_in_the_dark_show_stray_light_that_a_session_loses(
         assert named == (glare == "auto")
 
 
+def test_lamps_at_several_places_are_fitted_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each for itself first, so that one that shows nothing spoils nothing."""
+    fitted = list[int]()
+
+    def fit(pairs: Any, *, two_lenses: bool) -> str:
+        fitted.append(len(pairs))
+        assert two_lenses
+        if pairs[0][0] == "dark":
+            raise LensError("both pictures show the same")
+        return f"of {len(pairs)}"
+
+    monkeypatch.setattr(camera_fit, "kernel_from_lamps", fit)
+    monkeypatch.setattr(CameraFit, "merged", lambda _camera, taken: taken.path.name)
+    camera = CameraFit(Side.INDOOR, None, ShutterRecord())  # type: ignore[arg-type]
+    pairs: Any = [[SimpleNamespace(path=Path(name))] * 2 for name in ("near", "dark", "far")]
+    found = camera_fit.with_lamps(camera, pairs)
+    assert (found.glare, fitted) == ("of 2", [1, 1, 1, 2])
+    assert ["dark is not used" in text for text in found.warnings] == [True]
+
+
+def test_charts_with_and_without_the_filter_that_are_swapped_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    light, doubt = reflectances(), np.full(24, 0.01)
+    shown = {"with": (light / 1000, doubt), "without": (light, doubt)}
+    monkeypatch.setattr(camera_fit, "_patches", lambda _camera, taken: shown[taken.path.name])
+    camera = CameraFit(Side.OUTDOOR, None, ShutterRecord())  # type: ignore[arg-type]
+    dim, full = (SimpleNamespace(path=Path(name)) for name in shown)
+    found = camera_fit.with_filter(camera, dim, full).filter  # type: ignore[arg-type]
+    assert found is not None
+    assert found.density == pytest.approx(3)
+    for given in ((full, dim), (full, full)):
+        with pytest.raises(ParameterError) as refused:
+            camera_fit.with_filter(camera, *given)  # type: ignore[arg-type]
+        assert "swapped" in str(refused.value.likely)
+
+
 def test_a_lamp_that_a_camera_does_not_see_is_a_warning(sessions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     room = sessions / "room"
     taken = read_side(room, Side.INDOOR)
@@ -225,7 +259,6 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
         (["--shutter", "indoor:fifths"], "fifths"),
         (["--corners", "indoor:1,1,2,1,2,2,1,2"], "pixels per patch of the chart"),
         (["--corners", "indoor:1,1,2000,1,2000,40,1,40"], "outside the frame"),
-        (["--nd", "plain", "chart"], "swapped"),
         (["--nd", "plain", "plain"], "given twice"),
         (["--flat", "room"], "outdoor camera"),
         (["--lamp", "room", "plain"], "took both"),
