@@ -49,6 +49,8 @@ WRONG_M = 0.45
 """By which two corners of an estimate are off."""
 MOST_REAL = 12
 """Real pictures whose rooms are corrected, where the shared data are there."""
+POLL_MS = 20
+"""Between looks whether a page has got there."""
 MOVES = 12
 """Of the mouse in a drag."""
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -282,7 +284,7 @@ def until(page: Any, script: str, arg: object = None, *, limit_ms: float = PATIE
     while not page.evaluate(script, arg):
         if time.monotonic() > end_s:
             raise TimeoutError(script)
-        page.wait_for_timeout(20)
+        page.wait_for_timeout(POLL_MS)
 
 
 def screen(page: Any, session: str, kind: str, *, limit_ms: float = PATIENCE_MS) -> None:
@@ -326,7 +328,7 @@ def box_of(page: Any, mark: str) -> dict[str, float]:
     while (box := page.locator(mark).first.bounding_box()) is None:
         if time.monotonic() > end_s:
             raise TimeoutError(mark)
-        page.wait_for_timeout(20)
+        page.wait_for_timeout(POLL_MS)
     return dict(box)
 
 

@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.whole import studio as pages
 from benchmarks.whole.studio import (
     CHROMIUM,
     drag,
@@ -128,7 +129,8 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
         asked = ["studio", str(folder), "--port", "0", "--no-open", "--json"]
         server = subprocess.Popen([sys.executable, "-c", SERVER, *asked], stdout=subprocess.PIPE, text=True)
     link, own = json.loads(server.stdout.readline())["links"][0], os.environ.get("DAYLIT_SESSION")
-    with playwright.sync_playwright() as started:
+    with playwright.sync_playwright() as started, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "POLL_MS", 100)  # each look takes time of three processes, and nothing is timed here
         browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
         size: dict[str, Any] = {"viewport": {"width": 1440, "height": 900}, "device_scale_factor": 1 if own else COARSE}
         context = browser.new_context(reduced_motion="reduce", **size)

@@ -49,12 +49,7 @@ def test_what_is_wrong_is_reported_by_code(session: Path, tmp_path: Path) -> Non
         opened.close()
 
 
-def test_a_session_that_takes_too_long_is_ended(session: Path) -> None:
-    outcome = work(task(session, timeout_s=0.01))
-    assert (outcome.state, outcome.code) == ("failed", "BAT-003")
-
-
-def test_a_process_stays_warm_from_session_to_session(session: Path, tmp_path: Path) -> None:
+def test_a_process_stays_warm_from_session_to_session_until_one_takes_too_long(session: Path, tmp_path: Path) -> None:
     def places() -> list[Warm]:
         return list(Warm._at_rest)
 
@@ -64,13 +59,14 @@ def test_a_process_stays_warm_from_session_to_session(session: Path, tmp_path: P
     assert places() == [server]
     assert work(task(tmp_path / "nothing")).code == "SES-001", "a failure leaves it as it was"
     assert places() == [server]
-    work(task(session, timeout_s=0.01))
-    assert places() == [], "what hung is gone with its server"
+    os.kill(server._process.pid, signal.SIGKILL)
     server._process.wait(timeout=30)
-    assert work(task(session)).state == "done"
-    os.kill(places()[0]._process.pid, signal.SIGKILL)
-    places()[0]._process.wait(timeout=30)
     assert work(task(session)).state == "done", "a server that was killed is replaced"
+    (other,) = places()
+    outcome = work(task(session, timeout_s=0.01))
+    assert (outcome.state, outcome.code) == ("failed", "BAT-003")
+    assert places() == [], "what hung is gone with its server"
+    other._process.wait(timeout=30)
 
 
 @pytest.mark.parametrize(
