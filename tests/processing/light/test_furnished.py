@@ -31,8 +31,9 @@ from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_s
 
 ROWS = 64
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
-LOOK = Effort(texel_m=0.25, patch_samples=64, rows=ROWS, pixel_samples=128, clean=False)
-WORK = Effort(texel_m=0.25, patch_samples=64, rows=ROWS, pixel_samples=64, sun_samples=16)
+RAYS = 128 if LONG else 64
+LOOK = Effort(texel_m=0.25, patch_samples=RAYS, rows=ROWS, pixel_samples=2 * RAYS, clean=False)
+WORK = Effort(texel_m=0.25, patch_samples=RAYS, rows=ROWS, pixel_samples=RAYS, sun_samples=16)
 PLACE, SIZE = (1.1, -0.4, 0.0), (1.2, 2.2, 1.1)
 """Of a cabinet: its corner nearest to the camera and its size, m."""
 

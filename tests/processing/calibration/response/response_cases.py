@@ -13,8 +13,9 @@ from mocks.optics.sensor import ToneCurve, TrueShutter
 from processing.calibration.response.curve import ResponseCurve
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
+from tests.conftest import LONG
 
-SIZE = (1200, 600)
+SIZE = (1200, 600) if LONG else (960, 480)
 TIMES_S = PAPER_TIMES_S
 
 
