@@ -140,10 +140,6 @@ def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict
     assert "reached" in made.honoured["max_error"]
     assert made.left_out["staged-2"]
     assert (tmp_path / "staged-1.glb").read_bytes()[:4] == b"glTF"
-    again = tmp_path / "again"
-    again.mkdir()
-    rendering.run(context(again, RenderParameters(style="mid-century"), known, max_error=0.5))
-    assert (again / "staged-1.exr").read_bytes() == (tmp_path / "staged-1.exr").read_bytes()
 
 
 def test_an_alternative_is_written_during_the_next_ones_light(
@@ -189,9 +185,11 @@ def test_an_alternative_is_written_during_the_next_ones_light(
 
 
 def test_a_room_that_was_corrected_since_is_styled_as_it_is_now(
-    tmp_path: Path, known: dict[tuple[str, str], Any]
+    tmp_path: Path, known: dict[tuple[str, str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An arrangement that was given holds the plan that it was made on: a picture would hang in the new window."""
+    hardly = Effort(texel_m=1.0, patch_samples=1, rows=ROWS, pixel_samples=1, clean=False)
+    monkeypatch.setattr(rendering, "QUALITY", {"draft": hardly})
     window = Opening(kind=OpeningKind.WINDOW, wall=1, start_m=1.2, end_m=2.9, sill_m=0.9, head_m=2.1)
     corrected = ROOM.model_copy(update={"openings": (*ROOM.openings, window)})
     wider = ROOM.model_copy(update={"floor": tuple((1.2 * x, y) for x, y in ROOM.floor)})
