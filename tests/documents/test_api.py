@@ -15,6 +15,7 @@ from PIL import Image
 
 import daylit
 from processing.errors import ParameterError
+from station.capture.rig import SIZE_STEPS
 from station.errors import SessionNotFoundError
 from tests.once import PURE, each_once
 
@@ -86,6 +87,7 @@ def test_furniture_is_arranged_in_a_plan(tmp_path: Path) -> None:
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Script and notebook photograph the same room: what follows from their equal frames is worked out once."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(SIZE_STEPS, "small", 32)
     with each_once(PURE):
         run_the_examples(capsys)
 

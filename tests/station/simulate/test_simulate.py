@@ -20,6 +20,7 @@ from mocks.rooms.light import light
 from mocks.rooms.room import make_room
 from mocks.rooms.sky import backdrop
 from mocks.worlds.simple_room import SimpleRoom
+from station.capture.rig import SIZE_STEPS
 from station.errors import ConditionsError, SessionExistsError
 from station.session.manifest import load_manifest
 from station.session.session import SessionManifest, SessionStatus, Side
@@ -45,8 +46,12 @@ def no_baking(_plan: Planned, _request: DatasetRequest) -> SimpleRoom:
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_skyline() -> Iterator[None]:
-    """A skyline of an eighth the columns, as tests of rooms have it: nobody looks at what stands before windows."""
+    """A skyline of an eighth the columns, as tests of rooms have it: nobody looks at what stands before windows.
+
+    Nor at much in the frames: small ones are half as wide.
+    """
     with pytest.MonkeyPatch.context() as context:
+        context.setitem(SIZE_STEPS, "small", 32)
         context.setattr(backdrop, "COLUMNS", 512)
         context.setattr(backdrop, "PIXEL_RAD", 2 * math.pi / 512)
         context.setattr(backdrop, "ROWS", round((backdrop.TOP_RAD - backdrop.BOTTOM_RAD) / backdrop.PIXEL_RAD))
