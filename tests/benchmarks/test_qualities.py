@@ -65,6 +65,7 @@ def test_every_quality_at_every_size_but_reference_at_the_small_ones(
 
 
 def test_a_run_goes_on_where_it_ended(made: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qualities, "draw", lambda *_: None)
     monkeypatch.setattr(qualities, "FULL_DIVISORS", (24,))
     first = qualities.run(quick=False, seed=0)
     count = len(made)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.photometry.sky_anchor import linke_of, pvlib_clear_sky_lx
+from mocks.rooms.sky import backdrop
 from mocks.rooms.sky import daylight as sky_light
 from mocks.rooms.sky.daylight import Moment, draw_moment, sun_distance_au, sun_of
 from mocks.rooms.sky.sky import CloudDrift, Sky, draw_sky
@@ -156,6 +158,17 @@ def test_clear_sky_agrees_with_pvlib(site: tuple[float, float], month: int) -> N
     assert checked or (month == 12 and site[0] > 55)
 
 
+@pytest.fixture(scope="class")
+def coarse_skyline() -> Iterator[None]:
+    """A skyline of an eighth the columns: that it stands there is of interest, not how it looks."""
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(backdrop, "COLUMNS", 512)
+        context.setattr(backdrop, "PIXEL_RAD", 2 * math.pi / 512)
+        context.setattr(backdrop, "ROWS", round((backdrop.TOP_RAD - backdrop.BOTTOM_RAD) / backdrop.PIXEL_RAD))
+        yield
+
+
+@pytest.mark.usefixtures("coarse_skyline")
 class TestPicture:
     @pytest.mark.parametrize("sky", [PLAIN, PAINTED, OVERCAST, replace(PAINTED, sun_elevation_rad=math.radians(8))])
     def test_light_is_finite_and_nowhere_negative(self, sky: Sky) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from processing.report import plots, states
+from processing.report import stills as framing
 from processing.report.data import Card, Cards, Section
 from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
@@ -38,7 +39,8 @@ def with_stills(folder: Path, found: Results) -> StageContext:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Views of a fifth of the size and plots not drawn, where nobody looks at either: two thirds of a page's time."""
+    """Views and stills of a fifth of the size and plots not drawn, where nobody looks: two thirds of a page's time."""
+    monkeypatch.setattr(framing, "LEAST_PX", 256)
     monkeypatch.setattr(states, "VIEW_PX", (300, 200))
     monkeypatch.setattr(plots, "svg_bytes", lambda _figure: b'<svg xmlns="http://www.w3.org/2000/svg"/>')
 

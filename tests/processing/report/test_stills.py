@@ -22,6 +22,7 @@ from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity
+from processing.report import stills as framing
 from processing.report.stills import (
     DROPS,
     FEWEST,
@@ -37,13 +38,16 @@ from processing.report.stills import (
     _seen,
     _width_px,
     aimed,
-    frames_of,
     run,
     with_aimed,
 )
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
+from tests.once import all_anew, once
 from tests.processing.report.made_up import context, results
+
+frames_of = once(framing.frames_of)
+"""Several tests look at the frames of one room."""
 
 ROOM = RoomModel(
     source="given",
@@ -75,7 +79,8 @@ def test_frames_are_level_of_the_trades_lenses_apart_and_show_main_pieces_whole(
     assert min(apart) > math.radians(29)
     assert "bed" in frames[0].shows
     assert "chair" in {name for frame in frames for name in frame.shows}
-    assert frames_of(ROOM, ITEMS) == frames
+    with all_anew():
+        assert frames_of(ROOM, ITEMS) == frames
     # Where others follow, frames that are worth little are not taken to make up a number.
     alone = frames_of(ROOM, ITEMS, fewest=1)
     assert alone == frames[: len(alone)]
