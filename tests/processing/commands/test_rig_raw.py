@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import daylit
-from benchmarks.sessions import STOPS_S, Taken, write_session
+from benchmarks.sessions import Taken, write_session
 from mocks.worlds.light import Site, UniformWorld, luminance_cd_m2
 from processing.calibration.profile import RigProfile, load_profile, save_profile
 from station.session.session import Side
@@ -32,7 +32,7 @@ def sky_lux() -> float:
 
 @pytest.fixture(scope="module")
 def rig(raw_rig: Path) -> Path:
-    write_session(raw_rig / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), stops_s=STOPS_S[3:8], raw=RAW))
+    write_session(raw_rig / "flat", Taken(UniformWorld(20_000.0), SMALL, (OUTDOOR,), raw=RAW))
     write_session(raw_rig / "session", Taken(UnderTheSky(), SMALLER, raw=RAW, seed=1))
     return raw_rig
 

@@ -174,8 +174,8 @@ def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) ->
     rgb = painted.image.rgb.copy()
     rgb[fixture] = (0.9, 0.2, 0.6)
     evidence = replace(painted.evidence, probabilities=probabilities)
-    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.04)
-    found = find_masks(replace(painted.image, rgb=rgb), evidence, painted.room, sun_possible=False, margin_rad=0.04)
+    before = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.05)
+    found = find_masks(replace(painted.image, rgb=rgb), evidence, painted.room, sun_possible=False, margin_rad=0.05)
     assert (before.target & fixture).any(), "the margin would reach it"
     assert not (found.target & fixture & ~found.furniture).any()
     assert (found.furniture & fixture).sum() < 0.1 * fixture.sum()
