@@ -21,7 +21,7 @@ from tests.torture.ptp.faults import single_faults
 from tests.torture.ptp.flavours import FLAVOURS
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
-CAPTURES, PARTS = (240, 2) if LONG else (2, 2)
+CAPTURES, PARTS = (240, 2) if LONG else (1, 1)
 SEED = 20230519
 
 pytestmark = [pytest.mark.torture, pytest.mark.timeout(3600 if LONG else 120)]

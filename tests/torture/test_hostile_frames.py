@@ -26,7 +26,7 @@ from tests.torture.hostile_frames import SIZE, TIME_S, cases, good_frames
 from tests.torture.ledger import record
 
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
-COUNT = 33_000 if LONG else 660
+COUNT = 33_000 if LONG else 330
 SEED = 20_230_519
 LIMIT_S = 5.0
 ASKED = ExpectedFrame(

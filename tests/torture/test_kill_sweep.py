@@ -108,7 +108,7 @@ def test_kill_at_every_call(fast_folder: Path) -> None:
         sweep = Sweep(server, fast_folder)
         names = call_names(server, sweep.fresh("whole"))
         assert check_complete(fast_folder / "whole") == []
-        for nth, moment in points(names, 1 if LONG else 8):
+        for nth, moment in points(names, 1 if LONG else 16):
             folder = sweep.fresh(f"{nth}-{moment}")
             acks = sweep.kill(folder, nth, moment)
             copy = fast_folder / "reopened"
@@ -127,7 +127,7 @@ def test_kill_at_every_call(fast_folder: Path) -> None:
         notes=f"{len(names)} calls; before, torn write, after; each reopened and resumed",
     )
     assert sweep.problems == []
-    assert sweep.killed == sweep.injected >= (300 if LONG else 35)
+    assert sweep.killed == sweep.injected >= (300 if LONG else 17)
 
 
 @pytest.mark.torture
@@ -144,7 +144,7 @@ def test_kill_at_every_call_of_the_resume(fast_folder: Path) -> None:
             shutil.copytree(state, probe)
             resume_names = call_names(server, probe)
             shutil.rmtree(probe)
-            for nth, second in points(resume_names, 2 if LONG else 9, offset=first % 2):
+            for nth, second in points(resume_names, 2 if LONG else 18, offset=first % 2):
                 folder = fast_folder / "again"
                 shutil.copytree(state, folder)
                 more = acks + sweep.kill(folder, nth, second)
@@ -161,4 +161,4 @@ def test_kill_at_every_call_of_the_resume(fast_folder: Path) -> None:
         notes="capture killed, resume killed, resumed again",
     )
     assert sweep.problems == []
-    assert sweep.killed == sweep.injected >= (300 if LONG else 20)
+    assert sweep.killed == sweep.injected >= (300 if LONG else 10)

@@ -71,7 +71,7 @@ def not_whole(session: Path, names: tuple[str, ...]) -> list[str]:
 @pytest.mark.timeout(1800)
 def test_toy_stages_killed_at_random_instants(ask: Ask, tmp_path: Path) -> None:
     """Each kill meets a session whose results are of other parameters, so that every stage replaces one."""
-    start, rng, count = time.monotonic(), random.Random(SEED), 100 if LONG else 8
+    start, rng, count = time.monotonic(), random.Random(SEED), 100 if LONG else 4
     session = complete_session(tmp_path / "sessions")
     want = {}
     for scale in (2.0, 1.0):

@@ -74,7 +74,7 @@ def cases(parent: Path) -> list[str]:
     count = counting.names.count
     kills = [f"{call}:signal=KILL:when={n}" for call in KILLED for n in range(1, count(call) + 1)]
     faults = [f"{call}:error={code}:when={n}" for call, code in FAULTS.items() for n in range(1, count(call) + 1)]
-    return kills + faults if LONG else kills[3::18] + faults[1::25]
+    return kills + faults if LONG else kills[3::36] + faults[1::50]
 
 
 @pytest.mark.timeout(600)
