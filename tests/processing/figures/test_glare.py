@@ -78,16 +78,18 @@ def test_what_lies_near_is_one_source(degrees: tuple, groups: int) -> None:
 
 
 def test_windows_the_sun_and_none() -> None:
-    assert glare(room([]))["sources"] == 0
-    assert glare(room([]))["brightest_cd_m2"] == 0
+    none = glare(room([]))
+    assert none["sources"] == none["brightest_cd_m2"] == 0
     two = room([(-40, 5, 10, 15, 5000), (40, 5, 10, 15, 4000)])
-    assert glare(two)["sources"] == 2
-    assert glare(two)["brightest_cd_m2"] == pytest.approx(5000, rel=1e-3)
-    assert glare(two, math.pi)["sources"] == 0
-    assert glare(two)["dgp"] > glare(two, math.pi / 2)["dgp"] > glare(two, math.pi)["dgp"]
+    ahead, aside, away = (glare(two, azimuth) for azimuth in (0.0, math.pi / 2, math.pi))
+    assert ahead["sources"] == 2
+    assert ahead["brightest_cd_m2"] == pytest.approx(5000, rel=1e-3)
+    assert away["sources"] == 0
+    assert ahead["dgp"] > aside["dgp"] > away["dgp"]
     sunny = room([(-40, 5, 10, 15, 5000)], sun=True)
-    assert glare(sunny)["sources"] == 2
-    assert glare(sunny)["brightest_cd_m2"] > 1e5
+    seen = glare(sunny)
+    assert seen["sources"] == 2
+    assert seen["brightest_cd_m2"] > 1e5
     look = camera_figures(sunny, height_m=1.6, heading_rad=None)["directions"][0]["glare"]
     assert look["rating"] == "perceptible"
     assert not look["faint"]
