@@ -21,12 +21,14 @@ from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import planes_of
 from processing.surfaces.textures import Texture
+from tests.conftest import LONG
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
 # Not cleaned: the denoiser loads torch where that is installed, which takes longer than these tests.
-LOOK = Effort(texel_m=0.2, patch_samples=64, rows=ROWS, pixel_samples=64, sun_samples=64, clean=False)
+RAYS = 64 if LONG else 32
+LOOK = Effort(texel_m=0.2, patch_samples=RAYS, rows=ROWS, pixel_samples=RAYS, sun_samples=RAYS, clean=False)
 
 
 def colours(name: str) -> np.ndarray:

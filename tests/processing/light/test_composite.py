@@ -17,12 +17,14 @@ from processing.light.scene.scene import Material, Outdoors, Part, Sun
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Perspective
+from tests.conftest import LONG
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
 # Not cleaned: the denoiser loads torch where that is installed, which takes longer than these tests.
-LOOK = Effort(texel_m=0.2, patch_samples=64, rows=ROWS, pixel_samples=64, sun_samples=64, clean=False)
+RAYS = 64 if LONG else 32
+LOOK = Effort(texel_m=0.2, patch_samples=RAYS, rows=ROWS, pixel_samples=RAYS, sun_samples=RAYS, clean=False)
 TABLE = box((1.2, 0.8, 0.4), (0.8, 0.8, 0.8))
 
 
