@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -61,8 +62,11 @@ def test_what_python_calls_is_compiled_ahead() -> None:
 def called_from_python() -> tuple[set[str], set[str]]:
     """Return all `compiled` functions of the pipeline, and those named outside of kernels, by module and name."""
     files = {".".join(path.relative_to(kernels.ROOT.parent).with_suffix("").parts): path for path in sources()}
-    trees = {module: ast.parse(path.read_text("utf-8")) for module, path in files.items()}
+    texts = {module: path.read_text("utf-8") for module, path in files.items()}
+    trees = {module: ast.parse(text) for module, text in texts.items() if "compiled" in text}
     made = {f"{m}:{one.name}" for m, tree in trees.items() for one in tree.body if "compiled" in decorators(one)}
+    one_of_them = re.compile(rf"\b({'|'.join(name.partition(':')[2] for name in made)})\b")
+    trees |= {m: ast.parse(text) for m, text in texts.items() if m not in trees and one_of_them.search(text)}
     called: set[str] = set()
     for module, tree in trees.items():
         names = {one.name: f"{module}:{one.name}" for one in tree.body if isinstance(one, ast.FunctionDef)}
