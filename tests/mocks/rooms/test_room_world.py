@@ -24,7 +24,7 @@ from mocks.rooms.world import DEFAULT, RoomWorld, _shipped, baked_light, light_k
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
 from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
-ROWS = 64
+ROWS = 48
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -8,6 +8,7 @@ import math
 import shutil
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 import daylit
 from benchmarks.truth_files import load_truth
 from drivers.errors import DeviceTimeoutError
+from mocks.rooms import truth as truth_of_rooms
 from mocks.rooms.light import light
 from mocks.rooms.room import make_room
 from mocks.rooms.sky import backdrop
@@ -230,8 +232,9 @@ def test_a_generated_room_with_its_truth(tmp_path: Path, monkeypatch: pytest.Mon
     """The meter reads, and the truth says, the same luminance."""
     monkeypatch.setitem(light.QUALITIES, "draft", light.Quality(24, 16))
     monkeypatch.setattr(light, "ENVIRONMENT_ROWS", 32)
+    monkeypatch.setattr(truth_of_rooms, "point_lights", partial(truth_of_rooms.point_lights, samples=64))
     name, row = "2023-06-22T1058Z_coda-334", "90,20230622,coda_334,6:58,4.47,,2116,167°S,,YES"
-    asked = request(tmp_path, row, truth=True, truth_rows=128, use="empty")
+    asked = request(tmp_path, row, truth=True, truth_rows=64, use="empty")
     summary = simulate(asked)
     assert summary.made == [name]
     manifest = load_manifest(tmp_path / "set" / name)
@@ -241,11 +244,11 @@ def test_a_generated_room_with_its_truth(tmp_path: Path, monkeypatch: pytest.Mon
     assert truth.facts["moment"]["utc"] == "2023-06-22T10:58:00+00:00"
     azimuth_rad = truth.facts["sky"]["sun_azimuth_rad"] + truth.facts["moment"]["heading_rad"]
     assert math.degrees(azimuth_rad) % 360 == pytest.approx(68, abs=5), "on a June morning"
-    assert truth.pictures.luminance_rgb.shape == (128, 256, 3)
+    assert truth.pictures.luminance_rgb.shape == (64, 128, 3)
     assert not truth.pictures.furniture.any()
     assert manifest.target is not None
-    column = int((manifest.target.longitude_rad / (2 * math.pi) + 0.5) * 256)
-    row = int((0.5 - manifest.target.latitude_rad / math.pi) * 128)
+    column = int((manifest.target.longitude_rad / (2 * math.pi) + 0.5) * 128)
+    row = int((0.5 - manifest.target.latitude_rad / math.pi) * 64)
     seen = truth.pictures.luminance_rgb[row, column] @ np.array([0.2127, 0.7151, 0.0722])
     readings = [r.luminance_cd_m2 for r in manifest.readings if r.luminance_cd_m2 is not None]
     assert readings == pytest.approx([seen, seen], rel=0.15)
