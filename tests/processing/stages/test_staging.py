@@ -54,6 +54,7 @@ from tests.processing.pictures.picture_strategies import luminance_image
 
 ROWS = 48
 LOOK = Effort(texel_m=0.3, patch_samples=32, rows=ROWS, pixel_samples=32, clean=False)
+HARDLY = Effort(texel_m=1.0, patch_samples=1, rows=ROWS, pixel_samples=1, clean=False)
 DOOR = Opening(kind=OpeningKind.DOOR, wall=2, start_m=0.2, end_m=1.1, sill_m=0.0, head_m=2.05)
 ROOM = box_room().model_copy(update={"openings": (*box_room().openings, DOOR)})
 
@@ -188,8 +189,7 @@ def test_a_room_that_was_corrected_since_is_styled_as_it_is_now(
     tmp_path: Path, known: dict[tuple[str, str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An arrangement that was given holds the plan that it was made on: a picture would hang in the new window."""
-    hardly = Effort(texel_m=1.0, patch_samples=1, rows=ROWS, pixel_samples=1, clean=False)
-    monkeypatch.setattr(rendering, "QUALITY", {"draft": hardly})
+    monkeypatch.setattr(rendering, "QUALITY", {"draft": HARDLY})
     window = Opening(kind=OpeningKind.WINDOW, wall=1, start_m=1.2, end_m=2.9, sill_m=0.9, head_m=2.1)
     corrected = ROOM.model_copy(update={"openings": (*ROOM.openings, window)})
     wider = ROOM.model_copy(update={"floor": tuple((1.2 * x, y) for x, y in ROOM.floor)})
