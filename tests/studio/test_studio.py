@@ -60,7 +60,7 @@ from studio.command import listening
 from studio.programs import command_of
 from studio.server import STATIC
 from studio.sessions import StaleError, captured, digest, save
-from tests.browser.test_report import COARSE, OPTIONS
+from tests.browser.test_report import COARSE, OPTIONS, violations
 from tests.conftest import LONG
 from tests.processing.relighting.lit_sessions import lit_session
 from tests.processing.room.evidence import boundary_of, classes_of
@@ -83,7 +83,6 @@ programs.command_of = lambda *asked: [word.replace("--size=quarter", "--size=sma
 sys.exit(daylit.main(sys.argv[1:]))
 """
 """The studio, whose captures have small pictures: a quarter of the size would be most of what these tests take."""
-AXE = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 SHOTS = Path(__file__).parents[2] / "docs" / "images"
 TRUTH = RoomModel(
     source="given",
@@ -603,8 +602,7 @@ def test_two_states_are_compared_side_by_side(opened: Opened) -> None:
     one.focus()
     page.keyboard.press("ArrowRight")
     wait(lambda: other.screenshot() != before)
-    page.evaluate(AXE.read_text("utf-8"))
-    assert page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])") == []
+    assert violations(page) == []
     page.get_by_label("Compare with").select_option("nothing")
     assert page.locator(".pair .stage").count() == 0
     assert command_of(opened.lit, {"proof": True}) == [
@@ -833,7 +831,6 @@ def usual_size(opened: Opened) -> Iterator[None]:
 def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
     """Each is pictured, too: ``DAYLIT_SESSION=SESSION pytest -k screens_fit`` writes the guide's, of that session."""
     opened.page.set_viewport_size({"width": width, "height": 844})
-    script = AXE.read_text("utf-8")
     given = opened.given and opened.given.name
     for kind in ("", "capture", "room", "remove", "furnish", "light", "results"):
         opened.page.goto(f"{opened.base}/#/")
@@ -842,9 +839,7 @@ def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
         if kind in ("light", "results"):
             opened.page.wait_for_selector(".viewer.ready", timeout=4 * PATIENCE_MS)
         pictured(opened, kind or "sessions", width)
-        opened.page.evaluate(script)
-        found = opened.page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])")
-        assert found == [], kind
+        assert violations(opened.page) == [], kind
         assert opened.page.evaluate("() => document.documentElement.scrollWidth") <= width, kind
         assert kind == "" or "daylit " in opened.page.locator("footer code").inner_text()
 

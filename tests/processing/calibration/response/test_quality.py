@@ -15,7 +15,7 @@ from mocks.optics.sensor import ToneCurve
 from processing.calibration.response.response import ResponseFit, check_response, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.errors import BracketError, ResponseError
-from tests.processing.calibration.response.response_cases import bracket, fitted, is_sound, made
+from tests.processing.calibration.response.response_cases import SIZE, bracket, fitted, is_sound, made
 
 
 @lru_cache(maxsize=1)
@@ -39,7 +39,7 @@ def test_small_decode_will_do() -> None:
 
 def test_another_tone_curve_has_drifted_by_a_stated_size() -> None:
     tone = tuple(ToneCurve(contrast=0.6) for _ in range(3))
-    other = synthetic_bracket((1200, 600), 36, sensor=replace(REFERENCE_SENSOR, tone=(tone[0], tone[1], tone[2])))
+    other = synthetic_bracket(SIZE, 36, sensor=replace(REFERENCE_SENSOR, tone=(tone[0], tone[1], tone[2])))
     check = check_response(profile().curve, profile().noise, Bracket8(other.frames, other.true_s))
     assert check.drifted
     assert check.drift_stops > 0.03
