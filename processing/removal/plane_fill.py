@@ -13,6 +13,7 @@ from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
+from processing.removal.near_periodic_fill import window_around
 from processing.removal.plain import fill_plain
 from processing.removal.skirting import Skirting
 from processing.removal.sources import plane_sources
@@ -180,6 +181,8 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
     Linear light; ``known`` (H, W): what is seen of the region. Leaves, panes and curtains run upright: each column goes
     on. Head and sill run level: so do their rows. A frame's side that is hidden is as the other one.
     """
+    out, part = values.copy(), window_around(region, round(max(STRIP_M * px_per_m, STRIP_PX)) + 1)
+    values, known, hole, region = (each[part] for each in (values, known, hole, region))
     found, rows = hanging(values, known, hole, px_per_m), np.flatnonzero(region.any(axis=1))
     rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
     columns = np.flatnonzero(region.any(axis=0))
@@ -192,7 +195,8 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
         rail[rows[-wide:]] = True
     rail &= (known.sum(axis=1) > RAIL_SEEN * region.sum(axis=1))[:, None]
     level = hanging(values.swapaxes(0, 1), (known & rail).T, (hole & rail).T, px_per_m, even=True).swapaxes(0, 1)
-    return np.where(rail[..., None], level, found)
+    out[part] = np.where(rail[..., None], level, found)
+    return out
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
