@@ -86,34 +86,29 @@ def lifted(
     foreign, no_surface = others.foreign, others.no_surface(target)
     glass = _seen_windows(opening, target, room) | (no_surface & ~target & (plane == FLOOR))
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
-    reflectance = np.empty_like(image.rgb)
+    reflectance = image.rgb.copy()
     change = np.zeros(image.rgb.shape[:2], np.float32)
-    _in_bands(partial(_unlit, image.rgb, reflectance, change), planes, plane, glass)
-    gain = relit(reflectance, shade.shadow, (no_surface, foreign), room)
-    reflectance *= gain
-    replaced = target.copy()
-
-    def lighter(row: tuple[int, Floats]) -> None:  # row by row: little memory
-        k, less = row[0], np.log(row[1]).mean(axis=-1)
-        change[k] += less
+    _in_bands(partial(_multiplied, reflectance, change), planes, plane, glass, UNLIT)
+    gain, burnt = relit(reflectance, shade.shadow, (no_surface, foreign), room), np.zeros_like(target)
+    if np.log(gain, out=gain).any():
+        shaded = change.copy()
+        _in_bands(partial(_multiplied, reflectance, change), [_layer(wrapped(gain, 1))], None, no_surface, GAIN)
         # What a lamp's glow has clipped shows no more than that it was lit.
-        replaced[k] |= (change[k] > DEEP) | ((less < -BURNT) & (image.validity[k] == Validity.CLIPPED))
-
-    side_by_side(lighter, enumerate(gain))
+        burnt = (change - shaded < -BURNT) & (image.validity == Validity.CLIPPED)
+        del shaded
     del gain
-    target = replaced
+    target = target | (change > DEEP) | burnt
     stays = ~target & (image.validity == Validity.VALID)
     same = ~(target | (stays & (change != 0)))
     image, seen = replace(image, rgb=reflectance), image.rgb[same]  # so that the photograph is not held meanwhile
     done = empty_room(image, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
     rgb = done.image.rgb
-    _in_bands(partial(_lit_again, rgb, change), planes, plane, glass)
+    _in_bands(partial(_lit_again, rgb, change), planes, plane, glass, LIT)
     rgb[same] = seen
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
-    evened = partial(_evened_out, rgb, change, target | (stays & (change != 0)))
-    _in_bands(evened, [even], np.zeros_like(plane), glass)
+    _in_bands(partial(_multiplied, rgb, change), [even], None, glass | same, GAIN)
     change[~stays] = 0
     uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
@@ -129,16 +124,16 @@ def _seen_windows(opening: Int16s, target: Flags, room: RoomModel) -> Flags:
     return found
 
 
-def _unlit(rgb: Floats, albedo: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, *_: Floats) -> None:
-    """Fill a band's albedo (H, W, 3) and log change (H, W) of luminance."""
-    albedo[rows] = math.pi * rgb[rows] * np.exp(lift) / light
-    change[rows] = lift.mean(axis=-1)
+def _multiplied(rgb: Floats, change: Floats, rows: slice, factor: Floats, lift: Floats) -> None:
+    """Multiply a band of a picture (H, W, 3), and add to its log change (H, W) of luminance."""
+    rgb[rows] *= factor
+    change[rows] += lift
 
 
-def _lit_again(rgb: Floats, change: Floats, rows: slice, lift: Floats, light: Floats, much: Floats) -> None:
+def _lit_again(rgb: Floats, change: Floats, rows: slice, factor: Floats, much: Floats) -> None:
     """Light a band of ``rgb`` (H, W, 3), reflectance so far."""
-    rgb[rows] = rgb[rows] * np.exp(lift * (much - 1)) * light / math.pi
-    change[rows] *= much[..., 0]
+    rgb[rows] *= factor
+    change[rows] *= much
 
 
 HALO_ROWS, HALO_RAD = 512, (math.radians(0.5), math.radians(3.0), math.radians(2.0))
@@ -172,15 +167,12 @@ def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) ->
         off = slow - known_mean(tone, fit, narrow)[0]
         off = np.clip(off, -MOST_HALO, MOST_HALO) * np.clip(2 - np.abs(off) / MOST_HALO, 0, 1)
         gain[fit] = off[fit]
-    gain = (cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None])[:, pad_px - 1 : pad_px + 2 * rows + 1]
+    return _layer((cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None])[:, pad_px - 1 : pad_px + 2 * rows + 1])
+
+
+def _layer(gain: Floats) -> Floats:
+    """Return log gains (h, w + 2, 3), a column round the seam, laid out as `_by_plane` lays out what changes."""
     return np.concatenate([gain, np.zeros((*gain.shape[:2], 4), np.float32)], axis=2)
-
-
-def _evened_out(rgb: Floats, change: Floats, where: Flags, rows: slice, lift: Floats, *_: Floats) -> None:
-    """Multiply a band of a picture (H, W, 3) by its gain, and add that to the log change (H, W) of luminance."""
-    own = where[rows] & (lift != 0).any(axis=-1)
-    rgb[rows][own] *= np.exp(lift[own])
-    change[rows][own] += lift[own].mean(axis=-1)
 
 
 def _put_on(image: LuminanceImage, rows: int) -> Floats:
@@ -201,10 +193,10 @@ def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Flo
     light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
     planes = _by_plane(shade, room, np.ones(shade.seen.shape, np.float32))
 
-    def fill(band: slice, lift: Floats, lit: Floats, _: Floats) -> None:
-        light[band], doubt[band] = lit, LIFT_DOUBT * np.abs(lift.mean(axis=-1))
+    def fill(band: slice, lit: Floats, lift: Floats) -> None:
+        light[band], doubt[band] = lit, LIFT_DOUBT * np.abs(lift)
 
-    _in_bands(fill, planes, plane, np.zeros(plane.shape, bool))
+    _in_bands(fill, planes, plane, np.zeros(plane.shape, bool), (0, 0, 1, 0))
     return light, np.hypot(doubt, LIGHT_DOUBT)
 
 
@@ -234,39 +226,58 @@ def _continued(values: Floats, known: Flags) -> Floats:
     return carried_on(values, known, [partial(smoothed, angle_rad=reach_rad) for reach_rad in REACHES_RAD], usual)
 
 
+UNLIT, GAIN, LIT = (1, 0, -1, math.log(math.pi)), (1, 0, 0, 0), (-1, 1, 1, -math.log(math.pi))
+"""Of what the logarithm of a factor is the sum: times log change, that as far as it is put on, log light, and 1."""
+
+
 def _in_bands(
-    work: Callable[[slice, Floats, Floats, Floats], None], planes: list[Floats], plane: Int16s, glass: Flags
+    work: Callable[[slice, Floats, Floats], None],
+    planes: list[Floats],
+    plane: Int16s | None,
+    glass: Flags,
+    parts: tuple[float, float, float, float],
 ) -> None:
-    """Do ``work``, side by side, on bands of rows of the whole picture: with log change (h, W, 3), 0 on glass,
-    irradiance (h, W, 3), lx, and how much of the change is put on, (h, W, 1), of the ``planes`` by index."""
-    high, wide = plane.shape
-    small_high, small_wide = planes[0].shape[:2]
+    """Do ``work``, side by side, on bands of rows of the whole picture: with factors (h, W, 3), by ``parts``, and, of
+    the ``planes`` by index (None: the only one), the mean log change (h, W), 0 on ``glass`` (H, W); in its place, where
+    the second part is not 0, how much of it is put on."""
+    (high, wide), (small_high, small_wide) = glass.shape, planes[0].shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
     layers, usual = np.stack(planes), np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes], axis=0)
+    usual = usual.astype(np.float32)
 
     def band(start: int) -> None:
         rows = slice(start, min(start + BAND_ROWS, high))
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
-        both = np.empty((rows.stop - rows.start, wide, 7), np.float32)
-        _sampled(layers, plane[rows], x, y, both)
-        # What is seen through glass is not lit by the room: it goes on as it is, in one light.
-        both[glass[rows]] = np.append(np.zeros(4, np.float32), usual)
-        work(rows, both[..., :3], np.exp(both[..., 4:]), both[..., 3:4])
+        factor, lift = np.empty((len(y), wide, 3), np.float32), np.empty((len(y), wide), np.float32)
+        which = np.zeros(lift.shape, np.int16) if plane is None else plane[rows]
+        _sampled(layers, which, glass[rows], (x, y), usual, np.array(parts, np.float32), factor, lift)
+        work(rows, np.exp(factor, out=factor), lift)
 
     side_by_side(band, range(0, high, BAND_ROWS), MOST_BANDS)
 
 
 @compiled
-def _sampled(layers: Any, which: Any, x: Any, y: Any, out: Any) -> None:
-    """Fill ``out`` (H, W, C) from layer ``which`` (H, W) of ``layers`` (P, h, w, C), linear between pixels."""
-    _, height, width, channels = layers.shape
-    for i in range(out.shape[0]):
+def _sampled(layers: Any, which: Any, glass: Any, at: Any, usual: Any, parts: Any, power: Any, lift: Any) -> None:
+    """Fill what `_in_bands` gives, but ``power`` (H, W, 3) is the factors' logarithm: from layer ``which`` (H, W) of
+    ``layers`` (P, h, w, 7), linear between pixels. What is seen through ``glass`` (H, W) is not lit by the room: it
+    goes on as it is, in the ``usual`` (3,) light."""
+    (_, height, width, channels), (x, y) = layers.shape, at
+    found = np.empty(channels, np.float32)
+    for i in range(which.shape[0]):
         up = min(max(int(np.floor(y[i])), 0), height - 1)
         down, lower = min(max(int(np.floor(y[i])) + 1, 0), height - 1), y[i] - np.floor(y[i])
-        for j in range(out.shape[1]):
+        for j in range(which.shape[1]):
+            if glass[i, j]:
+                lift[i, j] = 0.0
+                for c in range(3):
+                    power[i, j, c] = parts[2] * usual[c] + parts[3]
+                continue
             left, of = int(x[j]), which[i, j]
             right, more = min(left + 1, width - 1), x[j] - np.floor(x[j])
             for c in range(channels):
                 above = layers[of, up, left, c] + more * (layers[of, up, right, c] - layers[of, up, left, c])
                 below = layers[of, down, left, c] + more * (layers[of, down, right, c] - layers[of, down, left, c])
-                out[i, j, c] = above + lower * (below - above)
+                found[c] = above + lower * (below - above)
+            lift[i, j] = found[3] if parts[1] != 0 else (found[0] + found[1] + found[2]) / np.float32(3)
+            for c in range(3):
+                power[i, j, c] = found[c] * (parts[0] + parts[1] * found[3]) + parts[2] * found[4 + c] + parts[3]

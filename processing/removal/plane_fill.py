@@ -182,7 +182,7 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
     on. Head and sill run level: so do their rows. A frame's side that is hidden is as the other one.
     """
     out, part = values.copy(), window_around(region, round(max(STRIP_M * px_per_m, STRIP_PX)) + 1)
-    values, known, hole, region = (each[part] for each in (values, known, hole, region))
+    values, (known, hole, region) = values[part], (each[part] for each in (known, hole, region))
     found, rows = hanging(values, known, hole, px_per_m), np.flatnonzero(region.any(axis=1))
     rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
     columns = np.flatnonzero(region.any(axis=0))

@@ -87,7 +87,8 @@ def find_shadows(
 
 
 def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None], room: RoomModel) -> Floats:
-    """Return factors (H, W, 3) float32 that take soft shadows and lamps' glow off a panorama (H, W, 3), linear.
+    """Return factors (h, 2 h, 3) float32, h <= `RELIT_ROWS`, that take soft shadows and lamps' glow off a panorama
+    (H, W, 3), linear, but where something is removed.
 
     ``shadow`` (H, W); ``hidden``: what is removed (1 there), and what else seems no part of its surface, (H, W): that
     teaches nothing, but for shadow (the dark under a bed is taken for the bed); light falls on it as beside it.
@@ -101,8 +102,6 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
     gain = unglowed(light, gone, thing, room)
     if (less & ~gone).any():
         gain *= relit_gain(light, less, gone | (thing & ~less), room)
-    gain = resized(gain, shape)
-    gain[removed] = 1
     return gain
 
 

@@ -96,7 +96,8 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
             given.pop(), target, room, shade, sunlight=sunlight, others=others, quality=how, filler=filler
         )
         return found, change, 0.0
-    gain = relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room)
+    gain = resized(relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room), target.shape)
+    gain[others.no_surface(target)] = 1
     share = share_of_sphere(largest_channel(gain) > LEAST_GAIN)
     bright = replace(image, rgb=image.rgb * gain)
     done = empty_room(bright, target, room, sunlight=sunlight, others=others, quality=how, filler=filler)
