@@ -90,9 +90,9 @@ def lifted(
     change = np.zeros(image.rgb.shape[:2], np.float32)
     _in_bands(partial(_multiplied, reflectance, change), planes, plane, glass, UNLIT)
     gain, burnt = relit(reflectance, shade.shadow, (no_surface, foreign), room), np.zeros_like(target)
-    if np.log(gain, out=gain).any():
+    if np.subtract(gain, 1, out=gain).any():
         shaded = change.copy()
-        _in_bands(partial(_multiplied, reflectance, change), [_layer(wrapped(gain, 1))], None, no_surface, GAIN)
+        _in_bands(partial(_taken_off, reflectance, change), [_layer(wrapped(gain, 1))], None, no_surface, PLAIN_GAIN)
         # What a lamp's glow has clipped shows no more than that it was lit.
         burnt = (change - shaded < -BURNT) & (image.validity == Validity.CLIPPED)
         del shaded
@@ -108,7 +108,8 @@ def lifted(
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
     even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
-    _in_bands(partial(_multiplied, rgb, change), [even], None, glass | same, GAIN)
+    apart = glass | ~(target | (stays & (change != 0)))
+    _in_bands(partial(_multiplied, rgb, change), [even], None, apart, GAIN)
     change[~stays] = 0
     uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
@@ -124,15 +125,21 @@ def _seen_windows(opening: Int16s, target: Flags, room: RoomModel) -> Flags:
     return found
 
 
-def _multiplied(rgb: Floats, change: Floats, rows: slice, factor: Floats, lift: Floats) -> None:
+def _multiplied(rgb: Floats, change: Floats, rows: slice, power: Floats, lift: Floats) -> None:
     """Multiply a band of a picture (H, W, 3), and add to its log change (H, W) of luminance."""
-    rgb[rows] *= factor
+    rgb[rows] *= np.exp(power, out=power)
     change[rows] += lift
 
 
-def _lit_again(rgb: Floats, change: Floats, rows: slice, factor: Floats, much: Floats) -> None:
+def _taken_off(rgb: Floats, change: Floats, rows: slice, gain: Floats, _: Floats) -> None:
+    """Do the same by a factor that is no logarithm."""
+    rgb[rows] *= gain
+    change[rows] += np.log(gain, out=gain).mean(axis=-1)
+
+
+def _lit_again(rgb: Floats, change: Floats, rows: slice, power: Floats, much: Floats) -> None:
     """Light a band of ``rgb`` (H, W, 3), reflectance so far."""
-    rgb[rows] *= factor
+    rgb[rows] *= np.exp(power, out=power)
     change[rows] *= much
 
 
@@ -171,7 +178,7 @@ def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) ->
 
 
 def _layer(gain: Floats) -> Floats:
-    """Return log gains (h, w + 2, 3), a column round the seam, laid out as `_by_plane` lays out what changes."""
+    """Return gains (h, w + 2, 3), a column round the seam, laid out as `_by_plane` lays out what changes."""
     return np.concatenate([gain, np.zeros((*gain.shape[:2], 4), np.float32)], axis=2)
 
 
@@ -193,8 +200,8 @@ def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Flo
     light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
     planes = _by_plane(shade, room, np.ones(shade.seen.shape, np.float32))
 
-    def fill(band: slice, lit: Floats, lift: Floats) -> None:
-        light[band], doubt[band] = lit, LIFT_DOUBT * np.abs(lift)
+    def fill(band: slice, power: Floats, lift: Floats) -> None:
+        light[band], doubt[band] = np.exp(power), LIFT_DOUBT * np.abs(lift)
 
     _in_bands(fill, planes, plane, np.zeros(plane.shape, bool), (0, 0, 1, 0))
     return light, np.hypot(doubt, LIGHT_DOUBT)
@@ -226,8 +233,9 @@ def _continued(values: Floats, known: Flags) -> Floats:
     return carried_on(values, known, [partial(smoothed, angle_rad=reach_rad) for reach_rad in REACHES_RAD], usual)
 
 
-UNLIT, GAIN, LIT = (1, 0, -1, math.log(math.pi)), (1, 0, 0, 0), (-1, 1, 1, -math.log(math.pi))
-"""Of what the logarithm of a factor is the sum: times log change, that as far as it is put on, log light, and 1."""
+UNLIT, LIT, GAIN, PLAIN_GAIN = (1, 0, -1, math.log(math.pi)), (-1, 1, 1, -math.log(math.pi)), (1, 0, 0, 0), (1, 0, 0, 1)
+"""Of what a factor's logarithm is the sum (of the last the factor itself, by what layers have more than 1): times log
+change, that as far as it is put on, log light, and 1."""
 
 
 def _in_bands(
@@ -237,9 +245,9 @@ def _in_bands(
     glass: Flags,
     parts: tuple[float, float, float, float],
 ) -> None:
-    """Do ``work``, side by side, on bands of rows of the whole picture: with factors (h, W, 3), by ``parts``, and, of
-    the ``planes`` by index (None: the only one), the mean log change (h, W), 0 on ``glass`` (H, W); in its place, where
-    the second part is not 0, how much of it is put on."""
+    """Do ``work``, side by side, on bands of rows of the whole picture: with factors' logarithms (h, W, 3), by
+    ``parts``, and, of the ``planes`` by index (None: the only one), the mean log change (h, W), 0 on ``glass`` (H, W);
+    in its place, where the second part is not 0, how much of it is put on."""
     (high, wide), (small_high, small_wide) = glass.shape, planes[0].shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
     layers, usual = np.stack(planes), np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes], axis=0)
@@ -248,19 +256,19 @@ def _in_bands(
     def band(start: int) -> None:
         rows = slice(start, min(start + BAND_ROWS, high))
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
-        factor, lift = np.empty((len(y), wide, 3), np.float32), np.empty((len(y), wide), np.float32)
+        power, lift = np.empty((len(y), wide, 3), np.float32), np.empty((len(y), wide), np.float32)
         which = np.zeros(lift.shape, np.int16) if plane is None else plane[rows]
-        _sampled(layers, which, glass[rows], (x, y), usual, np.array(parts, np.float32), factor, lift)
-        work(rows, np.exp(factor, out=factor), lift)
+        _sampled(layers, which, glass[rows], (x, y), usual, np.array(parts, np.float32), power, lift)
+        work(rows, power, lift)
 
     side_by_side(band, range(0, high, BAND_ROWS), MOST_BANDS)
 
 
 @compiled
 def _sampled(layers: Any, which: Any, glass: Any, at: Any, usual: Any, parts: Any, power: Any, lift: Any) -> None:
-    """Fill what `_in_bands` gives, but ``power`` (H, W, 3) is the factors' logarithm: from layer ``which`` (H, W) of
-    ``layers`` (P, h, w, 7), linear between pixels. What is seen through ``glass`` (H, W) is not lit by the room: it
-    goes on as it is, in the ``usual`` (3,) light."""
+    """Fill what `_in_bands` gives, ``power`` (H, W, 3) and ``lift`` (H, W), from layer ``which`` (H, W) of ``layers``
+    (P, h, w, 7), linear between pixels. What is seen through ``glass`` (H, W) is not lit by the room: it goes on as it
+    is, in the ``usual`` (3,) light."""
     (_, height, width, channels), (x, y) = layers.shape, at
     found = np.empty(channels, np.float32)
     for i in range(which.shape[0]):
