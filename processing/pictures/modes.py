@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -229,17 +228,14 @@ def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
 def _scattered(mode: SharedMode, width: int, height: int, rows: slice) -> Floats:
     """Return the light of a scatter mode at rows of a picture, (h, W), between its cells' middles."""
     cells = np.reshape(np.array(mode.values), (int(mode.places[0]), int(mode.places[1])))
-    down, across = between(height, cells.shape[0], rows), _columns(width, cells.shape[1])
-    return np.asarray((down @ cells) @ across.T, dtype=np.float32)
+    down = (between(height, cells.shape[0], rows) @ cells).astype(np.float32)
+    return np.asarray(cv2.resize(down, (width, len(down)), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def between(size: int, count: int, part: slice = slice(None)) -> Doubles:
     """Return weights, shape (n, count), of cells for a part of ``size`` pixels, linear between the cells' middles."""
     places = np.clip((np.arange(size)[part] + 0.5) / size * count - 0.5, 0, count - 1)
     return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
-
-
-_columns = lru_cache(maxsize=2)(between)  # which all bands and modes share
 
 
 def blueness(rgb: Floats) -> Floats:

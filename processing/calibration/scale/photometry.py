@@ -81,10 +81,9 @@ def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -
                 _add_light(*picture, each, np.array(LUMINANCE_WEIGHTS), sums[k], levels[k])
             for start in range(rows.start, rows.stop, ROWS_AT_ONCE):
                 band = slice(start, min(start + ROWS_AT_ONCE, rows.stop))
-                within = [each[band.start - rows.start : band.stop - rows.start] for each in weights]
-                parts = (part.astype(np.float64) for part in placed_parts(image, band))
-                own = [[np.vdot(each, part) for each in within] for part in parts]
-                off = off + np.reshape(own, (-1, len(some))).T
+                part = slice(band.start - rows.start, band.stop - rows.start)
+                within = np.stack([each[part].astype(np.float32).ravel() for each in weights])
+                off = off + np.reshape([within @ own.ravel() for own in placed_parts(image, band)], (-1, len(some))).T
         found += [_illuminance(image, *each) for each in zip(some, sums, levels, off, strict=True)]
     return found
 
