@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import AnyArray, Doubles, Flags, Floats, Indices, Int16s, Int32s, Int64s
 
+WIDE_PX = 8.0  # chosen, for time: a Gaussian's work grows with its width
 Picture = TypeVar("Picture", bound=npt.NDArray[np.generic])
 
 
@@ -161,10 +162,16 @@ def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike], *, ap
 
 
 def smoothed(values: Floats, angle_rad: float) -> Floats:
-    """Return a picture (H, W) or (H, W, C) smoothed by a Gaussian of a standard deviation on the equator, round."""
+    """Return a picture (H, W) or (H, W, C) smoothed by a Gaussian of a standard deviation on the equator, round.
+
+    A wide one (`WIDE_PX`) is worked out at half the size: to 2 % of the range of values, most at poles and steps.
+    """
     sigma_px = angle_rad / (math.pi / values.shape[0])
     if sigma_px < 0.3:
         return values
+    if sigma_px > WIDE_PX:
+        half = resized(values, (-(-values.shape[0] // 2), -(-values.shape[1] // 2)))
+        return resized(smoothed(half, angle_rad), (values.shape[0], values.shape[1]))
     pad = min(math.ceil(3 * sigma_px), values.shape[1])
     out = cv2.GaussianBlur(wrapped(values, pad), (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(out[:, pad : pad + values.shape[1]], dtype=np.float32)
