@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,9 @@ def png_bytes(array: Bytes) -> bytes:
     if array.ndim == 3:
         check_rgb8(array)
     out = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(array)).save(out, "PNG", compress_level=6)
+    # A mask is runs of alike pixels.
+    way = zlib.Z_RLE if array.ndim == 2 else zlib.Z_DEFAULT_STRATEGY
+    Image.fromarray(np.ascontiguousarray(array)).save(out, "PNG", compress_level=6, compress_type=way)
     return out.getvalue()
 
 

@@ -187,13 +187,6 @@ def _in_bits(image: P, made: Flags | None, *, photographed: bool, own: bool) -> 
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 
-def to_bits(values: Floats, bits: int, *, up: bool = False) -> Floats:
-    """Return float32 values, of any shape and unit, to so many bits of mantissa, rounded to even, or ``up``."""
-    found: Floats = np.array(values, np.float32, order="C")
-    _round_bits(found.view(np.uint32).reshape(1, -1), _ALL, 23 - bits, up)
-    return found
-
-
 @compiled
 def _round_bits(raw: Any, chosen: Any, drop: int, up: bool) -> None:
     """Round, in place, the ``chosen`` (N,) of float32 values as bits, (N, C), so that their last ``drop`` are 0."""

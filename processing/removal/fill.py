@@ -132,7 +132,7 @@ class _Seen:
     light: Floats
     """(H, W, 3): finite."""
     marks: Bytes
-    """(H, W, 3): what is seen but not to be copied; direct sunlight that stays; what is no part of its plane."""
+    """(H, W), bits: what is seen but not to be copied; direct sunlight that stays; what is no part of its plane."""
     geometry: Equirectangular
     room: RoomModel
     masked: Flags
@@ -208,7 +208,9 @@ def empty_room(
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit, boards) if walls else None
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
 
-    seen = _Seen(rgb, np.stack([unfit, kept, foreign], axis=-1).view(np.uint8), geometry, room, target | blind, shown)
+    seen = _Seen(
+        rgb, unfit.view(np.uint8) | kept * np.uint8(2) | foreign * np.uint8(4), geometry, room, target | blind, shown
+    )
     filled = _filled(seen, hidden, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
     out = image.rgb if own else image.rgb.copy()
@@ -235,8 +237,7 @@ def _filled(
     seen: _Seen, hidden: list[Plane], quality: str | Quick, skirting: Skirting | None, filler: PlaneFiller | None
 ) -> list[FilledPlane]:
     """Return the filled textures of planes, in their order; the floor alone takes nothing from what is foreign."""
-    floor = replace(seen, marks=seen.marks.copy())
-    floor.marks[..., 0] |= floor.marks[..., 2]
+    floor = replace(seen, marks=seen.marks | (seen.marks >> np.uint8(2) & np.uint8(1)))
 
     def fill(plane: Plane) -> FilledPlane:
         done = _plane(floor if plane.index == FLOOR else seen, plane, quality, skirting)
@@ -282,7 +283,7 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
 def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting | None) -> FilledPlane:
     geometry, room = seen.geometry, seen.room
     px_per_m = texture_density(plane, room, geometry, quality)
-    texture = unwrap(seen.light, geometry, room, plane, px_per_m, mask=seen.masked, marks=seen.marks)
+    texture = unwrap(seen.light, geometry, room, plane, px_per_m, mask=seen.masked, marks=(seen.marks, 3))
     limits = (MIXED_SHARE, 0.5, 0.5)
     mixed, sunny, other = (texture.known & (texture.values[..., 3 + k] > limit) for k, limit in enumerate(limits))
     texture = replace(texture, values=np.ascontiguousarray(texture.values[..., :3]))

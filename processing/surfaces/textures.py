@@ -77,10 +77,11 @@ def _add_sample(picture: Any, marks: Any, masked: Any, x: float, y: float, sums:
         above = (1 - right_part) * picture[up, left, c] + right_part * picture[up, right, c]
         below = (1 - right_part) * picture[down, left, c] + right_part * picture[down, right, c]
         sums[c] += (1 - down_part) * above + down_part * below
-    for c in range(marks.shape[2]):
-        above = (1 - right_part) * marks[up, left, c] + right_part * marks[up, right, c]
-        below = (1 - right_part) * marks[down, left, c] + right_part * marks[down, right, c]
-        sums[channels + c] += (1 - down_part) * above + down_part * below
+    if marks.size > 0 and marks[up, left] | marks[up, right] | marks[down, left] | marks[down, right]:
+        for c in range(sums.shape[0] - channels):
+            above = (1 - right_part) * (marks[up, left] >> c & 1) + right_part * (marks[up, right] >> c & 1)
+            below = (1 - right_part) * (marks[down, left] >> c & 1) + right_part * (marks[down, right] >> c & 1)
+            sums[channels + c] += (1 - down_part) * above + down_part * below
     return True
 
 
@@ -265,13 +266,13 @@ def unwrap(
     px_per_m: float,
     *,
     mask: Flags | None = None,
-    marks: Bytes | None = None,
+    marks: tuple[Bytes, int] | None = None,
 ) -> Texture:
     """Return a plane as the panorama shows it, rectified.
 
     ``picture`` (H, W) or (H, W, C) float32 of the geometry's size, upright, finite.
     ``mask`` (H, W): what hides the plane (furniture, tripod); no texel takes anything from these pixels.
-    ``marks`` (H, W, M): further channels of the texture, 0 or 1 in the picture.
+    ``marks`` (H, W): bits that are further channels of the texture, 0 or 1 in the picture, and how many.
 
     Texels coarser than the panorama's pixels are means of up to 64 samples; finer ones are linear between pixels.
     Raises `ParameterError`: sizes that do not fit; `RoomError`: the room cannot stand.
@@ -279,13 +280,13 @@ def unwrap(
     light = _checked(picture, geometry)
     check_stands(room)
     hidden = np.zeros((0, 0), np.uint8) if mask is None else _checked_mask(mask, geometry).view(np.uint8)
-    marks = np.zeros((*light.shape[:2], 0), np.uint8) if marks is None else marks
+    bits, count = (np.zeros((0, 0), np.uint8), 0) if marks is None else marks
     shape = texture_shape(plane, px_per_m)
     seen = _seen(room, plane, px_per_m).astype(np.float32)
-    values = np.zeros((*shape, light.shape[2] + marks.shape[2]), np.float32)
+    values = np.zeros((*shape, light.shape[2] + count), np.float32)
     known, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
     rectified = _Rectified(_axes(room, plane), px_per_m, seen, values)
-    _unwrapped(light, marks, hidden, geometry.yaw_rad, rectified, known, density)
+    _unwrapped(light, bits, hidden, geometry.yaw_rad, rectified, known, density)
     return Texture(plane, px_per_m, values[..., 0] if picture.ndim == 2 else values, known, density)
 
 
