@@ -58,7 +58,7 @@ _REACH_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
 """Within which a pane's edge follows the picture's (half a frame's width at 4 m), how strong an edge counts (squared
 stops), and up to which share there is none. Chosen by looking: a wider soft zone makes frames milky and green."""
 HALVED_PX = 8  # chosen: of a panorama of 6720 by 3360 pixels one in 2,000 differs by more than 3 codes
-_TABLED_ROWS, _FILTERED_ROWS = 32, 512  # at a time, for the processor's cache; for memory
+_TABLED_ROWS, _FILTERED_ROWS = 32, 256  # at a time, for the processor's cache; for memory
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,16 @@ class Display:
             raise ParameterError("a display's matrix has 9 numbers, its pull is above 0 and at most 1")
         return found
 
-    def light(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Floats:
+    def light(
+        self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True, of_rows: int = 0
+    ) -> Floats:
         """Return linear RGB (H, W, 3) as the film gets it, float32 >= 0; see `screen`.
 
         ``panes`` (H, W): where one looks out of a window, bool or 2; 1: at its reveal or frame. ``around``: whether it
-        is a whole panorama, whose left edge goes on at the right.
+        is a whole panorama, whose left edge goes on at the right; else ``of_rows``: of that of which it is a part.
         """
-        out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
+        high = len(rgb) if around else of_rows
+        out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * high) if high else len(rgb) // 150)
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
         _lower_highlights(out, reach, around=around)
@@ -272,31 +275,38 @@ def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: 
     return float(values[order[np.searchsorted(total, share * total[-1])]])
 
 
-def _guided(guide: Floats, given: Floats, reach: int, eps: float, *, around: bool) -> Floats:
-    """Return what is ``given`` (H, W), smooth but for the edges of a guide (H, W) or (H, W, 3): He et al. 2013.
+def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, around: bool) -> Floats:
+    """Return what is ``given`` (H, W), smooth but for the edges of light in stops, (H, W) or (H, W, 3): He et al. 2013.
 
+    ``given`` None: the light (H, W) itself, in stops. Only what is near something above 0 is worked out, the rest is 0.
     Where it reaches far its coefficients are those of half the size (He and Sun 2015).
     """
-    wide, beyond = given.shape[1], 2 * reach + 4
-    out: Floats = np.empty(given.shape, np.float32)
-    pad, scale = beyond if around else 0, 0.5 if reach >= HALVED_PX else 1.0
+    wide, beyond = light.shape[1], (4 if reach >= HALVED_PX else 2) * reach + 8
+    out: Floats = np.zeros(light.shape[:2], np.float32)
+    there, scale = light > 1 if given is None else given > 0, 0.5 if reach >= HALVED_PX else 1.0
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
-        edges, values = wrapped(guide[rows], pad), wrapped(given[rows], pad)
-        found = np.asarray(cv2.ximgproc.guidedFilter(edges, values, reach, eps, scale=scale), np.float32)
-        out[top : top + _FILTERED_ROWS] = found[top - first :, pad : pad + wide][:_FILTERED_ROWS]
+        near = wrapped(there[rows].any(axis=0)[None], beyond if around else 0).astype(np.uint8)
+        near = cv2.dilate(near, np.ones((1, 2 * beyond + 1), np.uint8))[0][beyond if around else 0 :][:wide]
+        ends = np.flatnonzero(np.diff(near, prepend=0, append=0)).reshape(-1, 2)
+        for left, right in zip(ends[:, 0] // 2 * 2, np.minimum(ends[:, 1] + ends[:, 1] % 2, wide), strict=True):
+            columns = np.arange(left - beyond, right + beyond)
+            columns = columns % wide if around else columns[(columns >= 0) & (columns < wide)]
+            edges = np.log2(np.maximum(light[rows].take(columns, axis=1), np.float32(1e-3)))
+            values = edges if given is None else given[rows].take(columns, axis=1)
+            found = np.asarray(cv2.ximgproc.guidedFilter(edges, values, reach, eps, scale=scale), np.float32)
+            inner = found[top - first :][:_FILTERED_ROWS, beyond if around else min(beyond, left) :]
+            out[top : top + _FILTERED_ROWS, left:right] = inner[:, : right - left]
     return out
 
 
 def _lower_highlights(light: Floats, reach: int, *, around: bool) -> None:
     """Lower in place what is brighter than 1 as a whole (H, W, 3), all channels alike: details keep their contrast."""
-    tone = luminance_cd_m2(light)
-    np.log2(np.maximum(tone, np.float32(1e-3), out=tone), out=tone)
-    if tone.max(initial=0) > 0:
-        tone = _guided(tone, tone, reach, HIGHLIGHT_EPS, around=around)
-        for top in range(0, len(tone), _TABLED_ROWS):
-            base = np.maximum(tone[top : top + _TABLED_ROWS, :, None], 0)
+    tone = _guided(luminance_cd_m2(light), None, reach, HIGHLIGHT_EPS, around=around)
+    for top in range(0, len(tone), _TABLED_ROWS):
+        base = np.maximum(tone[top : top + _TABLED_ROWS, :, None], 0)
+        if base.any():
             light[top : top + _TABLED_ROWS] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))
 
 
@@ -319,7 +329,7 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, rea
     proportion, by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
     """
     rows = np.flatnonzero(panes.any(axis=1))
-    top, bottom = max(0, rows[0] - 2 * reach), min(len(light), rows[-1] + 2 * reach + 1)
+    top, bottom = max(0, rows[0] // 2 * 2 - 4 * reach), min(len(light), rows[-1] // 2 * 2 + 4 * reach + 2)
     part = light[top:bottom]
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull))
@@ -330,8 +340,7 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, rea
     beyond = cv2.floodFill(cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT), None, (0, 0), 1)[1]
     closed[beyond[1:-1, 1:-1] == 0] = 1  # shade amid a view is part of it: bars reach the pane's edge
     frame = np.zeros_like(glass) if panes.dtype == bool else (panes > 0) & (closed == 0)
-    guide = np.log2(np.maximum(part, np.float32(1e-3)))
-    soft = (_guided(guide, np.asarray(one, np.float32), reach, _EDGE_EPS, around=around) for one in (closed, frame))
+    soft = (_guided(part, np.asarray(one, np.float32), reach, _EDGE_EPS, around=around) for one in (closed, frame))
     shares = [np.clip((one - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE), 0, 1) for one in soft]
     balanced = (luminance_cd_m2(cast) / cast) ** DAYLIGHT_SHARE
     for row in range(len(part)):  # memory: three powers a pixel; where nothing is pulled, none

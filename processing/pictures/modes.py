@@ -108,10 +108,16 @@ def modelled(image: LuminanceImage, before: Floats | float) -> LuminanceImage:
 
     Of what was modelled, not measured: in cells, as a lens's scatter is; 0 where nothing was. An earlier one is gone.
     """
-    grown = np.square(np.minimum(image.uncertainty, 1)) - np.square(np.minimum(before, 1))
-    error = SHARED_OF_MODELLED * np.sqrt(np.maximum(grown, 0)) * luminance_cd_m2(image.rgb)
+    was, error = np.broadcast_to(before, image.uncertainty.shape), np.empty(image.uncertainty.shape, np.float32)
+
+    def band(start: int) -> None:
+        rows = slice(start, start + ROWS_AT_ONCE)
+        grown = np.square(np.minimum(image.uncertainty[rows], 1)) - np.square(np.minimum(was[rows], 1))
+        error[rows] = SHARED_OF_MODELLED * np.sqrt(np.maximum(grown, 0)) * luminance_cd_m2(image.rgb[rows])
+
+    side_by_side(band, range(0, len(error), ROWS_AT_ONCE))
     height, width = (min(size, most) for size, most in zip(error.shape, MODELLED_CELLS, strict=True))
-    cells = cv2.resize(error.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    cells = cv2.resize(error, (width, height), interpolation=cv2.INTER_AREA)
     values = tuple(float(f"{value:.4g}") for value in cells.ravel())
     mode = SharedMode(MODELLED, "scatter", (float(height), float(width), 0.0), values)
     others = [one for one in modes_of(image) if one.name != MODELLED]

@@ -93,24 +93,24 @@ def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns
     """Return a PNG of a bracket: each frame small, uint8 (H, W, 3), its histogram by channel below, and its label."""
     if not thumbnails or len(thumbnails) != len(labels):
         raise ParameterError("a contact sheet has frames, and as many labels")
-    rows = -(-len(thumbnails) // columns)
-    height, width = thumbnails[0].shape[:2]
-    figure = empty_figure(3.0 * columns, rows * (3.0 * height / width + 1.05))
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=[3.0 * height / width, 0.7] * rows)
+    rows, high = -(-len(thumbnails) // columns), 2.8 * thumbnails[0].shape[0] / thumbnails[0].shape[1]
+    figure = empty_figure(3.0 * columns, rows * (high + 1.15))
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0, 0, 1, 1))  # one for all, in inches: a layout of two a frame took most of the time
     for number, (picture, label) in enumerate(zip(thumbnails, labels, strict=True)):
-        row, column = divmod(number, columns)
-        shown = figure.add_subplot(grid[2 * row, column])
-        shown.imshow(picture)
-        shown.set_title(label, fontsize=9)
-        shown.set_axis_off()
-        below = figure.add_subplot(grid[2 * row + 1, column])
-        for channel, (_, colour, _) in enumerate(CHANNELS):
-            counts = np.bincount(picture[..., channel].ravel(), minlength=256) / picture[..., channel].size
-            below.fill_between(np.arange(256), np.sqrt(counts), color=colour, alpha=0.35, linewidth=0)
-        below.set_xlim(-3, 258)
-        below.set_yticks([])
-        below.set_xticks([0, 128, 255])
-        below.tick_params(labelsize=7, pad=1)
+        left, top = 3.0 * (number % columns) + 0.1, (rows - number // columns) * (high + 1.15) - 0.25
+        axes.imshow(picture, extent=(left, left + 2.8, top - high, top))
+        axes.text(left + 1.4, top + 0.05, label, fontsize=9, ha="center")
+        foot, codes = top - high - 0.7, left + np.arange(256) * (2.8 / 255)
+        shares = [np.bincount(picture[..., c].ravel(), minlength=256) / picture[..., c].size for c in range(3)]
+        for (_, colour, _), tall in zip(CHANNELS, np.sqrt(shares), strict=True):
+            scaled = foot + 0.6 * tall / np.sqrt(np.max(shares))
+            axes.fill_between(codes, foot, scaled, color=colour, alpha=0.35, linewidth=0)
+        axes.plot([left, left + 2.8], [foot, foot], color="black", linewidth=0.8)
+        for code in (0, 128, 255):
+            axes.text(codes[code], foot - 0.05, str(code), fontsize=7, ha="center", va="top")
+    axes.set(xlim=(0, 3.0 * columns), ylim=(0, rows * (high + 1.15)))
+    axes.set_axis_off()
     out = io.BytesIO()
     figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
@@ -149,7 +149,7 @@ def luminance_picture(luminance: Floats, unit: str = "cd/m2") -> bytes:
 
 def uncertainty_map(uncertainty: Floats) -> bytes:
     """Return a JPEG (4:4:4) of relative standard uncertainty (H, W) in per cent with its scale; grey: nothing known."""
-    picture = uncertainty_picture(_shrunk(np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)))
+    picture = uncertainty_picture(_shrunk(uncertainty))
     return jpeg_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
 
 

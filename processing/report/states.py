@@ -101,8 +101,11 @@ def picture_codes(rgb: Floats, middle: float) -> Bytes:
 
     The page gets light back by v = middle (c / (255 - c))^(1 / `SHAPE`).
     """
-    raised = np.power(np.clip(rgb, 0, 1e20) / np.float32(middle), np.float32(SHAPE), dtype=np.float32)
-    return np.asarray(raised / (1 + raised) * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+    out = np.empty(rgb.shape, np.uint8)
+    for rows in (slice(top, top + 32) for top in range(0, len(rgb), 32)):  # for the processor's cache
+        raised = np.power(np.clip(rgb[rows], 0, 1e20) / np.float32(middle), np.float32(SHAPE), dtype=np.float32)
+        out[rows] = raised / (1 + raised) * np.float32(255) + np.float32(0.5)
+    return out
 
 
 def packed(codes: UInt16s | Bytes) -> str:

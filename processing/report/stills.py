@@ -16,8 +16,8 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import Made, lit_by, removed_by, write_jpeg
-from processing.exchange.showing import Shown, panes_of, shown_as
-from processing.ground.arrays import Doubles
+from processing.exchange.showing import Shown, shown_as
+from processing.ground.arrays import Doubles, Floats
 from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
@@ -108,15 +108,15 @@ def frames_of(
     """Return frames of a room with these pieces, the best first: ``fewest`` (whatever they are worth) to ``most``."""
     things = _in_sight([*_pieces(items), *_openings(room)], room)
     things = [replace(one, worth=one.worth + ALONE) if one.main and most == 1 else one for one in things]
-    frames = [Frame(math.radians(yaw), mm, drop) for yaw in range(-180, 180, 4) for mm in LENSES_MM for drop in DROPS]
+    levels = [Frame(math.radians(yaw), mm, 0.0) for yaw in range(-180, 180, 4) for mm in LENSES_MM]
+    frames = [replace(level, drop=drop) for level in levels for drop in DROPS]
     seen = np.array([_seen(frame, things, room) for frame in frames])
     pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
     bare = pieces.any() & ~(seen[:, pieces] == 1).any(axis=1)
-    plain = np.array([_plain_share(frame, things, room) for frame in frames])
-    near = np.array([_near_wall_share(frame, room) for frame in frames])
     filled = np.array([_overfilled(frame, things, room) for frame in frames])
-    own = np.array([_composition(frame, room) for frame in frames]) - BARE * bare - PLAIN * plain
-    own -= NEAR_WALL * near + FILLS * filled
+    across = [PLAIN * _plain_share(one, things, room) + NEAR_WALL * _near_wall_share(one, room) for one in levels]
+    own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
+    own -= BARE * bare + FILLS * filled
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
     chosen, shown = list[int](), np.zeros(len(things))
     while len(chosen) < most:
@@ -207,17 +207,16 @@ def _projected(frame: Frame, points_m: Doubles, camera_m: float) -> tuple[Double
 
 def _seen(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> Doubles:
     """Return for each thing 1 where it is whole in the frame, -1 where it is cut, 0 where it is out of it."""
-    high = SIZE_PX[1] / SIZE_PX[0]
-    states = np.zeros(len(things))
-    for k, thing in enumerate(things):
-        x, y, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
-        if ahead.max() < 0.05:
-            continue
-        whole = ahead.min() > 0.05 and np.abs(x).max() < 1 - MARGIN and y.max() < high and y.min() > -high + MARGIN
-        front = ahead > 0.05
-        out = x[front].min() > 1 or x[front].max() < -1 or y[front].max() < -high or y[front].min() > high
-        states[k] = 1.0 if whole else 0.0 if out else -1.0
-    return states
+    high, first = SIZE_PX[1] / SIZE_PX[0], np.cumsum([0, *(len(thing.corners_m) for thing in things)])[:-1]
+    if not things:
+        return np.zeros(0)
+    x, y, ahead = _projected(frame, np.concatenate([thing.corners_m for thing in things]), room.camera_height_m)
+    least, most = (partial(ends.reduceat, indices=first) for ends in (np.minimum, np.maximum))
+    whole = (least(ahead) > 0.05) & (most(np.abs(x)) < 1 - MARGIN) & (most(y) < high) & (least(y) > -high + MARGIN)
+    left, low = (least(np.where(ahead > 0.05, v, np.inf)) for v in (x, y))  # inf: all of it is behind
+    right, top = (most(np.where(ahead > 0.05, v, -np.inf)) for v in (x, y))
+    out = (left > 1) | (right < -1) | (top < -high) | (low > high)
+    return np.where(whole, 1.0, np.where(out, 0.0, -1.0))
 
 
 def _overfilled(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> float:
@@ -277,7 +276,7 @@ def run(context: StageContext) -> StageOutput:
     del indoor
     arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
     every = () if arranged is None else arranged.arrangements
-    originals, made = cache(lambda: _original(context, shown)), list[dict[str, Any]]()
+    original, made = cache(partial(_original, context)), list[dict[str, Any]]()
     for number, one in enumerate(every[:MOST_STAGED] if room is not None else (), 1):
         name = f"staged-{number}"
         if not context.has("render", name):
@@ -286,13 +285,13 @@ def run(context: StageContext) -> StageOutput:
         frames = _framed(context, room, one.items, number, len(every))
         if number == 1:
             frames = with_aimed(aimed(asked.aim, room, one.items), frames)
-        make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
+        make = partial(_stills, context, shown, frames, (name, None, original), asked, len(made))
         made += _kept(context, name, frames, len(made), make)
     if not made:
         empty = emptied_as_shown(context) if context.has("remove", "empty") else None
         name, image = ("photograph", upright_panorama(context)) if empty is None else ("emptied", empty)
         frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
-        made += _stills(context, shown, frames, (name, image, originals), asked, 0)
+        made += _stills(context, shown, frames, (name, image, original), asked, 0)
     names = [f"still-{k}" for k in range(1, MOST_STILLS + 1)]
     left_out = dict.fromkeys([n for k in names[len(made) :] for n in (k, f"{k}-original", f"{k}-light")], NO_SUCH)
     files = {name: True for k in names[: len(made)] for name in (k, f"{k}-original", f"{k}-light")}
@@ -318,18 +317,10 @@ def _framed(
     return tuple(Frame(**{**one, "shows": tuple(one["shows"])}) for one in found)
 
 
-def _original(context: StageContext, shown: Shown) -> Panorama:
-    """Return the photograph in the film's light, in the size of what was made of it: a draft's is smaller."""
+def _original(context: StageContext) -> Floats:
+    """Return the photograph (H, W, 3) in the size of what was made of it: a draft's is smaller."""
     photograph, filled = upright_panorama(context), context.optional_artifact("remove", "filled")
-    found = _whole(shown, photograph if filled is None else in_size(photograph, filled.shape[1]))
-    context.let_go()  # of the measured one
-    return found
-
-
-def _whole(shown: Shown, image: LuminanceImage) -> Panorama:
-    """Return a panorama in the film's light."""
-    panes = panes_of(shown.room, image.geometry, shown.display.views)
-    return Panorama(shown.display.light(np.ascontiguousarray(image.rgb), panes))
+    return (photograph if filled is None else in_size(photograph, filled.shape[1])).rgb
 
 
 def _kept(
@@ -347,19 +338,21 @@ def _stills(
     context: StageContext,
     shown: Shown,
     frames: Sequence[Frame],
-    of: tuple[str, LuminanceImage | None, Callable[[], Panorama]],
+    of: tuple[str, LuminanceImage | None, Callable[[], Floats]],
     asked: StillsParameters,
     before: int,
 ) -> list[dict[str, Any]]:
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
-    state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
+    state, photograph, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
     context.let_go()  # of the state before
     what = Made.of(state, removed=removed_by(context.summary("remove")), lit=lit_by(state, context.summary))
-    light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
+    sized = [(frame, _width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED)) for frame in frames]
+    views = [(frame.view(wide), frame.height_px(wide)) for frame, wide in sized]
+    measured = Panorama(np.ascontiguousarray(image.rgb))
+    light, originals = (shown.seen(rgb, image.geometry, views) for rgb in (image.rgb, photograph))
     found = []
-    for number, frame in enumerate(frames, before + 1):
-        wide = _width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED)
-        name, view, rows = f"still-{number}", frame.view(wide), frame.height_px(wide)
+    for number, (frame, (view, rows)) in enumerate(zip(frames, views, strict=True), before + 1):
+        name = f"still-{number}"
         rgb8, original = (screen(cut_view(one, view)[-rows:]) for one in (light, originals))
         said = what._replace(original=asked.original_url or f"{name}-original.jpg")
         rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
@@ -370,7 +363,7 @@ def _stills(
         write_exr(context.folder / f"{name}-light.exr", estimated(cut, np.full(cut.validity.shape, bool(said.plate))))
         files = {"file": f"{name}.jpg", "original": f"{name}-original.jpg", "light": f"{name}-light.exr"}
         taken = {"yaw_deg": round(math.degrees(frame.yaw_rad), 2), "lens_mm": frame.lens_mm, "drop": frame.drop}
-        rest = {"size_px": [wide, rows], "shows": list(frame.shows), "statement": said.statement}
+        rest = {"size_px": [view.width_px, rows], "shows": list(frame.shows), "statement": said.statement}
         found.append({**files, "state": state, **taken, **rest})
     return found
 

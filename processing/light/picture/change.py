@@ -189,12 +189,13 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
     seed, furniture = change.seed + top, sight.label >= FIRST_PART
     lit = _Lit(light[:, :3], light[:, 3:], *_sunlight(change, whole, index, seed, high))
     alone = np.flatnonzero(missed & sight.solid)
-    if len(alone):
-        where = sight.point[alone], sight.normal[alone], 2 * change.effort.pixel_samples, seed
-        lit.old[alone] = gathered(change.bare, change.lights[0], *where)
-        lit.new[alone] = gathered(change.full, change.lights[1], *where)
-        _even_out(sight, alone[~furniture[alone]], lit.old)
-        _even_out(sight, alone, lit.new)
+    alone = alone[np.argsort(furniture[alone], kind="stable")]  # the room's first: they meet the same chance in both
+    pairs = (change.bare, alone[~furniture[alone]], lit.old), (change.full, alone, lit.new)
+    for (stage, mine, light), known in zip(pairs, change.lights, strict=True):
+        if len(mine):
+            where = sight.point[mine], sight.normal[mine], 2 * change.effort.pixel_samples, seed
+            light[mine] = gathered(stage, known, *where)
+            _even_out(sight, mine, light)
     if change.mirrors is not None:
         chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.glasses)))
         mirror[chosen, 6:9] = few_highlights(change.mirrors, sight, chosen, lit.new_sun, seed)
