@@ -1,28 +1,24 @@
 """How a session's pictures are shown: its one display, and where its pictures look out of a window."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from processing.errors import ProcessingError, ResultFileError
 from processing.exchange.jpeg_files import FURNITURE, PHOTOGRAPH, STAGED, Made, lit_by, removed_by
-from processing.ground.arrays import Bytes, Floats, Indices
+from processing.ground.arrays import Bytes, Floats
 from processing.ground.finished import Finished
 from processing.ground.room_model import RoomModel, read_json, read_room
-from processing.ground.seam import wrapped
 from processing.light.scene.scene import REVEAL_M
 from processing.pictures.display import AS_GIVEN, LEAST_VIEW, Display, display_of, spot_colour
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
-from processing.sphere import Equirectangular, Geometry, Perspective
-from processing.sphere.view_maps import cut_map
-from processing.sphere.views import Panorama
+from processing.sphere import Equirectangular, Geometry
 from processing.surfaces.maps import opening_map
 from station.session.store import load_manifest
 
@@ -44,41 +40,6 @@ class Shown:
         """Return a picture (H, W, 3) from the camera's place, linear, in the session's unit, as sRGB codes."""
         panes = panes_of(self.room, geometry, self.display.views)
         return self.display.shown(rgb, panes, around=isinstance(geometry, Equirectangular))
-
-    def seen(self, rgb: Floats, geometry: Geometry, views: Iterable[tuple[Perspective, int]]) -> Panorama:
-        """Return a panorama (H, W, 3) in the film's light where views see it; elsewhere it holds anything.
-
-        ``rgb`` (H, W, 3): linear, in the session's unit. ``views``: each with how many of its lower rows are wanted.
-        """
-        panes, whole = panes_of(self.room, geometry, self.display.views), Panorama(np.empty(rgb.shape, np.float32))
-        for view, lower in views:
-            maps = cut_map(whole.geometry, view, fixed=False)
-            rows, columns = _needed(maps.first[-lower:], maps.second[-lower:], whole.geometry, panes)
-            part = rgb[rows].take(columns, axis=1)
-            glazed = None if panes is None else panes[rows].take(columns, axis=1)
-            whole.picture[rows, columns] = self.display.light(part, glazed, around=False, of_rows=len(rgb))
-        return whole
-
-
-def _needed(x: Floats, y: Floats, of: Equirectangular, panes: Bytes | None) -> tuple[slice, Indices]:
-    """Return the rows and columns (N,), going round, on which the film's light at places (h, w) depends.
-
-    ``x``, ``y`` (h, w): pixels. That is some five degrees more, and all of a window (``panes``, (H, W)).
-    """
-    beyond, wide = 24 + of.height_px // 40, of.width_px
-    wanted, glazed = np.zeros((1, wide), np.uint8), np.zeros((1, wide), np.uint8)
-    wanted[0, np.floor(x).astype(np.intp) % wide] = 1
-    if panes is not None:
-        glazed[0] = panes.any(axis=0)
-    more = wanted
-    while more.any():
-        near = cv2.dilate(wrapped(wanted, beyond), np.ones((1, 2 * beyond + 1), np.uint8))[:, beyond:-beyond]
-        more, wanted = near & ~wanted & glazed, near
-    pairs = np.repeat(wanted.reshape(-1, 2).any(axis=1), 2)  # coarser filters begin at even places
-    start = int(np.argmin(pairs))
-    columns = (start + np.flatnonzero(np.roll(pairs, -start))) % wide
-    rows = [y.min(), y.max()] if panes is None else [y.min(), y.max(), *np.flatnonzero(panes[:, columns].any(axis=1))]
-    return slice(max(0, int(min(rows)) - beyond) // 2 * 2, (int(max(rows)) + beyond) // 2 * 2), columns
 
 
 @lru_cache(maxsize=2)

@@ -113,16 +113,13 @@ class Display:
             raise ParameterError("a display's matrix has 9 numbers, its pull is above 0 and at most 1")
         return found
 
-    def light(
-        self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True, of_rows: int = 0
-    ) -> Floats:
+    def light(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Floats:
         """Return linear RGB (H, W, 3) as the film gets it, float32 >= 0; see `screen`.
 
         ``panes`` (H, W): where one looks out of a window, bool or 2; 1: at its reveal or frame. ``around``: whether it
-        is a whole panorama, whose left edge goes on at the right; else ``of_rows``: of that of which it is a part.
+        is a whole panorama, whose left edge goes on at the right.
         """
-        high = len(rgb) if around else of_rows
-        out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * high) if high else len(rgb) // 150)
+        out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
         _lower_highlights(out, reach, around=around)
@@ -283,12 +280,13 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
     """
     wide, beyond = light.shape[1], (4 if reach >= HALVED_PX else 2) * reach + 8
     out: Floats = np.zeros(light.shape[:2], np.float32)
-    there, scale = light > 1 if given is None else given > 0, 0.5 if reach >= HALVED_PX else 1.0
+    pad, scale = beyond if around else 0, 0.5 if reach >= HALVED_PX else 1.0
+    there = light > 1 if given is None else given > 0
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
-        near = wrapped(there[rows].any(axis=0)[None], beyond if around else 0).astype(np.uint8)
-        near = cv2.dilate(near, np.ones((1, 2 * beyond + 1), np.uint8))[0][beyond if around else 0 :][:wide]
+        near = wrapped(there[rows].any(axis=0)[None], pad).astype(np.uint8)
+        near = cv2.dilate(near, np.ones((1, 2 * beyond + 1), np.uint8))[0, pad : pad + wide]
         ends = np.flatnonzero(np.diff(near, prepend=0, append=0)).reshape(-1, 2)
         for left, right in zip(ends[:, 0] // 2 * 2, np.minimum(ends[:, 1] + ends[:, 1] % 2, wide), strict=True):
             columns = np.arange(left - beyond, right + beyond)
@@ -296,7 +294,7 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
             edges = np.log2(np.maximum(light[rows].take(columns, axis=1), np.float32(1e-3)))
             values = edges if given is None else given[rows].take(columns, axis=1)
             found = np.asarray(cv2.ximgproc.guidedFilter(edges, values, reach, eps, scale=scale), np.float32)
-            inner = found[top - first :][:_FILTERED_ROWS, beyond if around else min(beyond, left) :]
+            inner = found[top - first :][:_FILTERED_ROWS, pad or min(beyond, left) :]
             out[top : top + _FILTERED_ROWS, left:right] = inner[:, : right - left]
     return out
 

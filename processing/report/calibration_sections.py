@@ -118,7 +118,9 @@ def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Pictur
     rows = plots.every_nth(image.rgb)
     small = display.shown(image.rgb[rows, rows])
     wide = isinstance(image.geometry, Equirectangular)
-    bright = plots.luminance_picture(luminance_cd_m2(image.rgb[rows, rows]), image.unit if image.absolute else "relative")
+    bright = plots.luminance_picture(
+        luminance_cd_m2(image.rgb[rows, rows]), image.unit if image.absolute else "relative"
+    )
     doubt = plots.uncertainty_map(image.uncertainty)
     note = f"per pixel; the common scale adds {100 * image.scale_uncertainty:.2f} %"
     found = [

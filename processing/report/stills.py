@@ -16,8 +16,8 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import Made, lit_by, removed_by, write_jpeg
-from processing.exchange.showing import Shown, shown_as
-from processing.ground.arrays import Doubles, Floats
+from processing.exchange.showing import Shown, panes_of, shown_as
+from processing.ground.arrays import Doubles
 from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
@@ -276,7 +276,7 @@ def run(context: StageContext) -> StageOutput:
     del indoor
     arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
     every = () if arranged is None else arranged.arrangements
-    original, made = cache(partial(_original, context)), list[dict[str, Any]]()
+    originals, made = cache(lambda: _original(context, shown)), list[dict[str, Any]]()
     for number, one in enumerate(every[:MOST_STAGED] if room is not None else (), 1):
         name = f"staged-{number}"
         if not context.has("render", name):
@@ -285,13 +285,13 @@ def run(context: StageContext) -> StageOutput:
         frames = _framed(context, room, one.items, number, len(every))
         if number == 1:
             frames = with_aimed(aimed(asked.aim, room, one.items), frames)
-        make = partial(_stills, context, shown, frames, (name, None, original), asked, len(made))
+        make = partial(_stills, context, shown, frames, (name, None, originals), asked, len(made))
         made += _kept(context, name, frames, len(made), make)
     if not made:
         empty = emptied_as_shown(context) if context.has("remove", "empty") else None
         name, image = ("photograph", upright_panorama(context)) if empty is None else ("emptied", empty)
         frames = with_aimed(aimed(asked.aim, room, ()), frames_of(room, ()) if room is not None else AROUND)
-        made += _stills(context, shown, frames, (name, image, original), asked, 0)
+        made += _stills(context, shown, frames, (name, image, originals), asked, 0)
     names = [f"still-{k}" for k in range(1, MOST_STILLS + 1)]
     left_out = dict.fromkeys([n for k in names[len(made) :] for n in (k, f"{k}-original", f"{k}-light")], NO_SUCH)
     files = {name: True for k in names[: len(made)] for name in (k, f"{k}-original", f"{k}-light")}
@@ -317,10 +317,18 @@ def _framed(
     return tuple(Frame(**{**one, "shows": tuple(one["shows"])}) for one in found)
 
 
-def _original(context: StageContext) -> Floats:
-    """Return the photograph (H, W, 3) in the size of what was made of it: a draft's is smaller."""
+def _original(context: StageContext, shown: Shown) -> Panorama:
+    """Return the photograph in the film's light, in the size of what was made of it: a draft's is smaller."""
     photograph, filled = upright_panorama(context), context.optional_artifact("remove", "filled")
-    return (photograph if filled is None else in_size(photograph, filled.shape[1])).rgb
+    found = _whole(shown, photograph if filled is None else in_size(photograph, filled.shape[1]))
+    context.let_go()  # of the measured one
+    return found
+
+
+def _whole(shown: Shown, image: LuminanceImage) -> Panorama:
+    """Return a panorama in the film's light."""
+    panes = panes_of(shown.room, image.geometry, shown.display.views)
+    return Panorama(shown.display.light(np.ascontiguousarray(image.rgb), panes))
 
 
 def _kept(
@@ -338,21 +346,19 @@ def _stills(
     context: StageContext,
     shown: Shown,
     frames: Sequence[Frame],
-    of: tuple[str, LuminanceImage | None, Callable[[], Floats]],
+    of: tuple[str, LuminanceImage | None, Callable[[], Panorama]],
     asked: StillsParameters,
     before: int,
 ) -> list[dict[str, Any]]:
     """Write a state's stills, numbered from ``before`` + 1, and return their facts."""
-    state, photograph, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
+    state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
     context.let_go()  # of the state before
     what = Made.of(state, removed=removed_by(context.summary("remove")), lit=lit_by(state, context.summary))
-    sized = [(frame, _width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED)) for frame in frames]
-    views = [(frame.view(wide), frame.height_px(wide)) for frame, wide in sized]
-    measured = Panorama(np.ascontiguousarray(image.rgb))
-    light, originals = (shown.seen(rgb, image.geometry, views) for rgb in (image.rgb, photograph))
+    light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
     found = []
-    for number, (frame, (view, rows)) in enumerate(zip(frames, views, strict=True), before + 1):
-        name = f"still-{number}"
+    for number, frame in enumerate(frames, before + 1):
+        wide = _width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED)
+        name, view, rows = f"still-{number}", frame.view(wide), frame.height_px(wide)
         rgb8, original = (screen(cut_view(one, view)[-rows:]) for one in (light, originals))
         said = what._replace(original=asked.original_url or f"{name}-original.jpg")
         rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
@@ -363,7 +369,7 @@ def _stills(
         write_exr(context.folder / f"{name}-light.exr", estimated(cut, np.full(cut.validity.shape, bool(said.plate))))
         files = {"file": f"{name}.jpg", "original": f"{name}-original.jpg", "light": f"{name}-light.exr"}
         taken = {"yaw_deg": round(math.degrees(frame.yaw_rad), 2), "lens_mm": frame.lens_mm, "drop": frame.drop}
-        rest = {"size_px": [view.width_px, rows], "shows": list(frame.shows), "statement": said.statement}
+        rest = {"size_px": [wide, rows], "shows": list(frame.shows), "statement": said.statement}
         found.append({**files, "state": state, **taken, **rest})
     return found
 

@@ -106,6 +106,7 @@ CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)
 
 
+@lru_cache(maxsize=12)  # the same grain in several colours: 30 MB at most
 def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Doubles:
     """Return periodic Gaussian noise of unit deviation, of the given shape; `wave`: grain in pixels, down, across."""
     rng = np.random.default_rng(seed)
@@ -130,13 +131,6 @@ def _coloured(tone: Doubles, colour: Colour, tint: Colour = (0.0, 0.0, 0.0)) -> 
 def wood(colour: Colour, figure: float = 1.0, seed: int = 3) -> Bytes:
     """Return a picture (H, W, 3), sRGB, of wood of a mean colour, the grain running down the picture; `figure` 0 is
     nearly plain.
-    """
-    return _coloured(figure * _grain(seed), colour, (-0.12, 0.05, 0.35))
-
-
-@lru_cache(maxsize=2)
-def _grain(seed: int) -> Doubles:
-    """Return the tone (H, W) of wood, the same in all colours.
 
     Growth rings 3 to 12 mm apart, as quarter- and flat-sawn boards of 0.18 m show them; pores 1 to 2 mm wide.
     """
@@ -157,17 +151,13 @@ def _grain(seed: int) -> Doubles:
     pores = noise((tall, wide), (26 * mm, 1.6 * mm), seed + 2)
     fibres = noise((tall, wide), (200 * mm, 2.6 * mm), seed + 3)
     board = rng.normal(0, 0.05, PLANKS)[plank][None, :]
-    return np.asarray(-0.15 * late - 0.06 * np.clip(pores, 0.3, None) + 0.03 * fibres + board)
+    tone = -0.15 * late - 0.06 * np.clip(pores, 0.3, None) + 0.03 * fibres + board
+    return _coloured(figure * tone, colour, (-0.12, 0.05, 0.35))
 
 
 @lru_cache(maxsize=16)
 def cloth(colour: Colour, contrast: float = 1.0, seed: int = 5) -> Bytes:
     """Return a picture (H, W, 3), sRGB, of a plain weave of uneven threads, 2.5 mm apart, their slubs 6 cm long."""
-    return _coloured(0.8 * contrast * _weave(seed), colour)
-
-
-@lru_cache(maxsize=2)
-def _weave(seed: int) -> Doubles:
     threads = 64
     cell = SIDE // threads
     y, x = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
@@ -182,7 +172,8 @@ def _weave(seed: int) -> Doubles:
     across = weft[y // cell] * 0.4 + slub_y * 0.8
     along = warp[x // cell] * 0.4 + slub_x * 0.8
     tone = np.where(over > 0, 0.10 * along + 0.32 * round_x, 0.10 * across + 0.32 * round_y)
-    return np.asarray(tone + 0.02 * noise((SIDE, SIDE), (60, 60), seed + 2))
+    tone = tone + 0.02 * noise((SIDE, SIDE), (60, 60), seed + 2)
+    return _coloured(0.8 * contrast * tone, colour)
 
 
 @lru_cache(maxsize=16)
