@@ -41,7 +41,7 @@ def test_more_doubt_is_never_more_confidence(name: str, one: float, other: float
     assert LEAST <= confidence_of(replace(SURE, **{name: low + more * (high - low)})) <= surer <= MOST
 
 
-@pytest.mark.parametrize(("name", "value"), [("rival", 0.6), ("overhead", 0.1), ("nearest", 0.05)])
+@pytest.mark.parametrize(("name", "value"), [("rival", 0.6), ("overhead", 0.1), ("nearest", 0.01)])
 def test_one_grave_doubt_is_enough(name: str, value: float) -> None:
     assert confidence_of(replace(SURE, **{name: value})) < 0.5
 
