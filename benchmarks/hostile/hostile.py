@@ -5,8 +5,10 @@ Twenty worlds, each with a published real curve drawn at random (the shipped pri
 curve and times estimated from them, scale by a spot reading good to 1.2 %, as a session's indoor side is made.
 Coverage is the share of valid pixels within 1.96 stated standard uncertainties of the truth, with all that is stated
 (own, shared, scale); smooth: the local standard deviation of log luminance is below 3 %, textured: above 10 %.
+`lens_known_*`: the same without what is stated for stray light and for two lenses, in worlds that have none of it.
 Illuminance: five planes through the camera. Rival: the better of OpenCV's Debevec and Robertson by median error, on the
-same spot, both with an exact reading.
+same spot, both with an exact reading. `drawn_*`: both against the light that the lens draws, which is all that frames
+show; `drawn_err_stops` of worlds with a halo: that light's own median error, which a perfect merge has.
 A bracket that is refused counts as refused, not as covered. Cameras with a mosaic and a matrix have raw files beside
 their JPEGs: the same wells, merged as `daylit process` merges them. Stray light: `glare`; raw files of a panorama
 camera, of two lenses side by side: `two_lenses`; rigs that see spectra: `spectra`; whole rigs of hostile cameras,
@@ -31,7 +33,14 @@ from benchmarks.hostile.odd_even import odd_even_figures
 from benchmarks.hostile.rigs import rig_figures
 from benchmarks.hostile.spectra import spectral_figures
 from benchmarks.hostile.two_lenses import two_lens_figures
-from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
+from benchmarks.hostile.worlds import (
+    Curves,
+    HostileBracket,
+    HostileWorld,
+    hostile_bracket,
+    hostile_worlds,
+    through_lens,
+)
 from benchmarks.kept_rows import Row, Rows
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
@@ -47,7 +56,7 @@ from processing.errors import ProcessingError
 from processing.figures.uncertainty import light_figure
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.pictures.modes import seam_mode, widened
+from processing.pictures.modes import modes_of, relative_error, seam_mode, widened
 from processing.sphere import Equirectangular
 from training.response_prior import published_curves
 
@@ -96,6 +105,10 @@ class Score:
     p95: float = np.inf
     bias: float = np.inf
     rival: float = np.inf
+    lens_known: float = 0.0
+    drawn: float = np.inf
+    drawn_rival: float = np.inf
+    drawn_err: float = np.inf
     ghost: float | None = None
     refused: str = ""
 
@@ -118,6 +131,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     done = [s for s in scores if not s.refused]
     covers = [float(np.mean([s.cover for s in group])) for group in by_world]
     gains = [float(np.median([0.0 if s.refused else s.rival / s.median for s in group])) for group in by_world]
+    drawn = [float(np.median([0.0 if s.refused else s.drawn_rival / s.drawn for s in group])) for group in by_world]
+    known = [float(np.mean([s.lens_known for s in group])) for group in by_world]
+    flared = [s for s, case in zip(scores, cases, strict=True) if case[0].halo and not s.refused]
     wanted = QUICK_CAMERA_RIGS if quick else CAMERA_RIGS
     draws = seeds("test", CAMERA_RIGS, seed)
     of_rigs, rig_notes = rig_figures(published_cameras(), draws, RIG_DIVISOR, wanted, kept.row)
@@ -131,7 +147,10 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "textured_cover95_pct": 100 * float(np.mean([s.textured for s in done])),
         **by_contrast(by_world),
         "lux_cover95_pct": 100 * float(np.mean([ok for s in scores for ok in (s.lux or [False])])),
+        "lens_known_median_cover95_pct": 100 * float(np.median(known)),
+        "lens_known_mean_cover95_pct": 100 * float(np.mean(known)),
         "worlds_better_than_opencv": sum(gain > 1 for gain in gains),
+        "drawn_worlds_better_than_opencv": sum(gain > 1 for gain in drawn),
         "median_gain_over_opencv": float(np.median(gains)),
         "false_ghost_pct": 100 * float(np.mean([s.ghost for s in done if s.ghost is not None])),
         "median_err_stops": float(np.median([s.median for s in done])),
@@ -139,6 +158,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "cover68_pct": 100 * float(np.mean([s.cover68 for s in done])),
         "decade_bias_stops": float(np.median([s.bias for s in done])),
         **_raw_metrics(raws),
+        **({"drawn_err_stops": float(np.median([s.drawn_err for s in flared]))} if flared else {}),
         **({"halo_lamps_cover95_pct": 100 * _least(halos, "cover")} if halos else {}),
         **stray_light_figures(published_cameras(), scenes, number, kept.row),
         **two_lens_figures(published_cameras(), scenes, number, kept.row),
@@ -241,11 +261,16 @@ def scored(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, 
         float(np.mean(sigmas[good & part] <= 1.96)) for part in (good, contrast < SMOOTH, contrast > TEXTURED)
     )
     score.cover68 = float(np.mean(sigmas[good] <= 1))
+    score.lens_known = float(np.mean((sigmas * _over_lens_known(image, world))[good] <= 1.96))
     stops = np.log2(np.maximum(shown * exactly, 1e-9)[good] / truth[good])
     score.median, score.p95 = (float(np.quantile(np.abs(stops), share)) for share in (0.5, 0.95))
     score.bias = _decade_bias(stops, truth[good])
     if not raw and not lamps:
-        score.rival = min(_median_stops(one * exactly, truth, good) for one in _rivals(bracket, spot, reading))
+        rivals = [one * exactly for one in _rivals(bracket, spot, reading)]
+        light = luminance_cd_m2(through_lens(bracket.radiance, world)).astype(np.float64)
+        drawn = light * (truth[spot].mean() / light[spot].mean())
+        score.rival, score.drawn_rival = (min(_median_stops(x, y, good) for x in rivals) for y in (truth, drawn))
+        score.drawn, score.drawn_err = _median_stops(shown * exactly, drawn, good), _median_stops(drawn, truth, good)
     ones = np.ones_like(image.uncertainty)
     exact = LuminanceImage(bracket.radiance, ones * 1e-6, np.zeros_like(image.validity), image.geometry, 0.0)
     for plane in PLANES.values():
@@ -256,6 +281,17 @@ def scored(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False, 
     if not bracket.moving and world.camera.jpeg is not None and image.ghost is not None:
         score.ghost = float(np.count_nonzero(image.ghost)) / image.ghost.size
     return score
+
+
+def _over_lens_known(image: LuminanceImage, world: HostileWorld) -> Doubles:
+    """Return the stated uncertainty (H, W) over what it were if it were known which faults the world's lens has not."""
+    level, own = image.luminance_cd_m2(), np.minimum(image.uncertainty, np.float32(1e6))
+    stated2 = np.square(own, dtype=np.float64) + image.scale_uncertainty**2
+    less2 = np.zeros_like(stated2)
+    for mode in modes_of(image):
+        if (mode.name.startswith("stray") and not world.halo) or (mode.kind == "seam" and not world.lenses):
+            less2 += np.square(relative_error(mode, image, level))
+    return np.asarray(np.sqrt(stated2 / np.maximum(stated2 - less2, 1e-12)))
 
 
 def _coded(bracket: HostileBracket, fit: ResponseFit) -> RelativeImage:

@@ -27,6 +27,7 @@ KEYS = {
     "dorf_jpeg_median_stops dorf_jpeg_p90_stops",
     "hostile": "worlds scenes worst_cover95_pct median_cover95_pct smooth_cover95_pct textured_cover95_pct "
     "lux_cover95_pct worlds_better_than_opencv median_gain_over_opencv false_ghost_pct "
+    "lens_known_median_cover95_pct lens_known_mean_cover95_pct drawn_worlds_better_than_opencv "
     "glare_in_family_near_pct glare_in_family_dark_kept_pct glare_hostile_near_pct glare_hostile_dark_kept_pct "
     "glare_lamps_near_pct theta_raw_gain theta_raw_cover95_pct spectral_lux_err_pct spectral_lux_cover95_pct "
     "spectral_indoor_lux_err_pct spectral_indoor_lux_cover95_pct "

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from processing.errors import ScaleError
 from processing.ground.arrays import Doubles, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.pictures.modes import modes_of, with_modes
+from processing.pictures.modes import ROWS_AT_ONCE, modes_of, together, with_modes
 from processing.sphere import Equirectangular, Fisheye, Geometry, pixels
 from station.session.session import FrameRecord, ReadingRecord
 
@@ -28,6 +28,7 @@ SPOT_WARNING_FRAC = 0.02  # chosen
 MAX_GHOST_SHARE = 0.25  # of the spot: more means that something stood before the target
 CURVE_FRAC = 0.004  # of 0.006 stop, what a recovered response curve is held to
 NEIGHBOURS = 4.0  # pixels whose noise is one: JPEG and demosaicing share it among neighbours
+LEAST_UNCERTAINTY = 0.001  # relative, of a pixel whose shared errors are known; chosen
 ONE_BOOT_S = 2.0  # chosen: UTC and monotonic time part by less in a capture, whose UTC follows monotonic time
 _USABLE = ("ok", "typed")
 
@@ -147,12 +148,25 @@ def sighted(geometry: Geometry, longitude_rad: float, latitude_rad: float) -> tu
 
 
 def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> LuminanceImage:
-    """Return the picture times the factor: a picture in cd/m2. What it was scaled on is known: modes are 0 there."""
-    anchor = math.log2(scale.measured) if scale.measured else None
-    modes = [mode.moved(math.log2(scale.value), anchor) for mode in modes_of(image)]
+    """Return the picture times the factor: a picture in cd/m2. What it was scaled on is known: modes are 0 there.
+
+    Each pixel's uncertainty has the modes of its level as they are from there on, instead of as the merge left them.
+    """
+    octaves, anchor = math.log2(scale.value), math.log2(scale.measured) if scale.measured else None
+    rgb, uncertainty, own = np.asarray(image.rgb * np.float32(scale.value)), image.uncertainty, modes_of(image)
+    modes = [mode.moved(octaves, anchor) for mode in own]
+    before, after = ([mode for mode in some if mode.kind == "level"] for some in (own, modes))
+    if anchor is not None and before:
+        uncertainty = np.empty_like(uncertainty)
+        for start in range(0, len(rgb), ROWS_AT_ONCE):
+            rows = slice(start, start + ROWS_AT_ONCE)
+            was, now = (together(m, luminance_cd_m2(y[rows])) for m, y in ((before, image.rgb), (after, rgb)))
+            with np.errstate(over="ignore"):
+                squares = np.square(image.uncertainty[rows]) - np.square(was) + np.square(now)
+            np.sqrt(np.maximum(squares, LEAST_UNCERTAINTY**2), out=uncertainty[rows])
     return LuminanceImage(
-        rgb=np.asarray(image.rgb * np.float32(scale.value)),
-        uncertainty=image.uncertainty,
+        rgb=rgb,
+        uncertainty=uncertainty,
         validity=image.validity,
         geometry=image.geometry,
         scale_uncertainty=scale.relative_uncertainty,

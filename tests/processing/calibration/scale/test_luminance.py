@@ -23,6 +23,7 @@ from processing.calibration.scale.luminance import (
 )
 from processing.errors import ScaleError
 from processing.pictures.images import RelativeImage, Validity
+from processing.pictures.modes import SharedMode, modes_of, together, with_modes
 from processing.sphere import Equirectangular, Geometry, Perspective, directions
 from station.session.session import FrameRecord, ReadingRecord, Side
 
@@ -206,3 +207,25 @@ def test_scaled_and_combined() -> None:
     np.testing.assert_allclose(picture.rgb, 30.0)
     assert picture.attributes["k1"] == 10.0
     assert picture.scale_uncertainty == pytest.approx(0.05)
+
+
+def test_a_pixels_uncertainty_has_the_curves_error_against_the_level_that_was_metered() -> None:
+    """Of the same level as the target it has none of it, an octave away what the mode is there from the target on."""
+    mode = SharedMode("curve and times 1", "level", (-20.0, 0.0, 20.0), (0.3, 0.3, 0.7))
+    merged = image(np.broadcast_to([1.0, 2.0, 0.5, 1e-30], (2, 4)), Equirectangular(4, 2), 0.004)
+    level = merged.luminance()
+    merged = replace(
+        merged,
+        uncertainty=np.hypot(merged.uncertainty, together([mode], level)),
+        attributes=with_modes({}, [mode]),
+    )
+    merged.uncertainty[1, 3] = np.inf
+    typed = scaled(merged, ScaleFactor(40.0, 0.02))
+    assert typed.uncertainty is merged.uncertainty
+    metered = scaled(merged, ScaleFactor(40.0, 0.02, measured=40.0))
+    [left] = modes_of(metered)
+    expected = np.hypot(0.004, together([left], metered.luminance_cd_m2()))
+    np.testing.assert_allclose(metered.uncertainty[0], expected[0], atol=0.0005)
+    assert metered.uncertainty[0, 0] == pytest.approx(0.004, abs=0.001)
+    assert metered.uncertainty[0, 1] == pytest.approx(0.02, abs=0.003)
+    assert np.isinf(metered.uncertainty[1, 3])
