@@ -32,7 +32,7 @@ from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.outdoor.session_sky import with_shared_modes
 from processing.calibration.scale.chart import ChartView, scale_from_charts, spectral_mismatch
 from processing.calibration.scale.chart_patches import WHITE, FoundChart
-from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor, combined, scaled
+from processing.calibration.scale.luminance import CURVE_FRAC, LS160, ScaleFactor, combined, scaled
 from processing.calibration.scale.photometry import PLANES, illuminances
 from processing.calibration.scale.vignetting import fit_flat
 from processing.ground.arrays import Doubles, Floats
@@ -176,7 +176,8 @@ def _one(
     board = 0.9 * data.sun(rng.uniform(4500, 7500)) * (1 - 0.05 * np.abs(bow)) * 100
     reading = float(board @ meter) * (1 + METER_SIGMA * rng.standard_normal())
     displayed = float(seen_in(board) @ np.array(LUMINANCE_WEIGHTS))
-    k1 = ScaleFactor(reading / displayed, math.hypot(METER_SIGMA, CURVE_FRAC), measured=reading)
+    known = math.hypot(METER_SIGMA, CURVE_FRAC, LS160.spectral)
+    k1 = ScaleFactor(reading / displayed, known, measured=reading)
     # The sky, from white about the sun to deep blue across from it.
     sun = np.array([0.5, 0.4, 0.77])
     apart = np.arccos(np.clip(rays @ (sun / np.linalg.norm(sun)), -1, 1))
@@ -228,7 +229,8 @@ def _indoors(
     at = int(rng.integers(wide))
     board = 0.9 * light[at] * 100
     reading = float(board @ meter) * (1 + METER_SIGMA * rng.standard_normal())
-    k1 = ScaleFactor(reading / float(seen_in(board) @ np.array(LUMINANCE_WEIGHTS)), METER_SIGMA, measured=reading)
+    displayed = float(seen_in(board) @ np.array(LUMINANCE_WEIGHTS))
+    k1 = ScaleFactor(reading / displayed, math.hypot(METER_SIGMA, LS160.spectral), measured=reading)
     picture = scaled(_picture(seen_in(room).astype(np.float32)), k1)
     lit = float(blueness(seen_in(board).astype(np.float32)))
     stated = illuminances(widened(picture, [colour_mode(lit, indoors=True)]), PLANES)[0]

@@ -39,12 +39,15 @@ class MeterAccuracy:
 
     The defaults are the class of an LS-160 (2 % and 2 digits, spot 1/3 degree); 0.2 degrees is what a careful person
     reaches who points at a mark. A half-width w is a standard uncertainty of w / sqrt(3) (GUM 4.3.7).
+    ``spectral``: standard, relative, of light of other spectra than illuminant A, for which a maker states accuracy.
+    The default is the root mean square of simulated meters under daylight (`benchmarks.hostile.spectra`).
     """
 
     relative: float = 0.02
     digits: float = 2.0
     spot_rad: float = math.radians(1 / 3)
     pointing_rad: float = math.radians(0.2)
+    spectral: float = 0.012
 
 
 LS160 = MeterAccuracy()
@@ -239,7 +242,7 @@ def _meter_part(reading: ReadingRecord, meter: MeterAccuracy) -> float:
     halfwidth = math.hypot(meter.relative, meter.digits * step / value)
     # (max - min) of a few samples is about twice their standard deviation.
     scatter = reading.spread_frac / 2 / math.sqrt(reading.n_samples)
-    return math.hypot(halfwidth / math.sqrt(3), scatter)
+    return math.hypot(halfwidth / math.sqrt(3), scatter, meter.spectral)
 
 
 def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:

@@ -66,7 +66,8 @@ def test_jpeg_frames_keep_their_uncertainty_and_show_no_ghosts() -> None:
     promises(result)
     found = errors(result, shot.luminance)
     assert np.median(np.abs(found.stops)) < 0.013
-    assert 0.62 <= found.covered(1.0) <= 0.80
+    # This camera has no mosaic, and half of the local contrast is what one with a mosaic needs: above 68 %.
+    assert 0.62 <= found.covered(1.0) <= 0.82
     assert found.covered(1.96) >= 0.92
     # Small pictures have steep colours, which chroma at half resolution smears.
     assert result.report.shares.ghost < 0.003

@@ -162,11 +162,11 @@ def test_only_usable_readings_count() -> None:
 
 def test_meter_uncertainty_is_its_class() -> None:
     bright = scale_from_reading(uniform(), [reading(1224.0)], 0, 0)
-    assert bright.parts["meter"] == pytest.approx(0.02 / math.sqrt(3), rel=0.02)
+    assert bright.parts["meter"] == pytest.approx(math.hypot(0.02 / math.sqrt(3), LS160.spectral), rel=0.02)
     dim = scale_from_reading(uniform(), [reading(0.05)], 0, 0)
     assert dim.parts["meter"] > 0.2  # two digits of 0.01 in 0.05
     exact = scale_from_reading(uniform(), [reading(1224.0)], 0, 0, meter=replace(LS160, relative=0.0, digits=0.0))
-    assert exact.parts["meter"] == 0.0
+    assert exact.parts["meter"] == LS160.spectral
 
 
 @pytest.mark.parametrize(
