@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -278,10 +278,10 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
     ``given`` None: the light (H, W) itself, in stops. Only what is near something above 0 is worked out, the rest is 0.
     Where it reaches far its coefficients are those of half the size (He and Sun 2015).
     """
-    wide, beyond = light.shape[1], (4 if reach >= HALVED_PX else 2) * reach + 8
+    wide, scale = light.shape[1], 0.5 if reach >= HALVED_PX else 1.0
+    beyond, mode = round(2 * reach / scale) + 8, cast(Any, "wrap" if around else "clip")
+    pad, there = beyond if around else 0, np.asarray(light > 1 if given is None else given > 0)
     out: Floats = np.zeros(light.shape[:2], np.float32)
-    pad, scale = beyond if around else 0, 0.5 if reach >= HALVED_PX else 1.0
-    there = light > 1 if given is None else given > 0
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
@@ -290,12 +290,10 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
         ends = np.flatnonzero(np.diff(near, prepend=0, append=0)).reshape(-1, 2)
         for left, right in zip(ends[:, 0] // 2 * 2, np.minimum(ends[:, 1] + ends[:, 1] % 2, wide), strict=True):
             columns = np.arange(left - beyond, right + beyond)
-            columns = columns % wide if around else columns[(columns >= 0) & (columns < wide)]
-            edges = np.log2(np.maximum(light[rows].take(columns, axis=1), np.float32(1e-3)))
-            values = edges if given is None else given[rows].take(columns, axis=1)
+            edges = np.log2(np.maximum(light[rows].take(columns, 1, mode=mode), np.float32(1e-3)))
+            values = edges if given is None else given[rows].take(columns, 1, mode=mode)
             found = np.asarray(cv2.ximgproc.guidedFilter(edges, values, reach, eps, scale=scale), np.float32)
-            inner = found[top - first :][:_FILTERED_ROWS, pad or min(beyond, left) :]
-            out[top : top + _FILTERED_ROWS, left:right] = inner[:, : right - left]
+            out[top : top + _FILTERED_ROWS, left:right] = found[top - first :, beyond:-beyond][:_FILTERED_ROWS]
     return out
 
 

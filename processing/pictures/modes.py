@@ -108,14 +108,10 @@ def modelled(image: LuminanceImage, before: Floats | float) -> LuminanceImage:
 
     Of what was modelled, not measured: in cells, as a lens's scatter is; 0 where nothing was. An earlier one is gone.
     """
-    was, error = np.broadcast_to(before, image.uncertainty.shape), np.empty(image.uncertainty.shape, np.float32)
-
-    def band(start: int) -> None:
-        rows = slice(start, start + ROWS_AT_ONCE)
+    was, error = np.broadcast_to(before, image.uncertainty.shape), np.empty_like(image.uncertainty)
+    for rows in (slice(top, top + 32) for top in range(0, len(error), 32)):  # for the processor's cache
         grown = np.square(np.minimum(image.uncertainty[rows], 1)) - np.square(np.minimum(was[rows], 1))
         error[rows] = SHARED_OF_MODELLED * np.sqrt(np.maximum(grown, 0)) * luminance_cd_m2(image.rgb[rows])
-
-    side_by_side(band, range(0, len(error), ROWS_AT_ONCE))
     height, width = (min(size, most) for size, most in zip(error.shape, MODELLED_CELLS, strict=True))
     cells = cv2.resize(error, (width, height), interpolation=cv2.INTER_AREA)
     values = tuple(float(f"{value:.4g}") for value in cells.ravel())

@@ -116,20 +116,17 @@ def thumbnail(path: Path) -> Bytes:
 
 def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Picture]:
     rows = plots.every_nth(image.rgb)
-    small = display.shown(image.rgb[rows, rows])
-    wide = isinstance(image.geometry, Equirectangular)
-    bright = plots.luminance_picture(
-        luminance_cd_m2(image.rgb[rows, rows]), image.unit if image.absolute else "relative"
-    )
+    rgb, wide = image.rgb[rows, rows], isinstance(image.geometry, Equirectangular)
+    small, unit = display.shown(rgb), image.unit if image.absolute else "relative"
+    bright = plots.luminance_picture(luminance_cd_m2(rgb), unit)
     doubt = plots.uncertainty_map(image.uncertainty)
     note = f"per pixel; the common scale adds {100 * image.scale_uncertainty:.2f} %"
     found = [
         Picture(name, jpeg_bytes(small), f"{name}, tone-mapped for display", wide=wide),
         Picture(f"{name}: luminance", bright, "false colours of luminance", wide=wide),
         Picture(f"{name}: relative standard uncertainty", doubt, "false colours of uncertainty", note, wide=wide),
+        Picture(f"{name}: correlated colour temperature", plots.cct_picture(rgb), "false colours of CCT", wide=wide),
     ]
-    temperature = plots.cct_picture(image.rgb)
-    found.append(Picture(f"{name}: correlated colour temperature", temperature, "false colours of CCT", wide=wide))
     if (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any()):
         ghost = None if image.ghost is None else image.ghost[rows, rows]
         overlay = validity_overlay(small, image.validity[rows, rows], ghost)

@@ -153,15 +153,13 @@ def uncertainty_map(uncertainty: Floats) -> bytes:
 def cct_picture(rgb: Floats) -> bytes:
     """Return a JPEG (4:4:4) of the colour temperature of linear ``rgb`` (H, W, 3) with its scale; grey: it has none."""
     kelvin, meaningful = colour_temperature_k(_shrunk(rgb))
-    low, high = CCT_RANGE_K
-    shown = np.where(meaningful, np.clip(kelvin, low, high), 0)
-    return jpeg_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
+    shown = np.where(meaningful, np.clip(kelvin, *CCT_RANGE_K), 0)
+    return jpeg_bytes(with_legend(false_colour(shown, *CCT_RANGE_K), legend(*CCT_RANGE_K, "K", shown.shape[0])))
 
 
 def _shrunk(values: Floats) -> Floats:
     """Return every n-th pixel: numbers stay numbers of the picture, no means of valid and invalid."""
-    some = every_nth(values)
-    return values[some, some]
+    return values[every_nth(values), every_nth(values)]
 
 
 def empty_figure(width_in: float, height_in: float) -> Figure:

@@ -205,39 +205,40 @@ def _projected(frame: Frame, points_m: Doubles, camera_m: float) -> tuple[Double
     return right * scale, up, ahead
 
 
+def _ends(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> tuple[Doubles, ...]:
+    """Return for each thing (N,) how near it comes (m), then where it begins and ends in x and y, of what is ahead."""
+    x, y, ahead = _projected(frame, np.concatenate([one.corners_m for one in things]), room.camera_height_m)
+    first = np.cumsum([0, *(len(one.corners_m) for one in things[:-1])])
+    low = [np.minimum.reduceat(np.where(ahead > 0.05, v, np.inf), first) for v in (x, y)]
+    high = [np.maximum.reduceat(np.where(ahead > 0.05, v, -np.inf), first) for v in (x, y)]
+    return np.minimum.reduceat(ahead, first), low[0], high[0], low[1], high[1]
+
+
 def _seen(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> Doubles:
     """Return for each thing 1 where it is whole in the frame, -1 where it is cut, 0 where it is out of it."""
-    high, first = SIZE_PX[1] / SIZE_PX[0], np.cumsum([0, *(len(thing.corners_m) for thing in things)])[:-1]
-    if not things:
-        return np.zeros(0)
-    x, y, ahead = _projected(frame, np.concatenate([thing.corners_m for thing in things]), room.camera_height_m)
-    least, most = (partial(ends.reduceat, indices=first) for ends in (np.minimum, np.maximum))
-    whole = (least(ahead) > 0.05) & (most(np.abs(x)) < 1 - MARGIN) & (most(y) < high) & (least(y) > -high + MARGIN)
-    left, low = (least(np.where(ahead > 0.05, v, np.inf)) for v in (x, y))  # inf: all of it is behind
-    right, top = (most(np.where(ahead > 0.05, v, -np.inf)) for v in (x, y))
+    high = SIZE_PX[1] / SIZE_PX[0]
+    near, left, right, low, top = _ends(frame, things, room) if things else [np.zeros(0)] * 5
+    inside_x = (left > MARGIN - 1) & (right < 1 - MARGIN)
     out = (left > 1) | (right < -1) | (top < -high) | (low > high)
-    return np.where(whole, 1.0, np.where(out, 0.0, -1.0))
+    return np.where((near > 0.05) & inside_x & (top < high) & (low > MARGIN - high), 1.0, np.where(out, 0.0, -1.0))
 
 
 def _overfilled(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> float:
     """Return the share of the picture that things fill beyond what they may, `MOST_FILLED` at most."""
-    high, over = SIZE_PX[1] / SIZE_PX[0], 0.0
-    for thing in (one for one in things if one.most < 1):
-        x, y, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
-        if (front := ahead > 0.05).any():
-            area = np.ptp(np.clip(x[front], -1, 1)) * np.ptp(np.clip(y[front], -high, high))
-            over += max(float(area) / (4 * high) - thing.most, 0)
-    return min(over, MOST_FILLED)
+    high, large = SIZE_PX[1] / SIZE_PX[0], [one for one in things if one.most < 1]
+    if not large:
+        return 0.0
+    _, left, right, low, top = _ends(frame, large, room)
+    wide, tall = np.clip(right, -1, 1) - np.clip(left, -1, 1), np.clip(top, -high, high) - np.clip(low, -high, high)
+    over = np.maximum(wide, 0) * np.maximum(tall, 0) / (4 * high) - [one.most for one in large]
+    return min(float(np.maximum(over, 0).sum()), MOST_FILLED)
 
 
 def _plain_share(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> float:
     """Return the share of the picture's columns in which neither a piece nor a window is seen."""
-    columns, plain = np.linspace(-0.95, 0.95, 39), np.ones(39, bool)
-    for thing in things:
-        x, _, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
-        if thing.name != "door" and (ahead > 0.05).any():
-            plain &= (columns < x[ahead > 0.05].min()) | (columns > x[ahead > 0.05].max())
-    return float(plain.mean())
+    columns, shown = np.linspace(-0.95, 0.95, 39)[:, None], [one for one in things if one.name != "door"]
+    _, left, right, *_ = _ends(frame, shown, room) if shown else [np.zeros(0)] * 5
+    return float(((columns < left) | (columns > right)).all(axis=1).mean())
 
 
 def _near_wall_share(frame: Frame, room: RoomModel) -> float:

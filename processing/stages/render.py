@@ -12,7 +12,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import finely, write_scene_glb
 from processing.ground.arrays import Flags, Floats, Indices, Vector
-from processing.ground.threads import Later, behind
+from processing.ground.threads import Later, behind, together
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.assumed import session_plan
 from processing.layout.furniture.bench import STYLES, differing, style_named
@@ -129,9 +129,9 @@ def _rendered(context: StageContext, later: Later) -> StageOutput:
 
 
 def _work(context: StageContext, asked: RenderParameters, effort: Effort, later: Later) -> _Work:
-    empty = emptied(context)
+    scene = context.artifact("materials", "scene")
+    empty, bare = together(partial(emptied, context), lambda: Bare.of(read_scene(scene), effort))
     context.let_go()  # three quarters of a gigabyte
-    bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
     room = known_room(context)
     eye: Vector = (0.0, 0.0, room.camera_height_m)
     base = empty.image.rgb

@@ -19,7 +19,7 @@ from processing.ground.kernels import compiled, inlined
 from processing.ground.threads import side_by_side
 from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, much
 from processing.light.picture.edges import MOST_GAIN, smooth_edges
-from processing.light.picture.highlights import Mirrors, few_highlights, matte_share
+from processing.light.picture.highlights import FEW_RAYS, Mirrors, furniture_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
 from processing.light.solver.sight import FIRST_PART, NOTHING, Sight, albedo_of, emission_of, sight_along
@@ -198,7 +198,8 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
             _even_out(sight, mine, light)
     if change.mirrors is not None:
         chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.glasses)))
-        mirror[chosen, 6:9] = few_highlights(change.mirrors, sight, chosen, lit.new_sun, seed)
+        seen = sight.some(chosen), lit.new_sun[chosen]
+        mirror[chosen, 6:9] = furniture_highlights(change.mirrors.around, *seen, FEW_RAYS, (seed, 92), 0.0)
     sunless = None if job.sunless is None else job.sunless[top : top + len(photo)].ravel()[index]
     _shade(job, (sight, lit, mirror, sunless), index, photo, band)
     return whole

@@ -19,6 +19,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.ground.kernels import compiled, inner
+from processing.ground.threads import side_by_side
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Material
 from processing.light.solver.irradiance import denoised
@@ -144,11 +145,12 @@ def furniture_highlights(
 ) -> Floats:
     """Return what furniture's pixels mirror (N, 3) cd/m2; ``sun`` (N, 3): the sun's direct irradiance there."""
     out = np.zeros((len(sight.label), 3), np.float32)
-    outdoors = around.stage.scene.outdoors.sun
-    for number, part in enumerate(around.stage.scene.parts):
-        mine = sight.pixels.get(FIRST_PART + number)
+    outdoors, parts, pixels = around.stage.scene.outdoors.sun, around.stage.scene.parts, sight.pixels
+
+    def one(number: int) -> None:
+        part, mine = parts[number], pixels.get(FIRST_PART + number)
         if mine is None or not is_glossy(part.material):
-            continue
+            return
         # A looking glass with its facets would sparkle: of a dozen rays one meets a window
         sharp = least_width == 0 and is_looking_glass(part.material)
         width = 0.0 if sharp else max(part.material.roughness**2, least_width)
@@ -161,6 +163,8 @@ def furniture_highlights(
         if outdoors is not None:
             lit = mine[sun[mine].any(axis=1)]
             out[lit] += _sun_glint(sight, lit, sun[lit], np.asarray(outdoors.direction), max(width, LEAST_WIDTH), tint)
+
+    side_by_side(one, range(len(parts)), 2 if least_width else 1)  # those of single pixels are one band's of several
     return out
 
 
@@ -326,11 +330,6 @@ def mirrors_of(
         picture = _cleaned(picture, sight)
     glasses = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if is_looking_glass(part.material)]
     return Mirrors(sight, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(glasses))
-
-
-def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floats, seed: int) -> Floats:
-    """Return what pixels (K,) of a large picture mirror that no small pixel shows, by a few rays of their own."""
-    return furniture_highlights(mirrors.around, sight.some(chosen), sun[chosen], FEW_RAYS, (seed, 92), 0.0)
 
 
 def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:

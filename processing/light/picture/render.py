@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats, Vector
+from processing.ground.arrays import Floats, Vector
 from processing.light.scene.scene import Scene
 from processing.light.solver.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
 from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
@@ -75,17 +75,12 @@ def shaded(
         large = sight_along(stage, flat, eye_m, (rows.stop - start, wide))
         places = Places.whole(large.shape, start, high)
         light, gaps = upsampled(found.picture, small, large, wraps=isinstance(geometry, Equirectangular), places=places)
-        chosen = np.flatnonzero(gaps & large.solid)
+        chosen = np.flatnonzero(gaps & large.solid)  # no small pixel shows them
         if len(chosen):
-            light[chosen] = directly(stage, large.point[chosen], large.normal[chosen], effort, seed)
+            known, where = light_map(stage, effort.patch_samples, seed), (large.point[chosen], large.normal[chosen])
+            light[chosen] = gathered(stage, known, *where, 4 * effort.pixel_samples, seed)
         out[rows] = _radiance(stage, large, light, effort, seed + start).reshape(-1, wide, 3)
     return out
-
-
-def directly(stage: Stage, points: Floats, normals: Floats, effort: Effort, seed: int) -> Doubles:
-    """Return the irradiance (N, 3), lx, of points (N, 3) that no small pixel shows, by rays of their own."""
-    light = light_map(stage, effort.patch_samples, seed)
-    return gathered(stage, light, points, normals, 4 * effort.pixel_samples, seed)
 
 
 def _radiance(stage: Stage, sight: Sight, light: Floats, effort: Effort, seed: int) -> Floats:
