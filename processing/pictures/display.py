@@ -280,12 +280,12 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
     """
     wide, scale = light.shape[1], 0.5 if reach >= HALVED_PX else 1.0
     beyond, mode = round(2 * reach / scale) + 8, cast(Any, "wrap" if around else "clip")
-    pad, there = beyond if around else 0, np.asarray(light > 1 if given is None else given > 0)
-    out: Floats = np.zeros(light.shape[:2], np.float32)
+    out, there = np.zeros(light.shape[:2], np.float32), light - 1 if given is None else given
+    pad = beyond if around else 0
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
-        near = wrapped(there[rows].any(axis=0)[None], pad).astype(np.uint8)
+        near = wrapped(np.asarray(there[rows] > 0).any(axis=0, keepdims=True), pad).astype(np.uint8)
         near = cv2.dilate(near, np.ones((1, 2 * beyond + 1), np.uint8))[0, pad : pad + wide]
         ends = np.flatnonzero(np.diff(near, prepend=0, append=0)).reshape(-1, 2)
         for left, right in zip(ends[:, 0] // 2 * 2, np.minimum(ends[:, 1] + ends[:, 1] % 2, wide), strict=True):

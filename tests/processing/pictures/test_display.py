@@ -6,11 +6,13 @@ import json
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from processing.errors import ParameterError
 from processing.ground.colour import lab_of_linear, linear_of_srgb, luminance_cd_m2, srgb_encoded
+from processing.pictures import display
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
@@ -275,3 +277,24 @@ def test_the_mask_goes_on_beyond_the_seam() -> None:
     turned = display.light(np.roll(rgb, 64, axis=1), np.roll(panes, 64, axis=1))
     np.testing.assert_allclose(np.roll(turned, -64, axis=1), middle, rtol=2e-3, atol=1e-4)
     assert math.isfinite(float(turned.sum()))
+
+
+@pytest.mark.parametrize("reach", [3, 9])
+@pytest.mark.parametrize("around", [True, False])
+def test_what_is_far_from_highlights_is_left_out_and_changes_nothing(
+    reach: int, around: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same as if all of the picture were filtered at once, in bands of any height and across the seam."""
+    light = np.random.default_rng(1).uniform(0.05, 0.9, (300, 600)).astype(np.float32)
+    for row, column in ((20, 3), (150, 300), (160, 310), (290, 597)):
+        light[row : row + 9, np.arange(column, column + 9) % 600] = 30.0
+    monkeypatch.setattr(display, "_FILTERED_ROWS", 64)
+    found = display._guided(light, None, reach, 0.2, around=around)
+    assert (found == 0).mean() > 0.3
+    monkeypatch.setattr(display, "_FILTERED_ROWS", 1 << 20)
+    stops = np.log2(np.concatenate([light] * 3, axis=1) if around else light)
+    scale = 0.5 if reach >= display.HALVED_PX else 1.0
+    whole = cv2.ximgproc.guidedFilter(stops, stops, reach, 0.2, scale=scale)
+    whole = whole[:, 600:1200] if around else whole
+    inner = np.s_[:, :] if around else np.s_[:, 60:-60]
+    np.testing.assert_allclose(np.maximum(found, 0)[inner], np.maximum(whole, 0)[inner], atol=2e-4)
