@@ -285,7 +285,7 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
-        near = wrapped(np.asarray(there[rows] > 0).any(axis=0, keepdims=True), pad).astype(np.uint8)
+        near: Any = wrapped(np.asarray((there[rows] > 0).any(axis=0))[None], pad).astype(np.uint8)
         near = cv2.dilate(near, np.ones((1, 2 * beyond + 1), np.uint8))[0, pad : pad + wide]
         ends = np.flatnonzero(np.diff(near, prepend=0, append=0)).reshape(-1, 2)
         for left, right in zip(ends[:, 0] // 2 * 2, np.minimum(ends[:, 1] + ends[:, 1] % 2, wide), strict=True):
