@@ -115,6 +115,13 @@ def test_it_fits_and_can_be_read_by_everybody(opened: Opened, width: int, scheme
     opened.page.emulate_media(color_scheme="light")
 
 
+def test_the_judge_sees_a_picture_without_words(opened: Opened) -> None:
+    words = opened.page.evaluate("() => document.images[0].alt")
+    opened.page.evaluate("() => document.images[0].removeAttribute('alt')")
+    assert [rule for rule, _ in violations(opened.page)] == ["image-alt"]
+    opened.page.evaluate("(words) => { document.images[0].alt = words; }", words)
+
+
 def test_on_paper_every_hour_and_every_picture_stands_and_nothing_that_moves(opened: Opened) -> None:
     opened.page.emulate_media(media="print")
     for shown in (".day .card", ".still", ".comparison .shot"):
