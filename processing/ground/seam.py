@@ -162,10 +162,8 @@ def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike], *, ap
 
 
 def smoothed(values: Floats, angle_rad: float) -> Floats:
-    """Return a picture (H, W) or (H, W, C) smoothed by a Gaussian of a standard deviation on the equator, round.
-
-    A wide one (`WIDE_PX`) is worked out at half the size: to 2 % of the range of values, most at poles and steps.
-    """
+    """Return a picture (H, W) or (H, W, C) smoothed by a Gaussian of a standard deviation on the equator, round; a wide
+    one (`WIDE_PX`) is worked out at half the size, to 2 % of the range of values."""
     sigma_px = angle_rad / (math.pi / values.shape[0])
     if sigma_px < 0.3:
         return values

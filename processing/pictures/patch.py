@@ -14,7 +14,7 @@ from processing.pictures.writing import P
 
 def write_patch(path: Path, image: LuminanceImage, before: LuminanceImage) -> None:
     """Write those pixels of a picture in which its light is not that of the picture ``before``."""
-    changed = (image.rgb != before.rgb).any(axis=2)
+    changed = np.logical_or.reduce([image.rgb[..., k] != before.rgb[..., k] for k in range(3)])
     parts = {name: getattr(image, name)[changed] for name in ("rgb", "uncertainty", "validity")}
     with path.open("wb") as file:
         np.savez_compressed(file, where=np.packbits(changed), before=before.rgb[changed], **parts)

@@ -57,8 +57,7 @@ def png_bytes(array: Bytes) -> bytes:
     if array.ndim == 3:
         check_rgb8(array)
     out = io.BytesIO()
-    # A mask is runs of alike pixels.
-    way = zlib.Z_RLE if array.ndim == 2 else zlib.Z_DEFAULT_STRATEGY
+    way = zlib.Z_RLE if array.ndim == 2 else zlib.Z_DEFAULT_STRATEGY  # a mask is runs of alike pixels
     Image.fromarray(np.ascontiguousarray(array)).save(out, "PNG", compress_level=6, compress_type=way)
     return out.getvalue()
 

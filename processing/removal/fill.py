@@ -207,10 +207,8 @@ def empty_room(
     walls = ((shown >= FIRST_WALL) & target).any()
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit, boards) if walls else None
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
-
-    seen = _Seen(
-        rgb, unfit.view(np.uint8) | kept * np.uint8(2) | foreign * np.uint8(4), geometry, room, target | blind, shown
-    )
+    marks = unfit | kept * np.uint8(2) | foreign * np.uint8(4)
+    seen = _Seen(rgb, marks, geometry, room, target | blind, shown)
     filled = _filled(seen, hidden, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
     out = image.rgb if own else image.rgb.copy()

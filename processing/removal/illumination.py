@@ -22,8 +22,7 @@ from processing.pictures.images import luminance_cd_m2
 # Wide Gaussian blurs at a cost that does not grow with their width.
 
 NARROW_PX = 4.0  # standard deviation up to which the blur is exact; wider ones run on a smaller picture
-SWEEPS, LAST_SWEEPS = 6, 2
-"""At each size of the pyramid, chosen, never swept; at the full one, where four more move 1 % of texels by 1e-4."""
+SWEEPS, LAST_SWEEPS = 6, 2  # at each size of the pyramid, at the full one; chosen (four more: 1 % of texels by 1e-4)
 CELLS = 7  # of the grid along the longer side
 SAMPLES = 6000  # of a fit; chosen, never swept
 ROUNDS = 5  # of reweighting; chosen, never swept

@@ -8,7 +8,7 @@ by the same ratio of lights, guarded against ghosts (`light.scene.furnished`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -86,24 +86,22 @@ def lifted(
     foreign, no_surface = others.foreign, others.no_surface(target)
     glass = _seen_windows(opening, target, room) | (no_surface & ~target & (plane == FLOOR))
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
-    reflectance = image.rgb.copy()
-    change = np.zeros(image.rgb.shape[:2], np.float32)
+    reflectance, change = image.rgb.copy(), np.zeros(target.shape, np.float32)
     _in_bands(partial(_multiplied, reflectance, change), planes, plane, glass, UNLIT)
     gain, burnt = relit(reflectance, shade.shadow, (no_surface, foreign), room), np.zeros_like(target)
+    shaded = change.copy()
     if np.subtract(gain, 1, out=gain).any():
-        shaded = change.copy()
-        _in_bands(partial(_taken_off, reflectance, change), [_layer(wrapped(gain, 1))], None, no_surface, PLAIN_GAIN)
+        _in_bands(partial(_taken_off, reflectance, change), [np.pad(wrapped(gain, 1), ALONE)], None, no_surface, PLAIN)
         # What a lamp's glow has clipped shows no more than that it was lit.
         burnt = (change - shaded < -BURNT) & (image.validity == Validity.CLIPPED)
-        del shaded
-    del gain
+    del gain, shaded
     target = target | (change > DEEP) | burnt
     stays = ~target & (image.validity == Validity.VALID)
     same = ~(target | (stays & (change != 0)))
     image, seen = replace(image, rgb=reflectance), image.rgb[same]  # so that the photograph is not held meanwhile
     done = empty_room(image, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
     rgb = done.image.rgb
-    _in_bands(partial(_lit_again, rgb, change), planes, plane, glass, LIT)
+    _in_bands(partial(_multiplied, rgb, change), planes, plane, glass, LIT)
     rgb[same] = seen
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
@@ -137,12 +135,6 @@ def _taken_off(rgb: Floats, change: Floats, rows: slice, gain: Floats, _: Floats
     change[rows] += np.log(gain, out=gain).mean(axis=-1)
 
 
-def _lit_again(rgb: Floats, change: Floats, rows: slice, power: Floats, much: Floats) -> None:
-    """Light a band of ``rgb`` (H, W, 3), reflectance so far."""
-    rgb[rows] *= np.exp(power, out=power)
-    change[rows] *= much
-
-
 HALO_ROWS, HALO_RAD = 512, (math.radians(0.5), math.radians(3.0), math.radians(2.0))
 """Working size; from and up to how wide a line beside a filling is no detail and no light of the room; how far from the
 filling's rim it may lie. These and the next chosen by looking at five real rooms."""
@@ -174,12 +166,8 @@ def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) ->
         off = slow - known_mean(tone, fit, narrow)[0]
         off = np.clip(off, -MOST_HALO, MOST_HALO) * np.clip(2 - np.abs(off) / MOST_HALO, 0, 1)
         gain[fit] = off[fit]
-    return _layer((cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None])[:, pad_px - 1 : pad_px + 2 * rows + 1])
-
-
-def _layer(gain: Floats) -> Floats:
-    """Return gains (h, w + 2, 3), a column round the seam, laid out as `_by_plane` lays out what changes."""
-    return np.concatenate([gain, np.zeros((*gain.shape[:2], 4), np.float32)], axis=2)
+    gain = (cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None])[:, pad_px - 1 : pad_px + 2 * rows + 1]
+    return np.pad(gain, ALONE)
 
 
 def _put_on(image: LuminanceImage, rows: int) -> Floats:
@@ -196,15 +184,11 @@ def _put_on(image: LuminanceImage, rows: int) -> Floats:
 def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Floats]:
     """Return the empty room's irradiance (H, 2 H, 3), lx, without direct sun, and its relative standard uncertainty
     (H, 2 H), for a panorama of ``rows``."""
-    plane = plane_map(room, Equirectangular(2 * rows, rows))
-    light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
-    planes = _by_plane(shade, room, np.ones(shade.seen.shape, np.float32))
-
-    def fill(band: slice, power: Floats, lift: Floats) -> None:
-        light[band], doubt[band] = np.exp(power), LIFT_DOUBT * np.abs(lift)
-
-    _in_bands(fill, planes, plane, np.zeros(plane.shape, bool), (0, 0, 1, 0))
-    return light, np.hypot(doubt, LIGHT_DOUBT)
+    plane, planes = plane_map(room, Equirectangular(2 * rows, rows)), _by_plane(shade, room, np.ones_like(shade.seen))
+    light, doubt = np.ones((rows, 2 * rows, 3), np.float32), np.zeros((rows, 2 * rows), np.float32)
+    for into, parts in (((light, np.zeros_like(doubt)), LIGHT), ((np.ones_like(light), doubt), GAIN)):
+        _in_bands(partial(_multiplied, *into), planes, plane, np.zeros(plane.shape, bool), parts)
+    return light, np.hypot(np.float32(LIFT_DOUBT) * np.abs(doubt), np.float32(LIGHT_DOUBT))
 
 
 def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> list[Floats]:
@@ -233,25 +217,21 @@ def _continued(values: Floats, known: Flags) -> Floats:
     return carried_on(values, known, [partial(smoothed, angle_rad=reach_rad) for reach_rad in REACHES_RAD], usual)
 
 
-UNLIT, LIT, GAIN, PLAIN_GAIN = (1, 0, -1, math.log(math.pi)), (-1, 1, 1, -math.log(math.pi)), (1, 0, 0, 0), (1, 0, 0, 1)
+Work = Callable[[slice, Floats, Floats], None]
+UNLIT, LIT, LIGHT = (1, 0, -1, math.log(math.pi)), (-1, 1, 1, -math.log(math.pi)), (0, 0, 1, 0)
+GAIN, PLAIN, ALONE = (1, 0, 0, 0), (1, 0, 0, 1), ((0, 0), (0, 0), (0, 4))
 """Of what a factor's logarithm is the sum (of the last the factor itself, by what layers have more than 1): times log
-change, that as far as it is put on, log light, and 1."""
+change, that as far as it is put on, log light, and 1. Last, what makes gains a layer without these."""
 
 
-def _in_bands(
-    work: Callable[[slice, Floats, Floats], None],
-    planes: list[Floats],
-    plane: Int16s | None,
-    glass: Flags,
-    parts: tuple[float, float, float, float],
-) -> None:
+def _in_bands(work: Work, planes: list[Floats], plane: Int16s | None, glass: Flags, parts: Sequence[float]) -> None:
     """Do ``work``, side by side, on bands of rows of the whole picture: with factors' logarithms (h, W, 3), by
-    ``parts``, and, of the ``planes`` by index (None: the only one), the mean log change (h, W), 0 on ``glass`` (H, W);
-    in its place, where the second part is not 0, how much of it is put on."""
+    ``parts``, and what the log change of luminance has in them (h, W), 0 on ``glass`` (H, W), of the ``planes`` by
+    index; None: the only one."""
     (high, wide), (small_high, small_wide) = glass.shape, planes[0].shape[:2]
     x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
     layers, usual = np.stack(planes), np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes], axis=0)
-    usual = usual.astype(np.float32)
+    usual = np.append(np.zeros(4), usual).astype(np.float32)
 
     def band(start: int) -> None:
         rows = slice(start, min(start + BAND_ROWS, high))
@@ -268,24 +248,20 @@ def _in_bands(
 def _sampled(layers: Any, which: Any, glass: Any, at: Any, usual: Any, parts: Any, power: Any, lift: Any) -> None:
     """Fill what `_in_bands` gives, ``power`` (H, W, 3) and ``lift`` (H, W), from layer ``which`` (H, W) of ``layers``
     (P, h, w, 7), linear between pixels. What is seen through ``glass`` (H, W) is not lit by the room: it goes on as it
-    is, in the ``usual`` (3,) light."""
+    is, in one light, ``usual`` (7,)."""
     (_, height, width, channels), (x, y) = layers.shape, at
     found = np.empty(channels, np.float32)
     for i in range(which.shape[0]):
         up = min(max(int(np.floor(y[i])), 0), height - 1)
         down, lower = min(max(int(np.floor(y[i])) + 1, 0), height - 1), y[i] - np.floor(y[i])
         for j in range(which.shape[1]):
-            if glass[i, j]:
-                lift[i, j] = 0.0
-                for c in range(3):
-                    power[i, j, c] = parts[2] * usual[c] + parts[3]
-                continue
             left, of = int(x[j]), which[i, j]
             right, more = min(left + 1, width - 1), x[j] - np.floor(x[j])
             for c in range(channels):
                 above = layers[of, up, left, c] + more * (layers[of, up, right, c] - layers[of, up, left, c])
                 below = layers[of, down, left, c] + more * (layers[of, down, right, c] - layers[of, down, left, c])
-                found[c] = above + lower * (below - above)
-            lift[i, j] = found[3] if parts[1] != 0 else (found[0] + found[1] + found[2]) / np.float32(3)
+                found[c] = usual[c] if glass[i, j] else above + lower * (below - above)
+            times = parts[0] + parts[1] * found[3]
+            lift[i, j] = times * ((found[0] + found[1] + found[2]) / np.float32(3))
             for c in range(3):
-                power[i, j, c] = found[c] * (parts[0] + parts[1] * found[3]) + parts[2] * found[4 + c] + parts[3]
+                power[i, j, c] = times * found[c] + parts[2] * found[4 + c] + parts[3]

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import largest_channel
 from processing.removal.illumination import ToneScale, blurred, fit_illumination, grey, known_mean, spread
-from processing.removal.near_periodic_fill import window_around
+from processing.removal.near_periodic_fill import shifted, window_around
 
 # What furniture takes from the light of the wall beside it: it does not go on where the furniture is removed.
 #
@@ -222,20 +222,17 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
     """Return (H, W, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
     height, width = clean.shape
-    out, left, flags = np.zeros_like(grain), hole.copy(), cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    rng = np.random.default_rng(11)
+    out, left, rng = np.zeros_like(grain), hole.copy(), np.random.default_rng(11)
     shifts = [(0, int(s * width * r)) for r in np.arange(0.05, 0.9, 0.06) for s in (1, -1)]
     shifts += [(int(rng.integers(-height // 2, height // 2 + 1)), int(rng.integers(-width, width))) for _ in range(24)]
     for dy, dx in shifts:
         if not left.any():
             break
-        part = rows, columns = window_around(left)
-        size = (columns.stop - columns.start, rows.stop - rows.start)
-        move = np.array([[1, 0, dx + columns.start], [0, 1, dy + rows.start]], np.float64)
-        take = left[part] & cv2.warpAffine(clean.view(np.uint8), move, size, flags=flags).astype(bool)
-        if take.any():
-            out[part][take] = cv2.warpAffine(grain, move, size, flags=flags)[take]
-            left[part] &= ~take
+        part = window_around(left)
+        copy, there = shifted(grain, clean, np.array([dx, dy], np.float64), part, cubic=False)
+        take = left[part] & there
+        out[part][take] = copy[take]
+        left[part] &= ~take
     return out
 
 

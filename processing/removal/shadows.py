@@ -95,8 +95,7 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
     """
     shape, removed = (rgb.shape[0], rgb.shape[1]), hidden[0]
     small = (min(shape[0], RELIT_ROWS), min(shape[1], 2 * RELIT_ROWS))
-    shade = np.zeros(shape, bool) if shadow is None else shadow
-    others = np.zeros(shape, bool) if hidden[1] is None else hidden[1]
+    shade, others = (np.zeros(shape, bool) if one is None else one for one in (shadow, hidden[1]))
     light = resized(rgb, small)
     less, gone, thing = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shade, removed, others))
     gain = unglowed(light, gone, thing, room)

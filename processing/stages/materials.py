@@ -70,9 +70,9 @@ def run(context: StageContext) -> StageOutput:
     sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
     found = _under_share(found, share)
     if sunlit is not None:
+        shown = replace(image, rgb=image.rgb.copy()) if sunlit is image else sunlit
         with empty.without(empty.sunlit) as (below, _):
-            removed = below.copy()
-        write_patch(context.folder / "sun.npz", sunlit, replace(image, rgb=removed))
+            write_patch(context.folder / "sun.npz", shown, replace(image, rgb=below))
     write_scene(context.folder / "scene.npz", found.scene)
     facts = _facts(found, source, absolute=image.absolute)
     return StageOutput(

@@ -34,7 +34,6 @@ by how much that of another plane's classes is more than of its own, from which 
 LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
 CONFIDENCE_STEPS = 128  # as kept, of 0 to 1 (chosen)
 LIFT_STEP = 2.0**-10  # of log luminance as kept: a thousandth, where shade is known to a tenth (chosen)
-MOST_HALF = 65504.0  # the largest number that a half holds
 LITTLE = 0.3  # mean confidence of the filled pixels below which there is a warning (chosen)
 
 
@@ -87,8 +86,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), upright.known_room(context)
-    others = _others(context, room, target.shape)
-    how = quick or context.quality.value
+    others, how = _others(context, room, target.shape), quick or context.quality.value
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
         shade, given = shade._replace(shadow=shadow), [image]
@@ -155,9 +153,9 @@ def _write_details(path: Path, found: Emptied) -> None:
     }
     for filled in found.textures:
         name = filled.texture.plane.name
-        # Channels apart: they pack a tenth smaller. Halves have `ESTIMATED_BITS`.
-        own = filled.values if filled.values.max(initial=0) > MOST_HALF else filled.values.astype(np.float16)
-        arrays[f"{name}_rgb"] = np.asfortranarray(own)
+        # Channels apart: they pack a tenth smaller. Halves have `ESTIMATED_BITS`, but end at 65504.
+        kind = np.float16 if filled.values.max(initial=0) < np.finfo(np.float16).max else np.float32
+        arrays[f"{name}_rgb"] = np.asfortranarray(filled.values, kind)
         arrays[f"{name}_hole"] = filled.hole
         arrays[f"{name}_px_per_m"] = np.array(filled.texture.px_per_m)
     _write_packed(path, arrays)
