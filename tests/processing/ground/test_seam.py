@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from processing.ground import seam
 from processing.ground.seam import components, grown, resized, share_of_sphere, smoothed
 from processing.sphere import Equirectangular, directions, pixels
 
@@ -80,3 +81,19 @@ def test_resizing_and_smoothing_go_round_and_keep_what_is_even() -> None:
         assert resized(many, shape).shape == (*shape, 8)
         apart = np.stack([resized(many[..., k], shape) for k in range(8)], axis=-1)
         np.testing.assert_allclose(resized(many, shape), apart, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(128, 256), (127, 254, 2)])
+def test_a_wide_gaussian_is_worked_out_at_half_the_size_to_two_percent(monkeypatch, shape: tuple[int, ...]) -> None:
+    values = np.random.default_rng(0).random(shape).astype(np.float32)
+    values[shape[0] // 3 :, : shape[1] // 2] += 2
+    halved: list[tuple[int, int]] = []
+    monkeypatch.setattr(seam, "resized", lambda one, size: halved.append(size) or resized(one, size))
+    wide_rad, narrow_rad = 20 / 128 * math.pi, 5 / 128 * math.pi
+    found, narrow = smoothed(values, wide_rad), smoothed(values, narrow_rad)
+    assert min(halved) == (32, 64)  # by two halvings to a standard deviation of five pixels
+    monkeypatch.setattr(seam, "WIDE_PX", math.inf)
+    off = np.abs(found - smoothed(values, wide_rad)) / np.ptp(values)
+    assert off.max() < 0.02
+    assert np.median(off) < 0.004
+    np.testing.assert_array_equal(narrow, smoothed(values, narrow_rad))

@@ -88,8 +88,17 @@ def test_what_it_makes(tmp_path: Path) -> None:
     assert np.array_equal(empty.rgb[~target()], picture().rgb[~target()])
     with np.load(tmp_path / "surfaces.npz") as kept:
         assert {"provenance", "confidence", "floor_rgb", "floor_hole", "floor_px_per_m"} <= set(kept.files)
+        assert kept["floor_rgb"].dtype == np.float16  # the bits that are known of estimated light
     section = remove_section(empty, np.asarray(filled), made.metrics)
     assert [one.title for one in section.pictures] == ["Filled areas"]
+
+
+def test_textures_brighter_than_a_half_holds_stay_whole(tmp_path: Path) -> None:
+    bright = replace(picture(), rgb=picture().rgb * np.float32(1e4))
+    run(context(tmp_path, target=target(), indoor=bright))
+    with np.load(tmp_path / "surfaces.npz") as kept:
+        assert kept["floor_rgb"].dtype == np.float32
+        assert np.isfinite(kept["floor_rgb"]).all()
 
 
 def test_a_mask_of_another_size_is_reported(tmp_path: Path) -> None:

@@ -112,6 +112,19 @@ def test_masked_pixels_give_nothing() -> None:
     assert 0.5 < floor.known.sum() / outline_mask(floor.plane, 15.0).sum() < 0.95
 
 
+def test_marks_are_shares_of_a_texel_beside_its_light() -> None:
+    room, rng = model(BOX), np.random.default_rng(1)
+    picture = rng.random((256, 512, 2)).astype(np.float32)
+    masks = rng.random((256, 512, 3)) < (0.5, 0.0, 0.1)
+    bits = (masks * np.array([1, 2, 4])).sum(axis=-1).astype(np.uint8)
+    for plane in planes_of(room)[:3]:
+        found = unwrap(picture, GEOMETRY, room, plane, 25.0, marks=(bits, 3))
+        light = unwrap(picture, GEOMETRY, room, plane, 25.0)
+        shares = unwrap(masks.astype(np.float32), GEOMETRY, room, plane, 25.0)
+        np.testing.assert_array_equal(found.values[..., :2], light.values)
+        np.testing.assert_allclose(found.values[..., 2:], shares.values, atol=1e-6)
+
+
 def test_coarse_texels_are_means_and_density_counts_their_pixels() -> None:
     room = model(BOX)
     rng = np.random.default_rng(3)
