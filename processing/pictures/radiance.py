@@ -30,7 +30,8 @@ WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
 RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)
 MARK = "daylit_luminance=radiance-weights"
 _COLOURS = {"COLORCORR": ((1, 1, 1), 0, 1e-6), "PRIMARIES": (CHROMATICITIES, 0, 0.025)}
-"""What such lines may say, and tolerances: Radiance's own primaries (green 0.29, equal-energy white) pass; chosen."""
+"""What such lines may say, and tolerances: Radiance's own primaries (green 0.29, equal-energy white) pass; chosen.
+Photoshop writes eight zeros where it states none, as most downloaded panoramas have them."""
 RELATIVE_MARK = "daylit_units=relative"
 """In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
 
@@ -344,7 +345,8 @@ def _exposure(lines: list[str], path: Path) -> float:
         try:
             if name == "EXPOSURE":
                 exposure *= float(value)
-            same = name not in _COLOURS or np.allclose(np.array(value.split(), float), *_COLOURS[name])
+            stated = np.array(value.split(), float) if name in _COLOURS else np.zeros(8)
+            same = (len(stated) == 8 and not stated.any()) or np.allclose(stated, *_COLOURS[name])
         except ValueError:
             exposure, same = math.nan, name == "EXPOSURE"
         if not same:

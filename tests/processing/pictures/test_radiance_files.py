@@ -245,6 +245,8 @@ def test_files_of_others_exposure_and_size(tmp_path: Path) -> None:
         (b"EXPOSURE=1", b"COLORCORR= 1 one 1"),
         (b"EXPOSURE=1", b"PRIMARIES= .708 .292 .17 .797 .131 .046 .3127 .329"),
         (b"EXPOSURE=1", b"PRIMARIES= .64 .33"),
+        (b"EXPOSURE=1", b"PRIMARIES= 0 0"),
+        (b"EXPOSURE=1", b"COLORCORR= 0 0 0"),
         (b"\n\n", b"\n"),
     ],
 )
@@ -265,6 +267,7 @@ def test_headers_that_cannot_be_taken(tmp_path: Path, old: bytes, new: bytes) ->
         "COLORCORR= 1.000000 1.000000 1.000000",
         "PRIMARIES= 0.640 0.330 0.300 0.600 0.150 0.060 0.3127 0.3290",
         "PRIMARIES= .6400 .3300 .2900 .6000 .1500 .0600 .3333 .3333",
+        "PRIMARIES=0 0 0 0 0 0 0 0",  # Photoshop's, where it states none
     ],
 )
 def test_headers_that_say_what_is_taken_anyway(tmp_path: Path, line: str) -> None:
