@@ -10,6 +10,7 @@ import base64
 import hashlib
 import io
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -54,7 +55,7 @@ def _rendered(
     template: str, data: report.ReportData | ClientData, widgets: Sequence[report.Widget], styles: Sequence[str]
 ) -> str:
     environment = _environment()
-    environment.filters |= {"size": report.size_text, "place": _place, "short": _short}
+    environment.filters |= {"size": report.size_text, "place": _place, "short": _short, "counted": _counted}
     environment.globals["viewer_built"] = VIEWER.exists()
     names = dict.fromkeys(name for widget in widgets for name in widget.scripts)
     scripts = [_source(name) for name in names if name != VIEWER.name or VIEWER.exists()]
@@ -66,6 +67,11 @@ def build_certificate(title: str, facts: Sequence[tuple[str, str]], data: Mappin
     """Return the page of a certificate (`processing.figures.certificate`); ``facts``: label and text."""
     page = _environment().get_template("certificate.html.j2")
     return page.render(title=title, facts=facts, data=data, style=_source("report.css"), policy=_policy([]))
+
+
+def _counted(cell: str) -> str:
+    """Return a cell with walls and openings numbered from 1, as the page numbers them; files do from 0."""
+    return re.sub(r"\b(wall|window|door|passage|opening|reveal)-(\d+)", lambda m: f"{m[1]} {int(m[2]) + 1}", cell)
 
 
 def _environment() -> Environment:

@@ -160,9 +160,9 @@ def _tables(room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, st
         for i in range(len(room.floor))
     )
     openings = []
-    for o in room.openings:
+    for i, o in enumerate(room.openings):
         along, height = f"{o.start_m:.2f} to {o.end_m:.2f} m", f"{o.sill_m:.2f} to {o.head_m:.2f} m"
-        openings.append((o.kind.value, f"wall {o.wall + 1}", along, height, f"{o.confidence:.2f}"))
+        openings.append((f"{o.kind.value}-{i}", f"wall {o.wall + 1}", along, height, f"{o.confidence:.2f}"))
     found = [Table("Walls", ("wall", "length", "confidence"), walls)]
     if openings:
         found.append(Table("Openings", ("kind", "wall", "along it", "height", "confidence"), tuple(openings)))

@@ -131,7 +131,7 @@ def _surface_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
 
 def _window_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
     share = ", ".join(f"{float(v):.2f}" for v in one["transmittance"])
-    return f"opening {one['opening']}", share, f"{100 * float(one['covered_share']):.0f} %"
+    return f"opening-{one['opening']}", share, f"{100 * float(one['covered_share']):.0f} %"
 
 
 def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:

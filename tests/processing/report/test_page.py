@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.preview import png_bytes
 from processing.report import page as pages
 from processing.report.data import (
@@ -41,6 +42,7 @@ from processing.report.data import (
     size_text,
 )
 from processing.report.page import build_page
+from processing.report.sections import _tables
 
 PIXEL = png_bytes(np.zeros((1, 1, 3), np.uint8))
 DATA = ReportData(
@@ -176,6 +178,28 @@ def test_text_stays_text() -> None:
     page = build_page(data)
     assert "<script" not in page
     assert "&lt;script&gt;" in page
+
+
+def test_tables_number_walls_and_openings_from_1_as_the_room_does() -> None:
+    """Files count from 0; the page showed both, so that wall-1 of one table was wall 2 of another."""
+    rows = (("wall-0", "wall-12: 5 px"), ("reveal-0-sill", "nightstand-1, still-1.jpg"), ("opening-3", "drywall-2"))
+    page = build_page(replace(DATA, sections=(Section("s", tables=(Table("t", ("a", "b"), rows),)),)))
+    for shown in ("wall 1<", "wall 13: 5 px", "reveal 1-sill", "opening 4", "nightstand-1, still-1.jpg", "drywall-2"):
+        assert shown in page, shown
+    room = RoomModel(
+        source="given",
+        floor=((-2.0, -2.0), (2.0, -2.0), (2.0, 3.0), (-2.0, 3.0)),
+        camera_height_m=1.6,
+        ceiling_height_m=2.7,
+        openings=(
+            Opening(kind=OpeningKind.DOOR, wall=1, start_m=0.5, end_m=1.4, sill_m=0.0, head_m=2.0),
+            Opening(kind=OpeningKind.WINDOW, wall=2, start_m=1.0, end_m=3.0, sill_m=0.9, head_m=2.1),
+        ),
+    )
+    (_, openings) = _tables(room, {}, {})
+    page = build_page(replace(DATA, sections=(Section("s", tables=(openings,)),)))
+    assert "door 1" in page
+    assert "window 2" in page
 
 
 def test_an_empty_report_is_a_page() -> None:
