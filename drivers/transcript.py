@@ -88,7 +88,8 @@ def read_transcript(path: Path) -> Iterator[Entry]:
         return  # compressed, and the program was killed: every line before was flushed
     except (OSError, zlib.error, ValueError, KeyError, TypeError, RecursionError) as error:
         text = f"line {number} is not a transcript line: {error}"
-        advice = "record it again with --record, or repair the line"
+        text = f"cannot be read: {error}" if isinstance(error, OSError) else text
+        advice = "give a file that --record wrote; record it again, or repair the line"
         raise ProtocolViolationError(text, where=str(path), advice=advice) from error
 
 

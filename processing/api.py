@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -222,16 +223,13 @@ def capture(
     from station.capture.capture import Capture, CaptureRequest
     from station.capture.rig import open_named_rig
 
-    opened = open_named_rig(None if rig is None else Path(rig), simulate, size=size, rate=rate)
-    try:
+    with closing(open_named_rig(None if rig is None else Path(rig), simulate, size=size, rate=rate)) as opened:
         job = Capture.new(opened, CaptureRequest(room=room, into=Path(into)))
         for event in job.events():
             if on_event is not None:
                 on_event(event)
         path = job.store.path
         job.store.close()
-    finally:
-        opened.close()
     return Session(path)
 
 

@@ -89,7 +89,7 @@ class Description:
     cite: str = ""
     url: str = ""
     version: str = "1.0.0"
-    date: str = ""
+    date: str | None = None
     """Of publication, yyyy-mm-dd."""
 
 

@@ -264,10 +264,8 @@ def save_profile(path: Path, profile: RigProfile) -> None:
         folder = Folder.open(path.parent)
     except OSError as error:
         raise ProfileError(f"the folder cannot be opened: {error.strerror}", where=str(path.parent)) from error
-    try:
+    with folder:
         write_file(folder, path.name, profile.model_dump_json(indent=1).encode() + b"\n")
-    finally:
-        folder.close()
 
 
 def _equal(mine: object, theirs: object) -> bool:

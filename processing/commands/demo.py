@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -114,7 +114,7 @@ def _captured(
 
     with Rendering() as rendering:
         rig = open_named_rig(None, world, size=size, rate=rate, on_progress=rendering, in_its_place=True, **changes)
-    try:
+    with closing(rig):
         job = Capture.new(rig, CaptureRequest(room=room, into=into))
         on_terminal = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if sys.stdout.isatty() else PlainView()
         with JsonView() if as_json else on_terminal as view:
@@ -122,8 +122,6 @@ def _captured(
                 view.show(event)
         manifest, path = job.store.manifest, job.store.path
         job.store.close()
-    finally:
-        rig.close()
     checked = verify_session(path)
     for problem in checked.problems:
         click.echo(f"{problem.file}: {problem.message}", err=as_json)

@@ -163,20 +163,23 @@ def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     from station.session.store import load_manifest
 
     manifest, pictures = load_manifest(session), dict[str, LuminanceImage]()
-    if (session / "stages" / "calibrate").is_dir():
+    if processed := (session / "stages" / "calibrate").is_dir():
         calibrated = Finished(session, "calibrate")
         read = {side: read_exr(calibrated.path(f"{side}.exr")) for side in Side if f"{side}.exr" in calibrated}
         pictures = {side: one for side, one in read.items() if isinstance(one, LuminanceImage) and one.absolute}
     if not pictures:
-        raise ParameterError("has no picture in cd/m2", where=str(session), advice="run daylit process first")
+        advice = f"run daylit process{', with --k1 or a meter reading: its results have no scale' if processed else ''}"
+        raise ParameterError("has no picture in cd/m2", where=str(session), advice=advice)
     found = found_of(pictures, calibrated.json("calibration.json"), Finished(session, "merge").facts["metrics"])
     folder = into or session / "certificate"
     folder.mkdir(parents=True, exist_ok=True)
     write_bytes(folder / "index.html", build_certificate(manifest.name, session_facts(manifest), found).encode("utf-8"))
     write_bytes(folder / "certificate.json", json.dumps(found, indent=1).encode("utf-8"))
     page_file = str(folder / "index.html")
-    budgets = (f"{b['figure']}: {b['value']:.5g} ± {_two(b['expanded'])} {b['unit']} (k = 2)" for b in found["budgets"])
-    return answer({"ok": True, "page": page_file, **found}, (*budgets, page_file), as_json=as_json)
+    low = {True: "; a lower bound: part of the light is clipped or outside the picture", False: ""}
+    said = (f"{b['figure']}: {b['value']:.5g} ± {_two(b['expanded'])} {b['unit']} (k = 2)" for b in found["budgets"])
+    lines = [line + low[b["lower_bound"]] for line, b in zip(said, found["budgets"], strict=True)]
+    return answer({"ok": True, "page": page_file, **found}, (*lines, page_file), as_json=as_json)
 
 
 def _said(figure: Figure) -> str:

@@ -39,6 +39,10 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     """
     found = _catalogue(catalogue, style)
     entries = [e for e in found.entries if category is None or e.category == category]
+    if category is not None and not entries:
+        raise click.UsageError(
+            f"--category {category}: one of {', '.join(sorted({e.category for e in found.entries}))}"
+        )
     named = ("model_id", "category", "size_m", "smallest_m", "largest_m", "licence", "file")
     rows = [
         {key: getattr(e, key) for key in named}
@@ -93,8 +97,10 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
     from processing.layout.arrangement import read_arrangements
     from processing.layout.models.catalogue import write_arrangement, write_model
 
-    found = _catalogue(where["catalogue"], where["style"])
-    if what.endswith(".json"):
+    found, arranged = _catalogue(where["catalogue"], where["style"]), what.endswith(".json")
+    if size is not None if arranged else rank != 1:
+        raise click.UsageError("--rank is an arrangement's, --size a single model's")
+    if arranged:
         every = read_arrangements(Path(what)).arrangements
         if rank > len(every):
             raise CatalogueError(f"arrangement {rank} of {len(every)}", where=what)

@@ -117,9 +117,12 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
     target.mkdir(parents=True, exist_ok=True)
     views = write_glare_views(target, session.name, image)
     done.files += views
-    tool = shutil.which("evalglare")
+    tool = shutil.which("evalglare") if image.absolute else None
     if tool is None:
-        done.left_out["evalglare"] = "it is not installed (part of Radiance); the figures stage has daylit's own values"
+        absent = "it is not installed (part of Radiance); the figures stage has daylit's own values"
+        done.left_out["evalglare"] = (
+            absent if image.absolute else "the picture has no absolute scale, which glare needs"
+        )
         return {}
     return {view.name: evalglare(Path(tool), view) for view in views}
 
@@ -215,6 +218,7 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
     """
     from processing.errors import ProcessingError
     from processing.exchange.proof import STILLS, stills_of
+    from processing.pictures.writing import write_bytes
 
     if aim:
         from processing.api import process
@@ -228,7 +232,7 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
     if into is not None:
         into.mkdir(parents=True, exist_ok=True)
         for name in names:
-            shutil.copyfile(folder / name, into / name)
+            write_bytes(into / name, (folder / name).read_bytes())
         folder = into
     lines = []
     for one in facts:

@@ -93,15 +93,12 @@ def _save_pictures(out: Path, result: RigResult) -> list[str]:
     from processing.rig.calibrate import chart_png
     from station.session.folder import Folder, write_file
 
-    folder = Folder.open(out.parent)
-    try:
-        names = []
+    names = []
+    with Folder.open(out.parent) as folder:
         for side, view in result.views.items():
             name = f"{out.stem}-chart-{side}.png"
             write_file(folder, name, chart_png(view))
             names.append(str(out.parent / name))
-    finally:
-        folder.close()
     return names
 
 

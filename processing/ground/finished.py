@@ -37,7 +37,8 @@ class Finished:
         try:
             return strict_json.loads(path.read_bytes())
         except (OSError, strict_json.StrictJsonError) as error:
-            raise self._refused(path.name, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+            found = "is not there: the stage has not run" if isinstance(error, FileNotFoundError) else "cannot be read"
+            raise self._refused(path.name, f"{found}: {getattr(error, 'strerror', None) or error}") from error
 
     def _refused(self, name: str, what: str) -> ResultFileError:
         advice = f"daylit process {self._session} rebuilds it; if not, add --force {self._folder.name}"

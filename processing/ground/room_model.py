@@ -227,8 +227,5 @@ def room_text(room: RoomModel) -> str:
 
 def write_room(path: Path, room: RoomModel) -> None:
     """Write a room durably; at any instant the old file or the new one stands."""
-    folder = Folder.open(path.parent)
-    try:
+    with Folder.open(path.parent) as folder:
         write_file(folder, path.name, room_text(room).encode("utf-8"))
-    finally:
-        folder.close()

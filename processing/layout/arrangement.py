@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from processing.errors import LayoutError
+from station.session.folder import Folder, write_file
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -90,7 +91,8 @@ class Arrangements(_Strict):
 
     def write(self, path: Path) -> None:
         """Write the JSON file."""
-        path.write_text(self.model_dump_json(indent=1) + "\n", "utf-8")
+        with Folder.open(path.parent) as folder:  # whole or not at all
+            write_file(folder, path.name, (self.model_dump_json(indent=1) + "\n").encode("utf-8"))
 
 
 def read_arrangements(path: Path) -> Arrangements:

@@ -131,10 +131,8 @@ def write_bytes(path: Path, data: bytes) -> None:
     """Write a small file in the same way."""
     with durable.disk_errors(path, "writing"):
         folder = Folder.open(path.parent)
-    try:
+    with folder:
         write_file(folder, path.name, data)
-    finally:
-        folder.close()
 
 
 # Light and uncertainty to as many bits as are known of them: what stages hand on.

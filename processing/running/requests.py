@@ -93,8 +93,10 @@ def parameters(stage: Stage, request: RunRequest) -> StageParameters:
         return stage.model.model_validate({name: request.options[flag] for name, flag in flags.items()})
     except ValidationError as exc:
         first = exc.errors(include_url=False, include_context=False)[0]
-        name = str(first["loc"][0]) if first["loc"] else ""
-        raise ParameterError(f"{flags.get(name, name)}: {first['msg']}", where=stage.name) from exc
+        name, text = str(first["loc"][0]) if first["loc"] else "", first["msg"].removeprefix("Value error, ")
+        if first["type"] == "string_pattern_mismatch":
+            text = f"{first['input']!r} is not of its form: {stage.model.model_fields[name].description}"
+        raise ParameterError(": ".join(filter(None, (flags.get(name, name), text))), where=stage.name) from exc
 
 
 def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:

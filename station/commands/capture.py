@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ def capture(**options: Any) -> int:
     """
     from station.capture.capture import Capture
     from station.capture.intake import check_typed
+    from station.day.day import parse_every
 
     _refuse_what_would_do_nothing(options)
     for reading in options["readings"]:
@@ -43,14 +45,14 @@ def capture(**options: Any) -> int:
         return dry_run(_rig_file(options), options)
     if options["resume_path"]:
         return _resume(options)
-    rig = _open(_rig_file(options), options["simulate"], options)
-    try:
-        rooms = _rooms(options)
+    rooms = _rooms(options)  # before a room's light is computed: a minute
+    request = _request(rooms[0], options)
+    if options["every"]:
+        parse_every(options["every"])
+    with closing(_open(_rig_file(options), options["simulate"], options)) as rig:
         if options["every"] or len(rooms) > 1:
-            return _run_day(rig, rooms, options)
-        return _follow(Capture.new(rig, _request(rooms[0], options)), rig, options)
-    finally:
-        rig.close()
+            return _run_day(rig, rooms, request, options)
+        return _follow(Capture.new(rig, request), rig, options)
 
 
 def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
@@ -84,7 +86,7 @@ def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
     rooms: tuple[str, ...] = options["rooms"] or (read_rooms(options["rooms_path"]) if options["rooms_path"] else ())
     if not rooms and options["simulate"]:
         rooms = (Path(options["simulate"]).stem,)
-    if not rooms:
+    if not (rooms and all(map(str.strip, rooms))):
         raise UsageError("which room?", where="capture", advice="daylit capture ROOM")
     if options["every"] and len(rooms) > 1:
         raise UsageError("--every works with one room", where="capture", advice="give one room, or no --every")
@@ -135,7 +137,7 @@ def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
     return summarise(manifest, path, options, interrupted=interrupted)
 
 
-def _run_day(rig: Rig, rooms: tuple[str, ...], options: dict[str, Any]) -> int:
+def _run_day(rig: Rig, rooms: tuple[str, ...], request: CaptureRequest, options: dict[str, Any]) -> int:
     from station.commands.following import follow, on_terminal, summarise_day
     from station.commands.views import JsonView, TerminalView
     from station.day.day import Day, DayPlan, parse_every, parse_until
@@ -143,7 +145,7 @@ def _run_day(rig: Rig, rooms: tuple[str, ...], options: dict[str, Any]) -> int:
     plan = DayPlan(rooms)
     if options["every"]:
         plan = DayPlan(rooms, parse_every(options["every"]), parse_until(options["until"], rig.clock.utc_now()))
-    day = Day(rig, plan, _request(rooms[0], options))
+    day = Day(rig, plan, request)
     view = TerminalView(tuple(map(str, rig.cameras)), day.n_stops) if on_terminal(options) else JsonView()
     interrupted = follow(day, view, notify=options["notify"])
     return summarise_day(day, options, interrupted=interrupted)
@@ -219,12 +221,8 @@ def _resume(options: dict[str, Any]) -> int:
             return summarise(store.finish(), store.path, options)
     if world and not options["rig_path"]:
         options = {**options, "size": "full"}  # the record has the pictures' size
-    rig = _open(file, world, options)
-    try:
-        with SessionStore.open(path, writable=True, clock=rig.clock) as store:
-            return _follow(Capture.resume(rig, store, typed_readings=options["readings"]), rig, options)
-    finally:
-        rig.close()
+    with closing(_open(file, world, options)) as rig, SessionStore.open(path, writable=True, clock=rig.clock) as store:
+        return _follow(Capture.resume(rig, store, typed_readings=options["readings"]), rig, options)
 
 
 def _needed(manifest: SessionManifest, options: dict[str, Any]) -> tuple[RigFile, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,8 +39,13 @@ def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: P
         from station.capture.rig_file import example_text
         from station.session import durable
 
-        with durable.disk_errors(write_rig, "writing"), durable.new_file(write_rig) as file:
-            file.write(example_text())
+        with durable.disk_errors(write_rig, "writing"):
+            try:
+                with durable.new_file(write_rig) as file:
+                    file.write(example_text())
+            except OSError:
+                write_rig.unlink()
+                raise
         line = f"wrote {write_rig}: edit it, then run daylit doctor --rig {write_rig}"
         return answer({"ok": True, "file": str(write_rig)}, [line], as_json=as_json)
     from station.capture.preflight import check_computer, list_instruments
@@ -59,11 +65,8 @@ def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[
     from station.capture.preflight import check_rig
     from station.capture.rig import open_named_rig
 
-    rig = open_named_rig(rig_path, simulate, size="small")
-    try:
+    with closing(open_named_rig(rig_path, simulate, size="small")) as rig:
         return list(check_rig(rig, into, bytes_needed=0).checks)
-    finally:
-        rig.close()
 
 
 def _lines(check: Check) -> Iterator[str]:
@@ -92,16 +95,13 @@ def conform(
     from station.capture.rig import open_named_rig
     from station.errors import UsageError
 
-    rig = open_named_rig(given, simulate, size="small", record=record)
     outcomes: list[Outcome] = []
-    try:
+    with closing(open_named_rig(given, simulate, size="small", record=record)) as rig:
         for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):
             outcomes.append(outcome)
             if not as_json:
                 said = printable(f"{outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
                 click.echo(f"{_mark(outcome)}  {said}")
-    finally:
-        rig.close()
     if not outcomes:
         raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="choose another instrument")
     passed = all(o.passed for o in outcomes)
@@ -151,12 +151,9 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
     from station.capture.intake import record_reading
     from station.capture.rig import meter_on_port
 
-    instrument = meter_on_port(dialect, port, SystemClock())
-    try:
+    with closing(meter_on_port(dialect, port, SystemClock())) as instrument:
         identity = instrument.connect()
         record = record_reading("extra", instrument.measure(n_samples=samples, timeout_s=timeout_s))
-    finally:
-        instrument.close()
     ok = record.luminance_cd_m2 is not None
     line = f"{record.status}: {record.detail}"
     if ok:

@@ -187,7 +187,7 @@ def _advice(report: VerifyReport) -> list[str]:
     if any("this version of daylit supports up to" in problem.message for problem in report.problems):
         lines.append("update daylit; do not change the session with this version")
     elif "manifest" in codes:
-        lines.append(f"daylit verify --repair {path} rebuilds session.json from the journal")
+        lines.append(f"daylit verify --repair {path} rebuilds session.json from the journal (none: from a backup)")
     if codes & CUT_SHORT:
         lines.append("a capture is running, or was interrupted; nothing saved is lost. If none runs, resume: " + resume)
     if "journal" in codes:

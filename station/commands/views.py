@@ -6,6 +6,7 @@ import json
 import math
 import tomllib
 from collections.abc import Iterable, Mapping
+from datetime import date
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -27,6 +28,7 @@ _KINDS = {
     "there": click.Path(path_type=Path, exists=True),
     "folder there": click.Path(path_type=Path, exists=True, file_okay=False),
     "float": click.FLOAT,
+    "day": lambda text: date.fromisoformat(text).isoformat(),
 }
 _RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
 _STYLE = {

@@ -99,12 +99,14 @@ def load_manifest(path: Path) -> SessionManifest:
 
 
 def require_names(*names: str, where: str) -> None:
-    """Refuse, with `UsageError`, a room's name or address that no manifest can hold: too long, or not in UTF-8."""
+    """Refuse, with `UsageError`, a room's name (the first) or address: empty, too long, or not in UTF-8."""
     try:
         for name in names:
             Site(name=name)
+        if not names[0].strip():
+            raise ValueError
     except ValueError as error:
-        text = "the room's name or its address is too long, or not in UTF-8"
+        text = "the room's name is empty, or it or its address is too long, or not in UTF-8"
         raise UsageError(text, where=where, advice="use at most 500 characters, in UTF-8") from error
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -170,8 +170,7 @@ def _take(plan: Planned, request: DatasetRequest, rate: float, report: Listener)
     from station.capture.capture import Capture, CaptureRequest
     from station.capture.events import EventKind
 
-    rig = _rig(plan, request, rate, report)
-    try:
+    with closing(_rig(plan, request, rate, report)) as rig:
         job = Capture.new(rig, CaptureRequest(room=plan.name, into=request.into / _UNFINISHED))
         total, done = job.n_stops * len(rig.cameras), 0
         for event in job.events():
@@ -180,8 +179,6 @@ def _take(plan: Planned, request: DatasetRequest, rate: float, report: Listener)
                 report(DatasetEvent("capturing", plan.folder, "", done, total))
         job.store.close()
         return job.store.manifest, job.store.path
-    finally:
-        rig.close()
 
 
 def _rig(plan: Planned, request: DatasetRequest, rate: float, report: Listener) -> Rig:
