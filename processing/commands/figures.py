@@ -70,7 +70,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         left_out["colour profile"] = ADOBE
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
     left_out |= why
-    return answer(facts, [*lines, *left_out.values()], as_json=as_json)
+    return answer(facts, [*lines, *(f"{name}: {text}" for name, text in left_out.items())], as_json=as_json)
 
 
 def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
@@ -100,7 +100,7 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     if asked["reading"] is None:
         return image
     level, _, place = asked["reading"].partition("@")
-    column, row = numbers("--reading", place, 2, "column and row after the @")
+    column, row = numbers("--reading", place or level, 2, "column and row after the @")
     (luminance_cd_m2,) = numbers("--reading", level, 1, "cd/m2")
     return foreign.by_reading(image, luminance_cd_m2, (column, row), READING_SIGMA)
 
@@ -133,7 +133,7 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> tuple[dict[str, Fi
         seen = glare_indices(reduced(image, WIDTH_PX), [math.radians(at) for at in looks])
         found |= {f"look-{at:g}-{name}": f for at, one in zip(looks, seen, strict=True) for name, f in one.items()}
     elif image.absolute:
-        why["glare"] = "of a panorama depends on where somebody looks: give --look DEG"
+        why["glare"] = "a panorama's depends on where somebody looks: give --look DEG"
     boxes = [numbers("--region", text, 4, "pixels: left, top, right, bottom") for text in asked["region"]]
     names = [f"region-{number + 1}" for number in range(len(boxes))]
     return found | foreign.region_figures(image, [(int(a), int(b), int(c), int(d)) for a, b, c, d in boxes], names), why

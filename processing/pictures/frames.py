@@ -343,7 +343,7 @@ def checked_size(width: int, height: int, name: str) -> tuple[int, int]:
 def damaged_picture(name: str, what: str) -> PictureFileError:
     """Return the error of a file that cannot be decoded."""
     text = f"it is damaged or not what its name suggests: {what}"
-    advice = "get the file from its source again, or leave it out of the bracket"
+    advice = "get the file from its source again, or leave it out"
     return PictureFileError(text, where=name, likely="a copy that was cut short, or a failing card", advice=advice)
 
 

@@ -321,7 +321,7 @@ def going_on(
     try:
         planned(found.request, processing.pipeline.STAGES)
     except ParameterError as error:
-        if any(f"--{name}" in str(error) for name in found.kept):
+        if found.kept:
             kept = f"saved options: {', '.join(found.kept)} (daylit choices {session})"
             error.advice = "; ".join(filter(None, (error.advice, kept)))
         raise
