@@ -164,7 +164,9 @@ def test_the_terminal_says_of_a_certificate_what_its_page_says(ran: Ran, tmp_pat
     (session,) = Path("sessions").iterdir()
     code, said = ran("certificate", str(session))
     assert code == 0
-    assert "a lower bound" in (session / "certificate" / "index.html").read_text("utf-8")
+    page = (session / "certificate" / "index.html").read_text("utf-8")
+    assert "a lower bound" in page
+    assert page.count('<table class="long">') == page.count("<table") == 2, "tables that a phone shows whole"
     assert "a lower bound" in said
 
 
