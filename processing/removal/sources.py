@@ -14,12 +14,14 @@ from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import ToneScale, fit_illumination, grey
 
 CELL_M = 0.03  # chosen, never swept
-MOST_CELLS = 110  # of the longer side
+MOST_CELLS = 200  # of the longer side; at 110 a stool's leg was lost in its cell
 AWAY_M = 0.6  # from a cell, where its look is sought: what is smaller and alone is a thing
 LEAST_CELLS = 600  # known cells, under which it is unknown what is usual
 GREY_WEIGHT, ROUGH_WEIGHT = 0.25, 0.1  # against colour: shadows are darker, and yet the plane
 USUAL_SHARE = 0.04  # of the known cells that must look so
-TOLERANCE, LEAST_TOLERANCE = 2.6, 0.18  # times the median cell's distance; rests may be a third of all that is seen
+TOLERANCE, LEAST_TOLERANCE = 2.6, 0.1
+"""Times the median cell's distance (rests may be a third of all that is seen); least of it (at 0.18 a mat of a tiled
+floor's colour was copied)."""
 LEVELS = (4.0, 2.0, 1.0)  # times the tolerance: a white board beside a grey box is found before both
 EDGE = 0.7  # of the tolerance: as far as a thing reaches from what is surely odd
 SMOOTH_CELLS = 1.2  # chosen, never swept
@@ -71,11 +73,10 @@ def _looks(values: Floats, sources: Flags, share: Floats, seen: Flags) -> Floats
     level = grey(tone)
     spread = _means(level**2 * weight, share) - _means(level * weight, share) ** 2
     rough = 0.5 * np.log(np.maximum(spread, 1e-4))
+    # Daylight and lamps fall across one floor: its colour changes slowly, too.
+    mean = mean - fit_illumination(np.where(seen[..., None], mean, 0), seen, ~seen, None, bend=4.0)
     shade = grey(mean)
     colour = mean - shade[..., None]
-    # Colour changes little with the light; tone does.
-    given = np.where(seen, shade, 0)[..., None].repeat(3, axis=-1).astype(np.float32)
-    shade = shade - fit_illumination(given, seen, ~seen, None, bend=4.0)[..., 0]
     looks = np.concatenate([colour, GREY_WEIGHT * shade[..., None], ROUGH_WEIGHT * rough[..., None]], axis=-1)
     looks = np.where(seen[..., None], looks, 0).astype(np.float32)
     known = cv2.GaussianBlur(seen.astype(np.float32), (0, 0), SMOOTH_CELLS)

@@ -69,6 +69,43 @@ def test_a_shadow_that_runs_out_stays_a_source() -> None:
     assert plane_sources(floor, known, PX_PER_M)[known].mean() > 0.9
 
 
+FINE_PX_PER_M = 80.0
+
+
+def fine_boards() -> tuple[Floats, Flags]:
+    """Return a floor of 3.8 x 5 m at `FINE_PX_PER_M` with light that turns from daylight to a lamp's, and what is
+    seen of it."""
+    rng = np.random.default_rng(4)
+    rows, columns = np.mgrid[:300, :400]
+    tone = rng.uniform(0.9, 1.1, 20)[rows // 15] * rng.normal(1, 0.03, rows.shape)
+    warm = np.stack([columns / 400, np.zeros(rows.shape), -columns / 400], axis=-1)
+    floor = 20 * tone[..., None] * np.exp(0.5 * warm) * [1.0, 0.8, 0.6]
+    known = np.ones(rows.shape, bool)
+    known[100:200, 150:260] = False
+    return floor.astype(np.float32), known
+
+
+def test_the_leg_of_a_stool_is_no_source_of_a_floor_in_mixed_light() -> None:
+    floor, known = fine_boards()
+    leg = np.zeros(known.shape, bool)
+    leg[110:130, 290:294] = True
+    floor[leg] *= np.float32((0.8, 0.5, 0.35))
+    kept = plane_sources(floor, known, FINE_PX_PER_M)
+    assert not kept[leg].any()
+    assert kept[known & ~leg].mean() > 0.9
+    bare, _ = fine_boards()
+    assert plane_sources(bare, known, FINE_PX_PER_M)[known].mean() > 0.97
+
+
+def test_a_mat_a_little_bluer_than_the_floor_is_no_source() -> None:
+    """A bath mat lies on small tiles: much of their colour, and 0.75 m wide."""
+    floor, known = fine_boards()
+    mat = np.zeros(known.shape, bool)
+    mat[200:270, 290:350] = True
+    floor[mat] *= np.float32((0.78, 0.97, 1.25))
+    assert plane_sources(floor, known, FINE_PX_PER_M)[mat].mean() < 0.1
+
+
 def test_small_islands_between_holes_are_no_sources() -> None:
     floor = boards()
     known = np.zeros(SHAPE, bool)
