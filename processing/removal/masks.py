@@ -11,13 +11,13 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere, summed
+from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere, smoothed, summed
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal import furniture as pieces
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound
-from processing.removal.rests import crumbs_on_walls, rests_beside, torn_glare, with_things
+from processing.removal.rests import crumbs_on_walls, half_boards, rests_beside, torn_glare, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import SunFound, find_sunlight
@@ -40,6 +40,8 @@ CRUMB_SR, CRUMB_PX = 2e-3, 16
 what it does not see (chosen)."""
 HALL_RAD = math.radians(4)  # above a wall's foot, as far as the next room's floor is seen; less is this one's (chosen)
 HUNG, SURELY = 0.35, 3.0  # probability of fixtures, and times that of furniture, from which they are there (chosen)
+STEP_PX, STEP_SHARE = 0.7, 0.45
+"""Working pixels by which an enlarged mask is smoothed, and share from which it is one: lines stay (chosen)."""
 BLOCKED = 0.5  # probability of doors, windows and fixtures from which a place is no bare floor or wall
 
 
@@ -149,7 +151,9 @@ def _find(
     furniture, barred = _with_things(furniture, shown, maps, openings, things, flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
-    furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board & ~hall)
+    hung = pieces.completed(fixtures & ~furniture.mask, chances[SceneClass.FIXTURE], shown)
+    hung &= known.two_networks & (chances[SceneClass.FURNITURE] < pieces.MOST_FURNITURE)
+    furniture = _without(furniture, sunlight.mask | board | hall | hung)
     hidden = furniture.mask | tripod.mask
     other = tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
@@ -164,6 +168,7 @@ def _find(
     gone = furniture.mask | plain | (shadow.contact & ~hangs)
     bar = stays | openings | fixtures
     rests = rests_beside(gone, chances, luminance, maps, bar)
+    rests &= ~half_boards(rests, gone, seen[1], shown)
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
     rests |= crumbs_on_walls(gone | rests, rgb, maps, no_wall, fitted)
@@ -212,8 +217,12 @@ def _beside_boards(found: FurnitureFound, boards: Flags, openings: Flags) -> tup
     """Return furniture without the ``boards`` of skirting (H, W), but with torn ones; and the boards that stay."""
     torn = pieces.torn_boards(boards, found.mask & ~boards, BELOW_RAD) & ~openings
     stays = boards & ~torn
-    found = replace(found, mask=found.mask & ~stays, probability=np.where(stays, np.float32(0), found.probability))
-    return _with(found, torn), stays
+    return _with(_without(found, stays), torn), stays
+
+
+def _without(found: FurnitureFound, stays: Flags) -> FurnitureFound:
+    """Return furniture without what ``stays`` (H, W)."""
+    return replace(found, mask=found.mask & ~stays, probability=np.where(stays, np.float32(0), found.probability))
 
 
 def _with(found: FurnitureFound, goes: Flags) -> FurnitureFound:
@@ -305,8 +314,12 @@ def _united(found: _Found, image: LuminanceImage | RelativeImage, sphere: Equire
 
 
 def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
-    """Return a mask at another size; an empty one without work."""
-    return resized(mask.astype(np.float32), shape) > 0.5 if mask.any() else np.zeros(shape, bool)
+    """Return a mask at another size, without the steps of its pixels if larger; an empty one without work."""
+    if not mask.any():
+        return np.zeros(shape, bool)
+    larger = shape[0] > len(mask)
+    soft = smoothed(mask.astype(np.float32), STEP_PX * math.pi / len(mask) if larger else 0.0)
+    return resized(soft, shape) > (STEP_SHARE if larger else 0.5)
 
 
 def target_of(things: tuple[Flags, Flags], sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:

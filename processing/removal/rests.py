@@ -29,6 +29,9 @@ POLE_RAD, POLE_REACH_RAD = math.radians(1.5), math.radians(6)
 """Width of a pole, and how far above what is seen of it a lamp's shade is looked for: its light hides it (chosen)."""
 
 
+BOARD_SHARE = (
+    0.2  # of a segment of colour that is seen as skirting, from which it is: more is missed than seen (chosen)
+)
 LONE_SHARE, LONE_MOST, LONE_SR = 0.12, 8, 2e-4
 """Probability of furniture or fixtures from which something small may lie on the floor by itself (a pile of books is
 seen at a fifth; bare floor at a twentieth), how many there may be (more are a pattern), and its least size (chosen)."""
@@ -83,16 +86,27 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
         for label in near[~tried[near]]:
             tried[label] = True
             part = labels == label
-            rows, columns = spanned(part)
+            rest = part & ~found if likely is None else part
+            rows, columns = spanned(rest)
             high, wide = np.ptp(rows) * px_rad, (np.ptp(columns) + 1) * px_rad
             if high > THING_RAD[0] or wide > THING_RAD[1] or (part & barred).sum() > 0.3 * part.sum():
                 continue
-            off = _contrast(part & ~found if likely is None else part, found, colours)
+            off = _contrast(rest, found, colours)
             if off > (LYING_CONTRAST if (part & floor).sum() > 0.5 * part.sum() else THING_CONTRAST):
                 found |= part & ~barred
                 if wide < POLE_RAD < high:
                     poles[max(0, rows[0] - round(POLE_REACH_RAD / px_rad)) : rows[0], columns] = True
     return found
+
+
+def half_boards(rests: Flags, gone: Flags, boards: Flags, rgb8: Bytes) -> Flags:
+    """Return what of ``rests`` (H, W) on the floor is skirting of which more would stay than goes: a jagged half.
+
+    ``gone`` (H, W): what goes in any case; ``boards`` (H, W): where skirting is seen; ``rgb8`` (H, W, 3): sRGB.
+    """
+    labels = segments(rgb8.tobytes(), rgb8.shape, THING_SEGMENTS, THING_PX)
+    size, goes, board = summed(labels, 1, gone | rests, boards)
+    return rests & ((board > BOARD_SHARE * size) & (goes < size / 2))[labels]
 
 
 def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:

@@ -15,7 +15,7 @@ from processing.pictures.images import RelativeImage
 from processing.pictures.preview import preview_rgb8
 from processing.removal import masks
 from processing.removal.edges import at_full_size, snapped
-from processing.removal.furniture import attached, completed, islands_in
+from processing.removal.furniture import FurnitureFound, attached, completed, islands_in
 from processing.removal.masks import Masks, target_of, with_islands
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -179,6 +179,29 @@ def test_a_fixture_above_furniture_is_not_cut_by_its_margin(painted: Painted) ->
     assert (before.target & fixture).any(), "the margin would reach it"
     assert not (found.target & fixture & ~found.furniture).any()
     assert (found.furniture & fixture).sum() < 0.1 * fixture.sum()
+
+
+@pytest.mark.parametrize("furniture", [0.19, 0.4])
+def test_a_mirrors_lower_edge_that_the_cut_took_stays(monkeypatch: pytest.MonkeyPatch, furniture: float) -> None:
+    """Of one colour with the mirror, and hardly furniture: a shelf below it does not bite into it."""
+    bare = paint(rows=256, things=False, sun=False)
+    mirror, low, shelf = (np.zeros(bare.maps.plane.shape, bool) for _ in range(3))
+    mirror[90:130, 150:190], low[124:130, 150:190], shelf[130:170, 140:215] = True, True, True
+    light = np.where(mirror[..., None], np.float32((0.05, 0.08, 0.25)), bare.image.rgb)
+    light = np.where(shelf[..., None], np.float32((0.5, 0.25, 0.12)), light)
+    classes = bare.evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
+    kinds = np.where(shelf, SceneClass.FURNITURE, np.where(mirror, SceneClass.FIXTURE, classes))
+    shares, half = evidence_of(kinds).probabilities.astype(np.float32), low[::2, ::2]
+    shares[:, half] = 0
+    shares[SceneClass.FIXTURE, half], shares[SceneClass.FURNITURE, half] = 0.42, furniture
+    shares[SceneClass.WALL, half] = 0.58 - furniture
+    taken = shelf | low
+    found = FurnitureFound(taken, taken.astype(np.float32), 0, 0.0)
+    monkeypatch.setattr(masks.pieces, "find_furniture", lambda *_, **__: found)
+    evidence = replace(evidence_of(kinds), probabilities=shares, networks=2)
+    target = masks.find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False).target
+    assert target[shelf].all()
+    assert target[low].mean() < 0.2 if furniture < 0.25 else target[low].mean() > 0.9
 
 
 FIXED = {

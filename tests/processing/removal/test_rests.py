@@ -6,10 +6,10 @@ import pytest
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.rests import on_ceiling, rests_beside, torn_glare
+from processing.removal.rests import half_boards, on_ceiling, rests_beside, torn_glare
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR
-from tests.processing.removal.test_whole_things import MAPS, NONE, ROOM, ROWS, box, grey_room
+from tests.processing.removal.test_whole_things import MAPS, NONE, ROOM, ROWS, box, grey_room, shown
 
 TABLE = box(150, 190, 240, 280)
 FLOOR_BESIDE = box(195, 215, 280, 300)
@@ -69,6 +69,20 @@ def test_a_small_shard_of_a_wall_on_the_floor_goes_and_a_wall_that_the_room_has_
     shard, wall = box(186, 190, 280, 285), box(186, 196, 280, 300)
     assert rests(TABLE, evidence(WALL=(shard, 0.9)))[shard].all()
     assert not rests(TABLE, evidence(WALL=(wall, 0.9)))[wall].any()
+
+
+def test_skirting_that_is_seen_on_the_floor_goes_mostly_or_stays() -> None:
+    """The room's wall stands too far away: its skirting, dark wood, is seen before it. Half of it would be jagged."""
+    light, board = grey_room(), box(182, 187, 240, 340)
+    light[board] = (0.2, 0.08, 0.02)
+    seen = board & box(184, 186, 240, 340)
+    for part, stays in ((box(182, 187, 300, 340), True), (box(182, 187, 250, 340), False)):
+        half = half_boards(part, NONE, seen, shown(light))
+        assert (half[part].mean() > 0.5) == stays
+        assert half.any() == stays
+    less = box(182, 187, 300, 340)
+    assert not half_boards(less, box(182, 187, 260, 300), seen, shown(light)).any(), "most of it goes in any case"
+    assert not half_boards(less, NONE, NONE, shown(light)).any(), "no skirting"
 
 
 def test_slits_between_what_goes_go_and_frames_between_them_stay() -> None:

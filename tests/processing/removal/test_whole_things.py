@@ -14,7 +14,7 @@ from processing.removal.furniture import (
     torn_boards,
     without_skirting,
 )
-from processing.removal.masks import CRUMB_SR, _rests, _with_things, with_islands
+from processing.removal.masks import CRUMB_SR, _at, _rests, _with_things, with_islands
 from processing.removal.plane_fill import _opening, _with_seen_frames, hanging
 from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
@@ -71,6 +71,30 @@ def test_a_pile_of_books_on_the_floor_goes_and_shade_and_patterns_stay() -> None
     for column in range(0, 512, 32):
         light[box(200, 206, column, column + 12)] = 0.7
     assert not with_things(NONE, shown(light), floor, NONE, floor).any(), "so many are a pattern"
+
+
+def test_the_rest_of_a_long_board_goes_where_most_of_it_goes() -> None:
+    """White skirting on a brown floor, seen too low: of a board longer than any thing a sliver would stay."""
+    light, board = grey_room(), box(180, 186, 200, 300)
+    light[MAPS.plane == FLOOR], light[board] = (0.12, 0.06, 0.02), 0.7
+    sliver = box(184, 186, 240, 256)
+    found = with_things(board & ~sliver, shown(light), MAPS.plane == FLOOR, NONE)
+    assert found[sliver].all()
+    assert (found & ~board).sum() < 0.02 * board.sum()
+    long = box(184, 186, 200, 300)
+    assert not (with_things(board & ~long, shown(light), MAPS.plane == FLOOR, NONE) & long).any(), "it is no sliver"
+
+
+def test_an_enlarged_mask_has_no_steps_and_keeps_its_lines() -> None:
+    rows, columns = np.mgrid[:64, :128]
+    slope = rows > 20 + 0.18 * columns
+    fine_rows, fine_columns = (np.mgrid[:512, :1024] + 0.5) / 8 - 0.5
+    off = _at(slope, (512, 1024)) ^ (fine_rows > 20 + 0.18 * fine_columns)
+    inner = np.s_[:, 80:-80]
+    assert off[inner].sum(axis=0).mean() < 2.6, "eighths of a pixel"
+    line = np.zeros((64, 128), bool)
+    line[30] = True
+    assert _at(line, (512, 1024))[:, 100].sum() >= 4
 
 
 def test_a_rug_that_furniture_stands_on_goes_whole_and_an_island_stays() -> None:
