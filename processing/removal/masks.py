@@ -17,7 +17,7 @@ from processing.pictures.preview import preview_rgb8
 from processing.removal import furniture as pieces
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound
-from processing.removal.rests import crumbs_on_walls, half_boards, rests_beside, torn_glare, with_things
+from processing.removal.rests import crumbs_on_walls, rests_beside, torn_glare, whole_boards, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import SunFound, find_sunlight
@@ -167,8 +167,7 @@ def _find(
     plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, kept)
     gone = furniture.mask | plain | (shadow.contact & ~hangs)
     bar = stays | openings | fixtures
-    rests = rests_beside(gone, chances, luminance, maps, bar)
-    rests &= ~half_boards(rests, gone, seen[1], shown)
+    rests = whole_boards(rests_beside(gone, chances, luminance, maps, bar), gone, seen[1], shown) & ~bar
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
     rests |= crumbs_on_walls(gone | rests, rgb, maps, no_wall, fitted)

@@ -29,9 +29,9 @@ POLE_RAD, POLE_REACH_RAD = math.radians(1.5), math.radians(6)
 """Width of a pole, and how far above what is seen of it a lamp's shade is looked for: its light hides it (chosen)."""
 
 
-BOARD_SHARE = (
-    0.2  # of a segment of colour that is seen as skirting, from which it is: more is missed than seen (chosen)
-)
+BOARD_SHARE, BOARD_RAD = 0.2, math.radians(1.2)
+"""Of a segment of colour that is seen as skirting, from which it is one (more is missed than seen); how far beside what
+goes the rest of it is (chosen)."""
 LONE_SHARE, LONE_MOST, LONE_SR = 0.12, 8, 2e-4
 """Probability of furniture or fixtures from which something small may lie on the floor by itself (a pile of books is
 seen at a fifth; bare floor at a twentieth), how many there may be (more are a pattern), and its least size (chosen)."""
@@ -99,14 +99,16 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
     return found
 
 
-def half_boards(rests: Flags, gone: Flags, boards: Flags, rgb8: Bytes) -> Flags:
-    """Return what of ``rests`` (H, W) on the floor is skirting of which more would stay than goes: a jagged half.
+def whole_boards(rests: Flags, gone: Flags, boards: Flags, rgb8: Bytes) -> Flags:
+    """Return ``rests`` (H, W) without skirting on the floor of which more would stay than goes, and with the rest near
+    by of what mostly goes: half of it would be jagged.
 
     ``gone`` (H, W): what goes in any case; ``boards`` (H, W): where skirting is seen; ``rgb8`` (H, W, 3): sRGB.
     """
     labels = segments(rgb8.tobytes(), rgb8.shape, THING_SEGMENTS, THING_PX)
     size, goes, board = summed(labels, 1, gone | rests, boards)
-    return rests & ((board > BOARD_SHARE * size) & (goes < size / 2))[labels]
+    board, most = (board > BOARD_SHARE * size)[labels], (goes >= size / 2)[labels]
+    return ((rests & (most | ~board)) | (grown(gone | rests, BOARD_RAD) & board & most)) & ~gone
 
 
 def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:

@@ -6,7 +6,7 @@ import pytest
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.rests import half_boards, on_ceiling, rests_beside, torn_glare
+from processing.removal.rests import on_ceiling, rests_beside, torn_glare, whole_boards
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR
 from tests.processing.removal.test_whole_things import MAPS, NONE, ROOM, ROWS, box, grey_room, shown
@@ -73,16 +73,16 @@ def test_a_small_shard_of_a_wall_on_the_floor_goes_and_a_wall_that_the_room_has_
 
 def test_skirting_that_is_seen_on_the_floor_goes_mostly_or_stays() -> None:
     """The room's wall stands too far away: its skirting, dark wood, is seen before it. Half of it would be jagged."""
-    light, board = grey_room(), box(182, 187, 240, 340)
+    light, board = grey_room(), box(180, 190, 240, 340)
     light[board] = (0.2, 0.08, 0.02)
-    seen = board & box(184, 186, 240, 340)
-    for part, stays in ((box(182, 187, 300, 340), True), (box(182, 187, 250, 340), False)):
-        half = half_boards(part, NONE, seen, shown(light))
-        assert (half[part].mean() > 0.5) == stays
-        assert half.any() == stays
-    less = box(182, 187, 300, 340)
-    assert not half_boards(less, box(182, 187, 260, 300), seen, shown(light)).any(), "most of it goes in any case"
-    assert not half_boards(less, NONE, NONE, shown(light)).any(), "no skirting"
+    seen, most, less = (box(*rows, 245, 335) for rows in ((182, 186), (180, 187), (186, 188)))
+    assert not whole_boards(less, NONE, seen, shown(light)).any()
+    assert not whole_boards(less, NONE, NONE, shown(light))[~less].any(), "no skirting: as it is"
+    assert whole_boards(less, NONE, NONE, shown(light))[less].all()
+    for goes, gone in ((most, NONE), (NONE, most)):
+        found = whole_boards(goes, gone, seen, shown(light))
+        assert (found | gone)[box(180, 188, 247, 333)].all()
+        assert not found[~board].any()
 
 
 def test_slits_between_what_goes_go_and_frames_between_them_stay() -> None:
