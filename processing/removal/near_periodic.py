@@ -115,8 +115,8 @@ class Analysis:
         return Repeat.LATTICE if self.lattice else Repeat.LINE if self.line else Repeat.NONE
 
 
-def analyse(values: Floats, known: Flags) -> Analysis:
-    """Return how the known part of a texture (H, W, 3) repeats."""
+def analyse(values: Floats, known: Flags, least_ncc: float = 0.0) -> Analysis:
+    """Return how the known part of a texture (H, W, 3) repeats; a lattice weaker than ``least_ncc`` is none."""
     tone = np.where(known, grey(ToneScale.of(values, known).tone(values)), 0).astype(np.float32)
     factor = min(1.0, SEARCH_PX / max(tone.shape))
     small, share = _smaller(tone[..., None], known, factor)
@@ -127,7 +127,7 @@ def analyse(values: Floats, known: Flags) -> Analysis:
     field, inner = shifts.oriented(shifts.high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX)
     if lattice is None:
         lattice = shifts.find_lattice(shifts.self_correlation(field, inner), shifts.ORIENTED_NCC)
-    if lattice is not None:
+    if lattice is not None and lattice.strength >= least_ncc:
         return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None, alike, factor)
     return Analysis(None, shifts.find_line(field, inner), alike, factor)
 

@@ -255,10 +255,9 @@ def _surface(
 ) -> tuple[Floats, Floats, bool, str]:
     """Return values, confidence, whether it is a continuation, and how it was filled."""
     if texture.plane.index == FLOOR:
-        found = analyse(values, sources)
         little = sources.sum() < LITTLE * (sources | hole).sum()
-        weak = little and found.lattice is not None and found.lattice.strength < WALL_NCC
-        if weak or (little and found.repeat is Repeat.NONE):
+        found = analyse(values, sources, WALL_NCC if little else 0.0)
+        if little and found.repeat is Repeat.NONE:
             plain = fill_plain(values, sources, hole, level_rows=False)
             return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
         done = complete(values, sources, hole, density=texture.density, found=found)

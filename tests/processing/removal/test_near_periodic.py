@@ -65,6 +65,17 @@ def test_planks_run_on() -> None:
     assert np.median(np.abs(found.values - truth)[hole] / truth[hole]) < 0.07
 
 
+def test_a_lattice_that_is_too_weak_gives_way_to_the_grain() -> None:
+    """Of a floor that is hardly seen: boards in two tones by turns, with faint joints across, are both."""
+    tones, joints = np.tile([0.3, 0.6], 6).repeat(10), 1 - 0.3 * (np.arange(130) % 26 < 3)
+    floor = tones[None, :, None] * joints[:, None, None] * np.ones(3)
+    floor = (floor + np.random.default_rng(3).normal(0, 0.003, floor.shape)).astype(np.float32)
+    known = ~hole_in(floor.shape, slice(45, 85), slice(35, 75))
+    found = analyse(floor, known)
+    assert found.lattice is not None
+    assert analyse(floor, known, found.lattice.strength + 0.01).repeat is Repeat.LINE
+
+
 @pytest.mark.parametrize("known_pixels", [0, 3])
 def test_nothing_known(known_pixels: int) -> None:
     values = np.full((20, 20, 3), 2.0, np.float32)
