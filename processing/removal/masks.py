@@ -151,11 +151,9 @@ def _find(
     furniture, barred = _with_things(furniture, shown, maps, openings, things, flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask), others | fixtures)
-    hung = pieces.completed(fixtures & ~furniture.mask, chances[SceneClass.FIXTURE], shown)
-    hung &= known.two_networks & (chances[SceneClass.FURNITURE] < pieces.MOST_FURNITURE)
+    hung = known.two_networks & _hung(fixtures & ~furniture.mask, chances, shown)
     furniture = _without(furniture, sunlight.mask | board | hall | hung)
-    hidden = furniture.mask | tripod.mask
-    other = tripod.mask | sunlight.mask | openings | fixtures
+    hidden, other = furniture.mask | tripod.mask, tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     # Twice the margin: crumbs of furniture stayed on skirting and frames.
@@ -175,6 +173,12 @@ def _find(
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
     return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
+
+
+def _hung(fixtures: Flags, chances: Floats, shown: Bytes) -> Flags:
+    """Return ``fixtures`` (H, W) with what has one colour with them and is hardly furniture: a mirror's frame."""
+    found = pieces.completed(fixtures, chances[SceneClass.FIXTURE], shown)
+    return found & (chances[SceneClass.FURNITURE] < pieces.MOST_FURNITURE)
 
 
 def _next_floor(chances: Floats, maps: SurfaceMaps, shown: Bytes) -> Flags:
