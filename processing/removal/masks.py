@@ -163,8 +163,7 @@ def _find(
     stays = hangs | tripod.mask | sunlight.mask | (seen[0] is not None and seen[0] > BEYOND * maps.depth_m)
     kept = barred | stays | grown(fixtures & ~hidden, 1.5 * pieces.TOUCH_RAD)  # a curtain's edge is no thing
     plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, kept)
-    gone = furniture.mask | plain | (shadow.contact & ~hangs)
-    bar = stays | openings | fixtures
+    gone, bar = furniture.mask | plain | (shadow.contact & ~hangs), stays | openings | fixtures
     rests = whole_boards(rests_beside(gone, chances, luminance, maps, bar), gone, seen[1], shown) & ~bar
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
@@ -178,7 +177,7 @@ def _find(
 def _hung(fixtures: Flags, chances: Floats, shown: Bytes) -> Flags:
     """Return ``fixtures`` (H, W) with what has one colour with them and is hardly furniture: a mirror's frame."""
     found = pieces.completed(fixtures, chances[SceneClass.FIXTURE], shown)
-    return found & (chances[SceneClass.FURNITURE] < pieces.MOST_FURNITURE)
+    return np.asarray(found & (chances[SceneClass.FURNITURE] < pieces.MOST_FURNITURE))
 
 
 def _next_floor(chances: Floats, maps: SurfaceMaps, shown: Bytes) -> Flags:
