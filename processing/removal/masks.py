@@ -156,8 +156,7 @@ def _find(
     hidden, other = furniture.mask | tripod.mask, tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
-    # Twice the margin: crumbs of furniture stayed on skirting and frames.
-    hangs |= (boards | grown(openings, pieces.SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)
+    hangs |= (boards | grown(openings, pieces.SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)  # else crumbs stay
     hangs |= pieces.completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
     hangs &= ~(torn := pieces.boards_between(boards, furniture.mask | plain) & ~openings)
     stays = hangs | tripod.mask | sunlight.mask | (seen[0] is not None and seen[0] > BEYOND * maps.depth_m)
@@ -168,7 +167,8 @@ def _find(
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
     rests |= crumbs_on_walls(gone | rests, rgb, maps, no_wall, fitted)
-    plain, hangs = plain | rests | (grown(rests, MARGIN_RAD) & ~(bar & ~fitted)), hangs & ~rests
+    rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted)
+    plain, hangs = plain | rests, hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
     return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
