@@ -177,6 +177,7 @@ SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
 """By which sunlight stands again beyond its mask, and keeps away from what stood there (chosen: removal fills over the
 masks' edges, half shadow beside the sun and rims of furniture)."""
 SUNNY = 1.5  # times what removal left of a place, from which the photograph shows sun there; full sun is 4 to 20
+HALF_SHADOW_RAD = math.radians(0.2)  # beside less sun, where a patch's rim is half in the shade (chosen)
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,10 @@ def with_sunlight(
         shaded = (resized((filled & ~back).astype(np.float32), returned.shape) > 0.5) | returned
         rim = back & (resized(_grown(shaded, 2 * SUN_RIM_RAD, len(shaded)).astype(np.float32), back.shape) > 0.5)
         weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
-        back[rim] = before.rgb[rim] @ weights > SUNNY * (empty.rgb[rim] @ weights)
+        rows = np.flatnonzero(rim.any(axis=1))
+        some = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
+        dim = before.rgb[some] @ weights <= SUNNY * (empty.rgb[some] @ weights)
+        back[some] &= ~(rim[some] & _grown(dim, HALF_SHADOW_RAD, len(sun)))
     parts = {name: getattr(empty, name).copy() for name in ("rgb", "validity", "uncertainty")}
     for name, values in parts.items():
         values[back] = getattr(before, name)[back]

@@ -114,6 +114,19 @@ def test_sun_stands_again_up_to_its_rim_and_what_hides_it_keeps_it_away(first_ro
     assert np.array_equal(empty.image.rgb[..., 0] == 1, wide(sun, 6) & ~wide(hidden, 3))
 
 
+def test_where_the_sun_falls_anew_no_half_shadow_of_the_old_patch_is_left() -> None:
+    light, none = np.ones((720, 1440, 3), np.float32), np.zeros((720, 1440), np.float32)
+    removed = LuminanceImage(light, none, none.astype(np.uint8), Equirectangular(1440, 720), 0.02)
+    sun, shown = np.zeros((720, 1440), bool), light.copy()
+    sun[400:440, 100:200] = True
+    shown[sun] = 10
+    shown[439, 100:200] = 2
+    found = with_sunlight(removed, replace(removed, rgb=shown), sun, sun, sun & False, np.ones((180, 360), bool))
+    assert found.sunlit is not None
+    assert found.sunlit[405:435, 105:195].all()
+    assert not found.sunlit[439, 100:200].any(), "a dark line across the new patch"
+
+
 def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() -> None:
     room, photograph, sunny = sunny_room()
     none = np.zeros(sunny.shape, np.float32)
