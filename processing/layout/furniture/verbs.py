@@ -283,7 +283,8 @@ def pile(b: Bench, _: str, at: Spot, wide: float, deep: float, count: int = 3, h
     z = at[2]
     for k in range(count):
         thick = high / count if high else float(b.rng.uniform(0.018, 0.036))
-        size = (wide * (1 - 0.06 * k), min(deep, 0.72 * wide) * (1 - 0.07 * k))
+        less = min(k, 7)  # else a high pile's upper books had no size
+        size = (wide * (1 - 0.06 * less), min(deep, 0.72 * wide) * (1 - 0.07 * less))
         turn = float(b.rng.uniform(-0.12, 0.12)) if k else 0.0
         for mesh, role in zip(_book(thick, size[1], size[0]), (f"book{b.rng.integers(BOOKS)}", "paper"), strict=True):
             lying = mesh.moved(0, 0, -size[0] / 2).turned("y", math.pi / 2).moved(0, size[1] / 2, 0).turned("z", turn)

@@ -55,6 +55,11 @@ def assert_closed(vertices: np.ndarray, faces: np.ndarray, name: str) -> None:
     assert np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0])), name
 
 
+@pytest.mark.parametrize("design", BUILT_IN["books"].designs)
+def test_a_high_pile_of_thin_books_is_of_books_to_its_top(design: str) -> None:
+    assert_sound(build_model("books", STYLES[0], BUILT_IN["books"].largest_m, design))
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize("category", sorted(BUILT_IN))
 def test_model_is_sound_in_every_size(category: str) -> None:
