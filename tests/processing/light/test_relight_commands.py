@@ -193,7 +193,7 @@ def test_from_another_place(session, monkeypatch) -> None:
     [
         (("--at", "2023-05-19T19:00Z", "--sweep", "day"), "give one of"),
         ((), "give one of"),
-        (("--sky", "x.exr", "--site", "1,2"), "has no effect with --sky"),
+        (("--sky", __file__, "--site", "1,2"), "has no effect with --sky"),
         (("--at", "2023-05-19T19:00Z", "--step", "1h"), "needs --sweep"),
         (("--at", "2023-05-19T19:00Z", "--site", "north"), "LATITUDE,LONGITUDE"),
         (("--at", "2023-05-19T19:00Z", "--empty", "--staged", "1"), "cannot be combined"),
