@@ -6,7 +6,6 @@ import os
 import select
 import threading
 import tty
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,8 +15,6 @@ from typing import Protocol
 from drivers.clock import Clock, SystemClock
 
 MAX_QUESTION_BYTES = 256  # chosen: more without a line end is thrown away, as a small buffer does
-KEPT_BUSY = 32  # chosen: numbers of lines that ended; who opens one anew would else find another program's line
-_pulled = deque[int]()
 
 
 @dataclass(frozen=True)
@@ -132,8 +129,6 @@ class _Plug:
                 heard = bytearray(rest)
                 self._answer(line, self)
             del heard[:-MAX_QUESTION_BYTES]
-        _pulled.append(self._slave)
-        over = [_pulled.popleft()] if len(_pulled) > KEPT_BUSY else []
-        for fd in (self._master, self._wake_read, self._wake_write, *over):
+        for fd in (self._master, self._slave, self._wake_read, self._wake_write):
             with suppress(OSError):
                 os.close(fd)
