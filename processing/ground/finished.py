@@ -37,7 +37,7 @@ class Finished:
         try:
             return strict_json.loads(path.read_bytes())
         except (OSError, strict_json.StrictJsonError) as error:
-            found = "is not there: the stage has not run" if isinstance(error, FileNotFoundError) else "cannot be read"
+            found = "is not there, has the stage run?" if isinstance(error, FileNotFoundError) else "cannot be read"
             raise self._refused(path.name, f"{found}: {getattr(error, 'strerror', None) or error}") from error
 
     def _refused(self, name: str, what: str) -> ResultFileError:

@@ -31,7 +31,7 @@ RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` u
 MARK = "daylit_luminance=radiance-weights"
 _COLOURS = {"COLORCORR": ((1, 1, 1), 0, 1e-6), "PRIMARIES": (CHROMATICITIES, 0, 0.025)}
 """What such lines may say, and tolerances: Radiance's own primaries (green 0.29, equal-energy white) pass; chosen.
-Photoshop writes eight zeros where it states none, as most downloaded panoramas have them."""
+Eight zeros, which Photoshop writes, state no primaries."""
 RELATIVE_MARK = "daylit_units=relative"
 """In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
 

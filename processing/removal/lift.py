@@ -220,8 +220,8 @@ def _continued(values: Floats, known: Flags) -> Floats:
 Work = Callable[[slice, Floats, Floats], None]
 UNLIT, LIT, LIGHT = (1, 0, -1, math.log(math.pi)), (-1, 1, 1, -math.log(math.pi)), (0, 0, 1, 0)
 GAIN, PLAIN, ALONE = (1, 0, 0, 0), (1, 0, 0, 1), ((0, 0), (0, 0), (0, 4))
-"""Of what a factor's logarithm is the sum (of the last the factor itself, by what layers have more than 1): times log
-change, that as far as it is put on, log light, and 1. Last, what makes gains a layer without these."""
+"""Weights by which a factor's logarithm is summed: of the log change, of the part of it that is put on, of the log of
+light, and a constant. PLAIN gives the factor itself, of gains less 1. ALONE pads such gains to a layer's channels."""
 
 
 def _in_bands(work: Work, planes: list[Floats], plane: Int16s | None, glass: Flags, parts: Sequence[float]) -> None:
