@@ -33,11 +33,14 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   const verdicts = new Latest();
   const lights = new Latest();
   const undo = new Undo<Places>((before) => void keep(before, places));
+  /** Once what was done before is judged and saved: only then is it a step. */
+  const back = (): void => void turns.take(async () => undo.back(places));
+  const again = (): void => void turns.take(async () => undo.again(places));
   const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
   const plan = new Plan(room.floor, "Plan: drag pieces; R rotates, Delete removes").showing(room);
   const layer = svg("g");
   const bar = h("div", { class: "bar" },
-    button("Undo", () => undo.back(places), { "data-part": "undo" }), button("Redo", () => undo.again(places)),
+    button("Undo", back, { "data-part": "undo" }), button("Redo", again),
     button("Rotate (R)", () => turn(TURN)), button("Remove", away), button("As arranged", () => void forget()));
   const list = h("ul", { class: "pieces" });
   const stage = h("div", { class: "stage preview opening", role: "application", "aria-label": "Preview: drag or arrow keys to look around" });
@@ -214,24 +217,28 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
     } else void keep({ ...places, [one.id]: placesOf([one])[one.id]! }, places, true);
   }
 
-  /** Save; where a rule is broken the piece goes back to where it was, and the reason is said. */
+  /** Save; where a rule is broken the pieces go back to where they were saved last, and the reason is said.
+   * Judged in its turn: an answer that comes late must not bring an older state back over a newer one. */
   async function keep(changed: Places, before: Places, step = false): Promise<void> {
     places = changed;
-    kept += 1;
+    const mine = ++kept;
     try {
-      broken = await api.judge(session.name, changed);
-      say();
-      if (broken.length) throw new Error(broken[0]);
-      if (step) undo.step(before);
       await turns.save(async () => {
+        const now = await api.judge(session.name, changed);
+        if (mine === kept) broken = now;
+        say();
+        if (now.length) throw new Error(now[0]);
+        if (step) undo.step(before);
         found = await api.write(session.name, "arrangement", found.digest, JSON.stringify(changed), read);
       });
       verdict.dataset.saved = found.digest;
       note("Saved");
     } catch (error) {
-      places = before;
       note(`Rejected: ${(error as Error).message}`, true);
-      broken = [];
+      if (mine === kept) {
+        places = placesOf(found.value);
+        broken = [];
+      }
     }
     draw();
     void light(places);
@@ -263,8 +270,8 @@ export async function furnishScreen(session: Overview): Promise<Screen> {
   return {
     element: h("section", { class: "side-by-side even" }, h("div", {}, bar, plan.element, verdict), h("div", {}, stage, said, h("h2", {}, "Pieces"), list)),
     refresh,
-    undo: () => undo.back(places),
-    redo: () => undo.again(places),
+    undo: back,
+    redo: again,
     close: () => view.dispose(),
     command: `daylit process ${session.path}`,
     run: { until: "report", text: "Render with these places" },
