@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import tempfile
 import threading
 import tty
 from collections.abc import Callable
@@ -52,11 +53,8 @@ class SerialPort:
         self.replug()
 
     def replug(self) -> None:
-        """Pull the plug and put it in again: the port has another number then."""
+        """Pull the plug and put it in again: the port has another name then."""
         before, self._plug = self._plug, _Plug(self._answer, self._instrument.line_end)
-        if self._plug.name == self.name:  # the system gives a free number again: keep this one busy meanwhile
-            taken, self._plug = self._plug, _Plug(self._answer, self._instrument.line_end)
-            taken.pull()
         if before is not None:
             before.pull()
         self.name = self._plug.name
@@ -97,7 +95,11 @@ class _Plug:
         self._master, self._slave = os.openpty()
         # Raw: bytes pass as on a wire. The slave stays open here, so that the master lives while nobody listens.
         tty.setraw(self._slave)
-        self.name = os.ttyname(self._slave)
+        # A name of its own, gone before the line is: the system gives a free number to whoever asks next, and a
+        # driver that opens its line anew would find another program's instrument behind it.
+        self._home = tempfile.TemporaryDirectory(prefix="daylit-port-")
+        self.name = str(Path(self._home.name) / "ttyMETER")
+        Path(self.name).symlink_to(os.ttyname(self._slave))
         self.pulled = threading.Event()
         self._pulling = threading.Lock()
         self._wake_read, self._wake_write = os.pipe()
@@ -113,6 +115,7 @@ class _Plug:
         """End the line: who has it open gets an error. May be called twice, and from the thread itself."""
         with self._pulling:
             if not self.pulled.is_set():
+                self._home.cleanup()
                 os.write(self._wake_write, b"x")  # first: once it is pulled, the thread closes the pipe
                 self.pulled.set()
         if threading.current_thread() is not self._thread:
