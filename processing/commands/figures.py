@@ -42,6 +42,8 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     ends = (limits := asked["falsecolour_range"]) and numbers("--falsecolour-range", limits, 2, "lowest and highest")
     if ends and not (falsecolour and 0 < ends[0] < ends[1]):
         raise click.UsageError(f"--falsecolour-range {limits}: give --falsecolour FILE, and ends above 0 that rise")
+    if falsecolour and falsecolour.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
+        raise click.UsageError(f"--falsecolour {falsecolour}: the name must end in .png or .jpg")
     found, why = _figures(image, asked)
     if file.is_dir():
         lens = replace(image.geometry, half_field_rad=image.geometry.half_field_rad - FIELD_SIGMA_RAD)  # type: ignore[arg-type, union-attr]
@@ -57,13 +59,14 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
     if falsecolour is not None:
         from processing.calibration.scale.photometry import luminance_map
         from processing.pictures.false_colour import display_range, false_colour, legend, with_legend
-        from processing.pictures.preview import png_bytes
+        from processing.pictures.preview import jpeg_bytes, png_bytes
         from processing.pictures.writing import write_bytes
 
         level = luminance_map(image)
         low, high = ends or display_range(level)
         scale = legend(low, high, image.unit, level.shape[0])
-        write_bytes(falsecolour, png_bytes(with_legend(false_colour(level, low, high), scale)))
+        encoded = png_bytes if falsecolour.suffix.lower() == ".png" else jpeg_bytes
+        write_bytes(falsecolour, encoded(with_legend(false_colour(level, low, high), scale)))
     lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; lx, cd/m2, glare need --scale or --reading"}
     if file.is_dir() and any(read_tags(path).adobe for path in file.iterdir() if path.is_file()):

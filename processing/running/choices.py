@@ -26,13 +26,14 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 import processing.pipeline
 from drivers.clock import Clock, SystemClock
-from processing.calibration.outdoor.sun_place import zone_named
+from processing.calibration.outdoor.sun_place import Place, zone_named
 from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError
 from processing.pipeline import options, selected
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import STAGES
 from processing.stages.contract import Quality
 from processing.stages.parameters import WORDS, Option
+from station.commands.views import numbers
 from station.errors import SchemaTooNewError, UsageError
 from station.session import strict_json
 from station.session.durable import SessionLock
@@ -139,6 +140,8 @@ def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Cloc
     check_known(given, str(session))
     if given.get("zone") is not None:
         zone_named(str(given["zone"]))
+    if given.get("site") is not None:
+        Place(*numbers("--site", str(given["site"]), 2, "LATITUDE,LONGITUDE in degrees, say 40.44,-79.94"))
 
     def changed(root: Folder, old: Choices, now: datetime) -> Choices:
         made = {name: _choice(root, kinds[name], v, now, by) for name, v in given.items() if v is not None}

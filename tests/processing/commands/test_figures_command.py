@@ -156,6 +156,9 @@ def test_tables_go_where_there_is_a_folder(tmp_path: Path, capsys: pytest.Captur
 def test_a_falsecolour_scale_may_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two pictures of one scale can be compared; an end that cannot be, or no picture to draw, is refused."""
     path, drawn = exr(tmp_path / "p.exr", white=1.0), []
+    assert said(capsys, path, "--falsecolour", str(tmp_path / "x.jpg"))[0] == 0
+    assert (tmp_path / "x.jpg").read_bytes()[:2] == bytes.fromhex("ffd8")
+    assert ".png or .jpg" in error(capsys, path, "--falsecolour", str(tmp_path / "x.tif"))["message"]
     for ends in ((), ("--falsecolour-range", "1,1000"), ("--falsecolour-range", "10,100")):
         assert said(capsys, path, "--falsecolour", str(tmp_path / "x.png"), *ends)[0] == 0
         drawn.append((tmp_path / "x.png").read_bytes())

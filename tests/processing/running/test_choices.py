@@ -9,9 +9,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 import processing.pipeline
+from drivers.errors import DaylitError
 from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError
 from processing.running import choices
 from processing.running.choices import forget, going_on, read_choices, remember
@@ -196,6 +198,9 @@ def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
     ):
         with pytest.raises(ParameterError):
             remember(session, bad, by="a test")
+    for site, words in (("95,0", "not on Earth"), ("Pittsburgh", "2 comma-separated numbers")):
+        with pytest.raises((DaylitError, click.UsageError), match=words):
+            remember(session, {"site": site}, by="a test")
     with pytest.raises(ParameterError, match="no such saved option"):
         forget(session, ["mask"])
     assert b'value = "living"' in before
