@@ -242,6 +242,7 @@ def test_each_still_has_its_original_its_light_and_says_what_was_changed(made: t
 
 
 def test_emptied_stills_have_the_plate_with_the_code_and_the_statement(tmp_path: Path) -> None:
+    """California AB 723's four elements: a statement; on the picture; a link; the original, named as such, unaltered."""
     emptied = {name: part for name, part in results().items() if name not in ("arrange", "render")}
     for url, folder in (("https://example.org/7", "a"), (None, "b")):
         (tmp_path / folder).mkdir()
@@ -258,6 +259,9 @@ def test_emptied_stills_have_the_plate_with_the_code_and_the_statement(tmp_path:
             code = cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(corner))[0]
             assert code == (url or "")
             assert np.abs(corner.astype(int) - original)[-80:].max() > 60
+            unaltered = (given.folder / one["original"]).read_bytes()
+            assert b"compositeSynthetic" not in unaltered
+            assert b"removed digitally" not in unaltered
 
 
 def test_without_furniture_or_room_the_photograph_is_framed_and_says_nothing(tmp_path: Path) -> None:
