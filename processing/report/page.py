@@ -122,6 +122,7 @@ PAGE_PX, PAGE_QUALITY = 1600, 80
 """Of stills within the page; the files beside it are larger. Chosen, with `TOUR_PX`, for pages of a few megabytes."""
 TOUR_PX = ((3, 2560), (99, 2048))
 """Most states of the tour, and the width of their panoramas then."""
+ON_FLOOR_M = 0.1  # up to which a piece's underside is: rugs and plants are in the plan, lamps on tables are not; chosen
 TOUR_QUALITY = 76  # chosen: below the 82 of lab.html, for fewer bytes
 MOST_COMPARED = 3  # chosen: fits a page
 MOST_TOUR = 5  # chosen: the page stays one that can be sent
@@ -172,7 +173,7 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
     room: RoomModel | None = context.optional_artifact("room", "room")
     widgets = [widget for section in lab.sections for widget in section.widgets]
     viewers = [widget for widget in widgets if isinstance(widget, report.Viewer)]
-    plan = context.optional_artifact("arrange", "plan-1")
+    plan = _plan(context)
     days = [w for s in lab.sections if s.title == "Times of day" for w in s.widgets if isinstance(w, report.Cards)]
     return ClientData(
         title=context.session.site.name or context.session.name,
@@ -181,10 +182,10 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
         notices=_notices(context, room, [one["state"] for one in stills]),
         compared=_compared(folder, stills),
         tour=_tour(viewers[0]) if viewers else None,
-        plan=report.Picture("Plan", plan.read_bytes(), "") if isinstance(plan, Path) else None,
+        plan=report.Picture("Plan", plan.read_bytes(), "") if plan else None,
         measures=() if room is None else _measures(room),
         day=_day([one.cards for one in days]),
-        downloads=_downloads(context.session_path, stills),
+        downloads=_downloads(context.session_path, stills, plan),
         made_with=lab.made_with,
     )
 
@@ -309,9 +310,31 @@ def _measures(room: RoomModel) -> tuple[report.Quantity, ...]:
     )
 
 
-def _downloads(session: Path, stills: list[Any]) -> tuple[tuple[str, str], ...]:
+def _plan(context: StageContext) -> Path | None:
+    """Write the floor plan of the first alternative, with what dresses its floor; None where nothing was arranged."""
+    from processing.layout.arrangement import PlacedItem
+    from processing.layout.drawn.canvas import write_sheet
+    from processing.layout.drawn.drawing import floor_plan
+    from processing.layout.plan_files import plan_from_mapping
+
+    found = context.optional_artifact("arrange", "arrangement")
+    if found is None or not found.arrangements:
+        return None
+    first = found.arrangements[0]
+    staged = context.optional_artifact("render", "staged") or {"alternatives": ()}
+    added = [PlacedItem(**one) for a in staged["alternatives"] if a["rank"] == first.rank for one in a.get("added", ())]
+    standing = (one for one in added if one.t_m[2] < ON_FLOOR_M)
+    vector, raster = write_sheet(
+        floor_plan(plan_from_mapping(found.plan, where="plan"), [*first.items, *standing]), context.folder / "plan"
+    )
+    raster.unlink()
+    return vector
+
+
+def _downloads(session: Path, stills: list[Any], plan: Path | None) -> tuple[tuple[str, str], ...]:
     found = [((STILLS / one["file"]).as_posix(), f"picture {k}, full size") for k, one in enumerate(stills, 1)]
-    for stage, name, what in (("render", "staged-1.glb", "3D model (glTF)"), ("arrange", "plan-1.svg", "plan")):
-        if (session / "stages" / stage / name).is_file():
-            found.append((f"../{stage}/{name}", what))
+    if (session / "stages" / "render" / "staged-1.glb").is_file():
+        found.append(("../render/staged-1.glb", "3D model (glTF)"))
+    if plan is not None:
+        found.append((plan.name, "plan"))
     return (*found, ("lab.html", "technical report: figures, uncertainties and methods"))

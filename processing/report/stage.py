@@ -45,9 +45,10 @@ def run(context: StageContext) -> StageOutput:
     write_bytes(context.folder / "index.html", build_client_page(client).encode())
     metrics = {"sections": len(data.sections), "stills": len(client.stills)}
     cuts = {f"cuts-{k}": (context.folder / f"cuts-{k}.json.gz").is_file() for k in range(1, MOST_STAGED + 3)}
-    made = dict.fromkeys(("page", "lab", "details", *(name for name, there in cuts.items() if there)), True)
+    parts = cuts | {"plan": client.plan is not None}
+    made = dict.fromkeys(("page", "lab", "details", *(name for name, there in parts.items() if there)), True)
     return StageOutput(
-        artifacts=made, metrics=metrics, left_out=dict.fromkeys(sorted(cuts.keys() - made.keys()), NO_SUCH)
+        artifacts=made, metrics=metrics, left_out=dict.fromkeys(sorted(parts.keys() - made.keys()), NO_SUCH)
     )
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from processing.layout.drawn.canvas import Area, Line, Point, Shape, Sheet, Text
 from processing.layout.plan import Door, FloorPlan, Window
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.rules import RuleSet, built_in_rules
+from processing.layout.solver.poses import Frame
 from processing.layout.styling import outline
 
 WALL_M = 0.14  # chosen by eye, as all below
@@ -32,11 +34,33 @@ def plan_sheet(plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | No
     """Return the drawing of one arrangement."""
     low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
     shapes = [*_shell(plan), *_furniture(arrangement.items), *_zones(arrangement.items)]
+    turns = [(0.3 * math.cos(k * math.pi / 12), 0.3 * math.sin(k * math.pi / 12)) for k in range(24)]
+    shapes += [Area([(x + dx, y + dy) for dx, dy in turns], "", GREY, 0.008) for x, y in plan.keep_free]
     shapes += _routes(plan, arrangement, rules or built_in_rules().sets.get(arrangement.rule_set))
     shapes += [*_labels(arrangement.items), *_sizes(plan)]
     top = float(high[1]) + MARGIN_M + HEAD_M
     shapes += _caption(plan, arrangement, float(low[0]) - WALL_M, top)
     return Sheet(shapes, (float(low[0]) - MARGIN_M, float(low[1]) - MARGIN_M), (float(high[0]) + MARGIN_M, top))
+
+
+def floor_plan(plan: FloorPlan, items: Sequence[PlacedItem]) -> Sheet:
+    """Return walls, openings, furniture and sizes, as who buys or lets a room reads them: no zones, routes or scores.
+
+    Its longest wall is level.
+    """
+    _, along, _ = max((plan.edge(k) for k in range(len(plan.corners))), key=lambda edge: edge[2])
+    level = Frame((0.0, 0.0), math.remainder(math.atan2(along[1], along[0]), math.pi / 2), mirrored=False)
+    corners, *holes = (
+        np.array([level.into((float(x), float(y), 0.0))[:2] for x, y in ring]) for ring in (plan.corners, *plan.holes)
+    )
+    plan, turned = replace(plan, corners=corners, holes=tuple(holes)), []
+    for item in items:
+        x, y, theta_rad = level.into((*item.t_m[:2], item.theta_rad))
+        turned.append(item.model_copy(update={"t_m": (x, y, item.t_m[2]), "theta_rad": theta_rad}))
+    named = [item for item in turned if item.category != "rug"]
+    shapes = [*_shell(plan), *_furniture(turned), *_labels(named), *_sizes(plan)]
+    low, high = corners.min(axis=0) - MARGIN_M, corners.max(axis=0) + MARGIN_M
+    return Sheet(shapes, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
 
 
 def _shell(plan: FloorPlan) -> list[Shape]:
@@ -58,8 +82,6 @@ def _shell(plan: FloorPlan) -> list[Shape]:
         shapes += _window(plan, window)
     for door in plan.doors:
         shapes += _door(plan, door)
-    turns = [(0.3 * math.cos(k * math.pi / 12), 0.3 * math.sin(k * math.pi / 12)) for k in range(24)]
-    shapes += [Area([(x + dx, y + dy) for dx, dy in turns], "", GREY, 0.008) for x, y in plan.keep_free]
     return shapes
 
 

@@ -19,7 +19,8 @@ from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import TIE, arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.assumed import hung_things, open_doors
-from processing.layout.drawn.drawing import write_drawings
+from processing.layout.drawn.canvas import Text
+from processing.layout.drawn.drawing import ROUTE, floor_plan, plan_sheet, write_drawings
 from processing.layout.given_places import Place, parse_pins, placed_by_ratios
 from processing.layout.items import KINDS as ITEMS
 from processing.layout.items import SETS, Item, parse_items, set_items
@@ -375,6 +376,35 @@ def test_results_are_read_again_and_drawn(tmp_path: Path) -> None:
     assert "sofa" in drawn
     for edge in range(len(ROOM.corners)):  # each wall has its own length, however the room is turned
         assert f"{ROOM.edge(edge)[2]:.2f} m" in drawn
+
+
+def test_a_floor_plan_is_level_and_says_nothing_of_rules() -> None:
+    result = arrange(ROOM, parse_items("sofa, coffee table, plant"), "tight", n=1)
+    turn = 0.4
+    c, s = math.cos(turn), math.sin(turn)
+    slanted = replace(ROOM, corners=ROOM.corners @ np.array([[c, s], [-s, c]]))
+    items = [
+        one.model_copy(
+            update={
+                "t_m": (one.t_m[0] * c - one.t_m[1] * s, one.t_m[0] * s + one.t_m[1] * c, one.t_m[2]),
+                "theta_rad": one.theta_rad + turn,
+            }
+        )
+        for one in result.arrangements[0].items
+    ]
+    level, turned = (floor_plan(plan, some) for plan, some in ((ROOM, result.arrangements[0].items), (slanted, items)))
+    assert np.subtract(turned.high, turned.low) == pytest.approx(np.subtract(level.high, level.low))
+    for one, other in zip(level.shapes, turned.shapes, strict=True):
+        points = [getattr(shape, "rim", None) or getattr(shape, "points", None) or [shape.at] for shape in (one, other)]
+        assert np.asarray(points[0]) == pytest.approx(np.asarray(points[1]), abs=1e-6), "drawn as a level room is"
+    texts = {shape.text for shape in level.shapes if isinstance(shape, Text)}
+    assert {"sofa", f"{ROOM.edge(0)[2]:.2f} m"} <= texts
+    assert not any(word in text for text in texts for word in ("score", "meets"))
+    drawn = [
+        shape for shape in plan_sheet(ROOM, result.arrangements[0]).shapes if getattr(shape, "stroke", "") == ROUTE
+    ]
+    assert drawn
+    assert not [shape for shape in level.shapes if getattr(shape, "stroke", "") == ROUTE]
 
 
 def test_a_users_rules(tmp_path: Path) -> None:

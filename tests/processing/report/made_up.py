@@ -13,6 +13,8 @@ import numpy as np
 from processing.exchange.gltf import scene_glb
 from processing.figures.figures import camera_figures, outdoor_figures, surface_figures
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
+from processing.layout.plan import from_room_model
+from processing.layout.plan_files import plan_to_mapping
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.running.reads import SUMMARY, Noted
@@ -60,7 +62,16 @@ def _made(alternatives: int, absolute: bool) -> Results:
         Arrangement(rank=k, items=(bed,), score=0.91, scores={}, rule_set="standard", differs_by="the bed turned")
         for k in _up_to(alternatives)
     )
-    result = {"items": ["bed"], "style": "scandinavian", "changed_share": 0.2, "error": 0.02, "furniture_share": 0.1}
+    rug = {"id": "rug-s1", "category": "rug", "size_m": [2, 1.4, 0.01], "theta_rad": 0.0, "t_m": [1.5, 0.4, 0.0]}
+    lamp = {"id": "lamp-s1", "category": "table lamp", "size_m": [0.3, 0.3, 0.4], "theta_rad": 0.0, "t_m": [1, 0, 0.5]}
+    result = {
+        "items": ["bed"],
+        "style": "scandinavian",
+        "changed_share": 0.2,
+        "error": 0.02,
+        "furniture_share": 0.1,
+        "added": [rug, lamp],
+    }
     return {
         "merge": {"response": {}},
         "calibrate": {"indoor": photograph, "calibration": {"indoor": _scale(absolute=absolute)}},
@@ -77,12 +88,18 @@ def _made(alternatives: int, absolute: bool) -> Results:
             }
         },
         "arrange": {
-            "arrangement": Arrangements(plan={}, rule_set="standard", asked=("bed",), seed=0, arrangements=layouts),
+            "arrangement": Arrangements(
+                plan=plan_to_mapping(from_room_model(room)),
+                rule_set="standard",
+                asked=("bed",),
+                seed=0,
+                arrangements=layouts,
+            ),
             **{f"plan-{k}": PLAN for k in _up_to(alternatives)},
         },
         "render": {
             **staged,
-            "staged": {"method": "differential", "alternatives": [result for _ in _up_to(alternatives)]},
+            "staged": {"method": "differential", "alternatives": [{"rank": k, **result} for k in _up_to(alternatives)]},
             "staged-1-model": scene_glb(scene),
         },
     }

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from processing.layout.drawn.canvas import Area, symbol
 from processing.report import plots, states
 from processing.report import stills as framing
 from processing.report.data import Card, Cards, Section
@@ -81,7 +82,12 @@ def test_pictures_come_with_statement_original_and_full_size(staged: StageContex
     assert len(page) < MOST_BYTES
     outside = re.findall(r'(?:src|href)="(?!data:)([^"]+)"', page)
     assert outside
-    assert all(link == "lab.html" or link.startswith("../") for link in outside)
+    assert all(link in {"lab.html", "plan.svg"} or link.startswith("../") for link in outside)
+    plan = (staged.folder / "plan.svg").read_text()
+    assert "bed" in plan
+    rug = next(shape.fill for shape in symbol("rug", 2.0, 1.4) if isinstance(shape, Area))
+    assert rug in plan, "what dresses the floor is drawn too"
+    assert "score" not in plan
     assert "default-src 'none'" in html.unescape(page)
     assert page.index("<img") < page.index("<script")
     assert build_client_page(data) == page

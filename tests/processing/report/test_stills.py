@@ -242,7 +242,7 @@ def test_each_still_has_its_original_its_light_and_says_what_was_changed(made: t
 
 
 def test_emptied_stills_have_the_plate_with_the_code_and_the_statement(tmp_path: Path) -> None:
-    """California AB 723's four elements: a statement; on the picture; a link; the original, named as such, unaltered."""
+    """California AB 723's four elements: a statement; on the picture; a link; the original, named and unaltered."""
     emptied = {name: part for name, part in results().items() if name not in ("arrange", "render")}
     for url, folder in (("https://example.org/7", "a"), (None, "b")):
         (tmp_path / folder).mkdir()
