@@ -310,6 +310,8 @@ class Cards:
     kind: ClassVar[str] = "cards"
     cards: tuple[Card, ...]
     scripts: tuple[str, ...] = ()
+    first: int = 0
+    """The one that a slider begins with."""
 
 
 Widget = Comparison | Viewer | Models | Cards

@@ -14,6 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +26,7 @@ from processing.exchange.jpeg_files import FURNITURE, removed_by
 from processing.ground.room_model import RoomModel
 from processing.report import data as report
 from processing.report.sections import floor_area_m2
-from processing.report.states import packed
+from processing.report.states import VIEWER_WIDTHS_PX, packed
 from processing.stages.contract import StageContext
 from processing.stages.upright import UNTRUSTED, trusted_parts
 from station.session.session import SessionManifest
@@ -119,9 +120,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 PAGE_PX, PAGE_QUALITY = 1600, 80
-"""Of stills within the page; the files beside it are larger. Chosen, with `TOUR_PX`, for pages of a few megabytes."""
-TOUR_PX = ((3, 2560), (99, 2048))
-"""Most states of the tour, and the width of their panoramas then."""
+"""Of stills within the page; the files beside it are larger. Chosen, with `TOUR_QUALITY`, for pages of 4 to 7 MB."""
 ON_FLOOR_M = 0.1  # up to which a piece's underside is: rugs and plants are in the plan, lamps on tables are not; chosen
 TOUR_QUALITY = 76  # chosen: below the 82 of lab.html, for fewer bytes
 MOST_COMPARED = 3  # chosen: fits a page
@@ -184,7 +183,7 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
         tour=_tour(viewers[0]) if viewers else None,
         plan=report.Picture("Plan", plan.read_bytes(), "") if plan else None,
         measures=() if room is None else _measures(room),
-        day=_day([one.cards for one in days]),
+        day=_day([one.cards for one in days], _taken_local(context.session)),
         downloads=_downloads(context.session_path, stills, plan),
         made_with=lab.made_with,
     )
@@ -192,12 +191,16 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
 
 def client_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     """Return when and where a session was taken: label and text."""
-    site, when = session.site, session.taken_utc
-    local = (when or session.created_utc).astimezone(zone_at(site.latitude_deg, site.longitude_deg))
-    found = [("Photographed" if when else "Received", f"{local.day} {local:%B %Y, %H:%M %Z}")]
+    site, local = session.site, _taken_local(session)
+    found = [("Photographed" if session.taken_utc else "Received", f"{local.day} {local:%B %Y, %H:%M %Z}")]
     if site.latitude_deg is not None and site.longitude_deg is not None:
         found.append(("Place", f"{site.latitude_deg:.4f}°, {site.longitude_deg:.4f}°"))
     return tuple(found)
+
+
+def _taken_local(session: SessionManifest) -> datetime:
+    zone = zone_at(session.site.latitude_deg, session.site.longitude_deg)
+    return (session.taken_utc or session.created_utc).astimezone(zone)
 
 
 def _still(folder: Path, one: Mapping[str, Any]) -> Still:
@@ -270,22 +273,22 @@ def _compared(folder: Path, stills: list[Any]) -> report.Comparison | None:
 
 
 def _tour(lab: report.Viewer) -> report.Viewer:
-    """Return the viewer with smaller panoramas and without the maps of its probe."""
+    """Return the viewer with fewer bytes of panoramas, and without the maps of its probe."""
     some = sorted(lab.states[:MOST_TOUR], key=lambda state: not state.staged)  # what was ordered comes first
-    width = next(width for most, width in TOUR_PX if len(some) <= most)
     nothing, unknown = packed(np.zeros((1, 2), np.uint16)), packed(np.zeros((1, 2), np.uint8))
 
     def smaller(state: report.ViewerState) -> report.ViewerState:
-        jpeg = _smaller(state.jpeg, width, TOUR_QUALITY)
+        jpeg = _smaller(state.jpeg, max(one for _, one in VIEWER_WIDTHS_PX), TOUR_QUALITY)
         return replace(state, jpeg=jpeg, luminance=nothing, uncertainty=unknown, validity=unknown, map_px=(2, 1))
 
     return replace(lab, states=tuple(map(smaller, some)))
 
 
-def _day(parts: Sequence[Sequence[report.Card]]) -> report.Cards | None:
+def _day(parts: Sequence[Sequence[report.Card]], taken: datetime) -> report.Cards | None:
     """Return the moments of one day, state and weather of which there are most: swept ones first, else a run's own.
 
-    A title is "2023-06-21 09:00, staged 1"; another sky is no moment of a day.
+    A title is "2023-06-21 09:00, staged 1"; another sky is no moment of a day. The first shown is the nearest to the
+    hour of the photograph, whose light the pictures above have.
     """
     found = None
     for cards in parts:
@@ -294,7 +297,9 @@ def _day(parts: Sequence[Sequence[report.Card]]) -> report.Cards | None:
         (most, count), *_ = days.most_common(1) or [(("", "", ""), 0)]
         same = [one for one, kind in zip(cards, kinds, strict=True) if kind == most]
         if same and (found is None or len(found.cards) == 1 < count):
-            found = report.Cards(tuple(sorted(same, key=lambda one: one.title)), ("day.js",))
+            hours = sorted(same, key=lambda one: one.title)
+            away = [abs(60 * int(c.title[11:13]) + int(c.title[14:16]) - 60 * taken.hour - taken.minute) for c in hours]
+            found = report.Cards(tuple(hours), ("day.js",), away.index(min(away)))
     return found
 
 

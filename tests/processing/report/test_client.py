@@ -190,6 +190,12 @@ def test_the_slider_shows_one_states_day_and_no_lone_hour_has_one(staged: StageC
     assert [card.title for card in found.cards] == list(hours[:2])
     assert 'max="1"' in (page := build_client_page(replace(data, day=found)))
     assert page.count('class="card"') == 2
+    for hour, first in ((8, 0), (14, 1)):
+        then = staged.session.model_copy(update={"created_utc": datetime(2025, 6, 21, hour, tzinfo=UTC), "frames": ()})
+        taken = client_data(replace(staged, session=then), day).day
+        assert taken is not None
+        assert taken.first == first, "nearest to the photograph's hour"
+        assert f'value="{first}"' in build_client_page(replace(data, day=taken))
     assert 'data-part="hour"' not in build_client_page(replace(data, day=Cards(cards[:1], ("day.js",))))
 
 
