@@ -68,13 +68,13 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
       daylit furniture show "bookshelf/classic" --size 1.2,0.3,2.1
       daylit furniture show --style industrial --into industrial.png
     """
-    from processing.layout.drawn.thumbnails import model_sheet, two_sides
+    from processing.relighting.model_pictures import model_sheet, two_sides
     from station.session.durable import disk_errors
 
     found = _catalogue(where["catalogue"], where["style"])
     if model is None:
         models = [found.mesh(entry.model_id) for entry in found.entries]
-        picture, name = model_sheet(models, cell_px=260), "furniture"
+        picture, name = model_sheet(models, 260), "furniture"
     else:
         models = [found.mesh(model, _size(size))]
         picture, name = two_sides(models[0]), models[0].model_id.replace("/", "-").replace(" ", "-")

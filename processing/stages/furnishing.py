@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from processing.ground.arrays import Vector
 from processing.ground.colour import linear_of_srgb
 from processing.ground.mesh import crosses
 from processing.layout.arrangement import PlacedItem
@@ -29,7 +30,7 @@ def furniture_parts(
     names another model has that of ``own``, all others are ``built_in``: those that name no more than their kind, where
     ``own`` has none of it, too. Raises `CatalogueError` or `ModelFileError`.
     """
-    found, every = [], Catalogue.builtin()
+    found, every = list[Part](), Catalogue.builtin()
     for item in items:
         if item.model in every:
             model = every.mesh(item.model, item.size_m)
@@ -37,17 +38,29 @@ def furniture_parts(
             model = own.mesh(item.model, item.size_m)
         else:
             model = built_in.mesh(item.category, item.size_m)
-        found += [_placed(part, item, lit=lit) for part in model.parts if len(part.faces)]
+        found += scene_parts(model.parts, item.id, item.t_m, item.theta_rad, lit=lit)
     return tuple(found)
 
 
-def _placed(part: MeshPart, item: PlacedItem, *, lit: bool) -> Part:
-    c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
+def scene_parts(
+    parts: Sequence[MeshPart],
+    name: str = "",
+    at_m: Vector = (0.0, 0.0, 0.0),
+    turn_rad: float = 0.0,
+    *,
+    lit: bool = False,
+) -> tuple[Part, ...]:
+    """Return a model's parts as those of a scene, turned counter-clockwise about z, then moved."""
+    return tuple(_placed(part, name, at_m, turn_rad, lit=lit) for part in parts if len(part.faces))
+
+
+def _placed(part: MeshPart, name: str, at_m: Vector, turn_rad: float, *, lit: bool) -> Part:
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    moved = part.vertices.astype(np.float64) @ turn.T + np.asarray(item.t_m) + (0.0, 0.0, LIFT_M)
+    moved = part.vertices.astype(np.float64) @ turn.T + np.asarray(at_m) + (0.0, 0.0, LIFT_M)
     doubled_m2 = np.linalg.norm(crosses(part.vertices.astype(np.float64), part.faces), axis=1).sum() if lit else 0.0
     return Part(
-        name=f"{item.id}: {part.material.name}",
+        name=f"{name}: {part.material.name}",
         vertices_m=moved,
         faces=np.ascontiguousarray(part.faces, np.int32),
         material=_material(part.material, float(doubled_m2 / 2)),

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import daylit
-from processing.layout.drawn import thumbnails
+from processing.relighting import model_pictures
 
 ENTRIES = {name: entry for section in daylit.COMMANDS.values() for name, entry in section.items()}
 
@@ -102,7 +102,7 @@ def test_a_disk_that_is_full_is_said_to_be(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Python's own writing names no file in its error: it was reported as internal, with a crash report."""
-    monkeypatch.setattr(thumbnails, "two_sides", lambda _: Image.new("RGB", (8, 8)))  # what is drawn is no matter
+    monkeypatch.setattr(model_pictures, "two_sides", lambda _: Image.new("RGB", (8, 8)))  # what is drawn is no matter
     (tmp_path / "full.png").symlink_to("/dev/full")
     assert daylit.main([*words, str(tmp_path / "full.png"), "--json"]) == 6
     found = json.loads(capsys.readouterr().out)["error"]

@@ -60,6 +60,15 @@ def test_a_high_pile_of_thin_books_is_of_books_to_its_top(design: str) -> None:
     assert_sound(build_model("books", STYLES[0], BUILT_IN["books"].largest_m, design))
 
 
+@pytest.mark.parametrize("deep_m", [0.25, 0.3, 0.4])
+def test_books_stand_before_the_back_of_their_shelf(deep_m: float) -> None:
+    """Piles stuck out of the back of shelves 0.3 m deep, upright books of those 0.25 m deep."""
+    for design in BUILT_IN["bookshelf"].designs:
+        model = build_model("bookshelf", STYLES[0], (1.2, deep_m, 2.1), design)
+        books = [part.vertices for part in model.parts if part.material.name.startswith(("book", "paper"))]
+        assert np.concatenate(books)[:, 1].min() > -deep_m / 2 + 0.025, design
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize("category", sorted(BUILT_IN))
 def test_model_is_sound_in_every_size(category: str) -> None:
