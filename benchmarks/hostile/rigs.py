@@ -34,7 +34,7 @@ from benchmarks.hostile.worlds import (
     through_lens,
 )
 from benchmarks.kept_rows import Row, fresh
-from benchmarks.photometry.rig import calibrated_rig, measured
+from benchmarks.photometry.rig import calibrated_rig, measured, measured_again, with_own_lens
 from benchmarks.sessions import BODIES, Body, Taken
 from mocks.instruments.exposures import ShotRequest
 from mocks.optics.camera import ND3_TINT, CameraOptics, Filter, scene_rows
@@ -285,6 +285,8 @@ def rig_errors(folder: Path, bodies: dict[Side, Body], divisor: int, seed: int) 
     """Return one rig's errors in %, calibrated and measured in ``folder``."""
     rig = calibrated_rig(folder, divisor, seed, bodies)
     inside, outside = measured(folder / "room", rig, SimpleRoom(seed, gain=ROOM_GAIN), divisor, seed)
+    own_lens = with_own_lens(folder, rig, divisor, seed)
+    again = measured_again(folder / "room", own_lens, SimpleRoom(seed, gain=ROOM_GAIN), divisor, seed)
     k2 = rig.result.profile.k2
     assert k2 is not None
     off = abs(k2.value / rig.k2_truth - 1)
@@ -294,6 +296,8 @@ def rig_errors(folder: Path, bodies: dict[Side, Body], divisor: int, seed: int) 
         "k2_sigmas": off / k2.relative_uncertainty,
         "indoor_median_err_pct": 100 * inside.median,
         "indoor_p95_err_pct": 100 * inside.p95,
+        "own_lens_indoor_median_err_pct": 100 * again.median,
+        "own_lens_indoor_p95_err_pct": 100 * again.p95,
         "outdoor_lux_err_pct": 100 * abs(outside.lux),
         "lux_sigmas": abs(outside.lux) / ((1 + outside.lux) * outside.lux_stated),
         "sky_median_err_pct": 100 * outside.sky.median,

@@ -9,6 +9,7 @@ around the sun, whose light is in the illuminance; the veil seen around the imag
 `daylit process`. ``sky_floor_*`` is what the same frames give with everything known (true curve, noise, veil, fall-off,
 tint, scale): photon noise and JPEG; ``*_spot_*`` are of means over the meter's spot of 1/3 degree. ``further``: the
 first room with the exposures that `daylit capture --noise 3` adds; ``noise_stated_*``: what it states of its frames.
+``own_lens_*``: the first room with the panorama camera's stray light and fall-off measured (`--lamp`, `--turned`).
 ``zenith_*``: the demo's blue sky, calibrated by the command (`zenith`). ``staged_cover95_pct``: of staged pixels within
 their 95 % interval, median of the rooms that `end_to_end` has kept; without any, of one room of its quick run.
 """
@@ -23,7 +24,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.photometry.rig import Calibrated, Outdoor, calibrated_rig, measured
+from benchmarks.photometry.rig import Calibrated, Outdoor, calibrated_rig, measured, measured_again, with_own_lens
 from benchmarks.photometry.zenith import zenith_errors
 from benchmarks.seeds import seeds
 from benchmarks.sessions import STOPS_S
@@ -53,6 +54,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         rig = calibrated_rig(Path(folder), divisor, rig_seed)
         found = [measured(Path(folder) / f"room-{n}", rig, SimpleRoom(n, gain=GAIN), divisor, n) for n in rooms]
         first, room = SimpleRoom(rooms[0], gain=GAIN), Path(folder) / f"room-{rooms[0]}"
+        own_lens = measured_again(room, with_own_lens(Path(folder), rig, divisor, rig_seed), first, divisor, rooms[0])
         further = _further(room, rig, first, divisor, rooms[0], found[0][1])
     k2 = rig.result.profile.k2
     assert k2 is not None
@@ -68,6 +70,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "indoor_p95_err_pct": _middle(one.p95 for one in inside),
         "indoor_smooth_median_err_pct": _middle(one.smooth_median for one in inside),
         "indoor_smooth_p95_err_pct": _middle(one.smooth_p95 for one in inside),
+        "own_lens_k1_err_pct": _worst([own_lens.k1]),
+        "own_lens_indoor_median_err_pct": round(100 * own_lens.median, 3),
+        "own_lens_indoor_p95_err_pct": round(100 * own_lens.p95, 3),
         "outdoor_lux_err_pct": _worst(one.lux for one in outside),
         "sky_median_err_pct": _middle(one.sky.median for one in outside),
         "sky_p95_err_pct": _middle(one.sky.p95 for one in outside),

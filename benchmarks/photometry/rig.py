@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,7 +14,8 @@ import numpy.typing as npt
 from benchmarks.photometry.sky_floor import SkyErrors, sky_all_known, sky_errors
 from benchmarks.sessions import BODIES, STOPS_S, Body, Taken, write_session
 from mocks.optics.chart import ChartRoom
-from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
+from mocks.optics.lenses import EquirectangularLens
+from mocks.worlds.light import Site, UniformWorld, Vector, World, luminance_cd_m2, unit
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.outdoor import outdoor
@@ -22,11 +23,12 @@ from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, o
 from processing.calibration.outdoor.session_sky import with_shared_modes
 from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.veiling_glare import without_glare
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
-from processing.rig.camera_fit import SessionSide, read_side
+from processing.rig.camera_fit import SessionSide, read_side, with_falloff, with_lamps
 from processing.sphere import Fisheye, solid_angles
 from station.session.session import Side
 
@@ -49,6 +51,9 @@ DENSE_STOPS_S = (
 """For response curves: steps of different size, so that no wave in the curve repeats from frame to frame."""
 CHART_STOPS_S = (30.0, 20.0, 10.0, *STOPS_S)
 """For the chart, which is dim through the ND filter."""
+LAMPS = ((0.3, 0.9, 0.3), (-0.2, -0.9, 0.3))
+"""Where they stand in the dark room: one before each lens of the panorama camera."""
+TURN_RAD = math.radians(80)
 _SUN_RAD = math.radians(3)
 _EDGE_RATIO = 1.1
 _BAND = 12
@@ -78,6 +83,57 @@ def calibrated_rig(folder: Path, divisor: int, seed: int, bodies: Mapping[Side, 
     result = calibrate_rig(request, datetime.now(UTC))
     gains = [_gain(result, side, bodies[side]) for side in (Side.INDOOR, Side.OUTDOOR)]
     return Calibrated(result, gains[0] / gains[1], bodies)
+
+
+@dataclass(frozen=True)
+class LampRoom(UniformWorld):
+    """A dark room with a lamp of 3 degrees; or the lamp hidden by a black card."""
+
+    lamp: Vector = LAMPS[0]
+    hidden: bool = False
+
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
+        """Return the radiance (..., 3) of directions, cd/m2."""
+        cosine = directions @ np.array(unit(self.lamp), np.float32)
+        light = np.where(cosine > math.cos(math.radians(6)), 0.01 if self.hidden else 0.5, np.float32(0.5))
+        if not self.hidden:
+            light = np.where(cosine > math.cos(math.radians(1.5)), 40_000.0, light)
+        return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
+
+
+def with_own_lens(folder: Path, rig: Calibrated, divisor: int, seed: int) -> Calibrated:
+    """Return the rig with the panorama camera's stray light and fall-off as lamps and turning show them.
+
+    By pictures of half the size: a lens's light does not depend on it.
+    """
+    camera, body = rig.result.cameras[Side.INDOOR], rig.bodies[Side.INDOOR]
+    lens = body.optics.lens
+    assert isinstance(lens, EquirectangularLens)
+    aside = replace(body, optics=replace(body.optics, lens=replace(lens, yaw_rad=TURN_RAD)))
+
+    def taken(name: str, world: World, one: Body) -> SessionSide:
+        bodies = {**rig.bodies, Side.INDOOR: one}
+        found = read_side(
+            write_session(folder / name, Taken(world, 2 * divisor, (Side.INDOOR,), seed=seed, bodies=bodies)),
+            Side.INDOOR,
+        )
+        assert found is not None
+        return found
+
+    pairs = [
+        (taken(f"lamp-{n}", LampRoom(lamp=at), body), taken(f"hidden-{n}", LampRoom(lamp=at, hidden=True), body))
+        for n, at in enumerate(LAMPS)
+    ]
+    turns = [taken(f"turn-{n}", SimpleRoom(seed), one) for n, one in enumerate((body, aside))]
+    cameras = {**rig.result.cameras, Side.INDOOR: with_falloff(with_lamps(camera, pairs), turns)}
+    return replace(rig, result=replace(rig.result, cameras=cameras))
+
+
+def measured_again(path: Path, rig: Calibrated, world: World, divisor: int, seed: int) -> Indoor:
+    """Return the errors of an indoor session that `measured` has written, by another calibration."""
+    side = read_side(path, Side.INDOOR)
+    assert side is not None
+    return _indoor(rig, Taken(world, divisor, seed=seed, bodies=rig.bodies), side)[1]
 
 
 def _gain(result: RigResult, side: Side, body: Body) -> float:
@@ -142,7 +198,8 @@ def measured(
 
 def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[ScaleFactor, Indoor]:
     camera = rig.result.cameras[Side.INDOOR]
-    image = camera.corrected(camera.merged(side))
+    merged = camera.merged(side)
+    image = camera.corrected(without_glare(merged, camera.glare) if camera.glare else merged)
     assert side.target is not None
     k1 = scale_from_reading(
         image, side.readings, side.target.longitude_rad, side.target.latitude_rad, frames=side.records
@@ -156,8 +213,9 @@ def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[ScaleFact
     smooth = use & ~_edges(truth)
     body = rig.bodies[Side.INDOOR]
     k1_truth = 1 / _gain(rig.result, Side.INDOOR, body)
-    # What the lens scatters is in the picture of the board, and not in the meter.
-    shown_share = body.shown_share(taken, k1.measured, float((truth * solid).sum() / solid.sum()))
+    # What the lens scatters is in the picture of the board, and not in the meter; unless it was taken off.
+    mean = float((truth * solid).sum() / solid.sum())
+    shown_share = 1.0 if camera.glare else body.shown_share(taken, k1.measured, mean)
     return k1, Indoor(
         k1=k1.value / (k1_truth / shown_share) - 1,
         k1_without_glare=k1.value / k1_truth - 1,

@@ -63,7 +63,7 @@ def _request(options: dict[str, Any]) -> RigRequest:
     corners = {side: numbers("--corners", text, 8, "X,Y of four corners") for side, text in sided}
     rules = {side: _rule(text, tuple(ShutterRule)) for side, text in map(_sided, options["shutter"])}
     half_rad, nd = math.radians(options["half_field"]), options["nd"] or None
-    given = {name: options[name] for name in ("flats", "lamps", "lens_data")}
+    given = {name: options[name] for name in ("flats", "turned", "lamps", "lens_data")}
     return RigRequest(
         chart=chart, sessions=others, nd=nd, corners=corners, rules=rules, half_field_rad=half_rad, **given
     )

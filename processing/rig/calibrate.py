@@ -29,8 +29,8 @@ from processing.rig.camera_fit import (
     channel_doubt,
     fit_camera,
     read_side,
+    with_falloff,
     with_filter,
-    with_flat_field,
     with_lamps,
     with_tint,
 )
@@ -48,6 +48,7 @@ class RigRequest:
     ``chart``: the session in which both cameras see the chart (k2). ``sessions``: more brackets of either camera, for
     response and noise only; without any the chart has to do. ``nd``: the outdoor camera's chart with and without the
     filter (the latter is used for its response too). ``lamps``: pairs in the dark, a lamp seen and hidden by a card.
+    ``flats``: the outdoor camera before an evenly lit field; ``turned``: one room, the panorama camera turned between.
     """
 
     chart: Path
@@ -59,6 +60,7 @@ class RigRequest:
     rules: Mapping[Side, ShutterRule] = field(default_factory=dict)
     half_field_rad: float = math.pi / 2
     lamps: tuple[tuple[Path, Path], ...] = ()
+    turned: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -144,8 +146,12 @@ def _require_use(request: RigRequest, charts: Mapping[Side, SessionSide]) -> Non
     for seen, hidden in request.lamps:
         if not any(read_side(seen, side) and read_side(hidden, side) for side in charts):
             raise ParameterError("no camera of the chart session took both pictures", where=f"--lamp {seen} {hidden}")
-    if request.flats and not any(read_side(path, Side.OUTDOOR) for path in request.flats):
-        raise ParameterError("no frames of the outdoor camera", where=f"--flat {request.flats[0]}")
+    used = {"flat": (request.flats, Side.OUTDOOR, 1), "turned": (request.turned, Side.INDOOR, 2)}
+    for name, (paths, side, least) in used.items():
+        if paths and sum(read_side(path, side) is not None for path in paths) < least:
+            raise ParameterError(
+                f"frames of the {side} camera in {least} or more are needed", where=f"--{name} {paths[0]}"
+            )
 
 
 def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
@@ -163,18 +169,19 @@ def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
 def _optics(request: RigRequest, camera: CameraFit, *, raw: bool = False) -> CameraFit:
     """Return the camera with what flats, filter and lamps show; by raw files where these have them, else as it is."""
     side, read = camera.side, partial(read_side, side=camera.side, raw=raw)
-    flats = [taken for path in request.flats if (taken := read(path)) is not None]
-    if side is Side.OUTDOOR and flats:
-        camera = with_flat_field(camera, flats)
+    lamps = [(read(seen), read(hidden)) for seen, hidden in request.lamps]
+    if pairs := [(seen, hidden) for seen, hidden in lamps if seen is not None and hidden is not None]:
+        camera = with_lamps(camera, pairs)
+    fields, least = (request.flats, 1) if side is Side.OUTDOOR else (request.turned, 2)
+    if len(takes := [taken for path in fields if (taken := read(path)) is not None]) >= least:
+        camera = with_falloff(camera, takes)
     if request.nd and side is Side.OUTDOOR:
         filtered, plain = (read(path) for path in request.nd)
         if filtered is not None and plain is not None:
             camera = with_filter(camera, filtered, plain)
         elif not raw:
             raise ParameterError("the session has no outdoor frames", where="--nd", advice="--nd WITH WITHOUT")
-    lamps = [(read(seen), read(hidden)) for seen, hidden in request.lamps]
-    pairs = [(seen, hidden) for seen, hidden in lamps if seen is not None and hidden is not None]
-    return with_lamps(camera, pairs) if pairs else camera
+    return camera
 
 
 def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[SessionSide]:

@@ -23,7 +23,8 @@ from processing.calibration.scale.chart import find_chart_around
 from processing.calibration.scale.chart_patches import FoundChart
 from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.lamp_glare import kernel_from_lamps
-from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
+from processing.calibration.scale.veiling_glare import without_glare
+from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat, fit_turned
 from processing.errors import BracketError, LensError, ParameterError, ProfileError, ResponseError
 from processing.ground.arrays import Doubles
 from processing.pictures.images import RelativeImage
@@ -180,18 +181,19 @@ def fit_camera(
     )
 
 
-def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFit:
-    """Return the camera with the fall-off that pictures of an evenly lit field show.
+def with_falloff(camera: CameraFit, takes: Sequence[SessionSide]) -> CameraFit:
+    """Return the camera with the fall-off that pictures show: outdoors of an evenly lit field, indoors of one room.
 
-    Raises `ProfileError`: the indoor camera: its fall-off can be given only (`--lens-data`).
+    Indoors the camera was turned between them, and stray light that is known is taken off before.
     """
-    if camera.lens is None or not flats:
-        raise ProfileError("a flat field is fitted for the outdoor camera only", advice="--lens-data theta_z1")
-    pictures = [camera.merged(flat) for flat in flats]
-    geometry = camera.lens.fisheye(flats[0].size_px)
-    assert isinstance(geometry, Fisheye)
-    found = fit_flat([picture.rgb for picture in pictures], geometry)
-    return replace(camera, vignetting=replace(found, f_number=flats[0].state.f_number))
+    pictures = [camera.merged(taken) for taken in takes]
+    if camera.lens is None:
+        found = fit_turned([without_glare(one, camera.glare) if camera.glare else one for one in pictures])
+    else:
+        geometry = camera.lens.fisheye(takes[0].size_px)
+        assert isinstance(geometry, Fisheye)
+        found = fit_flat([picture.rgb for picture in pictures], geometry)
+    return replace(camera, vignetting=replace(found, f_number=takes[0].state.f_number))
 
 
 def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) -> CameraFit:

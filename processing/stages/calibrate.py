@@ -56,7 +56,7 @@ def run(context: StageContext) -> StageOutput:
     else:
         sides["indoor"] = calibrate_indoor(pictures.pop("indoor"), context.session, asked, profile)
     k1 = sides["indoor"].scale if sides else given_scale("k1", asked.k1 or 1.0)
-    found = _sky(context, profile, k1, pictures)
+    found = _sky(context, profile, sides["indoor"].of_camera if sides else k1, pictures)
     if isinstance(found, Calibrated):
         sides["outdoor"] = found
     else:

@@ -390,3 +390,11 @@ class Calibrated:
     scale: ScaleFactor
     facts: dict[str, Any]
     warnings: tuple[str, ...] = ()
+
+    @property
+    def of_camera(self) -> ScaleFactor:
+        """The scale with what the lens may have done to the light of its spot: another camera's does not share that."""
+        modes = modes_of(self.image)
+        lens = [mode.places[2] for mode in modes if mode.kind == "scatter"]
+        lens += [mode.values[0] for mode in modes if mode.name == "fall-off"]  # ahead, where nothing falls off
+        return replace(self.scale, relative_uncertainty=math.hypot(self.scale.relative_uncertainty, *lens))

@@ -11,12 +11,13 @@ from importlib.resources import files
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError
 from processing.ground.arrays import Doubles, Floats, Indices
-from processing.pictures.images import RelativeImage, luminance_cd_m2
+from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye
 from processing.sphere.geometry import polar_of_radius
 
@@ -33,6 +34,8 @@ EVEN_POWERS = (2, 4, 6, 8)
 """Of r, what fits take: a symmetric lens's fall-off is smooth in the middle, which is off by 1 % without the 8th."""
 COPY_SIGMA = 0.01
 """Relative, at the rim, of a published fall-off for another copy of the lens; chosen: none's spread is published."""
+TURNED_SIGMA = 0.005
+"""Relative, at the rim, of a fall-off by turned pictures, beside their scatter: of twelve hostile rigs (validation)."""
 _LEAST, _MOST = 0.02, 4.0  # chosen: no lens falls or rises so far
 _MIN_SAMPLES = 50  # chosen: ten times the unknowns
 
@@ -140,7 +143,7 @@ def _solve(r: Doubles, level: Doubles, scene: Indices, powers: tuple[int, ...], 
             raise LensError(
                 "the frames do not separate the vignetting from the scene",
                 likely="the camera was turned about its lens's axis, or not turned",
-                advice="lay the camera on its side and turn it by azimuth, or photograph a flat field",
+                advice="turn it by a right angle between the pictures, or photograph a flat field",
             )
         step = np.linalg.solve(normal, slopes.T @ (weights * off) / r.size)
         found = found + step
@@ -159,6 +162,42 @@ def _centred(values: Doubles, scene: Indices, count: Indices) -> Doubles:
 
 
 # Fall-off in a stitched panorama: that of the two fisheyes it was made of, which look ahead and back.
+
+
+_ROWS, _PARTS = 90, 8  # cells of 2 degrees, and parts of each by which turns are found; chosen
+_EVEN_FRAC = 0.1  # of a cell, that it may vary; chosen: what is left out are edges
+_LEAST_ALIKE = 0.9  # correlation; chosen: a simulated room's pictures have 0.99, of two alike 0.90 at most
+
+
+def fit_turned(pictures: Sequence[RelativeImage]) -> Vignetting:
+    """Fit a panorama camera's fall-off to pictures of one room, between which it was turned about its upright axis.
+
+    A direction shows the same light in all, farther from a lens's axis in some. Each has a brightness of its own; how
+    far the camera was turned is found. Raises `LensError`: by 0 or 180 degrees, or the pictures are of several rooms.
+    """
+    latitude, longitude = (((np.arange(n) + 0.5) / n - 0.5) * np.pi for n in (_ROWS, 2 * _ROWS * _PARTS))
+    places = np.sqrt(1 - np.abs(np.cos(latitude)[:, None] * np.cos(2 * longitude)))
+    samples, start = [], None
+    for picture in pictures:
+        light = luminance_cd_m2(picture.rgb) * (picture.validity == Validity.VALID)
+        fine = np.maximum(cv2.resize(light, places.shape[::-1], interpolation=cv2.INTER_AREA), 1e-20)
+        # The turn after which the pictures are most alike
+        shape = (np.log(fine) - np.log(fine).mean(axis=1, keepdims=True)) * np.cos(latitude)[:, None]
+        waves = np.fft.rfft(shape / max(float(np.linalg.norm(shape)), 1e-20), axis=1)
+        start = waves if start is None else start
+        alike = np.fft.irfft((start * waves.conj()).sum(axis=0))
+        if alike.max() < _LEAST_ALIKE:
+            raise LensError("the pictures do not show one room from one place", advice="only turn the camera")
+        turned = (np.roll(one, int(np.argmax(alike)), axis=1).reshape(-1, _PARTS) for one in (fine, places))
+        cells, r = turned
+        samples.append((r.mean(axis=1), np.log(cells.mean(axis=1)), cells.std(axis=1) / cells.mean(axis=1)))
+    r, level, uneven = np.moveaxis(np.array(samples), 1, 0)
+    use = np.flatnonzero(uneven.max(axis=0) < _EVEN_FRAC)
+    # Where two lenses change places, each stands in as often for the other.
+    level = level[:, use] - np.median(level[:, use] - level[0, use], axis=1, keepdims=True)
+    scene = np.tile(np.arange(use.size), len(level))
+    found = _solve(r[:, use].ravel(), level.ravel(), scene, EVEN_POWERS, "fitted to a room, the camera turned")
+    return replace(found, relative_uncertainty=float(np.hypot(found.relative_uncertainty, TURNED_SIGMA)))
 
 
 def correct_panorama(image: RelativeImage, vignetting: Vignetting) -> RelativeImage:

@@ -18,9 +18,12 @@ import numpy as np
 import pytest
 
 import daylit
-from benchmarks.sessions import Taken, write_session
+from benchmarks.photometry.rig import DENSE_STOPS_S
+from benchmarks.sessions import BODIES, Taken, write_session
 from mocks.optics.camera import ND3_TINT, Filter
+from mocks.optics.lenses import EquirectangularLens
 from mocks.worlds.light import UniformWorld, unit
+from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.profile import RigProfile, load_profile
 from processing.calibration.profile_records import ShutterRecord
 from processing.calibration.scale.chart import ChartView
@@ -251,6 +254,22 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
     assert found.density == 0
 
 
+def test_the_panoramas_falloff_is_measured_by_turning_the_camera(sessions: Path, tmp_path: Path) -> None:
+    body = BODIES[Side.INDOOR]
+    aside = replace(body, optics=replace(body.optics, lens=EquirectangularLens(yaw_rad=1.4)))
+    taken = Taken(SimpleRoom(3), SMALL, (Side.INDOOR,), stops_s=DENSE_STOPS_S, bodies={Side.INDOOR: aside})
+    turned = (sessions / "room", write_session(tmp_path / "turned", taken))
+    request = calibrate.RigRequest(sessions / "chart", (turned[0],), turned=turned, lens_data=("theta_z1",))
+    chart = read_side(request.chart, Side.INDOOR)
+    assert chart is not None
+    found = calibrate._camera(request, Side.INDOOR, chart).vignetting
+    assert found is not None
+    assert found.source.endswith("the camera turned")
+    angle = math.radians(84)  # from a lens's axis, where the published fall-off of another copy is 1.2 % off
+    true = math.cos(0.21 * angle) * (1 - 0.08 * (angle - 0.9) ** 2)
+    assert float(found.evaluate(math.sqrt(1 - math.cos(angle)))) == pytest.approx(true, rel=0.003)
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -261,6 +280,7 @@ def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
         (["--corners", "indoor:1,1,2000,1,2000,40,1,40"], "outside the frame"),
         (["--nd", "plain", "plain"], "given twice"),
         (["--flat", "room"], "outdoor camera"),
+        (["--turned", "room", "--turned", "plain"], "indoor camera in 2 or more"),
         (["--lamp", "room", "plain"], "took both"),
     ],
 )

@@ -13,8 +13,9 @@ from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.outdoor.session_sky import with_shared_modes
+from processing.calibration.scale.glare_fit import VEIL_INDEX
 from processing.calibration.scale.luminance import Spot, sighted, spot_pixels
-from processing.calibration.scale.vignetting import published_vignetting
+from processing.calibration.scale.vignetting import COPY_SIGMA, published_vignetting
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import ROOM_SPECTRAL_SIGMA, modes_of, relative_error
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
@@ -56,6 +57,19 @@ def test_light_of_another_colour_than_the_meters_spot_is_less_certain(tmp_path: 
     assert error[20, 39] == pytest.approx(0, abs=1e-6)
     assert error[20, 60] - error[20, 10] == pytest.approx(ROOM_SPECTRAL_SIGMA * np.log(2), rel=1e-4)
     assert error[20, 10 if spot_blue == 1 else 60] == pytest.approx(0, abs=1e-6)
+
+
+def test_k1_is_less_certain_for_another_camera_by_what_the_lens_did_to_the_boards_light(tmp_path: Path) -> None:
+    """Near the stitch, with stray light and fall-off not measured; the panorama itself is right there."""
+    write_session(tmp_path / "room", Taken(SimpleRoom(3), 32, (Side.INDOOR,)))
+    room, added = load_manifest(tmp_path / "room"), {}
+    for falloff in ("auto", "off"):
+        asked = CalibrateParameters(target="85,0", falloff=falloff)
+        found = calibrate_indoor(lit_room(1.0), room, asked, None)
+        own, sky = found.scale.relative_uncertainty, found.of_camera.relative_uncertainty
+        added[falloff] = math.sqrt(sky**2 - own**2)
+    assert VEIL_INDEX / 2 < added["off"] < 2 * VEIL_INDEX
+    assert math.sqrt(added["auto"] ** 2 - added["off"] ** 2) == pytest.approx(COPY_SIGMA, rel=0.1)
 
 
 def test_fall_off_and_stray_light_of_an_eye_are_0_where_the_meter_looked() -> None:

@@ -11,9 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics
-from processing.calibration.scale.vignetting import Vignetting, fit_flat, published_vignetting
+from mocks.optics.lenses import EquirectangularLens
+from mocks.worlds.light import Site
+from mocks.worlds.simple_room import SimpleRoom
+from processing.calibration.scale.vignetting import (
+    TURNED_SIGMA,
+    Vignetting,
+    fit_flat,
+    fit_turned,
+    published_vignetting,
+)
 from processing.errors import LensError
-from processing.sphere import Fisheye, LensMapping
+from processing.pictures.images import RelativeImage
+from processing.sphere import Equirectangular, Fisheye, LensMapping
 
 SIZE = (240, 160)
 RADIUS = 240 * 16 / 36 * math.sin(math.pi / 4)
@@ -107,3 +117,37 @@ def test_dark_frames_and_wrong_coefficients_are_refused() -> None:
         Vignetting((2, 4), (0.1,))
     with pytest.raises(LensError):
         Vignetting((2,), (math.nan,))
+
+
+PANORAMA = (360, 180)
+
+
+def seen(yaw_rad: float, room: int = 3, gain: float = 1.0) -> RelativeImage:
+    """A panorama of a simulated room, as its lenses draw it, the camera turned."""
+    lens = EquirectangularLens(yaw_rad)
+    x, y = np.arange(PANORAMA[0]) + 0.5, np.arange(PANORAMA[1])[:, None] + 0.5
+    ways, _ = lens.directions(x, y, PANORAMA)
+    light = SimpleRoom(room).radiance(Site.INDOOR, ways.reshape(-1, 3)).reshape(ways.shape)
+    rgb = np.asarray(gain * light * lens.falloff(x, y, PANORAMA)[..., None], np.float32)
+    shape = rgb.shape[:2]
+    return RelativeImage(rgb, np.full(shape, 0.01, np.float32), np.zeros(shape, np.uint8), Equirectangular(*PANORAMA))
+
+
+@pytest.mark.parametrize("turn_deg", [90.0, -37.0])
+def test_turning_the_camera_gives_the_panoramas_falloff(turn_deg: float) -> None:
+    found = fit_turned([seen(0.0), seen(math.radians(turn_deg), gain=1.1)])
+    angles = np.linspace(0, math.pi / 2, 90)
+    middle, size = PANORAMA[0] / 2, PANORAMA[0]
+    true = EquirectangularLens().falloff(middle + angles / (2 * math.pi) * size, np.full(90, PANORAMA[1] / 2), PANORAMA)
+    off = found.evaluate(np.sqrt(1 - np.cos(angles))) / true - 1
+    published = published_vignetting("theta_z1").evaluate(np.sqrt(1 - np.cos(angles))) / true - 1
+    assert np.abs(off).max() < 0.003 < 0.01 < np.abs(published).max()
+    assert TURNED_SIGMA <= found.relative_uncertainty < 1.2 * TURNED_SIGMA
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "room", "why"), [(0.0, 3, "separate"), (180.0, 3, "separate"), (90.0, 5, "one room")]
+)
+def test_pictures_that_show_no_falloff_are_refused(turn_deg: float, room: int, why: str) -> None:
+    with pytest.raises(LensError, match=why):
+        fit_turned([seen(0.0), seen(math.radians(turn_deg), room)])
