@@ -1,6 +1,7 @@
 """What stands before the cameras of a session: from the rig profile, published data, and the picture itself."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal, Protocol
 
@@ -13,17 +14,20 @@ from processing.calibration.scale.glare_fit import GlareKernel
 from processing.calibration.scale.veiling_glare import kernel_from_surround, without_glare
 from processing.calibration.scale.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
+from processing.ground.arrays import AnyArray
 from processing.pictures.images import RelativeImage
 from processing.sphere import Fisheye, LensMapping
 from station.session.session import SessionManifest, Side
 
-PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
-"""Published fall-off by kind of camera."""
 LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
 """Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are assumed to be equidistant: none is measured."""
 EYE_LENS = "equisolid,180"
 """Mapping and degrees of a fisheye at the eye, until it is said: of most circular ones."""
-PUBLISHED_FALLOFF = {"canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0))}
+PUBLISHED_FALLOFF = {
+    "theta_z1": (("theta_z1", 5.6),),
+    "canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0)),
+}
+"""By kind of camera, with the aperture of each."""
 OTHER_APERTURE_UNCERTAINTY = 0.03
 """Relative, of a fall-off published for another aperture: f/8 and f/11 differ by that much."""
 SURE_SUPPORT = 0.5  # share of rays on which the circle's edge must be seen, to trust it more than the rig file's
@@ -58,19 +62,24 @@ class OpticsChoice(Protocol):
         """Mapping and whole field in degrees of a fisheye at the eye, likewise."""
 
 
-def indoor_falloff(
-    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None
+def falloff_of(
+    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, warnings: list[str], side: Side
 ) -> tuple[Vignetting | None, str]:
-    """Return the panorama's fall-off that is corrected (None: none is), and where it is from."""
+    """Return the fall-off that is corrected in a side's pictures (None: none is), and where it is from."""
     if asked.falloff == "off":
         return None, "correction switched off"
-    camera = profile.cameras.get(Side.INDOOR) if profile else None
+    camera = profile.cameras.get(side) if profile else None
+    f_numbers = [f.f_number for f in session.frames if f.side is side and f.f_number]
     if camera and camera.vignetting:
-        return camera.vignetting.vignetting(), "from the rig profile"
-    name = PANORAMA_FALLOFF.get(_kind(session, Side.INDOOR))
-    if name is None:
-        return None, "not corrected: unknown for this camera"
-    found = published_vignetting(name)
+        found = camera.vignetting.vignetting()
+        at = found.f_number or (f_numbers[0] if f_numbers else 1.0)
+        return _for_aperture(found, at, f_numbers, warnings), "from the rig profile"
+    known = PUBLISHED_FALLOFF.get(_kind(session, side), ())
+    if not known or (len(known) > 1 and not f_numbers):
+        warnings.append(f"the {side} lens's vignetting is unknown and not corrected: measure it (daylit rig calibrate)")
+        return None, "not corrected: unknown for this lens"
+    name, nearest = min(known, key=lambda one: abs(math.log(one[1] / (f_numbers or [1.0])[0])))
+    found = _for_aperture(published_vignetting(name), nearest, f_numbers, warnings)
     return found, f"published: {found.source}"
 
 
@@ -89,7 +98,7 @@ def find_optics(
         lens, lens_source = camera.lens.lens(), "from the rig profile"
     else:
         lens, lens_source = _lens(image, session, asked, side, warnings)
-    falloff, falloff_source = _falloff(session, asked, profile, warnings, side)
+    falloff, falloff_source = falloff_of(session, asked, profile, warnings, side)
     if side is Side.OUTDOOR:
         if _kind(session, side) not in LENS_MAPPINGS and lens.polynomial == ():
             warnings.append(f"the outdoor lens's mapping ({lens.mapping}) is assumed: angles may be 4 degrees off")
@@ -99,7 +108,7 @@ def find_optics(
     else:
         tint, tint_source = None, "no filter"
     if k2 is not None:
-        panorama = indoor_falloff(session, asked, profile)[0]
+        panorama = falloff_of(session, asked, profile, [], Side.INDOOR)[0]
         warnings += corrections_unlike(k2, {"panorama": panorama, "vignetting": falloff, "nd": tint})
     field_deg = math.degrees(2 * lens.half_field_rad)
     circle = lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
@@ -167,7 +176,8 @@ def glare_taken_off(
 def _lens(
     merged: RelativeImage, session: SessionManifest, asked: OpticsChoice, side: Side, warnings: list[str]
 ) -> tuple[LensModel, str]:
-    circle, source = _circle(merged, session, side)
+    height, width = merged.validity.shape
+    circle, source = circle_seen(merged.rgb, (width, height), stated_circle(session.rig, side))
     mapping, field_deg = LENS_MAPPINGS.get(_kind(session, side), LensMapping.EQUIDISTANT), asked.outdoor_field_deg
     how = "by the kind of camera, field as asked or usual"
     if side is Side.INDOOR:
@@ -179,19 +189,20 @@ def _lens(
     return lens, f"{mapping} {how}; image circle {source}"
 
 
-def _circle(merged: RelativeImage, session: SessionManifest, side: Side) -> tuple[ImageCircle, str]:
-    """Return the image circle as the picture shows it, or as the rig file has it where the picture is not sure."""
-    height, width = merged.rgb.shape[:2]
-    recorded = stated_circle(session.rig, side)
+def circle_seen(
+    pictures: AnyArray | Sequence[AnyArray], size_px: tuple[int, int], stated: Circle | None
+) -> tuple[ImageCircle, str]:
+    """Return the image circle as pictures show it (see `find_image_circle`), or as stated where they are not sure."""
     try:
-        found = find_image_circle(merged.rgb)
-        if found.support >= SURE_SUPPORT or not recorded:
+        found = find_image_circle(pictures)
+        if found.support >= SURE_SUPPORT or not stated:
             return found, "found in the picture"
     except LensError:
-        if not recorded:
+        if not stated:
             raise
-    column, row, radius = recorded
-    return ImageCircle((column * width, row * height), radius * width, (width, height)), "of the rig file"
+    (column, row, radius), (width, height) = stated, size_px
+    circle = ImageCircle((column * width, row * height), radius * width, size_px, support=0.0)
+    return circle, "of the rig file"
 
 
 def stated_circle(rig: dict[str, object], side: Side = Side.OUTDOOR) -> Circle | None:
@@ -203,26 +214,6 @@ def stated_circle(rig: dict[str, object], side: Side = Side.OUTDOOR) -> Circle |
         if -1 < x < 2 and -1 < y < 2 and 0 < radius <= 2:
             return x, y, radius
     return None
-
-
-def _falloff(
-    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, warnings: list[str], side: Side
-) -> tuple[Vignetting | None, str]:
-    if asked.falloff == "off":
-        return None, "correction switched off"
-    camera = profile.cameras.get(side) if profile else None
-    f_numbers = [f.f_number for f in session.frames if f.side is side and f.f_number]
-    if camera and camera.vignetting:
-        found = camera.vignetting.vignetting()
-        at = found.f_number or (f_numbers[0] if f_numbers else 1.0)
-        return _for_aperture(found, at, f_numbers, warnings), "from the rig profile"
-    known = PUBLISHED_FALLOFF.get(_kind(session, side), ())
-    if not known or not f_numbers:
-        warnings.append(f"the {side} lens's vignetting is unknown and not corrected: measure it (daylit rig calibrate)")
-        return None, "not corrected: unknown for this lens"
-    name, nearest = min(known, key=lambda one: abs(math.log(one[1] / f_numbers[0])))
-    found = _for_aperture(published_vignetting(name), nearest, f_numbers, warnings)
-    return found, f"published: {found.source}"
 
 
 def _for_aperture(found: Vignetting, known_at: float, f_numbers: list[float], warnings: list[str]) -> Vignetting:

@@ -134,10 +134,8 @@ def _lines(result: RigResult) -> list[str]:
             f"{side}: response to {facts['response_residual_stops']:.4f} stop, shutter times {facts['shutter']}, "
             f"chart by {facts['chart_found_by']} (colours differ by {facts['chart_mismatch']:.1%})"
         )
-        lines += [f"  curve: {facts['response_fit']}"] if facts["response_fit"] else []
-        lines += [f"  vignetting: {facts['vignetting']}"] if facts["vignetting"] else []
-        lines += [f"  lens: {facts['lens']}"] if facts["lens"] else []
-        lines += [f"  colour: {facts['colour']}"] if facts["colour"] else []
+        named = {"curve": "response_fit", "vignetting": "vignetting", "lens": "lens", "colour": "colour"}
+        lines += [f"  {name}: {facts[key]}" for name, key in named.items() if facts[key]]
         lines += [f"  stray light: {facts['glare_index']:.2%} of the mean"] if facts["glare_index"] is not None else []
         lines += [f"  ND filter: density {facts['nd_density']:.3f}"] if facts["nd_density"] else []
     k2 = result.profile.k2

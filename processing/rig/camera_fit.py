@@ -11,8 +11,8 @@ import numpy as np
 
 from processing.calibration import profile_records
 from processing.calibration.merge.merge import MergeOptions
-from processing.calibration.optics import LENS_MAPPINGS, stated_circle
-from processing.calibration.outdoor.lens import Circle, ImageCircle, LensModel, find_image_circle
+from processing.calibration.optics import LENS_MAPPINGS, circle_seen, stated_circle
+from processing.calibration.outdoor.lens import Circle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, camera_state
@@ -89,19 +89,10 @@ def outdoor_lens(side: SessionSide, half_field_rad: float) -> LensModel:
 
     Raises `LensError`: no circle is seen, and none is stated.
     """
-    try:
-        circle = find_image_circle(decoded(side.frames))
-        source = "image circle found in the frames"
-    except LensError:
-        if side.circle_frac is None:
-            raise
-        x, y, radius = side.circle_frac
-        wide, high = side.size_px
-        circle = ImageCircle((x * wide, y * high), radius * wide, (wide, high), support=0.0)
-        source = "image circle of the rig file"
+    circle, source = circle_seen(decoded(side.frames), side.size_px, side.circle_frac)
     mapping = LENS_MAPPINGS.get(kind := side.device.kind if side.device else "", LensMapping.EQUIDISTANT)
     known = str(mapping) if kind in LENS_MAPPINGS else f"{mapping} (assumed)"
-    return LensModel(mapping, circle, half_field_rad, source=f"{known}; {source}")
+    return LensModel(mapping, circle, half_field_rad, source=f"{known}; image circle {source}")
 
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)

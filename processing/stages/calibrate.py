@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from processing.calibration.optics import LAMPS, find_optics, glare_facts, indoor_falloff, lamp_kernel
+from processing.calibration.optics import LAMPS, falloff_of, find_optics, glare_facts, lamp_kernel
 from processing.calibration.outdoor.outdoor import OutdoorView, outdoor_view, project
 from processing.calibration.outdoor.session_sky import bare_light, calibrate_outdoor, why_no_scale, with_shared_modes
 from processing.calibration.profile import RigProfile, chart_mismatches, load_profile, unlike_profile
@@ -197,7 +197,7 @@ def calibrate_indoor(
     """Return the panorama in cd/m2. Raises `ScaleError` where neither readings nor --k1 give a scale."""
     if isinstance(merged.geometry, Fisheye):
         return calibrate_eye(merged, session, asked, profile)
-    falloff, source = indoor_falloff(session, asked, profile)
+    falloff, source = falloff_of(session, asked, profile, [], Side.INDOOR)
     kernel = None if asked.glare == "keep" else lamp_kernel(profile, Side.INDOOR)
     image, tied = merged if kernel is None else without_glare(merged, kernel), merged.attributes.get(SEAM_KEY)
     del merged

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
-from processing.calibration.optics import OpticsChoice, find_optics, glare_taken_off, indoor_falloff, lamp_kernel
+from processing.calibration.optics import OpticsChoice, falloff_of, find_optics, glare_taken_off, lamp_kernel
 from processing.calibration.outdoor import outdoor, sun_place
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView
@@ -178,7 +178,7 @@ def _through_glass(
     Raises `LensError` where the window's view does not stand out from the room.
     """
     assert isinstance(merged.geometry, Equirectangular)
-    falloff, source = indoor_falloff(session, asked, profile)
+    falloff, source = falloff_of(session, asked, profile, [], Side.INDOOR)
     image, share = only_the_view(merged if falloff is None else correct_panorama(merged, falloff))
     sky = _with_sun(image)
     # The session's heading is that of the panorama of the room, not of this one.
