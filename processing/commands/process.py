@@ -203,7 +203,20 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
 # What a user sees of a run: a bar with the time left on a terminal, a line per stage elsewhere, and the summary.
 
 
-class PlainView(SilentView):
+class _RunView(SilentView):
+    """Where a stage fails, it says what those before warned of: that is often why."""
+
+    _warned: tuple[str, ...] = ()
+
+    def show(self, event: RunEvent) -> None:
+        if event.report:
+            lines = _stage_lines(event.report)
+            self._warned += tuple(line for line in lines if line.lstrip().startswith("warning: "))
+        for line in self._warned if event.kind == "failed" else ():
+            click.echo(printable(line), err=True)
+
+
+class PlainView(_RunView):
     """A line when a stage starts, every `LINE_S` seconds while it works, and when it is done: for logs."""
 
     def __init__(self) -> None:
@@ -211,6 +224,7 @@ class PlainView(SilentView):
 
     def show(self, event: RunEvent) -> None:
         """Write a line for what takes time."""
+        super().show(event)
         cost = event.report.cost if event.report else None
         if event.kind == "finished" and cost:
             click.echo(printable(f"{event.stage}: done in {cost.seconds:.1f} s"))
@@ -223,7 +237,7 @@ class PlainView(SilentView):
         self._said_s = time.monotonic()
 
 
-class TerminalView(SilentView):
+class TerminalView(_RunView):
     """One bar, for the stage that runs."""
 
     def __init__(self) -> None:
@@ -237,6 +251,7 @@ class TerminalView(SilentView):
 
     def show(self, event: RunEvent) -> None:
         """Update the bar."""
+        super().show(event)
         words = printable(event.text + _left(event.left_s))
         if event.kind == "first":
             self._stages.console.print(words, markup=False, highlight=False)
@@ -272,7 +287,7 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
         yield f"{len(done)} of {len(report.stages)} stages done in {spent}"
 
 
-def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
+def _stage_lines(stage: StageReport, *, explain: bool = False) -> Iterator[str]:
     from processing.running.requests import change_line
     from processing.stages.parameters import NO_SUCH
 

@@ -12,7 +12,7 @@ import daylit
 import processing.pipeline
 from processing.commands.process import PlainView, TerminalView, process, stage_view
 from processing.running import runner
-from processing.running.results import RunEvent, RunEventKind
+from processing.running.results import Action, RunEvent, RunEventKind, StageReport
 from station.commands.views import answer, numbers, printable
 from tests.processing.running.toy_stages import TOTAL, TOYS
 from tests.station.session.sessions import complete_session
@@ -208,3 +208,14 @@ def test_one_number_is_asked_for_in_the_singular() -> None:
         numbers("--scale", "nan", 1, "cd/m2")
     with pytest.raises(click.UsageError, match="2 comma-separated numbers"):
         numbers("--at", "1", 2, "degrees")
+
+
+def test_where_a_stage_fails_what_those_before_warned_of_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    view = PlainView()
+    summary = {"warnings": [{"message": "a frame is off", "code": "toy"}], "left_out": {"sky": "none"}}
+    view.show(
+        RunEvent(RunEventKind.FINISHED, "frames", "", report=StageReport("frames", Action.RAN, "", (), None, summary))
+    )
+    assert capsys.readouterr().err == ""
+    view.show(RunEvent(RunEventKind.FAILED, "total", "no"))
+    assert capsys.readouterr().err.strip() == "warning: a frame is off (toy)"
