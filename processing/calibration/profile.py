@@ -189,14 +189,10 @@ def profile_matches(
 
 def unlike_profile(profile: RigProfile | None, session: SessionManifest) -> list[str]:
     """Return where cameras disagree with a profile that brings no curve of theirs (merging compares those that do)."""
-    found: list[str] = []
-    if profile is None:
-        return found
-    for side, camera in profile.cameras.items():
-        device = next((d for d in session.devices if d.role == side.value), None)
-        if device and camera.response is None:
-            found += profile_matches(profile, side, device, [f for f in session.frames if f.side == side])
-    return found
+    roles, now = {device.role for device in session.devices}, states_of(session)
+    mine = profile.cameras.items() if profile else ()
+    bare = [(side, camera.state) for side, camera in mine if camera.response is None and side.value in roles]
+    return [f"{side}: {text}" for side, state in bare for text in state.differences(now[side])]
 
 
 def states_of(session: SessionManifest) -> dict[Side, CameraState]:

@@ -46,16 +46,8 @@ class LensModel:
     def fisheye(self, size_px: tuple[int, int] | None = None, top_azimuth_rad: float = 0.0) -> Fisheye:
         """Return the geometry of this camera's pictures of a size (None: that of the circle)."""
         circle = self.circle if size_px is None else self.circle.scaled(size_px)
-        return Fisheye(
-            circle.size_px[0],
-            circle.size_px[1],
-            self.mapping,
-            circle.radius_px,
-            self.half_field_rad,
-            circle.centre_px,
-            top_azimuth_rad,
-            self.polynomial,
-        )
+        (wide, high), at, half = circle.size_px, circle.centre_px, self.half_field_rad
+        return Fisheye(wide, high, self.mapping, circle.radius_px, half, at, top_azimuth_rad, self.polynomial)
 
     def angle(self, r: npt.ArrayLike) -> Doubles:
         """Return the angle from the axis (rad) at distances r of 0..1 (radii). Both of any one shape."""
@@ -70,8 +62,6 @@ class LensModel:
         theta = np.asarray(theta_rad, dtype=np.float64)
         return radius_of_polar(self.fisheye(), np.sin(theta), np.cos(theta))[0]
 
-
-"""(H, W) or (H, W, 3)."""
 
 _COARSE_PX = 640  # pixels of the longer side in which the circle is first looked for
 _RAYS, _FINE_RAYS = 360, 1440  # coarse and fine search; chosen
@@ -166,18 +156,9 @@ def _profiles(picture: Floats, centre: tuple[float, float], radii: Doubles, angl
     """Return the picture along rays (rays, radii), bilinear; -1 outside the picture."""
     import cv2
 
-    x = centre[0] + np.cos(angles)[:, None] * radii - 0.5
-    y = centre[1] + np.sin(angles)[:, None] * radii - 0.5
-    return np.asarray(
-        cv2.remap(
-            picture,
-            x.astype(np.float32),
-            y.astype(np.float32),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(-1.0,),
-        )
-    )
+    ways = np.cos(angles)[:, None] * radii, np.sin(angles)[:, None] * radii
+    x, y = ((at + way - 0.5).astype(np.float32) for at, way in zip(centre, ways, strict=True))
+    return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, (-1.0,)))
 
 
 def _coarse_circle(pictures: list[Floats]) -> Circle:
@@ -188,10 +169,7 @@ def _coarse_circle(pictures: list[Floats]) -> Circle:
     scale = max(1.0, max(height, width) / _COARSE_PX)
     size = (round(width / scale), round(height / scale))
     small = [np.asarray(cv2.resize(p, size, interpolation=cv2.INTER_AREA), dtype=np.float32) for p in pictures]
-    found = [_falls(p) for p in small]
-    rays = np.concatenate([ray for ray, _, _ in found])
-    points = np.concatenate([point for _, point, _ in found])
-    weights = np.concatenate([weight for _, _, weight in found])
+    rays, points, weights = (np.concatenate(some) for some in zip(*map(_falls, small), strict=True))
     if len(np.unique(rays)) < _LEAST_SHARE * _RAYS:
         raise _nothing()
     x, y, radius = _agreed(rays, points, weights, size)

@@ -91,15 +91,8 @@ def published_vignetting(name: str) -> Vignetting:
     known = lens_data()["vignetting"]
     if name not in known:
         raise LensError(f"no such published vignetting data: {name!r}", advice=f"one of {', '.join(known)}")
-    values = known[name]
-    return Vignetting(
-        tuple(values["powers"]),
-        tuple(values["coefficients"]),
-        COPY_SIGMA,
-        f_number=values["f_number"],
-        in_angle=values.get("in_angle", False),
-        source=values["source"],
-    )
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in known[name].items()}
+    return Vignetting(**values, relative_uncertainty=COPY_SIGMA)
 
 
 def fit_flat(
