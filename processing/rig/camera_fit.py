@@ -28,7 +28,7 @@ from processing.calibration.scale.vignetting import Vignetting, correct_panorama
 from processing.errors import BracketError, LensError, ParameterError, ProfileError, ResponseError
 from processing.ground.arrays import Doubles
 from processing.pictures.images import RelativeImage
-from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
+from processing.sphere import Equirectangular, Geometry, LensMapping
 from processing.stages.brackets import SideBracket, decoded, side_bracket
 from processing.stages.merge import merged_bracket
 from station.session.session import MeterTarget, ReadingRecord, Side
@@ -181,9 +181,7 @@ def with_falloff(camera: CameraFit, takes: Sequence[SessionSide]) -> CameraFit:
     if camera.lens is None:
         found = fit_turned([without_glare(one, camera.glare) if camera.glare else one for one in pictures])
     else:
-        geometry = camera.lens.fisheye(takes[0].size_px)
-        assert isinstance(geometry, Fisheye)
-        found = fit_flat([picture.rgb for picture in pictures], geometry)
+        found = fit_flat([picture.rgb for picture in pictures], camera.lens.fisheye(takes[0].size_px))
     return replace(camera, vignetting=replace(found, f_number=takes[0].state.f_number))
 
 

@@ -153,7 +153,7 @@ def calibrate_panorama(context: StageContext) -> StageOutput:
 def _facts(found: GivenPanorama, image: LuminanceImage) -> dict[str, Any]:
     """Return what the report and others read; without a scale there are neither k1 nor illuminances."""
     absolute = image.absolute
-    return {
+    return dict.fromkeys(("meter_cd_m2", "displayed", "meter_drift_frac")) | {
         "absolute": absolute,
         "units": image.unit,
         "source": found.source,
@@ -164,9 +164,6 @@ def _facts(found: GivenPanorama, image: LuminanceImage) -> dict[str, Any]:
         "k1_parts": {},
         "falloff": "not corrected: one picture",
         "target": {"source": "none: one picture"},
-        "meter_cd_m2": None,
-        "displayed": None,
-        "meter_drift_frac": None,
         "illuminance_lx": illuminances(image, PLANES)[0] if absolute else {},
     }
 

@@ -181,8 +181,8 @@ def fit_turned(pictures: Sequence[RelativeImage]) -> Vignetting:
         alike = np.fft.irfft((start * waves.conj()).sum(axis=0))
         if alike.max() < _LEAST_ALIKE:
             raise LensError("the pictures do not show one room from one place", advice="only turn the camera")
-        turned = (np.roll(one, int(np.argmax(alike)), axis=1).reshape(-1, _PARTS) for one in (fine, places))
-        cells, r = turned
+        turn = int(np.argmax(alike))
+        cells, r = (np.roll(one, turn, axis=1).reshape(-1, _PARTS) for one in (fine, places))
         samples.append((r.mean(axis=1), np.log(cells.mean(axis=1)), cells.std(axis=1) / cells.mean(axis=1)))
     r, level, uneven = np.moveaxis(np.array(samples), 1, 0)
     use = np.flatnonzero(uneven.max(axis=0) < _EVEN_FRAC)
