@@ -19,7 +19,17 @@ from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import Bare, Staged, changed, draw, ibl, parted_sun, patches_of_sun, widen_doubt
+from processing.light.picture.composite import (
+    Bare,
+    Staged,
+    changed,
+    draw,
+    ibl,
+    parted_sun,
+    patches_of_sun,
+    widen_doubt,
+    with_hanging,
+)
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -34,6 +44,7 @@ from processing.stages.furnishing import furniture_parts
 from processing.stages.materials import emptied
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, RenderParameters
 from processing.stages.upright import known_room
+from processing.surfaces.hanging import Hanging, hanging
 
 QUALITY = {
     "draft": EFFORTS["draft"],
@@ -71,6 +82,7 @@ class _Work:
     bare: Bare
     patches: list[Indices]
     """Of sun in it (`patches_of_sun`)."""
+    hanging: list[Hanging]
     eye_m: Vector
     effort: Effort
     asked: RenderParameters
@@ -95,11 +107,11 @@ def _rendered(context: StageContext, later: Later) -> StageOutput:
     effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
     if context.time_budget_s is not None:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
-    work = cache(partial(_work, context, asked, effort, later))
     was, (plan, _) = plan_from_mapping(arranged.plan, where="arrangement"), session_plan(known_room(context))
     if np.array_equal(np.round(was.corners, 3), np.round(plan.corners, 3)):  # else it was given for another shape
         plan = replace(plan, hung=was.hung)
     lamps = context.summary("detect").get("metrics", {}).get("on_ceiling")
+    work = cache(partial(_work, context, (asked, effort, lamps), later))
     alternatives, units = list[Any](), ""
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
@@ -128,8 +140,8 @@ def _rendered(context: StageContext, later: Later) -> StageOutput:
     )
 
 
-def _work(context: StageContext, asked: RenderParameters, effort: Effort, later: Later) -> _Work:
-    scene = context.artifact("materials", "scene")
+def _work(context: StageContext, how: tuple[RenderParameters, Effort, list[Any] | None], later: Later) -> _Work:
+    (asked, effort, lamps), scene = how, context.artifact("materials", "scene")
     empty, bare = together(partial(emptied, context), lambda: Bare.of(read_scene(scene), effort))
     context.let_go()  # three quarters of a gigabyte
     room = known_room(context)
@@ -143,7 +155,7 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort, later:
     folder = asked.furniture
     model = later(partial(finely, bare.stage.scene, empty.image, room))
     patches, own = patches_of_sun(empty.sunlit), None if folder is None else Catalogue.at(folder)
-    return _Work(empty, base, bare, patches, eye, effort, asked, own, model, later)
+    return _Work(empty, base, bare, patches, list(hanging(room, base, lamps)), eye, effort, asked, own, model, later)
 
 
 def _alternative(
@@ -191,7 +203,7 @@ def _staged(work: _Work, parts: tuple[Part, ...]) -> Staged:
     if work.asked.method == "global":
         return draw(change, base, None)
     with work.empty.without(parted_sun(work.patches, base.shape, work.bare, parts, work.eye_m)) as (below, sunless):
-        return draw(change, below, sunless)
+        return with_hanging(draw(change, below, sunless), below, work.hanging, parts, work.eye_m)
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:

@@ -7,6 +7,7 @@ without it. Pixels whose light does not change are kept bit by bit.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -21,13 +22,14 @@ from processing.light.picture.change import Change, bands, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene
-from processing.light.scene.tracer import tracer_of
+from processing.light.scene.tracer import Tracer, tracer_of
 from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, evened, irradiance_of
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.light.solver.upsample import Places, upsampled
 from processing.sphere import Equirectangular
+from processing.surfaces.hanging import Hanging
 
 PARTED, PARTED_PX = 0.1, 400
 """Of a patch of sun, from which furniture shades it and it falls anew as a whole: its photographed edge is not the
@@ -188,6 +190,33 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
     return out
 
 
+def with_hanging(
+    staged: Staged, photograph: Floats, hanging: Iterable[Hanging], parts: tuple[Part, ...], eye_m: Vector
+) -> Staged:
+    """Return a staged photograph (H, 2 H, 3) with what hangs from the ceiling whole before what stands farther away.
+
+    It hangs in the room's middle: its light changes as that of the ceiling above it, not of the wall that it is seen
+    before. It is changed in place.
+    """
+    (high, wide), tracer = photograph.shape[:2], _tracer(parts)
+    for one in hanging:
+        rays = rays_of(Places(one.row.astype(np.int32), one.column.astype(np.int32), high, wide))
+        away_m = tracer.cast(np.broadcast_to(np.asarray(eye_m, np.float32), rays.shape), rays).distance_m
+        seen = away_m * np.hypot(rays[:, 0], rays[:, 1]) > one.far_m
+        at, share = (one.row[seen], one.column[seen]), one.share[seen, None]
+        gain = np.ones(3, np.float32)
+        if not staged.furniture[one.mount]:
+            gain = staged.rgb[one.mount] / np.maximum(photograph[one.mount], np.float32(1e-6))
+        staged.rgb[at] += share * (photograph[at] * gain - staged.rgb[at])
+        staged.furniture[at] &= one.share[seen] < 0.5
+        staged.kept[at] = (staged.rgb[at] == photograph[at]).all(axis=1)
+    return staged
+
+
+def _tracer(parts: tuple[Part, ...]) -> Tracer:
+    return tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
+
+
 def patches_of_sun(sunlit: Flags | None) -> list[Indices]:
     """Return the flat pixels (N,) of each patch of sun (H, W) of a panorama; None: there are none."""
     labels = np.zeros(0, np.int32) if sunlit is None else components(sunlit)[1].ravel()
@@ -204,7 +233,7 @@ def parted_sun(
     outdoors, (high, wide) = bare.stage.scene.outdoors, shape[:2]
     if outdoors.sun is None or not parts:
         return None
-    furniture = tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
+    furniture = _tracer(parts)
     out = np.zeros(high * wide, bool)
     for patch in patches:
         row, column = np.divmod(patch[:: max(1, len(patch) // PARTED_PX)].astype(np.int32), wide)
