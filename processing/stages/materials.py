@@ -16,11 +16,11 @@ from processing.light.scene.scene_file import read_scene, write_scene
 from processing.light.scene.sources import MOST_SUN, most_sun, sun_note, under_share
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import sight_of
-from processing.light.solver.sun import sun_of
+from processing.light.solver.sun import sun_of, sun_rim
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.patch import write_patch
 from processing.pictures.writing import estimated
-from processing.removal.lift import light_without
+from processing.removal.lift import Shade, light_without
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import light_outdoors, read_shade
@@ -32,6 +32,7 @@ ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 EFFORT = Effort(pixel_samples=32)
 SUN_EFFORT = replace(EFFORTS["draft"], sun_samples=64)  # chosen: the sun is many times the light that it is added to
 SAME = 0.5  # of a pixel, from which it is one of a mask's
+SUN_ROWS = 1024  # of the picture in which photographed patches of sun are compared with the model's (chosen)
 GAP_RAD = math.radians(2.0)
 """Half as wide as the widest gap between parts of a patch of sun that is closed; chosen: 7 cm of a floor at 2 m."""
 LEAST_SUN = 0.3  # of the computed sunlight, that a pixel shows which is not in half shadow; chosen
@@ -67,7 +68,9 @@ def run(context: StageContext) -> StageOutput:
     reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "sunlight that furniture no longer blocks")
-    sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
+    eye_m = (0.0, 0.0, room.camera_height_m)
+    found = replace(found, scene=_as_it_fell(context, found.scene, eye_m, shade))
+    sunlit, why, share = in_its_sun(empty, found.scene, eye_m)
     found = _under_share(found, share)
     if sunlit is not None:
         shown = replace(image, rgb=image.rgb.copy()) if sunlit is image else sunlit
@@ -90,6 +93,26 @@ def run(context: StageContext) -> StageOutput:
         warnings=tuple(StageWarning(code="materials", message=text[:500]) for text in warnings),
         honoured={"quality": f"albedo of {2 * rows} x {rows} directions"},
     )
+
+
+def _as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, shade: Shade | None) -> Scene:
+    """Return a scene through whose panes the sun falls no farther than its photographed patches reach."""
+    geometry, sun = Equirectangular(2 * SUN_ROWS, SUN_ROWS), scene.outdoors.sun
+    shape = geometry.height_px, geometry.width_px
+    names = ("sunlight", "furniture", "tripod")
+    masks = {name: context.optional_artifact("detect", name) for name in names}
+    if sun is None or masks["sunlight"] is None or not scene.panes:
+        return scene
+    shown, *bar = (np.zeros(shape, bool) if one is None else np.asarray(one, bool) for one in masks.values())
+    lit = (resized(np.asarray(shown, np.float32), shape) > SAME).ravel()
+    hidden = [resized(np.asarray(one, np.float32), shape) > 0 for one in bar]
+    hidden += [] if shade is None else [resized(np.asarray(shade.returned, np.float32), shape) > 0]
+    stage = Bare.of(scene, SUN_EFFORT).stage
+    sight = sight_of(stage, geometry, eye_m)
+    due = sun_of(stage, sight, SUN_EFFORT.sun_samples, 0).any(axis=1)
+    due &= ~grown(np.logical_or.reduce(hidden), math.radians(1.0)).ravel()
+    panes = tuple(replace(pane, sun_rim=sun_rim(pane, sun, sight.point[due], lit[due])) for pane in scene.panes)
+    return replace(scene, panes=panes)
 
 
 def in_its_sun(

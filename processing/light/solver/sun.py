@@ -60,6 +60,40 @@ def clear_of_sun(pane: Pane, eye_height_m: float) -> Floats:
     return np.where(shut, np.float32(0), np.float32(1))
 
 
+RIM_M, RIM_LINES, RIM_PLACES = 0.3, 4, 3
+"""Width of a rim at most: more is shade; lines of cells across it, and sunlit places of each, that it is found by at
+least. Chosen."""
+
+
+def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, int, int, int]:
+    """Return how many cells along a pane's edges (`Pane.sun_rim`) let no sun in, by its patches in a photograph.
+
+    ``points`` (N, 3), m: places in sight that the sun would reach through the bare room's panes; ``shown`` (N,): which
+    of them are sunlit. Casings are taken for glass and the depth of reveals is not known, so that a patch as the model
+    has it began beside the photographed one.
+    """
+    direction, (rows, columns) = np.asarray(sun.direction, np.float64), pane.clear.shape
+    ahead_m = (pane.corner_m - points) @ pane.normal / (direction @ pane.normal)
+    shares = np.stack(pane.shares(points + ahead_m[:, None] * direction))
+    mine = (ahead_m > 0) & ((shares >= 0) & (shares < 1)).all(axis=0)
+    (u, v), lit, found = shares[:, mine], shown[mine], []
+    for depth, along, long_m in ((u * columns, v * rows, pane.across_m), (v * rows, u * columns, pane.up_m)):
+        count = columns if long_m is pane.across_m else rows
+        cell_m = float(np.linalg.norm(long_m)) / count
+        for away in (depth, count - depth):
+            starts = []
+            for line in range(int(along.max(initial=-1)) + 1):
+                here = along.astype(np.intp) == line
+                if (here & lit).sum() >= RIM_PLACES:
+                    first = float(np.quantile(away[here & lit], 0.1))
+                    if (here & ~lit & (away < first)).any():  # else what is before it is not in sight
+                        starts.append(first)
+            start = float(np.quantile(starts, 0.25)) if len(starts) >= RIM_LINES else 0.0
+            found.append(round(start) if start * cell_m <= RIM_M else 0)
+    first_columns, last_columns, top, bottom = found
+    return first_columns, last_columns, top, bottom
+
+
 def _thin(flags: Flags, most: float) -> Flags:
     """Return the runs of true values that are at most so long (at least one is always thin)."""
     out = np.zeros_like(flags)
