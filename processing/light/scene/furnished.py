@@ -130,9 +130,9 @@ def furnished_light(
     among: Floats = evened(with_lx, without_lx, large, seen) + sun
     whole: Floats = without_lx + sun
     level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
-    gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
     # A photograph without an outdoor picture has a tone of its own: its light changes, its colours stay.
-    change = (np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]) + gain[..., None]
+    change = np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]
+    change = guarded(change, level, (rgb @ WEIGHTS, whole @ WEIGHTS), seen, maps)
     log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
     notes = (*notes, f"{len(old.parts)} stand-ins", *measured)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
@@ -330,20 +330,24 @@ def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:
     return np.asarray(np.clip(ratio, 1 / MOST_RATIO, MOST_RATIO))
 
 
-def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Flags, maps: SurfaceMaps) -> Doubles:
-    """Return the log ratio (H, W) with its local part taken only as far as it makes reflectance even.
+def guarded(
+    change: Doubles, log_ratio: Doubles, light: tuple[Floats, Floats], seen: Flags, maps: SurfaceMaps
+) -> Doubles:
+    """Return the log change (H, W, C) with its local part taken only as far as it makes reflectance even.
 
     Where stand-ins are wrong, the light among the furniture is wrong beside them, and would leave bright or dark ghosts
-    there. Each plane keeps its own ratio; what a place differs from it by is multiplied by 0 to 1, whichever brings the
-    place's reflectance nearest to that of the plane far from furniture. So no rug is bleached beyond what the light
-    explains.
+    there. Each plane keeps its own change; what a place differs from it by is multiplied by 0 to 1, whichever brings
+    the place's reflectance nearest to that of the plane far from furniture. So no rug is bleached beyond what the light
+    explains, and no colour is left of light that is not believed.
 
-    ``luminance``, ``without_lx`` (H, W): of the furnished picture, cd/m2; illuminance in the empty room, lx.
+    ``log_ratio`` (H, W): of luminance, by which that is judged.
+    ``light``: luminance of the furnished picture, cd/m2; illuminance in the empty room, lx, (H, W) each.
     ``seen`` (H, W) bool: pixels that count.
     ``maps``: of the room, of the same size.
     """
+    luminance, without_lx = light
     shown = np.log(np.maximum(math.pi * luminance / np.maximum(without_lx, 1e-6), 1e-4))
-    out = np.array(log_ratio, np.float64)
+    out = np.array(change, np.float64)
     for plane in np.unique(maps.plane[seen]):
         mine = (maps.plane == plane) & seen
         usual = float(np.median(log_ratio[mine]))
@@ -361,5 +365,6 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
         wanted, offered = goal - around(shown + usual), around(local)
         # The share that fits best about a place, and all of it where hardly anything is offered: no step anywhere.
         fits, much = (around(one * offered, GUARD_WIDE) + LEAST_LOCAL**2 for one in (wanted, offered))
-        out[mine] = (usual + np.clip(fits / much, 0, 1) * local)[mine]
+        own, share = np.median(change[mine], axis=0), np.clip(fits / much, 0, 1)[mine, None]
+        out[mine] = own + share * (change[mine] - own)
     return out

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.seam import grown
 from processing.light.picture.render import render
 from processing.light.scene.albedo import KnownLight, albedo_of_room
@@ -420,18 +420,26 @@ def test_a_ghost_is_kept_down() -> None:
     spot[46:54, 60:72] = True
     log_ratio = np.where(spot, math.log(1.5), 0.1)
     light = np.full(even.shape, 500.0, np.float32)
-    ghost = guarded(log_ratio, even, light, seen, maps)
+
+    def guarded_grey(log_ratio: Doubles, luminance: Floats) -> Doubles:
+        return guarded(log_ratio[..., None], log_ratio, (luminance, light), seen, maps)[..., 0]
+
+    ghost = guarded_grey(log_ratio, even)
     assert np.median(ghost[spot & seen]) < 0.2
+    # Nor is the colour of that brightening left: the floor would stay green where nothing got brighter.
+    coloured = log_ratio[..., None] + np.where(spot, 0.2, 0)[..., None] * (-1, 1, 0)
+    apart = np.ptp(guarded(coloured, log_ratio, (even, light), seen, maps), axis=-1)
+    assert np.median(apart[spot & seen]) < 0.1
     shaded = np.where(spot, even * math.exp(0.1) / 1.5, even).astype(np.float32)
-    assert np.median(guarded(log_ratio, shaded, light, seen, maps)[spot & seen]) > 0.8 * math.log(1.5)
-    assert np.allclose(guarded(log_ratio, shaded, light, seen, maps)[~spot & seen], 0.1, atol=0.05)
+    assert np.median(guarded_grey(log_ratio, shaded)[spot & seen]) > 0.8 * math.log(1.5)
+    assert np.allclose(guarded_grey(log_ratio, shaded)[~spot & seen], 0.1, atol=0.05)
     rug = np.where(spot, 0.4 * even, even).astype(np.float32)
-    kept = guarded(np.full(even.shape, 0.1), rug, light, seen, maps)
+    kept = guarded_grey(np.full(even.shape, 0.1), rug)
     assert np.allclose(kept[seen], 0.1, atol=0.01), "a dark rug in even light is no shade"
     # A brightening that fades out and that nothing answers to: no line where it begins to count.
     fading = 0.1 + 0.2 * np.clip(1 - np.hypot(*np.mgrid[-50 : ROWS - 50, -66 : 2 * ROWS - 66]) / 14, 0, 1)
     same = seen[:, 1:] & seen[:, :-1] & (maps.plane[:, 1:] == maps.plane[:, :-1])
-    assert np.abs(np.diff(guarded(fading, even, light, seen, maps), axis=1))[same].max() < 0.015
+    assert np.abs(np.diff(guarded_grey(fading, even), axis=1))[same].max() < 0.015
 
 
 def test_light_goes_on_round_the_seam() -> None:
