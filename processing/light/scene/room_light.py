@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
-from processing.ground.seam import resized
+from processing.ground.seam import components, resized
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up, own_pixels
@@ -177,6 +177,7 @@ SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
 """By which sunlight stands again beyond its mask, and keeps away from what stood there (chosen: removal fills over the
 masks' edges, half shadow beside the sun and rims of furniture)."""
 SUNNY = 1.5  # times what removal left of a place, from which the photograph shows sun there; full sun is 4 to 20
+LEAST_STANDS = 0.35  # of a patch, which is photographed; of less it falls anew as a whole (chosen)
 HALF_SHADOW_RAD = math.radians(0.2)  # beside less sun, where a patch's rim is half in the shade (chosen)
 
 
@@ -240,6 +241,11 @@ def with_sunlight(
         some = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
         dim = before.rgb[some] @ weights <= SUNNY * (empty.rgb[some] @ weights)
         back[some] &= ~(rim[some] & _grown(dim, HALF_SHADOW_RAD, len(sun)))
+    # What is left of a patch that was mostly hidden would stand out of the new one by the colour of the old light.
+    labels = components(sun | back)[1]
+    count = int(labels.max()) + 1
+    size, stands = (np.bincount(labels[mask], minlength=count) for mask in (sun, sun & back))
+    back &= (stands > LEAST_STANDS * size)[labels]
     parts = {name: getattr(empty, name).copy() for name in ("rgb", "validity", "uncertainty")}
     for name, values in parts.items():
         values[back] = getattr(before, name)[back]

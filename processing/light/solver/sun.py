@@ -85,7 +85,7 @@ def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, in
             for line in range(int(along.max(initial=-1)) + 1):
                 here = along.astype(np.intp) == line
                 if (here & lit).sum() >= RIM_PLACES:
-                    first = float(np.quantile(away[here & lit], 0.1))
+                    first = float(np.partition(away[here & lit], RIM_PLACES - 1)[RIM_PLACES - 1])
                     if (here & ~lit & (away < first)).any():  # else what is before it is not in sight
                         starts.append(first)
             start = float(np.quantile(starts, 0.25)) if len(starts) >= RIM_LINES else 0.0

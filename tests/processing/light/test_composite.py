@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import Bare, differential, ibl, parted_sun, patches_of_sun
+from processing.light.picture.composite import Bare, differential, ibl, parted_sun, patches_of_sun, with_hanging
 from processing.light.picture.render import render
 from processing.light.scene.room_light import with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Perspective
+from processing.surfaces.hanging import Hanging
 from tests.conftest import LONG
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -125,6 +126,19 @@ def test_where_the_sun_falls_anew_no_half_shadow_of_the_old_patch_is_left() -> N
     assert found.sunlit is not None
     assert found.sunlit[405:435, 105:195].all()
     assert not found.sunlit[439, 100:200].any(), "a dark line across the new patch"
+
+
+def test_of_a_patch_that_was_mostly_hidden_nothing_stands_as_it_was_photographed() -> None:
+    """A rest of it stood out of the new patch by its colour, with a rim of its own."""
+    light, none = np.ones((360, 720, 3), np.float32), np.zeros((360, 720), np.float32)
+    removed = LuminanceImage(light, none, none.astype(np.uint8), Equirectangular(720, 360), 0.02)
+    sun, hidden = np.zeros((2, 360, 720), bool)
+    sun[200:240, 100:200] = sun[300:320, 400:500] = True
+    hidden[200:240, 100:180] = hidden[300:320, 400:420] = True
+    found = with_sunlight(removed, replace(removed, rgb=10 * light), sun, sun, hidden).sunlit
+    assert found is not None
+    assert not found[:260].any()
+    assert found[305:315, 440:490].all(), "a patch that was hardly hidden stays"
 
 
 def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() -> None:
@@ -250,3 +264,24 @@ def test_a_faint_sun_that_removal_took_away_falls_anew_and_is_taken_away_once() 
     where = sunny & ~shaded.furniture
     assert where.any()
     assert np.median((shaded.rgb / same.rgb)[where]) == pytest.approx(1, abs=0.1)
+
+
+def test_what_hangs_from_the_ceiling_is_whole_before_what_stands_farther_away(room, photograph) -> None:
+    """A lamp took the change of the wall behind it, and a wardrobe at that wall was drawn over it."""
+    wardrobe = box((2.0, 0.0, 1.3), (0.8, 2.4, 2.6), (0.1, 0.1, 0.1))
+    staged = differential(photograph, room, (wardrobe,), EYE, effort=LOOK)
+    row, column = (one.ravel() for one in np.mgrid[ROWS // 2 - 2 : ROWS // 2 + 4, 94:100])
+    assert staged.furniture[row, column].all()
+    mount = (6, 96)
+    gain = staged.rgb[mount] / photograph[mount]
+    assert not np.allclose(gain, 1, atol=1e-3)
+    share = np.ones(len(row), np.float32)
+    for far_m, before in ((1.0, True), (2.3, False)):
+        own = replace(staged, rgb=staged.rgb.copy(), furniture=staged.furniture.copy(), kept=staged.kept.copy())
+        found = with_hanging(own, photograph, [Hanging(row, column, share, mount, far_m)], (wardrobe,), EYE)
+        assert (not found.furniture[row, column].any()) == before
+        shown = photograph[row, column] * gain if before else staged.rgb[row, column]
+        assert np.allclose(found.rgb[row, column], shown, rtol=1e-5)
+        away = np.ones(photograph.shape[:2], bool)
+        away[row, column] = False
+        assert np.array_equal(found.rgb[away], staged.rgb[away])

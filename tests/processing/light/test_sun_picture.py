@@ -11,8 +11,8 @@ from processing.light.scene.scene import Scene, Sun
 from processing.light.solver import sun
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun import sun_of
-from processing.sphere import Perspective
+from processing.light.solver.sun import sun_of, sun_rim
+from processing.sphere import Equirectangular, Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 SUN = Sun((0.0, -0.8, 0.6), (80_000.0, 70_000.0, 60_000.0))
@@ -81,3 +81,25 @@ def test_no_sun_no_pane_and_one_pixel() -> None:
     stage = Stage.of(sunny(), 0.5)
     one = sight_of(stage, VIEW, EYE).some(np.array([5]))
     assert sun_of(stage, one, 16, 0).shape == (1, 3)
+
+
+def test_the_sun_falls_through_a_pane_no_farther_than_its_photographed_patch_reaches() -> None:
+    """A casing was taken for glass: new patches ended beside the photographed ones, ragged, as removal's mask does."""
+    light = uniform_sky(1000.0, SUN)
+    geometry, cells = Equirectangular(1024, 512), np.ones((37, 50), np.float32)
+    stages = [
+        Stage.of(scene_of(box_room(window=window), light), 0.2)
+        for window in ((1.5, 3.5, 0.8, 2.28), (1.7, 3.5, 0.8, 2.08))
+    ]
+    sight = sight_of(stages[0], geometry, EYE)
+    due, shown = (sun_of(stage, sight, 16, 0).any(axis=1) for stage in stages)
+    pane = replace(stages[0].scene.panes[0], clear=cells, veil_cd_m2=np.zeros((37, 50, 3), np.float32))
+    rim = sun_rim(pane, SUN, sight.point[due], shown[due])
+    assert rim == (5, 0, 5, 0)
+    trimmed = replace(pane, sun_rim=rim)
+    assert trimmed.clear_for_sun.sum() == 45 * 32
+    assert (trimmed.uncovered == 1).all(), "what is seen through it is glass"
+    # The shade of what stood in the beam is no rim, nor is anything known of a sun that shows no patch.
+    half = shown & (sight.point[:, 0] > np.median(sight.point[shown, 0]))
+    assert sun_rim(pane, SUN, sight.point[due], half[due]) in ((0, 0, 5, 0), (5, 0, 5, 0))
+    assert sun_rim(pane, SUN, sight.point[due], np.zeros(due.sum(), bool)) == (0, 0, 0, 0)
