@@ -32,7 +32,8 @@ ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 EFFORT = Effort(pixel_samples=32)
 SUN_EFFORT = replace(EFFORTS["draft"], sun_samples=64)  # chosen: the sun is many times the light that it is added to
 SAME = 0.5  # of a pixel, from which it is one of a mask's
-SUN_ROWS = 1024  # of the picture in which photographed patches of sun are compared with the model's (chosen)
+SUN_ROWS, SUN_GAP_RAD = 1024, math.radians(1.0)
+"""Of the picture in which photographed patches of sun are compared with the model's; from what hides them (chosen)."""
 GAP_RAD = math.radians(2.0)
 """Half as wide as the widest gap between parts of a patch of sun that is closed; chosen: 7 cm of a floor at 2 m."""
 LEAST_SUN = 0.3  # of the computed sunlight, that a pixel shows which is not in half shadow; chosen
@@ -69,7 +70,7 @@ def run(context: StageContext) -> StageOutput:
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "sunlight that furniture no longer blocks")
     eye_m = (0.0, 0.0, room.camera_height_m)
-    found = replace(found, scene=_as_it_fell(context, found.scene, eye_m, shade))
+    found = replace(found, scene=_as_it_fell(context, found.scene, eye_m, image.rgb.shape[1], shade))
     sunlit, why, share = in_its_sun(empty, found.scene, eye_m)
     found = _under_share(found, share)
     if sunlit is not None:
@@ -95,24 +96,19 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, shade: Shade | None) -> Scene:
+def _as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, wide: int, shade: Shade | None) -> Scene:
     """Return a scene through whose panes the sun falls no farther than its photographed patches reach."""
-    geometry, sun = Equirectangular(2 * SUN_ROWS, SUN_ROWS), scene.outdoors.sun
-    shape = geometry.height_px, geometry.width_px
-    names = ("sunlight", "furniture", "tripod")
-    masks = {name: context.optional_artifact("detect", name) for name in names}
-    if sun is None or masks["sunlight"] is None or not scene.panes:
+    sun, shown, step = scene.outdoors.sun, detected(context, "sunlight", wide), max(1, wide // (2 * SUN_ROWS))
+    if sun is None or shown is None:
         return scene
-    shown, *bar = (np.zeros(shape, bool) if one is None else np.asarray(one, bool) for one in masks.values())
-    lit = (resized(np.asarray(shown, np.float32), shape) > SAME).ravel()
-    hidden = [resized(np.asarray(one, np.float32), shape) > 0 for one in bar]
-    hidden += [] if shade is None else [resized(np.asarray(shade.returned, np.float32), shape) > 0]
+    hidden, shown = (one[::step, ::step] for one in (things(context, shown.shape), shown))
+    if shade is not None and shade.returned is not None:
+        hidden = hidden | (resized(shade.returned.astype(np.float32), hidden.shape) > 0)
     stage = Bare.of(scene, SUN_EFFORT).stage
-    sight = sight_of(stage, geometry, eye_m)
-    due = sun_of(stage, sight, SUN_EFFORT.sun_samples, 0).any(axis=1)
-    due &= ~grown(np.logical_or.reduce(hidden), math.radians(1.0)).ravel()
-    panes = tuple(replace(pane, sun_rim=sun_rim(pane, sun, sight.point[due], lit[due])) for pane in scene.panes)
-    return replace(scene, panes=panes)
+    sight = sight_of(stage, Equirectangular(*hidden.shape[::-1]), eye_m)
+    due = sun_of(stage, sight, SUN_EFFORT.sun_samples, 0).any(axis=1) & ~grown(hidden, SUN_GAP_RAD).ravel()
+    rims = [sun_rim(pane, sun, sight.point[due], shown.ravel()[due]) for pane in scene.panes]
+    return replace(scene, panes=tuple(replace(pane, sun_rim=rim) for pane, rim in zip(scene.panes, rims, strict=True)))
 
 
 def in_its_sun(

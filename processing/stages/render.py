@@ -19,17 +19,7 @@ from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import (
-    Bare,
-    Staged,
-    changed,
-    draw,
-    ibl,
-    parted_sun,
-    patches_of_sun,
-    widen_doubt,
-    with_hanging,
-)
+from processing.light.picture.composite import Bare, Staged, changed, draw, ibl, parted_sun, patches_of_sun, widen_doubt
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -107,11 +97,11 @@ def _rendered(context: StageContext, later: Later) -> StageOutput:
     effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
     if context.time_budget_s is not None:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
+    work = cache(partial(_work, context, asked, effort, later))
     was, (plan, _) = plan_from_mapping(arranged.plan, where="arrangement"), session_plan(known_room(context))
     if np.array_equal(np.round(was.corners, 3), np.round(plan.corners, 3)):  # else it was given for another shape
         plan = replace(plan, hung=was.hung)
-    lamps = context.summary("detect").get("metrics", {}).get("on_ceiling")
-    work = cache(partial(_work, context, (asked, effort, lamps), later))
+    lamps = _lamps(context)
     alternatives, units = list[Any](), ""
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
@@ -140,8 +130,12 @@ def _rendered(context: StageContext, later: Later) -> StageOutput:
     )
 
 
-def _work(context: StageContext, how: tuple[RenderParameters, Effort, list[Any] | None], later: Later) -> _Work:
-    (asked, effort, lamps), scene = how, context.artifact("materials", "scene")
+def _lamps(context: StageContext) -> list[Any] | None:
+    return context.summary("detect").get("metrics", {}).get("on_ceiling")  # type: ignore[no-any-return]
+
+
+def _work(context: StageContext, asked: RenderParameters, effort: Effort, later: Later) -> _Work:
+    scene = context.artifact("materials", "scene")
     empty, bare = together(partial(emptied, context), lambda: Bare.of(read_scene(scene), effort))
     context.let_go()  # three quarters of a gigabyte
     room = known_room(context)
@@ -155,7 +149,8 @@ def _work(context: StageContext, how: tuple[RenderParameters, Effort, list[Any] 
     folder = asked.furniture
     model = later(partial(finely, bare.stage.scene, empty.image, room))
     patches, own = patches_of_sun(empty.sunlit), None if folder is None else Catalogue.at(folder)
-    return _Work(empty, base, bare, patches, list(hanging(room, base, lamps)), eye, effort, asked, own, model, later)
+    hung = list(hanging(room, base, _lamps(context)))
+    return _Work(empty, base, bare, patches, hung, eye, effort, asked, own, model, later)
 
 
 def _alternative(
@@ -203,7 +198,7 @@ def _staged(work: _Work, parts: tuple[Part, ...]) -> Staged:
     if work.asked.method == "global":
         return draw(change, base, None)
     with work.empty.without(parted_sun(work.patches, base.shape, work.bare, parts, work.eye_m)) as (below, sunless):
-        return with_hanging(draw(change, below, sunless), below, work.hanging, parts, work.eye_m)
+        return draw(change, below, sunless, work.hanging)
 
 
 def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:

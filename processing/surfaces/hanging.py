@@ -6,27 +6,28 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags, Floats, Indices, Int32s, Int64s
+from processing.ground.arrays import Bytes, Flags, Floats, Indices, Int16s
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import components
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, boundary_latitudes, opening_map, wall_ranges
 
 HALF_M, HALF_PX, LOW_M, BESIDE = 0.45, 170, 1.2, (0.6, 0.75)
 """Half the width that is looked at for what hangs from a ceiling, and its pixels; the height above the floor down to
 which it may hang; shares of that half, from which on the surface behind is learnt, and nothing hangs (chosen)."""
-ODD, BLUR, NOISE, ALIKE_SIDES, SOLID = (2.8, 4.0), 2.0, 0.003, 0.7, 0.8
+ODD, BLUR, NOISE, ROUNDS, ALIKE_SIDES, SOLID = (2.8, 4.0), 2.0, 0.003, 6, 0.7, 0.8
 """In multiples of the noise of the surface behind, by which shades and rods before it differ; standard deviation in
-pixels over which shades are compared; least noise (natural logarithm); share of it that is seen on both sides, and of
-its convex hull that is seen, from which all of these are it (chosen by looking at a pale shade before a pale wall)."""
-ROUNDS = 6  # of fitting what is behind (chosen)
-SQUARE = np.ones((9, 9), np.uint8)
+pixels over which shades are compared; least noise (natural logarithm); rounds of fitting; share of it that is seen on
+both sides, and of its convex hull that is seen, from which all of these are it (chosen by looking at a pale shade
+before a pale wall)."""
 OPENING_ROWS = 512  # of the map by which a window behind is known (chosen)
+SQUARE, DISC = np.ones((9, 9), np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (25, 25))
+"""Gaps that are closed, and what is no rod, in pixels (chosen)."""
 
 
 class Hanging(NamedTuple):
-    """What hangs from the ceiling and is seen before a wall of a panorama (H, 2 H): a pendant lamp."""
+    """What hangs from the ceiling and is seen before a wall of a panorama (H, 2 H)."""
 
     row: Indices
     """(N,), and ``column`` (N,): its pixels."""
@@ -50,54 +51,53 @@ def hanging(room: RoomModel, rgb: Floats, places: list[Any] | None) -> Iterator[
             continue  # above the camera
         half_rad = math.asin(HALF_M / far_m)
         top, low = (math.atan2(z_m - room.camera_height_m, far_m) for z_m in (room.ceiling_height_m, LOW_M))
-        mount = [int((0.5 - top / math.pi) * high), int((math.atan2(x, y) / math.pi + 1) * high)]
+        mount = int((0.5 - top / math.pi) * high), int((math.atan2(x, y) / math.pi + 1) * high) % wide
         first, last = (int((0.5 - angle / math.pi) * high) for angle in (min(top + half_rad / 3, math.pi / 2), low))
         half_px = round(half_rad / math.pi * high)
         row, column = np.arange(first, last), np.arange(mount[1] - half_px, mount[1] + half_px + 1)
         # At one scale, whatever the size of the picture is.
         size = (2 * HALF_PX + 1, max(2, round(len(row) * HALF_PX / half_px)))
-        seen = np.asarray(cv2.resize(rgb[first:last][:, column % wide], size, interpolation=cv2.INTER_AREA), np.float32)
+        seen = np.asarray(cv2.resize(rgb[row][:, column % wide], size, interpolation=cv2.INTER_AREA), np.float32)
         at, along = (np.linspace(one[0], one[-1], count) for one, count in zip((row, column), size[::-1], strict=True))
-        azimuth = ((along + 0.5) / high - 1) * math.pi
-        ceiling = ((0.5 - (at + 0.5) / high) * math.pi)[:, None] > boundary_latitudes(room, azimuth)[0]
-        small = [(one * OPENING_ROWS / high).astype(int) for one in (at, along % wide)]
-        behind = np.where(ceiling, CEILING, FIRST_WALL + wall_ranges(room.floor, azimuth)[1])
-        behind = behind + 100 * (1 + openings[np.ix_(*small)])
+        azimuth, latitude = ((along + 0.5) / high - 1) * math.pi, (0.5 - (at + 0.5) / high) * math.pi
+        ceiling, wall = latitude[:, None] > boundary_latitudes(room, azimuth)[0], wall_ranges(room.floor, azimuth)[1]
+        opening = openings[np.ix_(*((one * OPENING_ROWS / high).astype(int) for one in (at, along % wide)))]
+        behind = np.where(ceiling, CEILING, FIRST_WALL + wall) + 100 * (1 + opening)
         part = _before(seen, behind, round((mount[0] - first) * HALF_PX / half_px))
-        if not (part & ~ceiling).any():
-            continue
-        share = cv2.GaussianBlur(part.astype(np.float32), (0, 0), 0.7)
-        share = cv2.resize(share, (len(column), len(row)), interpolation=cv2.INTER_LINEAR)
-        i, j = np.nonzero(share > 0.02)
-        yield Hanging(row[i], column[j] % wide, np.asarray(share[i, j], np.float32), (mount[0], mount[1] % wide), far_m)
+        if (part & ~ceiling).any():
+            share = cv2.GaussianBlur(part.astype(np.float32), (0, 0), 0.7)
+            share = cv2.resize(share, (len(column), len(row)), interpolation=cv2.INTER_LINEAR)
+            i, j = np.nonzero(share > 0.02)
+            yield Hanging(row[i], column[j] % wide, np.asarray(share[i, j], np.float32), mount, far_m)
 
 
-def _before(seen: Floats, behind: Int64s, mount: int) -> Flags:
+def _before(seen: Floats, behind: Int16s, mount: int) -> Flags:
     """Return what (h, w) of a picture (h, w, 3) hangs in its middle from row ``mount`` down; ``behind``: `_differs`.
 
     A shade is as wide to the left as to the right, and convex; what is neither is taken as it is seen.
     """
-    off, reach, ellipse = _differs(seen, behind), HALF_PX // 8, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (25, 25))
+    off, half = _differs(seen, behind), behind.shape[1] // 2
     even, sharp = (np.linalg.norm(one, axis=-1) for one in (cv2.GaussianBlur(off, (0, 0), BLUR), off))
-    away = np.abs(np.arange(-HALF_PX, HALF_PX + 1))
-    labels = _parts(cv2.morphologyEx(_bytes((even > ODD[0]) & (away < BESIDE[1] * HALF_PX)), cv2.MORPH_CLOSE, SQUARE))
+    away, reach = np.abs(np.arange(-half, half + 1)), half // 8
+    odd = cv2.morphologyEx(_bytes((even > ODD[0]) & (away < BESIDE[1] * half)), cv2.MORPH_CLOSE, SQUARE)
+    labels = components(odd.astype(bool))[1]
     near = np.unique(labels[max(0, mount - reach) : mount + reach, away < 3])
     part = np.isin(labels, near[near > 0])
     sides = max((part & np.roll(part[:, ::-1], by, axis=1) for by in range(-reach, reach + 1)), key=np.count_nonzero)
-    part = sides if sides.sum() > ALIKE_SIDES * part.sum() else part
-    least = np.maximum(ODD[1], (sharp * part).max(axis=1, keepdims=True) / 2)  # a rod's rim is blurred
-    found, bulk = _bytes(part & (sharp > least)), cv2.morphologyEx(_bytes(part), cv2.MORPH_OPEN, ellipse)
-    labels = _parts(cv2.dilate(bulk, SQUARE) * _bytes(part))
+    alike = sides.sum() > ALIKE_SIDES * part.sum()
+    part = sides if alike else part
+    rod = np.maximum(ODD[1], (sharp * part).max(axis=1, keepdims=True) / 2)  # its rim is blurred
+    found, bulk = part & (sharp > rod) & (away < (reach if alike else half)), cv2.erode(_bytes(part), DISC)
+    labels = components(part & cv2.dilate(cv2.dilate(bulk, DISC), SQUARE).astype(bool))[1]
     for one in range(1, labels.max() + 1):
-        shade, hull = _bytes(labels == one), np.zeros_like(bulk)
+        shade, hull = _bytes(labels == one), np.zeros(part.shape, np.uint8)
         cv2.fillConvexPoly(hull, cv2.convexHull(cv2.findNonZero(shade)), 1)
         # By as much as blurring widened it.
-        whole = hull if shade.sum() > SOLID * hull.sum() else shade
-        found |= _bytes(cv2.erode(whole, SQUARE[:5, :5]) > 0)
-    return np.asarray(cv2.morphologyEx(found, cv2.MORPH_CLOSE, SQUARE[:, :1]) > 0)
+        found |= cv2.erode(hull if shade.sum() > SOLID * hull.sum() else shade, SQUARE[:5, :5]) > 0
+    return np.asarray(cv2.morphologyEx(_bytes(found), cv2.MORPH_CLOSE, SQUARE[:, :1]) > 0)
 
 
-def _differs(seen: Floats, behind: Int64s) -> Floats:
+def _differs(seen: Floats, behind: Int16s) -> Floats:
     """Return by how much a picture (h, w, 3) differs from what is ``behind`` (h, w), numbers of surfaces, as these are
     seen on both sides: in level and colour, multiples of their noise (h, w, 3)."""
     tone = cv2.GaussianBlur(np.log(np.maximum(seen, 1e-6)), (0, 0), BLUR / 2)
@@ -121,7 +121,3 @@ def _differs(seen: Floats, behind: Int64s) -> Floats:
 
 def _bytes(mask: Flags) -> Bytes:
     return mask.astype(np.uint8)
-
-
-def _parts(mask: npt.NDArray[Any]) -> Int32s:
-    return np.asarray(cv2.connectedComponents(mask, connectivity=8)[1], np.int32)

@@ -22,7 +22,7 @@ from processing.light.picture.change import Change, bands, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene
-from processing.light.scene.tracer import Tracer, tracer_of
+from processing.light.scene.tracer import tracer_of
 from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, evened, irradiance_of
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
@@ -114,12 +114,27 @@ def changed(
     return Change(bare.stage, full, small, before, after, pair, None, effort, seed, eye_m)
 
 
-def draw(change: Change, photograph: Floats, sunless: Flags | None) -> Staged:
-    """Return a photograph (H, 2 H, 3) under changed light, with furniture; ``sunless`` (H, 2 H): see `differential`."""
+def draw(change: Change, photograph: Floats, sunless: Flags | None, hanging: Iterable[Hanging] = ()) -> Staged:
+    """Return a photograph (H, 2 H, 3) under changed light, with furniture; ``sunless`` (H, 2 H): see `differential`.
+
+    What is ``hanging`` from the ceiling is whole before what stands farther away; as it is in the room's middle, its
+    light changes as that of the ceiling above it, not of the wall that it is seen before.
+    """
     give_back(KEPT_BYTES - DRAWN_BYTES)  # of what light was made with
     seed, clean = change.seed, change.effort.clean
     mirrors = mirrors_of(change.bare, change.full, change.lights, photograph, change.eye_m, seed=seed, clean=clean)
-    return Staged(*in_bands(replace(change, mirrors=mirrors), photograph, sunless), change.after.error)
+    rgb, furniture, kept = in_bands(replace(change, mirrors=mirrors), photograph, sunless)
+    for one in hanging:
+        rays = rays_of(Places(one.row.astype(np.int32), one.column.astype(np.int32), *photograph.shape[:2]))
+        eyes = np.broadcast_to(np.asarray(change.eye_m, np.float32), rays.shape)
+        seen = change.full.tracer.cast(eyes, rays).distance_m * np.hypot(rays[:, 0], rays[:, 1]) > one.far_m
+        at, share, gain = (one.row[seen], one.column[seen]), one.share[seen], np.ones(3, np.float32)
+        if not furniture[one.mount]:
+            gain = rgb[one.mount] / np.maximum(photograph[one.mount], np.float32(1e-6))
+        rgb[at] += share[:, None] * (photograph[at] * gain - rgb[at])
+        furniture[at] &= share < 0.5
+        kept[at] = (rgb[at] == photograph[at]).all(axis=1)
+    return Staged(rgb, furniture, kept, change.after.error)
 
 
 def _untouched(photograph: Floats) -> Staged:
@@ -190,33 +205,6 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
     return out
 
 
-def with_hanging(
-    staged: Staged, photograph: Floats, hanging: Iterable[Hanging], parts: tuple[Part, ...], eye_m: Vector
-) -> Staged:
-    """Return a staged photograph (H, 2 H, 3) with what hangs from the ceiling whole before what stands farther away.
-
-    It hangs in the room's middle: its light changes as that of the ceiling above it, not of the wall that it is seen
-    before. It is changed in place.
-    """
-    (high, wide), tracer = photograph.shape[:2], _tracer(parts)
-    for one in hanging:
-        rays = rays_of(Places(one.row.astype(np.int32), one.column.astype(np.int32), high, wide))
-        away_m = tracer.cast(np.broadcast_to(np.asarray(eye_m, np.float32), rays.shape), rays).distance_m
-        seen = away_m * np.hypot(rays[:, 0], rays[:, 1]) > one.far_m
-        at, share = (one.row[seen], one.column[seen]), one.share[seen, None]
-        gain = np.ones(3, np.float32)
-        if not staged.furniture[one.mount]:
-            gain = staged.rgb[one.mount] / np.maximum(photograph[one.mount], np.float32(1e-6))
-        staged.rgb[at] += share * (photograph[at] * gain - staged.rgb[at])
-        staged.furniture[at] &= one.share[seen] < 0.5
-        staged.kept[at] = (staged.rgb[at] == photograph[at]).all(axis=1)
-    return staged
-
-
-def _tracer(parts: tuple[Part, ...]) -> Tracer:
-    return tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
-
-
 def patches_of_sun(sunlit: Flags | None) -> list[Indices]:
     """Return the flat pixels (N,) of each patch of sun (H, W) of a panorama; None: there are none."""
     labels = np.zeros(0, np.int32) if sunlit is None else components(sunlit)[1].ravel()
@@ -233,7 +221,7 @@ def parted_sun(
     outdoors, (high, wide) = bare.stage.scene.outdoors, shape[:2]
     if outdoors.sun is None or not parts:
         return None
-    furniture = _tracer(parts)
+    furniture = tracer_of(np.concatenate([part.vertices_m[part.faces] for part in parts]).astype(np.float32))
     out = np.zeros(high * wide, bool)
     for patch in patches:
         row, column = np.divmod(patch[:: max(1, len(patch) // PARTED_PX)].astype(np.int32), wide)

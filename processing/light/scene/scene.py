@@ -187,7 +187,7 @@ class Pane:
     """Of clear glass: ``transmittance`` is then that head on, and falls with the angle (`glass`); 0: alike at all."""
     sun_clear: Floats | None = None
     """(H, W): ``clear`` for the sun's beam, which no tree behind the glass stops; as ``clear`` where not known."""
-    sun_rim: tuple[int, int, int, int] = (0, 0, 0, 0)
+    sun_rim: tuple[int, ...] = (0, 0, 0, 0)
     """Cells along its first and last column, its top and bottom, that let no sun in (`solver.sun.sun_rim`)."""
 
     @property

@@ -65,8 +65,8 @@ RIM_M, RIM_LINES, RIM_PLACES = 0.3, 4, 3
 least. Chosen."""
 
 
-def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, int, int, int]:
-    """Return how many cells along a pane's edges (`Pane.sun_rim`) let no sun in, by its patches in a photograph.
+def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, ...]:
+    """Return how many cells along a pane's edges let no sun in, as `Pane.sun_rim` (4,), by its photographed patches.
 
     ``points`` (N, 3), m: places in sight that the sun would reach through the bare room's panes; ``shown`` (N,): which
     of them are sunlit. Casings are taken for glass and the depth of reveals is not known, so that a patch as the model
@@ -74,24 +74,21 @@ def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, in
     """
     direction, (rows, columns) = np.asarray(sun.direction, np.float64), pane.clear.shape
     ahead_m = (pane.corner_m - points) @ pane.normal / (direction @ pane.normal)
-    shares = np.stack(pane.shares(points + ahead_m[:, None] * direction))
-    mine = (ahead_m > 0) & ((shares >= 0) & (shares < 1)).all(axis=0)
-    (u, v), lit, found = shares[:, mine], shown[mine], []
-    for depth, along, long_m in ((u * columns, v * rows, pane.across_m), (v * rows, u * columns, pane.up_m)):
-        count = columns if long_m is pane.across_m else rows
-        cell_m = float(np.linalg.norm(long_m)) / count
+    u, v = pane.shares(points + ahead_m[:, None] * direction)
+    mine, found = (ahead_m > 0) & (np.abs(u - 0.5) < 0.5) & (np.abs(v - 0.5) < 0.5), list[int]()
+    lit, u, v = shown[mine], u[mine] * columns, v[mine] * rows
+    for depth, along, count, side_m in ((u, v, columns, pane.across_m), (v, u, rows, pane.up_m)):
+        line, most = np.floor(along), RIM_M * count / float(np.linalg.norm(side_m))
         for away in (depth, count - depth):
-            starts = []
-            for line in range(int(along.max(initial=-1)) + 1):
-                here = along.astype(np.intp) == line
-                if (here & lit).sum() >= RIM_PLACES:
-                    first = float(np.partition(away[here & lit], RIM_PLACES - 1)[RIM_PLACES - 1])
-                    if (here & ~lit & (away < first)).any():  # else what is before it is not in sight
-                        starts.append(first)
+            starts = list[float]()
+            for one in np.unique(line[lit]):
+                first = np.sort(away[(line == one) & lit])[:RIM_PLACES]
+                # Where no dark place is in sight before it, nobody knows where it begins.
+                if len(first) == RIM_PLACES and (away[(line == one) & ~lit] < first[-1]).any():
+                    starts.append(float(first[-1]))
             start = float(np.quantile(starts, 0.25)) if len(starts) >= RIM_LINES else 0.0
-            found.append(round(start) if start * cell_m <= RIM_M else 0)
-    first_columns, last_columns, top, bottom = found
-    return first_columns, last_columns, top, bottom
+            found.append(round(start) if start <= most else 0)
+    return tuple(found)
 
 
 def _thin(flags: Flags, most: float) -> Flags:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import Bare, differential, ibl, parted_sun, patches_of_sun, with_hanging
+from processing.light.picture.composite import Bare, changed, differential, draw, ibl, parted_sun, patches_of_sun
 from processing.light.picture.render import render
 from processing.light.scene.room_light import with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
@@ -269,19 +269,19 @@ def test_a_faint_sun_that_removal_took_away_falls_anew_and_is_taken_away_once() 
 def test_what_hangs_from_the_ceiling_is_whole_before_what_stands_farther_away(room, photograph) -> None:
     """A lamp took the change of the wall behind it, and a wardrobe at that wall was drawn over it."""
     wardrobe = box((2.0, 0.0, 1.3), (0.8, 2.4, 2.6), (0.1, 0.1, 0.1))
-    staged = differential(photograph, room, (wardrobe,), EYE, effort=LOOK)
+    change = changed(photograph, Bare.of(room, LOOK), (wardrobe,), EYE, effort=LOOK, seed=0)
+    staged = draw(change, photograph, None)
     row, column = (one.ravel() for one in np.mgrid[ROWS // 2 - 2 : ROWS // 2 + 4, 94:100])
     assert staged.furniture[row, column].all()
     mount = (6, 96)
     gain = staged.rgb[mount] / photograph[mount]
     assert not np.allclose(gain, 1, atol=1e-3)
-    share = np.ones(len(row), np.float32)
+    away = np.ones(photograph.shape[:2], bool)
+    away[row, column] = False
     for far_m, before in ((1.0, True), (2.3, False)):
-        own = replace(staged, rgb=staged.rgb.copy(), furniture=staged.furniture.copy(), kept=staged.kept.copy())
-        found = with_hanging(own, photograph, [Hanging(row, column, share, mount, far_m)], (wardrobe,), EYE)
+        hangs = Hanging(row, column, np.ones(len(row), np.float32), mount, far_m)
+        found = draw(change, photograph, None, [hangs])
         assert (not found.furniture[row, column].any()) == before
         shown = photograph[row, column] * gain if before else staged.rgb[row, column]
         assert np.allclose(found.rgb[row, column], shown, rtol=1e-5)
-        away = np.ones(photograph.shape[:2], bool)
-        away[row, column] = False
         assert np.array_equal(found.rgb[away], staged.rgb[away])
