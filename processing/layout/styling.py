@@ -33,7 +33,9 @@ OVER_TABLE_M, OVER_HEADS_M = 0.75, 2.05
 """Lamps hang this high above a table (usual: 0.7 to 0.8 m), and above the floor at least."""
 OVER_CAMERA_M = 1.0  # from the camera: what hangs nearer above it covers the top of the panorama
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
-OVER_PANE_M, BLIND_M, BLIND_DEEP_M = 0.09, 0.18, 0.06  # a blind, drawn up: above its window, of the pane, off the wall
+OVER_PANE_M, BLIND_M, BLIND_DEEP_M, BLIND_OVER_M = 0.09, 0.18, 0.06, 0.06
+"""A blind, drawn up: above its window, of the pane, off the wall; beyond the sides of the window, where glass would be
+seen from aside (chosen)."""
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
 BEFORE_IT_M = 0.9  # from a wall, within which a leaf may stand open and a lamp hides a picture (chosen: a door's width)
 LAMP_M = 0.3  # from a ceiling lamp's middle: nothing new hangs where it is seen before the wall, down to the eye
@@ -203,12 +205,14 @@ def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
                 yield [*named, room.at_wall("curtain rod", rod, 0.03 + deep / 2 + 0.012)]
                 break
         else:
-            spans = [(w.start_m, w.end_m, w.head_m + OVER_PANE_M) for w in run]
-            above = [(edge, a + AIR_M, b - AIR_M, top - OVER_PANE_M + AIR_M + 0.001, top) for a, b, top in spans]
-            if all(map(room.free, above)):
-                walls = [(edge, a, b, top - OVER_PANE_M - BLIND_M, top) for a, b, top in spans]
-                made = [room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]
-                yield [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
+            for over in (BLIND_OVER_M, 0.0):
+                spans = [(w.start_m - over, w.end_m + over, w.head_m + OVER_PANE_M) for w in run]
+                above = [(edge, a + AIR_M, b - AIR_M, top - OVER_PANE_M + AIR_M + 0.001, top) for a, b, top in spans]
+                if all(map(room.free, above)) and all(a[1] < b[0] for a, b in pairwise(spans)):
+                    walls = [(edge, a, b, top - OVER_PANE_M - BLIND_M, top) for a, b, top in spans]
+                    made = [room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]
+                    yield [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
+                    break
 
 
 def _runs(plan: FloorPlan) -> Iterator[list[Window]]:

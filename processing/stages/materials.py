@@ -70,7 +70,7 @@ def run(context: StageContext) -> StageOutput:
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "sunlight that furniture no longer blocks")
     eye_m = (0.0, 0.0, room.camera_height_m)
-    found = replace(found, scene=_as_it_fell(context, found.scene, eye_m, image.rgb.shape[1], shade))
+    found = replace(found, scene=as_it_fell(context, found.scene, eye_m, image.rgb.shape[1], shade))
     sunlit, why, share = in_its_sun(empty, found.scene, eye_m)
     found = _under_share(found, share)
     if sunlit is not None:
@@ -96,8 +96,8 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, wide: int, shade: Shade | None) -> Scene:
-    """Return a scene through whose panes the sun falls no farther than its photographed patches reach."""
+def as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, wide: int, shade: Shade | None) -> Scene:
+    """Return a scene through whose panes the sun falls no farther than its patches reach in a panorama ``wide`` px."""
     sun, shown, step = scene.outdoors.sun, detected(context, "sunlight", wide), max(1, wide // (2 * SUN_ROWS))
     if sun is None or shown is None:
         return scene

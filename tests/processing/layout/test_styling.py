@@ -189,12 +189,16 @@ def test_windows_without_room_for_curtains_get_blinds() -> None:
 
     row = Window(2, 0.15, 1.6, 0.9, 2.1), Window(2, 2.2, 3.4, 0.9, 2.1)
     found = blinds(*row)
-    assert [v for i in found for v in (i.size_m[0], i.t_m[0])] == pytest.approx([1.45, 3.725, 1.2, 1.8])
+    assert [v for i in found for v in (i.size_m[0], i.t_m[0])] == pytest.approx([1.57, 3.725, 1.32, 1.8]), (
+        "they reach over the frame"
+    )
     for item in found:
         assert item.base_m == pytest.approx(2.1 - 0.18)
         assert 2.1 + 0.05 < item.base_m + item.size_m[2] < 2.2
         assert 3.9 < item.t_m[1] + item.size_m[1] / 2 < 4.0
         checked_size(item.category, item.size_m)
+    corner = blinds(Window(2, 0.01, 1.6, 0.9, 2.1), Window(2, 1.7, 2.5, 0.9, 2.1), Window(2, 2.6, 4.5, 0.9, 2.1))
+    assert [i.size_m[0] for i in corner] == pytest.approx([1.59, 0.8, 1.9]), "no wider where there is no room"
     assert not blinds(Window(2, 1.2, 2.8, 0.9, 2.1)), "there is room for curtains"
     assert not blinds(*row, Hung(2, 0.4, 1.0, 0.95, 2.0, "curtain"))
     assert not blinds(*row, high=2.2), "nor where the ceiling begins"

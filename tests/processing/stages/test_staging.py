@@ -340,6 +340,22 @@ def test_the_sun_falls_where_furniture_no_longer_stops_it() -> None:
     assert materials.in_its_sun(seen, room, EYE, LOOK)[0] is image, "the sun that was photographed stays"
 
 
+def test_the_sun_falls_as_far_as_its_photographed_patches_reach() -> None:
+    """Not where what is to go stands before their edges, nor without a patch."""
+    light = uniform_sky(1000.0, Sun((0.0, -0.8, 0.6), (8e4, 8e4, 8e4)))
+    geometry, shape = Equirectangular(1024, 512), (37, 50)
+    scenes = [scene_of(box_room(window=(start, 3.5, 0.8, 2.28)), light) for start in (1.5, 1.7)]
+    pane = replace(scenes[0].panes[0], clear=np.ones(shape, np.float32), veil_cd_m2=np.zeros((*shape, 3), np.float32))
+    scene, stages = replace(scenes[0], panes=(pane,)), [Stage.of(one, 0.3) for one in scenes]
+    masks = {"sunlight": sun_of(stages[1], sight_of(stages[1], geometry, EYE), 16, 0).any(axis=1).reshape(512, 1024)}
+    context: Any = SimpleNamespace(optional_artifact=lambda _, name: masks.get(name))
+    assert materials.as_it_fell(context, scene, EYE, 1024, None).panes[0].sun_rim == (5, 0, 0, 0)
+    masks["furniture"] = np.indices((512, 1024))[0] > 256
+    assert materials.as_it_fell(context, scene, EYE, 1024, None).panes[0].sun_rim == (0, 0, 0, 0)
+    masks.clear()
+    assert materials.as_it_fell(context, scene, EYE, 1024, None) is scene
+
+
 def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not() -> None:
     sunless, sunlit = np.zeros((2, 512, 1024), bool)
     sunless[300:340, 100:200], sunlit[300:340, 210:260] = True, True
