@@ -50,10 +50,11 @@ def hanging(room: RoomModel, rgb: Floats, places: list[Any] | None) -> Iterator[
         if (far_m := math.hypot(x, y)) < 2 * HALF_M:
             continue  # above the camera
         half_rad = math.asin(HALF_M / far_m)
-        top, low = (math.atan2(z_m - room.camera_height_m, far_m) for z_m in (room.ceiling_height_m, LOW_M))
+        heights_m = room.ceiling_height_m, min(LOW_M, room.ceiling_height_m / 2)
+        top, low = (math.atan2(z_m - room.camera_height_m, far_m) for z_m in heights_m)
         mount = int((0.5 - top / math.pi) * high), int((math.atan2(x, y) / math.pi + 1) * high) % wide
         first, last = (int((0.5 - angle / math.pi) * high) for angle in (min(top + half_rad / 3, math.pi / 2), low))
-        half_px = round(half_rad / math.pi * high)
+        half_px = max(1, round(half_rad / math.pi * high))
         row, column = np.arange(first, last), np.arange(mount[1] - half_px, mount[1] + half_px + 1)
         # At one scale, whatever the size of the picture is.
         size = (2 * HALF_PX + 1, max(2, round(len(row) * HALF_PX / half_px)))

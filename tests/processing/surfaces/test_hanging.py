@@ -60,3 +60,12 @@ def test_what_lies_on_the_ceiling_or_is_not_there_hangs_before_no_wall() -> None
     rgb, _ = panorama(1.6, 0.5, hung=False)
     assert not list(hanging(ROOM, rgb, [(1.6, 0.5), (0.2, 0.1), (-2.0, 0.3)]))
     assert not list(hanging(ROOM, rgb, None))
+
+
+def test_small_pictures_and_low_ceilings_are_no_trouble() -> None:
+    rgb, _ = panorama(1.6, 0.5)
+    low = ROOM.model_copy(update={"ceiling_height_m": 1.1, "camera_height_m": 0.6})
+    assert len(list(hanging(low, rgb, [(1.6, 0.5)]))) <= 1
+    for rows in (16, 64):
+        small = rgb[:: ROWS // rows, :: ROWS // rows]
+        assert all(one.share.max() <= 1 for one in hanging(ROOM, small, [(1.6, 0.5), (2.9, 2.4)]))
