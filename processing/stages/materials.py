@@ -101,7 +101,8 @@ def as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, wide: int, sh
     sun, shown, step = scene.outdoors.sun, detected(context, "sunlight", wide), max(1, wide // (2 * SUN_ROWS))
     if sun is None or shown is None:
         return scene
-    hidden, shown = (one[::step, ::step] for one in (things(context, shown.shape), shown))
+    bar = [one for name in ("furniture", "tripod") if (one := detected(context, name, wide)) is not None]
+    hidden, shown = (one[::step, ::step] for one in (np.logical_or.reduce([np.zeros_like(shown), *bar]), shown))
     if shade is not None and shade.returned is not None:
         hidden = hidden | (resized(shade.returned.astype(np.float32), hidden.shape) > 0)
     stage = Bare.of(scene, SUN_EFFORT).stage
