@@ -205,14 +205,21 @@ def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
                 yield [*named, room.at_wall("curtain rod", rod, 0.03 + deep / 2 + 0.012)]
                 break
         else:
-            for over in (BLIND_OVER_M, 0.0):
-                spans = [(w.start_m - over, w.end_m + over, w.head_m + OVER_PANE_M) for w in run]
-                above = [(edge, a + AIR_M, b - AIR_M, top - OVER_PANE_M + AIR_M + 0.001, top) for a, b, top in spans]
-                if all(map(room.free, above)) and all(a[1] < b[0] for a, b in pairwise(spans)):
-                    walls = [(edge, a, b, top - OVER_PANE_M - BLIND_M, top) for a, b, top in spans]
-                    made = [room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]
-                    yield [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
-                    break
+            pier = min((b.start_m - a.end_m for a, b in pairwise(run)), default=1.0)
+            found = [_blind(room, window, min(BLIND_OVER_M, max(pier / 2 - 0.01, 0.0))) for window in run]
+            walls = [wall for wall in found if wall is not None]
+            if len(walls) == len(run):
+                made = [room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]
+                yield [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
+
+
+def _blind(room: _Room, window: Window, over: float) -> Wall | None:
+    """Return where a window's blind hangs, so far over its sides if there is room; None where it has none above it."""
+    edge, top = window.edge, window.head_m + OVER_PANE_M
+    for a, b in ((window.start_m - by, window.end_m + by) for by in (over, 0.0)):
+        if room.free((edge, a + AIR_M, b - AIR_M, window.head_m + AIR_M + 0.001, top)):
+            return edge, a, b, window.head_m - BLIND_M, top
+    return None
 
 
 def _runs(plan: FloorPlan) -> Iterator[list[Window]]:
