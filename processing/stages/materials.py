@@ -69,9 +69,8 @@ def run(context: StageContext) -> StageOutput:
     reveal_m = REVEAL_M if asked.reveal_m is None else asked.reveal_m
     found = albedo_of_room(image, room, outdoors, reveal_m=reveal_m, filled=empty.filled, rows=rows, effort=EFFORT)
     context.progress(0.7, "sunlight that furniture no longer blocks")
-    eye_m = (0.0, 0.0, room.camera_height_m)
-    found = replace(found, scene=as_it_fell(context, found.scene, eye_m, image.rgb.shape[1], shade))
-    sunlit, why, share = in_its_sun(empty, found.scene, eye_m)
+    found = replace(found, scene=as_it_fell(context, found.scene, room.camera_height_m, image.rgb.shape[1], shade))
+    sunlit, why, share = in_its_sun(empty, found.scene, (0.0, 0.0, room.camera_height_m))
     found = _under_share(found, share)
     if sunlit is not None:
         shown = replace(image, rgb=image.rgb.copy()) if sunlit is image else sunlit
@@ -96,8 +95,9 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, wide: int, shade: Shade | None) -> Scene:
-    """Return a scene through whose panes the sun falls no farther than its patches reach in a panorama ``wide`` px."""
+def as_it_fell(context: StageContext, scene: Scene, eye_m: float, wide: int, shade: Shade | None) -> Scene:
+    """Return a scene through whose panes the sun falls no farther than its patches reach in a panorama ``wide`` px,
+    taken ``eye_m`` above the floor."""
     sun, shown, step = scene.outdoors.sun, detected(context, "sunlight", wide), max(1, wide // (2 * SUN_ROWS))
     if sun is None or shown is None:
         return scene
@@ -106,7 +106,7 @@ def as_it_fell(context: StageContext, scene: Scene, eye_m: Vector, wide: int, sh
     if shade is not None and shade.returned is not None:
         hidden = hidden | (resized(shade.returned.astype(np.float32), hidden.shape) > 0)
     stage = Bare.of(scene, SUN_EFFORT).stage
-    sight = sight_of(stage, Equirectangular(*hidden.shape[::-1]), eye_m)
+    sight = sight_of(stage, Equirectangular(*hidden.shape[::-1]), (0.0, 0.0, eye_m))
     due = sun_of(stage, sight, SUN_EFFORT.sun_samples, 0).any(axis=1) & ~grown(hidden, SUN_GAP_RAD).ravel()
     rims = [sun_rim(pane, sun, sight.point[due], shown.ravel()[due]) for pane in scene.panes]
     return replace(scene, panes=tuple(replace(pane, sun_rim=rim) for pane, rim in zip(scene.panes, rims, strict=True)))

@@ -128,7 +128,7 @@ def _covered(view: RelightView, chosen: Int64s) -> np.ndarray:
     for number, pane in enumerate(view.stage.scene.panes):
         mine = np.flatnonzero(sight.pane[chosen] == number)
         row, column = pane.cells(sight.point[chosen[mine]])
-        out[mine] = pane.uncovered[row, column] < 0.5
+        out[mine] = pane.clear_for_sun[row, column] < 0.5
     return out
 
 

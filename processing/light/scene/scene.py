@@ -188,20 +188,12 @@ class Pane:
     sun_clear: Floats | None = None
     """(H, W): ``clear`` for the sun's beam, which no tree behind the glass stops; as ``clear`` where not known."""
     sun_rim: tuple[int, ...] = (0, 0, 0, 0)
-    """Cells along its first and last column, its top and bottom, that let no sun in (`solver.sun.sun_rim`)."""
-
-    @property
-    def uncovered(self) -> Floats:
-        """Return how much of each cell (H, W) nothing at the glass covers, 0 to 1."""
-        return self.clear if self.sun_clear is None else self.sun_clear
+    """Cells along its first and last column, its top and bottom, that let no sun in besides (`solver.sun.sun_rim`)."""
 
     @property
     def clear_for_sun(self) -> Floats:
-        """Return how much of each cell (H, W) the sun's beam passes, 0 to 1."""
-        (rows, columns), (first, last, top, bottom) = self.clear.shape, self.sun_rim
-        inner = np.zeros_like(self.clear)
-        inner[top : rows - bottom, first : columns - last] = 1
-        return self.uncovered * inner
+        """Return how much of each cell (H, W) the sun's beam passes, 0 to 1, but for the rim."""
+        return self.clear if self.sun_clear is None else self.sun_clear
 
     def through(self, rays: npt.NDArray[np.floating]) -> Floats:
         """Return the transmittance (N, 3) of the clear glass along rays (N, 3), unit."""
@@ -225,9 +217,9 @@ class Pane:
             raise MaterialError(f"a transmittance of {self.transmittance}", where=where, advice="give 0 to 1")
         if self.veil_cd_m2.shape != (*self.clear.shape, 3):
             raise SceneError("veil and clear share of a pane differ in size", advice="give (h, w, 3) and (h, w)")
-        if self.uncovered.shape != self.clear.shape:
+        if self.clear_for_sun.shape != self.clear.shape:
             raise SceneError("a pane's clear shares differ in size", advice="give (h, w) for both")
-        for share in (self.clear, self.uncovered):
+        for share in (self.clear, self.clear_for_sun):
             _check_albedo(where, share)
         _check_emission(where, self.veil_cd_m2)
 

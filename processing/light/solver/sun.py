@@ -91,6 +91,13 @@ def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, ..
     return tuple(found)
 
 
+def within_rim(pane: Pane) -> Floats:
+    """Return how much of each cell (H, W) of a pane the sun's beam passes, 0 to 1, and on its rim (`sun_rim`)."""
+    (rows, columns), (first, last, top, bottom) = pane.clear.shape, pane.sun_rim
+    inner = pane.clear_for_sun[top : rows - bottom, first : columns - last]
+    return np.pad(inner, ((top, bottom), (first, last)))
+
+
 def _thin(flags: Flags, most: float) -> Flags:
     """Return the runs of true values that are at most so long (at least one is always thin)."""
     out = np.zeros_like(flags)
@@ -123,7 +130,7 @@ def _glass_of(stage: Stage, sun: Sun) -> _Glass:
     first = np.cumsum([0] + [p.clear.size for p in panes[:-1]])
     sizes = [(*p.clear.shape, start) for p, start in zip(panes, first, strict=True)]
     tints = [p.through(towards)[0] for p in panes]
-    clear = np.concatenate([p.clear_for_sun.ravel() for p in panes]).astype(np.float32)
+    clear = np.concatenate([within_rim(p).ravel() for p in panes]).astype(np.float32)
     arrays = np.array(frames, np.float64), np.array(sizes, np.int32), np.array(tints, np.float64), clear
     return _Glass(stage.patches.owner, stage.patches.item, *arrays)
 

@@ -462,8 +462,9 @@ def test_light_goes_on_round_the_seam() -> None:
     ratio, even = np.where(hidden, 0.4, 0.1), values[..., 0]
     seen = [maps[0].plane >= FIRST_WALL, maps[1].plane >= FIRST_WALL]
     lit = np.full(even.shape, 500.0, np.float32)
-    found = guarded(ratio, even, lit, seen[0], maps[0])
-    same = guarded(np.roll(ratio, rows, 1), np.roll(even, rows, 1), lit, seen[1], maps[1])
+    there = np.roll(ratio, rows, 1)
+    found = guarded(ratio[..., None], ratio, (even, lit), seen[0], maps[0])
+    same = guarded(there[..., None], there, (np.roll(even, rows, 1), lit), seen[1], maps[1])
     np.testing.assert_allclose(np.roll(same, rows, axis=1), found, atol=1e-3)
 
 

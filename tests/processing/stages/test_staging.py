@@ -349,11 +349,11 @@ def test_the_sun_falls_as_far_as_its_photographed_patches_reach() -> None:
     scene, stages = replace(scenes[0], panes=(pane,)), [Stage.of(one, 0.3) for one in scenes]
     masks = {"sunlight": sun_of(stages[1], sight_of(stages[1], geometry, EYE), 16, 0).any(axis=1).reshape(512, 1024)}
     context: Any = SimpleNamespace(optional_artifact=lambda _, name: masks.get(name))
-    assert materials.as_it_fell(context, scene, EYE, 1024, None).panes[0].sun_rim == (5, 0, 0, 0)
+    assert materials.as_it_fell(context, scene, EYE[2], 1024, None).panes[0].sun_rim == (5, 0, 0, 0)
     masks["furniture"] = np.indices((512, 1024))[0] > 256
-    assert materials.as_it_fell(context, scene, EYE, 1024, None).panes[0].sun_rim == (0, 0, 0, 0)
+    assert materials.as_it_fell(context, scene, EYE[2], 1024, None).panes[0].sun_rim == (0, 0, 0, 0)
     masks.clear()
-    assert materials.as_it_fell(context, scene, EYE, 1024, None) is scene
+    assert materials.as_it_fell(context, scene, EYE[2], 1024, None) is scene
 
 
 def test_a_strip_between_parts_of_the_sun_gets_it_too_and_what_is_far_does_not() -> None:
