@@ -55,8 +55,7 @@ def run(context: StageContext) -> StageOutput:
     """Estimate albedo, windows and lamps."""
     asked, empty = context.parameters_of(MaterialsParameters), emptied(context)
     context.let_go()  # of the photograph and of what removal left, each as large as what was made of them
-    image, room = empty.image, known_room(context)
-    rows = min(ROWS[context.quality.value], image.rgb.shape[0])
+    image, room, rows = empty.image, known_room(context), min(ROWS[context.quality.value], len(empty.image.rgb))
     context.progress(0.0, "outdoor light")
     shade, warnings = read_shade(context), list[str]()
     outdoors: Outdoors | KnownLight | None
