@@ -49,6 +49,7 @@ from processing.stages.parameters import (
     StageParameters,
     options_of,
 )
+from processing.surfaces.hanging import Hanging
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
 from tests.processing.pictures.picture_strategies import luminance_image
 
@@ -141,6 +142,26 @@ def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict
     assert "reached" in made.honoured["max_error"]
     assert made.left_out["staged-2"]
     assert (tmp_path / "staged-1.glb").read_bytes()[:4] == b"glTF"
+
+
+def test_what_hangs_on_the_ceiling_is_drawn_before_furniture(
+    tmp_path: Path, known: dict[tuple[str, str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rendering, "QUALITY", {"draft": HARDLY})
+    row, column = (one.ravel() for one in np.mgrid[16:40, 20:80])
+    mount, before = (5, 50), handed_on(known["calibrate", "indoor"]).rgb
+
+    def hangs(_room: RoomModel, _rgb: np.ndarray, places: list[Any] | None) -> Iterator[Hanging]:
+        assert places == [[1.0, 1.0]]
+        yield Hanging(row, column, np.ones(len(row), np.float32), mount, 0.01)
+
+    monkeypatch.setattr(rendering, "hanging", hangs)
+    facts = {"left_out": {}, "skipped": "", "metrics": {"on_ceiling": [[1.0, 1.0]]}}
+    asked = replace(context(tmp_path, RenderParameters(styling="none"), known), summary=lambda _: facts)
+    rendering.run(asked)
+    staged = read_exr(tmp_path / "staged-1.exr").rgb
+    shown = staged[row, column] / before[row, column]
+    np.testing.assert_allclose(shown, np.broadcast_to(staged[mount] / before[mount], shown.shape), rtol=0.02)
 
 
 def test_an_alternative_is_written_during_the_next_ones_light(
