@@ -35,14 +35,14 @@ from benchmarks.kept_rows import Rows
 from benchmarks.light import analytic as _analytic
 from benchmarks.light.render_daylight import daylight
 from benchmarks.light.render_growth import draw, growth
-from benchmarks.light.render_methods import CATCHER, METHODS, contact_sheet, methods_row
+from benchmarks.light.render_methods import CATCHER, METHODS, contact_sheet, ibl, methods_row
 from benchmarks.light.render_race import race_rooms
 from benchmarks.light.render_scenes import EYE, boxes, clear_sky, plain_room, radiance_grid, room_model, sky_outdoors
 from benchmarks.light.render_time import BPY, denoised_path, plain_path, race_row, seconds_to, truth_of_room
 from benchmarks.light.render_time import ours as timed
 from benchmarks.truth_rooms import is_kept, truth_list
 from mocks.optics.picture_cache import default_folder
-from processing.light.picture.composite import differential, ibl
+from processing.light.picture.composite import differential
 from processing.light.picture.render import render
 from processing.light.scene.scene import Outdoors, Scene, plain, shell_of
 from processing.light.solver.irradiance import Effort, gathered

@@ -39,12 +39,17 @@ from processing.layout.arrange import arrange
 from processing.layout.items import set_items
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import from_room_model
-from processing.light.picture.composite import differential, ibl
-from processing.light.picture.render import render
+from processing.light.picture.change import bands
+from processing.light.picture.composite import Staged, differential
+from processing.light.picture.render import render, small_geometry
 from processing.light.scene.albedo import albedo_of_room
 from processing.light.scene.patches import pane_triangles
 from processing.light.scene.scene import Material, Part, Scene
-from processing.light.solver.irradiance import EFFORTS, Effort
+from processing.light.solver.irradiance import EFFORTS, Effort, denoised
+from processing.light.solver.kernels import cosine_rays, random
+from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.upsample import Places, upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 from processing.stages.furnishing import furniture_parts
@@ -57,6 +62,65 @@ CATCHER = "shadow_catcher"
 CATCHER_SPP = 64
 LDR_WHITE, GAMMA = 0.02, 2.2
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
+
+
+IBL_ROWS = 512  # height of the picture in which furniture's light by the panorama is gathered
+
+
+def ibl(
+    photograph: Floats,
+    parts: tuple[Part, ...],
+    eye_m: Vector,
+    room: Scene,
+    *,
+    samples: int = 64,
+    clean: bool = True,
+    seed: int = 0,
+) -> Staged:
+    """Return a photograph (H, 2 H, 3), cd/m2, with furniture lit by it alone, as if all of it lay infinitely far away.
+
+    It changes nothing in the room; ``room`` hides what is behind walls.
+    """
+    geometry = Equirectangular(photograph.shape[1], photograph.shape[0])
+    full = Stage.of(room.furnished(parts), 0.2)
+    sight = sight_of(full, small_geometry(geometry, IBL_ROWS), eye_m)
+    furniture = np.flatnonzero(sight.label >= FIRST_PART)
+    alone = Stage.of(Scene((), (), room.outdoors, parts), 0.2)
+    light = np.zeros((len(sight.label), 3), np.float32)
+    if len(furniture):
+        light[furniture] = _from_afar(alone, photograph, sight.point[furniture], sight.normal[furniture], samples, seed)
+    shaped = light.reshape(*sight.shape, 3)
+    if clean:
+        there = (sight.label >= FIRST_PART).reshape(sight.shape)
+        near = np.where(there, 1 / (1 + sight.distance_m.reshape(sight.shape)), 0).astype(np.float32)
+        shaped = denoised(shaped, sight.normal.reshape(shaped.shape) * there[..., None], near, wraps=True)
+    rgb, mask = photograph.copy(), np.zeros(photograph.shape[:2], bool)
+    for rows, large in bands(full, geometry, eye_m):
+        places = Places.whole(large.shape, rows.start, geometry.height_px)
+        lit, _ = upsampled(shaped, sight, large, wraps=True, places=places)
+        there = large.label >= FIRST_PART
+        shown = albedo_of(full, large) * lit / np.float32(np.pi) + emission_of(full, large)
+        band = rgb[rows].reshape(-1, 3)
+        band[there] = shown[there]
+        rgb[rows], mask[rows] = band.reshape(rgb[rows].shape), there.reshape(large.shape)
+    return Staged(rgb, mask, ~mask, 0.0)
+
+
+def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, samples: int, seed: int) -> Floats:
+    """Return the irradiance (N, 3) of places lit by a panorama at infinity; what furniture hides gives no light."""
+    out = np.zeros((len(points), 3), np.float32)
+    shifts = random((seed, 70), len(points), 2)
+    at_once = max(1, RAYS_AT_ONCE // samples)
+    for start in range(0, len(points), at_once):
+        part = slice(start, start + at_once)
+        count = len(points[part])
+        origins, rays = np.empty((2, count, samples, 3), np.float32)
+        cosine_rays(points[part][:, None, :], normals[part], shifts[part], origins, rays)
+        flat = rays.reshape(-1, 3)
+        hits = stage.tracer.cast(origins.reshape(-1, 3), flat)
+        seen = np.where((hits.triangle < 0)[:, None], looked_up(panorama, flat), 0)
+        out[part] = np.pi * seen.reshape(count, samples, 3).mean(axis=1)
+    return out
 
 
 def methods_row(number: int, use: Use, sheet: Path) -> dict[str, Any]:

@@ -179,7 +179,7 @@ def lit_by(state: str, facts: Callable[[str], Mapping[str, Any]]) -> bool:
     """Return whether the light of a state was recalculated (`Made.lit`), by what remove and render say they did."""
     removed = facts("remove")
     lifted = not removed.get("skipped") and "lift" not in removed["left_out"]
-    return lifted or (state.startswith(STAGED) and facts("render")["metrics"].get("method") != "ibl")
+    return lifted or state.startswith(STAGED)
 
 
 # XMP packets by hand: how a panorama covers the sphere (GPano), what kind of picture it is (IPTC), and its title.

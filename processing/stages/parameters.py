@@ -327,10 +327,9 @@ class ArrangeParameters(_Furnished):
 class RenderParameters(StageParameters):
     """How furniture is put into the picture."""
 
-    method: Literal["differential", "global", "ibl"] = Field(
+    method: Literal["differential", "global"] = Field(
         "differential",
-        description="differential: change the photograph only where furniture changes the light; "
-        "global: render everything; ibl: furniture without shadows",
+        description="differential: change the photograph where furniture changes its light; global: render everything",
     )
     furniture: FurnitureFolder = None
     style: Literal["scandinavian", "mid-century", "classic", "industrial"] | None = Field(

@@ -19,7 +19,7 @@ from processing.layout.furniture.bench import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
-from processing.light.picture.composite import Bare, Staged, changed, draw, ibl, parted_sun, patches_of_sun, widen_doubt
+from processing.light.picture.composite import Bare, Staged, changed, draw, parted_sun, patches_of_sun, widen_doubt
 from processing.light.picture.render import render
 from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Scene
@@ -189,10 +189,8 @@ def _staged(work: _Work, parts: tuple[Part, ...]) -> Staged:
     furnished room, less the noise that the two have in common.
     """
     base, seed = work.base, work.asked.seed
-    if work.asked.method == "ibl" or work.effort.budget_s is not None:
-        work.later(lambda: None).result()  # two pictures more would be in memory; writing would spend of the budget
-    if work.asked.method == "ibl":
-        return ibl(base, parts, work.eye_m, work.bare.stage.scene, clean=work.effort.clean, seed=seed)
+    if work.effort.budget_s is not None:
+        work.later(lambda: None).result()  # writing would spend of the budget
     change = changed(base, work.bare, parts, work.eye_m, effort=work.effort, seed=seed)
     work.later(lambda: None).result()  # before anything as large is made, or the emptied picture is changed
     if work.asked.method == "global":
@@ -223,8 +221,6 @@ def _kept(work: _Work, staged: Staged) -> Flags:
 def _honoured(context: StageContext, asked: RenderParameters, effort: Effort, staged: list[Any]) -> dict[str, str]:
     worst = max(one["error"] for one in staged)
     found = {"quality": f"{context.quality.value}: light at {effort.rows} rows"}
-    if asked.method == "ibl":
-        return found
     if context.max_error is not None:
         found["max_error"] = f"{context.max_error:g} requested, {worst:.3f} reached (error of irradiance)"
     if context.time_budget_s is not None:
@@ -234,8 +230,6 @@ def _honoured(context: StageContext, asked: RenderParameters, effort: Effort, st
 
 def _warnings(context: StageContext, asked: RenderParameters, alternatives: list[Any]) -> tuple[StageWarning, ...]:
     worst, found = max(one["error"] for one in alternatives), []
-    if asked.method == "ibl":
-        found.append(("method", "ibl: furniture is lit as if the room were infinitely far away; it casts no shadow"))
     if context.max_error is not None and worst > context.max_error:
         found.append(("error", f"an error of {context.max_error:g} was requested, {worst:.3f} reached"))
     return tuple(StageWarning(code=code, message=text) for code, text in found)

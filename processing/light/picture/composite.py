@@ -3,7 +3,6 @@
 ``differential``: the photograph is kept; furniture is rendered, and what it changes of the light on the room (shade,
 bounced light, shadows in the sun) is the ratio of two renders of the same places with the same random numbers, with and
 without it. Pixels whose light does not change are kept bit by bit.
-``ibl``: furniture lit by the panorama alone, as if all of it lay infinitely far away; it changes nothing in the room.
 """
 
 import math
@@ -18,16 +17,15 @@ from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.kernels import compiled
 from processing.ground.seam import components
 from processing.ground.threads import KEPT_BYTES, give_back
-from processing.light.picture.change import Change, bands, in_bands, rays_of
+from processing.light.picture.change import Change, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene
 from processing.light.scene.tracer import tracer_of
-from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, evened, irradiance_of
-from processing.light.solver.kernels import cosine_rays, random
-from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
-from processing.light.solver.upsample import Places, upsampled
+from processing.light.solver.irradiance import EFFORTS, Effort, Lights, evened, irradiance_of
+from processing.light.solver.sight import sight_of
+from processing.light.solver.stage import Stage
+from processing.light.solver.upsample import Places
 from processing.sphere import Equirectangular
 from processing.surfaces.hanging import Hanging
 
@@ -41,7 +39,6 @@ CHANGE, MOST_CHANGE = 0.5, 2.0
 """The same for each e-fold by which furniture or shadow changes a pixel, up to so many; chosen: of a validation bedroom
 those that change by more than 0.4 err by 0.44 to 0.73 (rms), and were covered at 77 %."""
 DRAWN_BYTES = 700_000_000  # that drawing a picture of 22.6 megapixels takes (measured)
-IBL_ROWS = 512  # height of the picture in which furniture's light by the panorama is gathered
 
 
 @dataclass(frozen=True)
@@ -148,61 +145,6 @@ def _panorama(photograph: Floats) -> Equirectangular:
     if not (photograph.min(initial=0) >= 0 and photograph.max(initial=0) < np.inf):  # nor NaN, which both pass on
         raise ParameterError("a photograph with values that light cannot have", advice="give finite values from 0")
     return Equirectangular(photograph.shape[1], photograph.shape[0])
-
-
-def ibl(
-    photograph: Floats,
-    parts: tuple[Part, ...],
-    eye_m: Vector,
-    room: Scene,
-    *,
-    samples: int = 64,
-    clean: bool = True,
-    seed: int = 0,
-) -> Staged:
-    """Return a photograph (H, 2 H, 3), cd/m2, with furniture lit by it alone; ``room`` hides what is behind walls."""
-    geometry = _panorama(photograph)
-    if not parts:
-        return _untouched(photograph)
-    full = Stage.of(room.furnished(parts), 0.2)
-    sight = sight_of(full, small_geometry(geometry, IBL_ROWS), eye_m)
-    furniture = np.flatnonzero(sight.label >= FIRST_PART)
-    alone = Stage.of(Scene((), (), room.outdoors, parts), 0.2)
-    light = np.zeros((len(sight.label), 3), np.float32)
-    if len(furniture):
-        light[furniture] = _from_afar(alone, photograph, sight.point[furniture], sight.normal[furniture], samples, seed)
-    shaped = light.reshape(*sight.shape, 3)
-    if clean:
-        there = (sight.label >= FIRST_PART).reshape(sight.shape)
-        near = np.where(there, 1 / (1 + sight.distance_m.reshape(sight.shape)), 0).astype(np.float32)
-        shaped = denoised(shaped, sight.normal.reshape(shaped.shape) * there[..., None], near, wraps=True)
-    rgb, mask = photograph.copy(), np.zeros(photograph.shape[:2], bool)
-    for rows, large in bands(full, geometry, eye_m):
-        places = Places.whole(large.shape, rows.start, geometry.height_px)
-        lit, _ = upsampled(shaped, sight, large, wraps=True, places=places)
-        there = large.label >= FIRST_PART
-        shown = albedo_of(full, large) * lit / np.float32(np.pi) + emission_of(full, large)
-        band = rgb[rows].reshape(-1, 3)
-        band[there] = shown[there]
-        rgb[rows], mask[rows] = band.reshape(rgb[rows].shape), there.reshape(large.shape)
-    return Staged(rgb, mask, ~mask, 0.0)
-
-
-def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, samples: int, seed: int) -> Floats:
-    """Return the irradiance (N, 3) of places lit by a panorama at infinity; what furniture hides gives no light."""
-    out = np.zeros((len(points), 3), np.float32)
-    shifts = random((seed, 70), len(points), 2)
-    at_once = max(1, RAYS_AT_ONCE // samples)
-    for start in range(0, len(points), at_once):
-        part = slice(start, start + at_once)
-        count = len(points[part])
-        origins, rays = np.empty((2, count, samples, 3), np.float32)
-        cosine_rays(points[part][:, None, :], normals[part], shifts[part], origins, rays)
-        flat = rays.reshape(-1, 3)
-        hits = stage.tracer.cast(origins.reshape(-1, 3), flat)
-        seen = np.where((hits.triangle < 0)[:, None], looked_up(panorama, flat), 0)
-        out[part] = np.pi * seen.reshape(count, samples, 3).mean(axis=1)
-    return out
 
 
 def patches_of_sun(sunlit: Flags | None) -> list[Indices]:

@@ -156,9 +156,6 @@ def test_tags_that_cannot_be_are_refused(tags: tuple) -> None:
         ("empty", {}, "", "differential", True),
         ("empty", {"lift": "shading is kept"}, "", "differential", False),
         ("staged-1", {"lift": "shading is kept"}, "", "differential", True),
-        ("staged-1", {"lift": "shading is kept"}, "", "ibl", False),
-        ("staged-1", {}, "", "ibl", True),
-        ("staged-1", {}, "nothing to remove", "ibl", False),
         ("staged-1", {}, "nothing to remove", "global", True),
     ],
 )

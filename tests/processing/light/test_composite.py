@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.light.render_methods import ibl
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.light.picture.composite import Bare, changed, differential, draw, ibl, parted_sun, patches_of_sun
+from processing.light.picture.composite import Bare, changed, differential, draw, parted_sun, patches_of_sun
 from processing.light.picture.render import render
 from processing.light.scene.room_light import with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun

@@ -231,12 +231,11 @@ def test_a_room_that_was_corrected_since_is_styled_as_it_is_now(
     )
 
 
-def test_ibl_and_a_relative_picture(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+def test_a_relative_picture_is_staged_in_relative_units(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     relative = {**known, ("calibrate", "indoor"): replace(known["calibrate", "indoor"], absolute=False)}
-    made = rendering.run(context(tmp_path, RenderParameters(method="ibl"), relative))
+    made = rendering.run(context(tmp_path, RenderParameters(), relative))
     assert not read_exr(tmp_path / "staged-1.exr").absolute  # type: ignore[union-attr]
     assert made.artifacts["staged"]["units"] == "relative units"  # type: ignore[index]
-    assert made.warnings[0].code == "method"
 
 
 @pytest.mark.parametrize(
