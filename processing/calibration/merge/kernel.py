@@ -79,8 +79,9 @@ class Lookup(NamedTuple):
     clip: Indices
     """(3,): the last code of each channel that is not clipped."""
     limits: Int64s
-    """(4,): code from which any channel is clipped, from which all are, the rise that is not noise, and 1 where a
-    clipped channel voids the others, as a colour matrix behind the wells does."""
+    """(4,): code from which any channel is clipped, from which all are, the rise that is not noise, and the code above
+    which a channel is void where another is clipped: -1 of cameras with a colour matrix behind the wells; coding leaves
+    those near white anywhere (coloured specks along what is bright); 255: all count."""
     last: Int64s
     """(F,): where frame k is unclipped, frames after ``last[k]`` are left out."""
 
@@ -158,10 +159,11 @@ def accumulate(addresses, offset, first, end, lanes_at, sums_at):
 
 @inner
 def accumulate_clear(addresses, offset, first, end, table, sums_at):
-    """Sum as `accumulate` does, without the pixels of which a channel is clipped; of the shortest frame all count.
+    """Sum as `accumulate` does, without what is void beside a clipped channel; of the shortest frame all count.
 
     ``addresses``: (F,) uint64.
     """
+    above = table.limits[3]
     lanes_at = np.uint64(table.lanes.ctypes.data)
     carray(floats_at(sums_at), 12 * RUN_PX)[:] = 0
     for f in range(first, end):
@@ -169,12 +171,14 @@ def accumulate_clear(addresses, offset, first, end, table, sums_at):
         red = lanes_at + np.uint64(f) * _FRAME
         for i in range(RUN_PX):
             r, g, b = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
-            if f < addresses.shape[0] - 1 and (r > table.clip[0] or g > table.clip[1] or b > table.clip[2]):
-                continue
+            every = f == addresses.shape[0] - 1 or not (r > table.clip[0] or g > table.clip[1] or b > table.clip[2])
             at = sums_at + _PIXEL * np.uint64(i)
-            add_four(at, red + _ENTRY * np.uint64(r))
-            add_four(at + _ENTRY, red + _CHANNEL + _ENTRY * np.uint64(g))
-            add_four(at + _TWICE, red + _CHANNEL + _CHANNEL + _ENTRY * np.uint64(b))
+            if every or r <= above:
+                add_four(at, red + _ENTRY * np.uint64(r))
+            if every or g <= above:
+                add_four(at + _ENTRY, red + _CHANNEL + _ENTRY * np.uint64(g))
+            if every or b <= above:
+                add_four(at + _TWICE, red + _CHANNEL + _CHANNEL + _ENTRY * np.uint64(b))
 
 
 @inner
@@ -226,7 +230,9 @@ def suspicion(addresses, pixel, table):
         for f in range(addresses.shape[0]):
             codes = carray(bytes_at(addresses[f] + np.uint64(3 * pixel)), 3)
             code = codes[c]
-            if table.limits[3] and (codes[0] > table.clip[0] or codes[1] > table.clip[1] or codes[2] > table.clip[2]):
+            if table.limits[3] < 0 and (
+                codes[0] > table.clip[0] or codes[1] > table.clip[1] or codes[2] > table.clip[2]
+            ):
                 continue
             if code > table.clip[c]:
                 bound = max(bound, float(table.saturation[f, c]))
@@ -305,11 +311,14 @@ def merge_runs(addresses, runs, table, shared, common, out, uses, sums):
         while whole < count - 1 and high[whole] >= any_clipped:
             whole += 1
         end = table.last[whole] + 1
-        moved = False
+        moved, beside_white = False, table.limits[3] < 0
         for f in range(count):
             moved |= rise[f] > most_rise
             uses[f] += first <= f < end
-        if table.limits[3]:
+            beside_white |= (
+                table.limits[3] < 255 and first <= f < end and high[f] >= any_clipped and low[f] < all_clipped
+            )
+        if beside_white:
             accumulate_clear(addresses, offset, first, end, table, sums_at)
         else:
             accumulate(addresses, offset, first, end, lanes_at, sums_at)

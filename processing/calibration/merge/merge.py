@@ -58,6 +58,9 @@ SHARED_SIGMAS = 2.0
 WELL_GAIN_SIGMA = 0.005
 """Relative, of raw wells' gains, which all frames share; chosen: sensors have 0.003 to 0.01 (EMVA 1288 data sheets)."""
 LINEAR_BELOW = 0.01  # of full scale in the longest raw frame; chosen: photons still give 6 % of noise there
+VOID_CODE = 224
+"""Of coded frames, above which a channel is not counted where another is clipped: in frames that are white many times
+over, coding leaves codes of 225 to 250 beside edges, which other frames contradict (chosen)."""
 JUDGED_CODES = (16, 240)
 """Codes of coded frames that can show movement: nearer the ends coding, its chroma above all, moves them as much."""
 
@@ -304,7 +307,8 @@ def _fuse_runs(
 ) -> Doubles:
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
-    limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise, tables.clip_together])
+    void = -1 if tables.clip_together else VOID_CODE if coded else 255
+    limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise, void])
     judged = tables.samples
     if coded:
         judged = judged.copy()

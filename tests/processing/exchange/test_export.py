@@ -122,7 +122,10 @@ def test_a_room_from_which_nothing_was_removed_does_not_say_so(session: Path, tm
 def test_pictures_whose_light_was_left_alone_do_not_claim_it(session: Path, tmp_path: Path) -> None:
     finish(session, "remove", left_out={"lift": "shading is kept"})
     export(session, tmp_path / "out", ("jpeg",))
-    for name, words in (("empty", b"Furniture was removed digitally. Un"), ("staged-1", b"and the light recalculated. Un")):
+    for name, words in (
+        ("empty", b"Furniture was removed digitally. Un"),
+        ("staged-1", b"and the light recalculated. Un"),
+    ):
         assert words in (tmp_path / "out" / f"{session.name}_{name}.jpg").read_bytes()
 
 

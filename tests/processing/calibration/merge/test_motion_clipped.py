@@ -83,3 +83,23 @@ def test_a_deep_red_light_of_a_camera_that_mixes_its_channels_is_not_called_clip
     assert (found.validity[lamp] == Validity.VALID).mean() > 0.99
     shown, true = luminance_cd_m2(found.rgb[lamp] / 8000), luminance_cd_m2(radiance[lamp])
     assert np.quantile(np.abs(shown / true - 1), 0.9) < 0.1
+
+
+def test_frames_that_are_white_many_times_over_leave_no_coloured_specks_along_what_is_bright() -> None:
+    """Beside clipped channels coding leaves codes of 225 to 250 in them, where the pixel is ten times as bright."""
+    scale = np.linspace(0, 1, 256)
+    maker = HostileCamera(scale, np.stack([scale ** (1 / 2.2)] * 3), jpeg=("pillow", 92, "4:2:0"))
+    rng = np.random.default_rng(2)
+    row, column = np.indices((96, 192))
+    stripes = ((row + 0.4 * column) % 40 < 14)[..., None] * rng.uniform(0.7, 1.3, (96, 192, 1))
+    patch = stripes * np.array((0.02, 0.013, 0.006))
+    radiance = np.maximum(cv2.GaussianBlur(patch, (0, 0), LENS_BLUR_PX), 0.0008).astype(np.float32)
+    frames = [maker.developed(radiance * np.float32(8000 * t), k, 0.0) for k, t in enumerate(PAPER_TIMES_S)]
+    files = [jpeg_frame(jpeg_file(frame, maker.jpeg), str(k)) for k, frame in enumerate(frames)]
+    log2 = np.log2(np.maximum(scale, 0.002)) * 2.2 * np.ones((3, 1))
+    curve = ResponseCurve(log2, np.zeros((3, 256)), (3,) * 3, (252,) * 3)
+    noise = NoiseModel((1 / 30000,) * 3, (6 / 30000,) * 3, (1.0, 1.0, 1.0))
+    found = merge(files, PAPER_TIMES_S, curve, noise, geometry=Equirectangular(192, 96)).image
+    colour, true = (np.log2(rgb / rgb.sum(axis=2, keepdims=True)) for rgb in (found.rgb, radiance))
+    bright = radiance[..., 0] > 0.012
+    assert (np.abs(colour - true).max(axis=2) > 0.7)[bright].mean() < 1e-3
