@@ -78,8 +78,7 @@ class Jobs:
         if (job := self._jobs.get(session)) and job.state["running"]:
             raise ParameterError("this session is being processed", where=session.name, advice="wait, or stop the run")
         log = tempfile.TemporaryFile()  # noqa: SIM115 (it lives as long as the job)
-        job = Job(command, log)
-        self._jobs[session] = job
+        job = self._jobs[session] = Job(command, log)
         job.process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "daylit", *command),
             stdout=log,
@@ -97,8 +96,7 @@ class Jobs:
 
     def state(self, session: Path) -> dict[str, object] | None:
         """Return the last run of a session, None where there was none since the server started."""
-        job = self._jobs.get(session)
-        return job.state if job else None
+        return job.state if (job := self._jobs.get(session)) else None
 
 
 class Instruments:
@@ -146,11 +144,10 @@ def _own_rig() -> list[str]:
 
 
 class Warm:
-    """The program that previews a session while it is looked at (processing/running/worker.py); one at a time."""
+    """The program that previews the session that is looked at (processing/running/worker.py), one after the other."""
 
     def __init__(self) -> None:
         self._process: asyncio.subprocess.Process | None = None
-        self._session: Path | None = None
         self._turn = asyncio.Lock()
 
     async def ask(self, session: Path, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
@@ -163,15 +160,13 @@ class Warm:
                 raise ParameterError("no preview arrived", where=session.name, advice="try again") from error
 
     async def _asked(self, session: Path, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
-        if self._session != session or self._process is None or self._process.returncode is not None:
-            self.stop()
-            command = (sys.executable, "-m", "processing.running.worker", str(session))
+        if self._process is None or self._process.returncode is not None:
+            command = (sys.executable, "-m", "processing.running.worker", str(session.parent))
             self._process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE)
-            self._session = session
         to, back = self._process.stdin, self._process.stdout
         assert to
         assert back
-        to.write(json.dumps(request).encode() + b"\n")
+        to.write(json.dumps({**request, "session": session.name}).encode() + b"\n")
         await to.drain()
         facts = json.loads(await back.readline())
         return facts, await back.readexactly(facts.pop("bytes"))

@@ -1,9 +1,10 @@
-"""A warm program for one session: ``python -m processing.running.worker SESSION`` keeps its pictures and light at hand.
+"""A warm program: ``python -m processing.running.worker FOLDER`` keeps pictures and light of its last session at hand.
 
-A request is a line of JSON on standard input ({"do": name, ...}), an answer a line of JSON and as many bytes as its
-"bytes" says. It ends with its input. Nothing is written to the session but the basis of its light.
+A request is a line of JSON on standard input ({"session": name, "do": name, ...}), an answer a line of JSON and as many
+bytes as its "bytes" says. It ends with its input. Nothing is written to the session but the basis of its light.
 """
 
+import gc
 import json
 import os
 import sys
@@ -236,14 +237,18 @@ def main() -> int:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     limit_libraries()
-    warm = Warm(Path(sys.argv[1]))
+    held: dict[str, Warm] = {}
     for line in sys.stdin:
         try:
-            facts, payload = warm.answer(strict_json.loads(line.encode()))
-        except DaylitError as error:
-            facts, payload = {"error": error.to_dict()}, b""
+            asked = strict_json.loads(line.encode())
+            if asked["session"] not in held:
+                held.clear()
+                gc.collect()  # what was held goes before more is read
+                held[asked["session"]] = Warm(Path(sys.argv[1], asked["session"]))
+            facts, payload = held[asked["session"]].answer(asked)
         except Exception as error:  # noqa: BLE001 (a preview that fails must not end the program)
-            facts, payload = {"error": {"code": "PRC-000", "message": repr(error)[:300]}}, b""
+            unknown = {"code": "PRC-000", "message": repr(error)[:300]}
+            facts, payload = {"error": error.to_dict() if isinstance(error, DaylitError) else unknown}, b""
         try:
             out.write(json.dumps({**facts, "bytes": len(payload)}).encode() + b"\n" + payload)
             out.flush()

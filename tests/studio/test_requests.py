@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from studio import programs
 from studio.server import COOKIE, Door, make_app
 from tests.station.session.sessions import complete_session
 
@@ -51,3 +53,41 @@ def test_json_of_another_type_is_a_bad_request(tmp_path: Path, what: str, body: 
     status, answer = asyncio.run(asked(session.parent, "POST", path, body))
     assert status == 400
     assert json.loads(answer)["error"]["message"]
+
+
+ECHO = """
+import json, os, sys
+for line in sys.stdin: print(json.dumps(json.loads(line) | {"pid": os.getpid(), "bytes": 0}), flush=True)
+"""
+"""Instead of the program that previews: it says what it was asked, and who it is."""
+
+
+def test_the_program_that_previews_goes_on_with_another_session_and_is_begun_anew_when_it_died(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To import what it needs takes longer than most previews. A request cannot name a session of its own."""
+    start, started = asyncio.create_subprocess_exec, list[asyncio.subprocess.Process]()
+
+    async def echoing(*command: str, **pipes: Any) -> asyncio.subprocess.Process:
+        assert command[-1] == str(tmp_path)
+        started.append(await start(sys.executable, "-S", "-c", ECHO, **pipes))
+        return started[-1]
+
+    monkeypatch.setattr(programs.asyncio, "create_subprocess_exec", echoing)
+
+    async def asked_for_three() -> list[dict[str, Any]]:
+        warm, found = programs.Warm(), list[dict[str, Any]]()
+        for name in ("one", "two", "three"):
+            if name == "three":
+                started[0].kill()
+                await started[0].wait()
+            found.append((await warm.ask(tmp_path / name, {"do": "light", "session": "another"}))[0])
+        warm.stop()
+        for program in started:
+            program._transport.close()
+            await program.wait()
+        return found
+
+    first, second, third = asyncio.run(asked_for_three())
+    assert [one["session"] for one in (first, second, third)] == ["one", "two", "three"]
+    assert first["pid"] == second["pid"] != third["pid"]
