@@ -25,6 +25,10 @@ from platformdirs import user_cache_path
 from processing.ground.threads import limit_libraries
 
 ROOT = Path(__file__).resolve().parents[1]
+MEMORY = Path("/dev/shm")
+"""A disk in memory, where there is such."""
+ROOM_BYTES = 4 << 30
+"""Free there for the workers' folders; chosen: six times what a run leaves."""
 KEPT_S = 7 * 86_400
 """Worlds of other sources (chosen: somebody who goes back to yesterday's branch finds them)."""
 
@@ -74,7 +78,21 @@ def pytest_configure(config: pytest.Config) -> None:
         for other in kept.iterdir():
             if time.time() - other.stat().st_mtime > KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
+        in_memory(config)
     os.environ["DAYLIT_CACHE"] = str(folder)
+
+
+def in_memory(config: pytest.Config) -> None:
+    """Have workers' temporary folders in memory: sessions are synchronised file by file, which a disk is waited for.
+
+    They go with the run. Without workers, or with ``--basetemp``, they stay as ever, to be looked at.
+    """
+    several = getattr(config.option, "numprocesses", None) and config.option.basetemp is None
+    if not several or not MEMORY.is_dir() or shutil.disk_usage(MEMORY).free < ROOM_BYTES:
+        return
+    folder = tempfile.mkdtemp(prefix="daylit-tests-", dir=MEMORY)
+    config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+    os.environ["PYTEST_DEBUG_TEMPROOT"] = folder
 
 
 @given(st.none())
@@ -120,8 +138,7 @@ pytest_sessionfinish = pytest_collection_finish
 @pytest.fixture
 def parent() -> Iterator[Path]:
     """A folder in memory, where there is such: faults of disks are tried by the hundred."""
-    memory = Path("/dev/shm")
-    folder = Path(tempfile.mkdtemp(prefix="daylit-", dir=memory if memory.is_dir() else None))
+    folder = Path(tempfile.mkdtemp(prefix="daylit-", dir=MEMORY if MEMORY.is_dir() else None))
     yield folder
     shutil.rmtree(folder, ignore_errors=True)
 
