@@ -29,11 +29,17 @@ PURE = {
     "processing.figures.foreign": ("recover_response", "merge"),
     "processing.rig.camera_fit": ("recover_response", "find_chart_around", "merged_bracket"),
     "processing.rig.calibrate": ("find_chart_around",),
+    "processing.layout.models.catalogue": ("build_model",),
     "processing.report.stills": ("frames_of",),
     "processing.report.calibration_sections": ("illuminance_rose",),
     "processing.report.sections": ("plan_plot",),
 }
 """What most of the time of stages, rigs and reports goes into, by the modules that call it."""
+FEW = {
+    "processing.calibration.response.samples": {"CANDIDATES": 4000, "MAX_SAMPLES": 1200},
+    "processing.calibration.response.linear": {"GRID_SAMPLES": 15_000},
+}
+"""A response is fitted to fewer patches of pixels here: most of its time. Its own tests have as many as users do."""
 _kept: dict[tuple[str, bytes], bytes] = {}
 _anew: list[bool] = []
 
@@ -77,6 +83,16 @@ def each_once(names: Mapping[str, Sequence[str]]) -> Iterator[None]:
 
 
 @contextmanager
+def fewer_patches() -> Iterator[None]:
+    """Fit responses to `FEW` patches."""
+    with pytest.MonkeyPatch.context() as patched:
+        for module, numbers in FEW.items():
+            for name, number in numbers.items():
+                patched.setattr(importlib.import_module(module), name, number)
+        yield
+
+
+@contextmanager
 def all_anew() -> Iterator[None]:
     """Work all out while this lasts."""
     _anew.append(True)
@@ -88,8 +104,8 @@ def all_anew() -> Iterator[None]:
 
 @pytest.fixture(scope="package", autouse=True)
 def each_pure_once() -> Iterator[None]:
-    """For the tests of a package whose conftest takes it in: `PURE`, once each."""
-    with each_once(PURE):
+    """For the tests of a package whose conftest takes it in: `PURE`, once each, from `FEW` patches."""
+    with each_once(PURE), fewer_patches():
         yield
 
 

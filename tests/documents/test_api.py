@@ -17,7 +17,7 @@ import daylit
 from processing.errors import ParameterError
 from station.capture.rig import SIZE_STEPS
 from station.errors import SessionNotFoundError
-from tests.once import PURE, each_once
+from tests.once import PURE, each_once, fewer_patches
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -88,7 +88,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     """Script and notebook photograph the same room: what follows from their equal frames is worked out once."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(SIZE_STEPS, "small", 32)
-    with each_once(PURE):
+    with each_once(PURE), fewer_patches():
         run_the_examples(capsys)
 
 

@@ -168,6 +168,7 @@ def test_an_alternative_is_written_during_the_next_ones_light(
     tmp_path: Path, known: dict[tuple[str, str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And before the next one is drawn; however many threads there are, the files are the same bytes."""
+    monkeypatch.setattr(rendering, "QUALITY", {"draft": HARDLY})
     arranged = known["arrange", "arrangement"]
     found = {
         **known,
