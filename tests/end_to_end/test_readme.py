@@ -2,7 +2,7 @@
 
 Before that, on a copy of its session: what `--keep` leaves. `make torture` starts the demo as a user does, with its
 processes beside it and the rig at its size, and makes a draft of halved pictures beside one of whole ones; `make test`
-does all in this process, the rig at an eighth of full size, and the draft halved at once.
+does all in this process, the rig at an eighth of full size, the draft halved at once, all light with few rays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import sys
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -28,11 +28,13 @@ import pytest
 
 import daylit
 from processing.commands import demo as demo_command
+from processing.light.solver.basis import BASIS_EFFORTS
+from processing.light.solver.irradiance import EFFORTS
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
 from processing.running.runner import RESULTS
-from processing.stages import upright
+from processing.stages import light, render, upright
 from processing.stages.upright import in_size
 from tests.conftest import LONG
 from tests.once import all_anew
@@ -106,6 +108,19 @@ def run_here(*words: str, cwd: Path) -> str:
         patch.setattr(upright, "LEAST_DRAFT_PX", HALF_PX)
         assert daylit.main(list(words)) == 0, (out.getvalue(), err.getvalue())
     return click.unstyle(out.getvalue())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_rays() -> Iterator[None]:
+    """What is lit is looked for, not how well."""
+    few = {"texel_m": 0.3, "rows": 48, "patch_samples": 16, "pixel_samples": 8, "sun_samples": 8}
+    with pytest.MonkeyPatch.context() as patch:
+        for table in () if LONG else (BASIS_EFFORTS, EFFORTS, render.QUALITY):
+            for quality, effort in table.items():
+                patch.setitem(table, quality, replace(effort, **few))
+        for quality, (rows, effort) in () if LONG else light.WORK.items():
+            patch.setitem(light.WORK, quality, (rows, replace(effort, **few)))
+        yield
 
 
 @pytest.fixture(scope="module")

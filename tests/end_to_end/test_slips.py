@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 import daylit
+from processing.figures import figures
 from station.session import durable
 
 Ran = Callable[..., tuple[int, str]]
@@ -179,7 +180,8 @@ def test_figures_name_what_a_reason_is_of(ran: Ran, session: Path) -> None:
     assert "'3'" in said
 
 
-def test_stages_that_never_ran_are_named_as_such(ran: Ran, session: Path) -> None:
+def test_stages_that_never_ran_are_named_as_such(ran: Ran, session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(figures.write_glare_views.__kwdefaults__, "size_px", 32)
     code, said = ran("export", str(session), "--what", "exr,glare")
     assert code == 0
     assert "remove: " not in said or "has the stage run?" in said

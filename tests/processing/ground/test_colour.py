@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,14 +21,20 @@ from processing.ground.colour import (
     srgb_of_linear,
 )
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")
-    import colour
-
 LIGHT = np.linspace(0, 1, 4001)
 
 
-def test_the_curve_is_that_of_the_standard() -> None:
+@pytest.fixture(scope="module")
+def colour() -> Any:
+    """A second: every worker collects this file, one runs it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import colour
+
+    return colour
+
+
+def test_the_curve_is_that_of_the_standard(colour: Any) -> None:
     # colour-science keeps the knees where both branches meet to 1e-8; IEC 61966-2-1 rounds them.
     np.testing.assert_allclose(srgb_encoded(LIGHT), colour.models.eotf_inverse_sRGB(LIGHT), atol=1e-7)
     np.testing.assert_allclose(srgb_decoded(LIGHT), colour.models.eotf_sRGB(LIGHT), atol=1e-7)
@@ -40,7 +47,7 @@ def test_the_curve_keeps_the_type(dtype: type) -> None:
     assert srgb_decoded(LIGHT.astype(dtype)).dtype == dtype
 
 
-def test_bytes_come_back() -> None:
+def test_bytes_come_back(colour: Any) -> None:
     codes = np.arange(256, dtype=np.uint8)
     assert (srgb_of_linear(linear_of_srgb(codes)) == codes).all()
     assert srgb_of_linear([-1.0, 0.0, 1.0, 7.0]).tolist() == [0, 0, 255, 255]
@@ -50,7 +57,7 @@ def test_bytes_come_back() -> None:
     np.testing.assert_allclose(linear_of_srgb(deep), colour.models.eotf_sRGB(deep / 65535), rtol=1e-5)
 
 
-def test_matrices() -> None:
+def test_matrices(colour: Any) -> None:
     space = colour.RGB_COLOURSPACES["ITU-R BT.709"]
     exact = colour.models.normalised_primary_matrix(space.primaries, space.whitepoint)
     np.testing.assert_allclose(XYZ_OF_RGB, exact, atol=1e-9)
@@ -60,7 +67,7 @@ def test_matrices() -> None:
     assert sum(LUMINANCE_WEIGHTS) == pytest.approx(1)
 
 
-def test_lab_is_relative_to_the_white() -> None:
+def test_lab_is_relative_to_the_white(colour: Any) -> None:
     rgb = np.random.default_rng(3).uniform(0.01, 1, (24, 3))
     white = np.array([1.0, 1.0, 1.0])
     xyz = colour.RGB_to_XYZ(rgb, "sRGB", apply_cctf_decoding=False)
@@ -68,17 +75,17 @@ def test_lab_is_relative_to_the_white() -> None:
     np.testing.assert_allclose(lab_of_linear(white[None] * 7, white * 7), [[100, 0, 0]], atol=1e-6)
 
 
-def rgb_of_uv(uv: np.ndarray) -> np.ndarray:
+def rgb_of_uv(colour: Any, uv: np.ndarray) -> np.ndarray:
     """Return linear RGB of luminance 1 with these u, v of 1960."""
     x, y = colour.UCS_uv_to_xy(uv).T
     return np.stack([x / y, np.ones_like(y), (1 - x - y) / y], axis=-1) @ np.array(RGB_OF_XYZ).T
 
 
 @pytest.mark.parametrize("duv", [-0.02, 0.0, 0.02])
-def test_colour_temperature_against_ohno(duv: float) -> None:
+def test_colour_temperature_against_ohno(colour: Any, duv: float) -> None:
     kelvin = np.geomspace(2000, 20_000, 60)
     uv = np.array([colour.temperature.CCT_to_uv_Ohno2013(np.array([t, duv])) for t in kelvin])
-    found, meaningful = colour_temperature_k(rgb_of_uv(uv)[None])
+    found, meaningful = colour_temperature_k(rgb_of_uv(colour, uv)[None])
     assert meaningful.all()
     np.testing.assert_allclose(found[0], kelvin, rtol=1e-3)
 
