@@ -36,10 +36,12 @@ PURE = {
 }
 """What most of the time of stages, rigs and reports goes into, by the modules that call it."""
 FEW = {
-    "processing.calibration.response.samples": {"CANDIDATES": 4000, "MAX_SAMPLES": 1200},
+    "processing.calibration.response.samples": {"CANDIDATES": 2500, "MAX_SAMPLES": 700},
+    "processing.calibration.response.bracket_fit": {"_QUICK_PATCHES": 500},
     "processing.calibration.response.linear": {"GRID_SAMPLES": 15_000},
+    "processing.calibration.merge.tables": {"GRID_SAMPLES": 4_000},
 }
-"""A response is fitted to fewer patches of pixels here: most of its time. Its own tests have as many as users do."""
+"""Responses are fitted, and frames compared, by fewer pixels here. Tests of both have as many as users do."""
 _kept: dict[tuple[str, bytes], bytes] = {}
 _anew: list[bool] = []
 
