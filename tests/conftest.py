@@ -90,6 +90,9 @@ def in_memory(config: pytest.Config) -> None:
     several = getattr(config.option, "numprocesses", None) and config.option.basetemp is None
     if not several or not MEMORY.is_dir() or shutil.disk_usage(MEMORY).free < ROOM_BYTES:
         return
+    for killed in MEMORY.glob("daylit-tests-*"):
+        if time.time() - killed.stat().st_mtime > 86_400:  # a day: no run is as long
+            shutil.rmtree(killed, ignore_errors=True)
     folder = tempfile.mkdtemp(prefix="daylit-tests-", dir=MEMORY)
     config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
     os.environ["PYTEST_DEBUG_TEMPROOT"] = folder
