@@ -104,9 +104,12 @@ def all_anew() -> Iterator[None]:
         _anew.pop()
 
 
-@pytest.fixture(scope="package", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def each_pure_once() -> Iterator[None]:
-    """For the tests of a package whose conftest takes it in: `PURE`, once each, from `FEW` patches."""
+    """For the tests of a folder whose conftest takes it in: `PURE`, once each, from `FEW` pixels.
+
+    Not of the scope "package", which ends with the session where a folder has no ``__init__.py``.
+    """
     with each_once(PURE), fewer_patches():
         yield
 
