@@ -181,12 +181,12 @@ def test_an_alternative_is_written_during_the_next_ones_light(
 
         def call(*given: Any, **more: Any) -> Any:
             order.append(name)
-            if order.count("changed") == 2:
-                second.set()
             if name == "_write" and threads() > 1:
                 assert second.wait(60), "the second one's light waits for the first one's file"
             made = real(*given, **more)
             order.append(f"{name} done")
+            if order.count("changed done") == 2:
+                second.set()
             return made
 
         monkeypatch.setattr(rendering, name, call)
@@ -199,6 +199,7 @@ def test_an_alternative_is_written_during_the_next_ones_light(
         folder.mkdir()
         monkeypatch.setenv(ASKED, count)
         order.clear()
+        second.clear()
         rendering.run(context(folder, RenderParameters(), found))
         files.append({path.name: path.read_bytes() for path in folder.iterdir()})
         drawn = [at for at, what in enumerate(order) if what == "draw"]
