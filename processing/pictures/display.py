@@ -22,6 +22,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS, RGB_OF_XYZ, XYZ_OF_RGB, luminance_cd_m2, srgb_decoded
 from processing.ground.seam import row_solid_angles, wrapped
+from processing.ground.threads import side_by_side
 
 BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
 """CIE XYZ to cone responses (Lam 1985), as ICC profiles use it."""
@@ -123,8 +124,7 @@ class Display:
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
         _lower_highlights(out, reach, around=around)
-        for top in range(0, len(rgb), _TABLED_ROWS):
-            _calm(out[top : top + _TABLED_ROWS])
+        side_by_side(lambda top: _calm(out[top : top + _TABLED_ROWS]), range(0, len(rgb), _TABLED_ROWS))
         return out
 
     def balanced(self, rgb: Floats) -> Floats:
@@ -280,12 +280,12 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
     """
     wide, scale = light.shape[1], 0.5 if reach >= HALVED_PX else 1.0
     beyond, mode = round(2 * reach / scale) + 8, cast(Any, "wrap" if around else "clip")
-    out, there = np.zeros(light.shape[:2], np.float32), light - 1 if given is None else given
+    out, (there, least) = np.zeros(light.shape[:2], np.float32), (light, 1) if given is None else (given, 0)
     pad = beyond if around else 0
     for top in range(0, len(out), _FILTERED_ROWS):
         first = max(0, top - beyond)
         rows = slice(first, top + _FILTERED_ROWS + beyond)
-        near: Any = wrapped(np.asarray((there[rows] > 0).any(axis=0))[None], pad).astype(np.uint8)
+        near: Any = wrapped(np.asarray((there[rows] > least).any(axis=0))[None], pad).astype(np.uint8)
         near = cv2.dilate(near, np.ones((1, 2 * beyond + 1), np.uint8))[0, pad : pad + wide]
         ends = np.flatnonzero(np.diff(near, prepend=0, append=0)).reshape(-1, 2)
         for left, right in zip(ends[:, 0] // 2 * 2, np.minimum(ends[:, 1] + ends[:, 1] % 2, wide), strict=True):

@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, Flags, Floats
-from processing.ground.threads import Later, at_once, threads
+from processing.ground.threads import Later, at_once, side_by_side, threads, together
 from processing.pictures.frames import refuse_alpha
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.writing import P, check_image, check_light, check_size, handed_on, refused, write_whole
@@ -256,13 +256,20 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
         raise refused(path, f"has the channels {sorted(arrays)}", likely=_DAMAGED, advice=_AGAIN)
     planes: Channels = {"RGB": arrays["RGB"], "uncertainty": _single(arrays["uncertainty"])}
     planes |= {name: _codes(arrays[name], path) for name in ("validity", "ghost") if name in arrays}
-    if header["daylitCrc32"] != f"{_digest(texts, planes):08x}":
-        raise refused(path, "has changed since it was written: its checksum differs", likely=_DAMAGED, advice=_AGAIN)
-    image = _image(texts, planes, path)
-    if header.get("whiteLuminance", 0.0) != (1.0 if _in_cd_m2(image) else 0.0):
-        raise refused(path, "has another whiteLuminance than it was written with", likely=_DAMAGED, advice=_AGAIN)
-    check_image(image, path)
-    return image
+
+    def unchanged() -> None:
+        if header["daylitCrc32"] != f"{_digest(texts, planes):08x}":
+            text = "has changed since it was written: its checksum differs"
+            raise refused(path, text, likely=_DAMAGED, advice=_AGAIN)
+
+    def sound() -> RelativeImage | LuminanceImage:
+        image = _image(texts, planes, path)
+        if header.get("whiteLuminance", 0.0) != (1.0 if _in_cd_m2(image) else 0.0):
+            raise refused(path, "has another whiteLuminance than it was written with", likely=_DAMAGED, advice=_AGAIN)
+        check_image(image, path)
+        return image
+
+    return together(unchanged, sound)[1]
 
 
 def read_any_exr(path: Path) -> RelativeImage | LuminanceImage | tuple[Floats, float | None]:
@@ -322,24 +329,26 @@ def _single(plane: npt.NDArray[Any]) -> Floats:
         return np.asarray(plane, np.float32)
     table = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
     out = np.empty(plane.shape, np.float32)
-    for rows in _bands(plane):
-        np.take(table, plane[rows].view(np.uint16), out=out[rows], mode="clip")
+    side_by_side(lambda rows: np.take(table, plane[rows].view(np.uint16), out=out[rows], mode="clip"), _bands(plane))
     return out
 
 
-def _bands(plane: npt.NDArray[Any]) -> Iterator[slice]:
-    """Yield rows a few at a time: what is worked with stays in the processor's cache."""
-    yield from (slice(top, top + 64) for top in range(0, len(plane), 64))
+def _bands(plane: npt.NDArray[Any]) -> list[slice]:
+    """Return rows a few at a time: what is worked with stays in the processor's cache."""
+    return [slice(top, top + 64) for top in range(0, len(plane), 64)]
 
 
 def _codes(plane: npt.NDArray[Any], path: Path) -> Bytes:
     codes = np.empty(plane.shape, np.uint8)
-    for rows in _bands(plane):
+
+    def band(rows: slice) -> None:
         values = _single(plane[rows])
         with np.errstate(invalid="ignore"):
             codes[rows] = values.astype(np.uint8)
         if not np.array_equal(codes[rows], values):
             raise refused(path, "holds codes that are no whole numbers from 0 to 255", likely=_DAMAGED, advice=_AGAIN)
+
+    side_by_side(band, _bands(plane))
     return codes
 
 

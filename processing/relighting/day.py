@@ -13,6 +13,7 @@ import numpy as np
 from processing.errors import DaylightError, RelightError
 from processing.exchange.jpeg_files import Made, removed_by, write_jpeg
 from processing.exchange.showing import panes_of
+from processing.ground.threads import side_by_side
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.basis import BASIS_EFFORTS, basis_of
@@ -80,18 +81,20 @@ def run(context: StageContext) -> StageOutput:
     stage = Stage.of(scene, EFFORT.texel_m)
     ready = RelightView(stage, basis_of(stage, room.eye_m, effort=EFFORT), view)
     before = ready.relit(scene.outdoors)
-    lit = [photograph_under(cut, ready, before, outdoors)[0].rgb[-rows:] for outdoors, _ in lights]
+    lit = side_by_side(lambda one: photograph_under(cut, ready, before, one[0])[0].rgb[-rows:], lights)
     display = Display.read(context.artifact("stills", "display"))
     panes = panes_of(known_room(context), Equirectangular(4 * WIDE_PX, 2 * WIDE_PX), display.views)
     look = Look(display_of_day(display, lit), panes)
     original = asked.original_url or f"../stills/{still['original']}"
     removed = removed_by(context.summary("remove"))
     what = Made.of(still["state"], removed=removed, further="relit", original=original)
-    for number, (rgb, (_, facts)) in enumerate(zip(lit, lights, strict=True), 1):
-        rgb8 = shown(rgb, look, view)
-        title = f"{context.session.name}, {facts['local_time']}"
-        path = context.folder / f"hour-{number}.jpg"
+
+    def write(number: int) -> None:
+        rgb8, path = shown(lit[number], look, view), context.folder / f"hour-{number + 1}.jpg"
+        title = f"{context.session.name}, {lights[number][1]['local_time']}"
         write_jpeg(path, rgb8 if asked.no_staged_label else what.on(rgb8, panorama=False), made=what, title=title)
+
+    side_by_side(write, range(len(lit)))
     names = [f"hour-{number}" for number in range(1, MOST_HOURS + 1)]
     found = {"schema_version": 1, "state": still["state"], "hours": [facts for _, facts in lights]}
     artifacts = {"day": found, **dict.fromkeys(names[: len(lit)], True)}

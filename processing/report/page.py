@@ -24,6 +24,7 @@ import numpy as np
 from processing.calibration.outdoor.sun_place import zone_at
 from processing.exchange.jpeg_files import FURNITURE, removed_by
 from processing.ground.room_model import RoomModel
+from processing.ground.threads import side_by_side
 from processing.report import data as report
 from processing.report.sections import floor_area_m2
 from processing.report.states import VIEWER_WIDTHS_PX, packed
@@ -177,7 +178,7 @@ def client_data(context: StageContext, lab: report.ReportData) -> ClientData:
     return ClientData(
         title=context.session.site.name or context.session.name,
         facts=client_facts(context.session),
-        stills=tuple(_still(folder, one) for one in stills),
+        stills=tuple(side_by_side(partial(_still, folder), stills)),
         notices=_notices(context, room, [one["state"] for one in stills]),
         compared=_compared(folder, stills),
         tour=_tour(viewers[0]) if viewers else None,
@@ -281,7 +282,7 @@ def _tour(lab: report.Viewer) -> report.Viewer:
         jpeg = _smaller(state.jpeg, max(one for _, one in VIEWER_WIDTHS_PX), TOUR_QUALITY)
         return replace(state, jpeg=jpeg, luminance=nothing, uncertainty=unknown, validity=unknown, map_px=(2, 1))
 
-    return replace(lab, states=tuple(map(smaller, some)))
+    return replace(lab, states=tuple(side_by_side(smaller, some)))
 
 
 def _day(parts: Sequence[Sequence[report.Card]], taken: datetime) -> report.Cards | None:

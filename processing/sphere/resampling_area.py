@@ -21,7 +21,7 @@ from processing.sphere.overlap import CLEAR, CUT, HIDDEN, Net, finish, gather, i
 
 CELL_RAD = 0.01
 """Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 1.3e-5 rad."""
-CORNERS_AT_ONCE = 1 << 19  # for memory
+CORNERS_AT_ONCE, LEAST_BANDS = 1 << 19, 8  # for memory; for threads
 RADII = 1 << 15  # steps of the table between two fisheyes' radii: its lines miss the curve by less than 2e-7 pixels
 
 
@@ -69,7 +69,7 @@ def _gathered(
     density, solid = _density(source), solid_angles(target)
     out = np.zeros((*solid.shape, picture.shape[2]), dtype=np.float32)
     share = np.zeros(solid.shape, dtype=np.float32)
-    band, plane = _band(net, parts), (picture, density, weights)
+    band, plane = min(_band(net, parts), -(-target.height_px // LEAST_BANDS)), (picture, density, weights)
     # Marks and the like may be 0 wherever nothing is near.
     live = max((c + 1 for c in range(picture.shape[2]) if np.any(picture[..., c], where=~near)), default=0)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.ground.kernels import compiled
+from processing.ground.threads import at_once, side_by_side
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
 from processing.pictures.modes import LEVEL_SHIFT, LEVELS, ROWS_AT_ONCE, level_error, placed_parts
 from processing.sphere import Equirectangular
@@ -74,11 +76,12 @@ def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -
     found = list[Illuminance]()
     for some in [directions] if whole else [[one] for one in directions]:
         sums, levels, off = np.zeros((len(some), 5 + len(Validity))), np.zeros((len(some), LEVELS)), np.zeros(())
-        for bands in zip(*(projected_bands(image.geometry, one) for one in some), strict=True):
+        planes = [projected_bands(image.geometry, one) for one in some]
+        while bands := [band for band in side_by_side(lambda plane: next(plane, None), planes) if band]:
             rows, weights = bands[0][0], [each for _, each in bands]
             picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]
-            for k, each in enumerate(weights):
-                _add_light(*picture, each, np.array(LUMINANCE_WEIGHTS), sums[k], levels[k])
+            lit = zip(weights, [np.array(LUMINANCE_WEIGHTS)] * len(some), sums, levels, strict=True)
+            side_by_side(at_once, [partial(_add_light, *picture, *each) for each in lit])
             for start in range(rows.start, rows.stop, ROWS_AT_ONCE):
                 band = slice(start, min(start + ROWS_AT_ONCE, rows.stop))
                 part = slice(band.start - rows.start, band.stop - rows.start)

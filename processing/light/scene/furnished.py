@@ -17,6 +17,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import smoothed
+from processing.ground.threads import side_by_side
 from processing.light.scene import sources
 from processing.light.scene.albedo import DARK, LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
@@ -258,7 +259,7 @@ def _as_shown(full: Stage, bare: Stage, shown: _Shown, samples: int, seed: int) 
 
     Without furniture a seen patch gives as many times more as the scenes say; the sun falls anew.
     """
-    among, without = (light_map(stage, samples, seed) for stage in (full, bare))
+    among, without = side_by_side(lambda stage: light_map(stage, samples, seed), (full, bare))
     model = full.albedo * among.rest
     smooth = np.minimum(shown.given, sources.LAMP_TIMES * model)
     gain = np.clip(smooth / np.maximum(model, 1e-9), 1 / MOST_RATIO, MOST_RATIO)
@@ -284,16 +285,17 @@ def _both_lights(
     geometry = Equirectangular(2 * small_rows, small_rows)
     small, seen = sight_of(bare, geometry, eye), sight_of(full, geometry, eye)
     solid = np.flatnonzero(small.solid)
-    pictures = []
-    lights = _as_shown(full, bare, shown, effort.patch_samples, seed)
-    for stage, light in zip((full, bare), lights, strict=True):
-        picture = np.zeros((len(small.label), 3), np.float32)
-        points = small.point[solid], small.normal[solid]
-        picture[solid] = gathered(stage, light, *points, effort.pixel_samples, seed)
-        pictures.append(picture)
+    lights = zip((full, bare), _as_shown(full, bare, shown, effort.patch_samples, seed), strict=True)
+    points = small.point[solid], small.normal[solid]
+
+    def picture(lit: tuple[Stage, LightMap]) -> Floats:
+        out = np.zeros((len(small.label), 3), np.float32)
+        out[solid] = gathered(*lit, *points, effort.pixel_samples, seed)
+        return out
+
+    with_lx, without_lx = side_by_side(picture, lights)
     own = small.solid & (seen.label == small.label)
     own &= np.abs(seen.distance_m - small.distance_m) < SAME_PLACE * (1 + small.distance_m)
-    with_lx, without_lx = pictures
     # For the denoiser, which knows no holes: behind furniture the light as it were with a middling shade.
     levels = np.maximum((with_lx @ WEIGHTS)[own], 1e-9) / np.maximum((without_lx @ WEIGHTS)[own], 1e-9)
     shade = float(np.median(levels)) if own.any() else 1.0

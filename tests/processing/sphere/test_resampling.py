@@ -134,6 +134,7 @@ def test_what_cannot_be_seen_of_the_result_is_not_worked_out(monkeypatch):
     """Cells of a square beyond a fisheye's circle take no light; labels that are all what lies outside stay it."""
     there, back = fisheye(LensMapping.EQUIDISTANT, 64), fisheye(LensMapping.ORTHOGRAPHIC, 32)
     found = []
+    monkeypatch.setenv("DAYLIT_THREADS", "1")  # one band after the other
     monkeypatch.setattr(resampling_area, "finish", lambda light, weight, *_: found.append((light, weight)))
     resample(np.ones((64, 64, 1), np.float32), there, back)
     light, weight = (np.concatenate(each) for each in zip(*found, strict=True))
