@@ -88,13 +88,11 @@ def run(context: StageContext) -> StageOutput:
     original = asked.original_url or f"../stills/{still['original']}"
     removed = removed_by(context.summary("remove"))
     what = Made.of(still["state"], removed=removed, further="relit", original=original)
-
-    def write(number: int) -> None:
-        rgb8, path = shown(lit[number], look, view), context.folder / f"hour-{number + 1}.jpg"
-        title = f"{context.session.name}, {lights[number][1]['local_time']}"
+    for number, (rgb, (_, facts)) in enumerate(zip(lit, lights, strict=True), 1):
+        rgb8 = shown(rgb, look, view)
+        title = f"{context.session.name}, {facts['local_time']}"
+        path = context.folder / f"hour-{number}.jpg"
         write_jpeg(path, rgb8 if asked.no_staged_label else what.on(rgb8, panorama=False), made=what, title=title)
-
-    side_by_side(write, range(len(lit)))
     names = [f"hour-{number}" for number in range(1, MOST_HOURS + 1)]
     found = {"schema_version": 1, "state": still["state"], "hours": [facts for _, facts in lights]}
     artifacts = {"day": found, **dict.fromkeys(names[: len(lit)], True)}

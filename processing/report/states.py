@@ -18,7 +18,7 @@ from processing.errors import ParameterError
 from processing.exchange.jpeg_files import STAGED, TEXT, Made, PanoramaTags, jpeg_bytes
 from processing.ground.arrays import Bytes, Floats, Indices, UInt16s
 from processing.ground.room_model import RoomModel
-from processing.ground.threads import at_once, side_by_side
+from processing.ground.threads import behind
 from processing.pictures.display import AS_GIVEN, Display, screen
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
@@ -132,7 +132,6 @@ MIDDLE = 0.5  # on the tone curve, of the middle code of the viewer's pictures
 SMALL_PX = 720  # width of a card's picture; chosen
 _TALLER = VIEW_PX[1] / VIEW_PX[0] * (1 + 2 * DROP)
 _COLOURS = 256  # of 8 bits
-AT_ONCE = 2  # pictures of a state put together; for memory
 
 
 @dataclass(frozen=True)
@@ -167,22 +166,21 @@ def cuts_of(state: State, look: Look, wide: int) -> Cuts:
     image = state.read()
     whole, small = Panorama(np.ascontiguousarray(image.rgb)), small_direction(look, SMALL_PX)
 
-    def seen(view: Perspective, rows: int = VIEW_PX[1]) -> Bytes:
-        return shown(cut_view(whole, view)[-rows:], look, view)
+    def views() -> tuple[tuple[Scene, ...], bytes]:
+        scenes = [
+            _scene(name, state, look, image, shown(cut_view(whole, view)[-VIEW_PX[1] :], look, view))
+            for name, view in (("View 1", _direction(look.yaw_rad)), ("View 2", _direction(look.other_yaw_rad)))
+        ]
+        around = shown(_panorama(image.rgb, PANORAMA_WIDTH_PX), look)
+        scenes.append(_scene("Panorama", state, look, image, around, panorama=True))
+        card = shown(cut_view(whole, small)[-small_height_px(SMALL_PX) :], look, small)
+        return tuple(scenes), _jpeg(card, state, look, image, panorama=False)
 
-    def around() -> Scene:
-        rgb8 = shown(_panorama(image.rgb, PANORAMA_WIDTH_PX), look)
-        return _scene("Panorama", state, look, image, rgb8, panorama=True)
-
-    parts: list[Callable[[], Any]] = [
-        lambda: viewer(state, look, wide),
-        lambda: _scene("View 1", state, look, image, seen(_direction(look.yaw_rad))),
-        lambda: _scene("View 2", state, look, image, seen(_direction(look.other_yaw_rad))),
-        around,
-        lambda: _jpeg(seen(small, small_height_px(SMALL_PX)), state, look, image, panorama=False),
-    ]
-    all_round, *scenes, first = side_by_side(at_once, parts, AT_ONCE)
-    return Cuts(state.name, state.made.state == STAGED, tuple(scenes), first, all_round)
+    with behind() as later:
+        smaller = later(views)
+        all_round = viewer(state, look, wide)  # here: another thread would not use the memory that this one has freed
+        scenes, first = smaller.result()
+    return Cuts(state.name, state.made.state == STAGED, scenes, first, all_round)
 
 
 def comparison(cuts: Sequence[Cuts]) -> Comparison:

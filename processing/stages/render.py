@@ -160,8 +160,7 @@ def _alternative(
     work = common()
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=work.asked.lamps == "on")
     staged = _staged(work, parts)
-    image, made = _picture(work, staged, one), ~_kept(work, staged)
-    work.later(partial(_write, path, image, made, work, parts))
+    work.later(partial(_write, path, work, staged, one, parts))
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",
         "items": [item.id for item in one.items],
@@ -177,8 +176,8 @@ def _alternative(
     }
 
 
-def _write(path: Path, image: LuminanceImage, made: Flags, work: _Work, parts: tuple[Part, ...]) -> None:
-    write_stage_exr(path.with_suffix(".exr"), image, made, own=True)
+def _write(path: Path, work: _Work, staged: Staged, one: Arrangement, parts: tuple[Part, ...]) -> None:
+    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one), ~_kept(work, staged), own=True)
     write_scene_glb(path.with_suffix(".glb"), work.model.result().furnished(parts), work.eye_m)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ def detected(context: StageContext, name: str, width_px: int) -> Flags | None:
 def things(context: StageContext, shape: tuple[int, ...]) -> Flags:
     """Return where (H, W), of a ``shape``, furniture, equipment or the shadow of furniture was found."""
     found = [detected(context, name, shape[1]) for name in ("furniture", "tripod", "shadow")]
-    return np.asarray(np.logical_or.reduce([np.zeros(shape, bool), *(mask for mask in found if mask is not None)]))
+    return reduce(np.logical_or, (mask for mask in found if mask is not None), np.zeros(shape, bool))
 
 
 def known_room(context: StageContext) -> RoomModel:

@@ -286,11 +286,10 @@ def _both_lights(
     small, seen = sight_of(bare, geometry, eye), sight_of(full, geometry, eye)
     solid = np.flatnonzero(small.solid)
     lights = zip((full, bare), _as_shown(full, bare, shown, effort.patch_samples, seed), strict=True)
-    points = small.point[solid], small.normal[solid]
 
     def picture(lit: tuple[Stage, LightMap]) -> Floats:
         out = np.zeros((len(small.label), 3), np.float32)
-        out[solid] = gathered(*lit, *points, effort.pixel_samples, seed)
+        out[solid] = gathered(*lit, small.point[solid], small.normal[solid], effort.pixel_samples, seed)
         return out
 
     with_lx, without_lx = side_by_side(picture, lights)
