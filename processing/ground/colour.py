@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.ground.tables import table_of
-from processing.ground.threads import side_by_side
 
 LUMINANCE_WEIGHTS = (0.2127, 0.7151, 0.0722)
 """Of R, G and B in luminance (Ji et al. 2023, eq. 1; ITU-R BT.709 rounds them to 0.2126, 0.7152, 0.0722)."""
@@ -106,7 +105,7 @@ def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
     kelvin = np.zeros(lit.shape, np.float32)
     seen = xyz[lit]
     uv = seen[:, :2] * (4, 6) / (seen @ (1, 15, 3))[:, None]
-    found, duv = np.concatenate(side_by_side(_robertson, np.array_split(uv, len(uv) // _AT_ONCE + 1)), axis=1)
+    found, duv = np.concatenate([_robertson(part) for part in np.array_split(uv, len(uv) // _AT_ONCE + 1)], axis=1)
     low, high = CCT_RANGE_K
     kelvin[lit] = np.where((np.abs(duv) <= MAX_DUV) & (found > low) & (found < high), found, 0)
     return kelvin, kelvin > 0

@@ -13,7 +13,6 @@ import numpy as np
 from processing.errors import DaylightError, RelightError
 from processing.exchange.jpeg_files import Made, removed_by, write_jpeg
 from processing.exchange.showing import panes_of
-from processing.ground.threads import side_by_side
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.basis import BASIS_EFFORTS, basis_of
@@ -81,7 +80,7 @@ def run(context: StageContext) -> StageOutput:
     stage = Stage.of(scene, EFFORT.texel_m)
     ready = RelightView(stage, basis_of(stage, room.eye_m, effort=EFFORT), view)
     before = ready.relit(scene.outdoors)
-    lit = side_by_side(lambda one: photograph_under(cut, ready, before, one[0])[0].rgb[-rows:], lights)
+    lit = [photograph_under(cut, ready, before, outdoors)[0].rgb[-rows:] for outdoors, _ in lights]
     display = Display.read(context.artifact("stills", "display"))
     panes = panes_of(known_room(context), Equirectangular(4 * WIDE_PX, 2 * WIDE_PX), display.views)
     look = Look(display_of_day(display, lit), panes)

@@ -11,7 +11,6 @@ from processing.calibration.response.curve import fit_text
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes
 from processing.ground.colour import srgb_of_linear
-from processing.ground.threads import side_by_side
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.false_colour import validity_overlay
 from processing.pictures.frames import frame_of
@@ -95,7 +94,7 @@ def camera_section(
     shares = [float(frame["used_share"]) for frame in metrics["frames"]]
     bars = plots.frame_usage_plot(labels, shares, [share == 0 for share in shares])
     pictures.append(Picture("Use of each frame", bars, "bars"))
-    thumbnails = side_by_side(lambda frame: thumbnail(folder / frame.file), ordered)
+    thumbnails = [thumbnail(folder / frame.file) for frame in ordered]
     sheet = plots.contact_sheet(thumbnails, labels)
     pictures.append(Picture("Bracket", sheet, f"frames of the {side} bracket, histograms", wide=True))
     text = f"Exposure times: {response['times_source']}."

@@ -178,7 +178,7 @@ def cuts_of(state: State, look: Look, wide: int) -> Cuts:
 
     with behind() as later:
         smaller = later(views)
-        all_round = viewer(state, look, wide)  # here: another thread would not use the memory that this one has freed
+        all_round = viewer(state, look, wide)
         scenes, first = smaller.result()
     return Cuts(state.name, state.made.state == STAGED, scenes, first, all_round)
 
@@ -236,8 +236,7 @@ def _map(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _panorama(rgb: Floats, width_px: int) -> Floats:
-    width = min(width_px, rgb.shape[1])
-    width -= width % 2
+    width = min(width_px, rgb.shape[1]) // 2 * 2
     if width == rgb.shape[1]:
         return rgb
     return np.asarray(cv2.resize(rgb, (width, width // 2), interpolation=cv2.INTER_AREA), np.float32)

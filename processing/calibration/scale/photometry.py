@@ -76,7 +76,7 @@ def illuminances_lx(image: LuminanceImage, normals: Sequence[Sequence[float]]) -
     found = list[Illuminance]()
     for some in [directions] if whole else [[one] for one in directions]:
         sums, levels, off = np.zeros((len(some), 5 + len(Validity))), np.zeros((len(some), LEVELS)), np.zeros(())
-        planes = [projected_bands(image.geometry, one) for one in some]
+        planes = [iter(projected_bands(image.geometry, one)) for one in some]
         while bands := [band for band in side_by_side(lambda plane: next(plane, None), planes) if band]:
             rows, weights = bands[0][0], [each for _, each in bands]
             picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]

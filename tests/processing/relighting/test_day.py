@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -84,12 +83,8 @@ def test_the_day_of_capture_goes_by_and_at_its_own_hour_the_room_is_as_it_was(
     lit: StageContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stage, "WIDE_PX", WIDE_PX)
-    monkeypatch.setenv("DAYLIT_THREADS", "2")
-    workers, under = set[int](), stage.photograph_under
-    monkeypatch.setattr(stage, "photograph_under", lambda *a: (workers.add(threading.get_ident()), under(*a))[1])
     assert no_day(lit) is None
     made = run(lit)
-    assert len(workers) == 2, "hours are made side by side"
     hours = made.artifacts["day"]["hours"]
     assert [one["local_time"] for one in hours] == [f"2023-05-19 {hour:02}:00" for hour in range(7, 21)]
     assert made.metrics["hours"] == len(hours) == 14
