@@ -214,8 +214,7 @@ def _library() -> Any:
 def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halves: dict[str, type]) -> None:
     library = _library()
     planes: Channels = {"RGB": image.rgb, "uncertainty": image.uncertainty, "validity": image.validity}
-    if image.ghost is not None:
-        planes["ghost"] = image.ghost
+    planes |= {} if image.ghost is None else {"ghost": image.ghost}
     # Our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)
     luminance = isinstance(image, LuminanceImage)
     try:

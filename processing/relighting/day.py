@@ -85,8 +85,7 @@ def run(context: StageContext) -> StageOutput:
     panes = panes_of(known_room(context), Equirectangular(4 * WIDE_PX, 2 * WIDE_PX), display.views)
     look = Look(display_of_day(display, lit), panes)
     original = asked.original_url or f"../stills/{still['original']}"
-    removed = removed_by(context.summary("remove"))
-    what = Made.of(still["state"], removed=removed, further="relit", original=original)
+    what = Made.of(still["state"], removed=removed_by(context.summary("remove")), further="relit", original=original)
     for number, (rgb, (_, facts)) in enumerate(zip(lit, lights, strict=True), 1):
         rgb8 = shown(rgb, look, view)
         title = f"{context.session.name}, {facts['local_time']}"

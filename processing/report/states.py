@@ -217,9 +217,8 @@ def viewer(state: State, look: Look, wide: int = VIEWER_WIDTHS_PX[0][1]) -> View
     map_px, picture_px = (luminance.shape[1], luminance.shape[0]), (image.rgb.shape[1], image.rgb.shape[0])
     found = ViewerState(state.name, jpeg, *maps, map_px, picture_px, state.file, state.made.state == STAGED)
     colours, yaw_deg = false_colour(ramp, low, high).tobytes(), math.degrees(look.yaw_rad)
-    sizes = None
-    if (r := look.room) is not None:
-        sizes = {"floor": r.floor, "camera_m": r.camera_height_m, "ceiling_m": r.ceiling_height_m}
+    r = look.room
+    sizes = None if r is None else {"floor": r.floor, "camera_m": r.camera_height_m, "ceiling_m": r.ceiling_height_m}
     ticks = tuple(legend_ticks(low, high, 14))
     return Viewer((found,), MIDDLE, (low, high), ticks, colours, image.unit, yaw_deg, look.label, sizes)
 
