@@ -46,6 +46,9 @@ SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, 
 GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
 FAR_RATIO = 0.1  # of a plane's own ratio, within which a place counts as far from furniture; chosen
 LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
+SUNLIT, SHINES, LEAST_DUE_M2 = 0.3, 3.0, 0.25
+"""Of the full sun, from which a patch of furniture is in it; times what furniture in the shade shows, from which one
+shows that; area of such patches in sight, from which they are asked. Chosen."""
 LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is hardly weighed; chosen, 3 % is not seen
 GUARD_WIDE = 4.0  # times as far, over which shares are brought together (chosen: 1 and 2 leave lines on plain walls)
 
@@ -222,7 +225,15 @@ def _with_sun_back(
         lit.append(sunlight(stage.under(outdoors, clear), points, normals, samples, (seed, 79)))
     floor = np.flatnonzero(shown.known[: math.prod(full.patches.grids[0][:2])])
     shade_lx = np.median((shown.given @ WEIGHTS)[floor] / (full.albedo @ WEIGHTS)[floor]) if len(floor) else 0.0
-    back = np.maximum(lit[1] - lit[0][: len(lit[1])], 0) * (sun[1] * shade_lx)
+    count, among = len(lit[1]), lit[0] @ WEIGHTS
+    # Windows and stand-ins are estimates: of furniture that they put in the sun, as much is in it as shines.
+    furniture = np.flatnonzero(shown.seen[count:]) + count
+    due, shaded = furniture[among[furniture] > SUNLIT], furniture[among[furniture] == 0]
+    area, given = full.patches.area_m2[due], shown.given @ WEIGHTS
+    share = 1.0
+    if area.sum() > LEAST_DUE_M2 and len(shaded):
+        share = float(area[given[due] > SHINES * np.median(given[shaded])].sum() / area.sum())
+    back = np.maximum(lit[1] - lit[0][:count], 0) * (share * sun[1] * shade_lx)
     return replace(bare, exitance=bare.exitance + bare.albedo * back)
 
 

@@ -402,6 +402,20 @@ def test_a_single_photograph_s_room_gets_the_sun_back_that_fell_on_its_furniture
     assert any(note.startswith("sun: ") for note in found.notes)
 
 
+def test_no_sun_comes_back_from_furniture_that_the_photograph_shows_in_the_shade() -> None:
+    """Windows that are taken for too large put it in the sun: a room came out 1.6 times as bright as it is."""
+    sky, towards = uniform_sky(4000.0), np.array([0.5, -0.6, 0.6]) / np.linalg.norm([0.5, -0.6, 0.6])
+    full = scene_of(box_room(), sky, colours, reveal_m=0.2).furnished((box((-0.6, 0.2, 0.4), (1.8, 2.4, 0.8)),))
+    picture = image(render(full, GEOMETRY, EYE, effort=LOOK, seed=5).rgb)
+    furniture = (sight_of(Stage.of(full, 0.5), GEOMETRY, EYE).label >= FIRST_PART).reshape(ROWS, 2 * ROWS)
+    old, known = OldFurniture(furniture, furniture, full.parts), ((*map(float, towards),), 30.0)
+    without, with_sun = (
+        furnished_light(picture, box_room(), None, old, rows=ROWS, effort=WORK, known_sun=sun).log_change
+        for sun in (None, known)
+    )
+    assert np.median(with_sun) == pytest.approx(np.median(without), abs=0.05)
+
+
 def test_an_overexposed_sun_that_lights_nothing_seen_stays_a_lower_bound() -> None:
     behind = Sun((0.0, 0.8, 0.6), (2000.0, 2000.0, 2000.0), clipped=True)
     outdoors = uniform_sky(4000.0, behind)
