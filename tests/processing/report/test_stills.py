@@ -154,7 +154,7 @@ def test_what_stands_in_a_wing_behind_a_wall_is_not_counted_as_seen() -> None:
 
 
 def test_frames_that_were_aimed_come_first_and_others_look_elsewhere() -> None:
-    own = aimed(StillsParameters(aim="-60,20,0.08;120.5,24").aim, ROOM, ITEMS)
+    own = aimed(StillsParameters(aim="-60,20,.08;120.5,24").aim, ROOM, ITEMS)
     assert [(round(math.degrees(one.yaw_rad), 6), one.lens_mm, one.drop) for one in own] == [
         (-60, 20, 0.08),
         (120.5, 24, 0),
