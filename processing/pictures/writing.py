@@ -1,7 +1,5 @@
 """What every picture must hold before it is written and after it is read: shapes, types, finite light, known codes."""
 
-from __future__ import annotations
-
 import errno
 import math
 import os

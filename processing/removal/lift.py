@@ -5,8 +5,6 @@ picture of pi x radiance over irradiance among the furniture, and then lit as th
 by the same ratio of lights, guarded against ghosts (`light.scene.furnished`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ the rectangle so that what should be seen of it matches the classes, and edges o
 Rectangles are (u0, v0, u1, v1) in metres of the wall's plane, v down.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

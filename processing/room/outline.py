@@ -4,8 +4,6 @@ Walls are lines n.p = distance with the normal pointing out of the room; some ar
 turns its back). Corners are where neighbours meet. Lengths are in camera heights, so that nothing depends on scale.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any

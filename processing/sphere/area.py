@@ -9,8 +9,6 @@ twice or lost. Far from the edge of a large picture the cells are so small that 
 much cheaper.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterator

@@ -5,8 +5,6 @@ pixel that it touches is exact, by the signed areas under its edges, so that ove
 to each pixel's area without gap or excess.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

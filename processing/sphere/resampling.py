@@ -4,8 +4,6 @@
 and ``cubic`` sample the source at the target's pixel centres: smoother where pixels grow, wrong where they shrink.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """Maps between a panorama and its views; those that cut views are kept."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache, partial

@@ -1,7 +1,5 @@
 """Rectified textures of a room's planes, from the panorama and back into it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

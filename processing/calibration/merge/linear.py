@@ -5,8 +5,6 @@ by the variance that the noise model expects at that radiance. So noise does not
 """
 
 # mypy: disable-error-code="no-untyped-def,attr-defined"
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Illuminance is the sum over pixel centres of luminance x cos(angle to the normal
 float64 sums. Of a uniform hemisphere it is pi L, of a CIE overcast sky 7 pi / 9 of its zenith's luminance.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ Arrays that all functions share:
 frame, underside and top; `kinds` (R,) their classes; intervals (M, 2): low and high of s.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

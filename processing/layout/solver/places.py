@@ -4,8 +4,6 @@ The tables say shapes with: U units, V variants of all units, R rectangles of th
 variant on a line), I intervals. Lengths are metres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

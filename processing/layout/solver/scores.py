@@ -1,7 +1,5 @@
 """Soft scores of a whole arrangement: each 0 to 1, None where it does not apply; `rules.toml` has the weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

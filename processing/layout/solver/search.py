@@ -6,8 +6,6 @@ follow each other as in annealing. Rounds are compiled (numba); states are count
 gives the same result on any machine.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

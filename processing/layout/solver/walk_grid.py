@@ -8,8 +8,6 @@ A grid has one bit a cell: rows of 64-bit words (rows, words), lowest bit first.
 doubling steps, so that a whole room takes microseconds.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Of a body that moves only the rays near it are asked again, so that its shade fo
 a body gives back is taken as even over all of it (`Body.glow`): bounces beyond the first are the bare room's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ In a large picture most of the room is filled from a coarse grid (`processing.li
 pixel by pixel is furniture, sunlight, and where one surface ends.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ agree, and in which no furniture can be seen, is filled from its corners; blocks
 are looked at themselves. Measured on a staged bedroom at 6720 x 3360: docs/measurements/pipeline.md.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ reflectance, as its disc would never be met by chance.
 What is mirrored in a staged picture, at a small size: on furniture, and in a glossy floor with and without it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -4,8 +4,6 @@ Arrays of rays are (N, S, 3): S rays from each of N points. ``points`` are (N, 1
 ray, in metres; ``normals`` (N, 3) are unit; ``shifts`` (N, 2) in [0, 1) turn each point's own set of sample numbers.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, TypeAlias
 

@@ -4,8 +4,6 @@ The same rays are either summed at once under the sky of the scene (`skylight`),
 each reaches (`sky_rays`), so that any other sky is a sum over stored rays (`add_sky`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple

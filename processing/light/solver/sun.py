@@ -5,8 +5,6 @@ picture, what is lit and what is shaded are large areas: every few pixels one is
 four corners agree is as they are; only along the edges of light every pixel has shadow rays of its own.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
