@@ -3,14 +3,12 @@
 Interface and endpoints are found by descriptor, never assumed: the Theta's bulk-out is 01, the Canon's 02.
 """
 
-from __future__ import annotations
-
 import errno
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import usb.backend.libusb1
 import usb.core
@@ -121,7 +119,7 @@ class UsbLink:
     @classmethod
     def open(
         cls, vendor_id: int, product_id: int, *, serial: str | None = None, backend: Any | None = None, clock: Clock
-    ) -> UsbLink:
+    ) -> Self:
         """Open the camera with these ids, and this USB serial number where several are plugged in.
 
         Raises `DeviceNotFoundError`: no such camera, or several and no ``serial``; or no USB library;

@@ -5,8 +5,6 @@ records of {u32 size, u32 code, payload} that end with size 8, code 0. Malformed
 a decoder allocates no more than the stream it was given.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,6 +32,15 @@ class PropValue:
     def number(self) -> int | None:
         """The value as a number, or None where it is no four-byte value."""
         return int.from_bytes(self.raw, "little") if len(self.raw) == 4 else None
+
+
+@dataclass(frozen=True, order=True)
+class ImageFile:
+    """One file that a shot makes: type (JPEG, RAW), size (L, M, S) and compression, as codes of the camera."""
+
+    file_type: int
+    size: int
+    compression: int
 
 
 @dataclass(frozen=True)
@@ -79,15 +86,6 @@ class OtherRecord:
 
 
 Record = PropValue | AvailableValues | ObjectRecord | NumberRecord | OtherRecord
-
-
-@dataclass(frozen=True, order=True)
-class ImageFile:
-    """One file that a shot makes: type (JPEG, RAW), size (L, M, S) and compression, as codes of the camera."""
-
-    file_type: int
-    size: int
-    compression: int
 
 
 JPEG_LARGE_FINE = ImageFile(codes.IMAGE_TYPE_JPEG, codes.IMAGE_SIZE_LARGE, codes.IMAGE_COMPRESSION_FINE)

@@ -4,8 +4,6 @@ Every byte goes into the transcript by way of the line (`drivers.transcript.Reco
 calibrated on the meter; it is asked who it is and to measure, and left in local mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -90,7 +88,7 @@ def probe(open_line: Callable[[PortSettings], ByteLine], clock: Clock) -> Iterat
             line.close()
 
 
-def _ask_all(asker: _Asker, measured: set[bytes]) -> Iterator[Exchange]:
+def _ask_all(asker: "_Asker", measured: set[bytes]) -> Iterator[Exchange]:
     asker.ask("")  # ends what another line end left unfinished in the meter
     answered = False
     for question in OPENINGS:

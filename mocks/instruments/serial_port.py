@@ -1,7 +1,5 @@
 """A serial port with an instrument behind it: a pseudo-terminal, as a cable to a meter would be."""
 
-from __future__ import annotations
-
 import os
 import select
 import tempfile
@@ -72,7 +70,7 @@ class SerialPort:
         if self._plug is not None:
             self._plug.pull()
 
-    def _answer(self, line: bytes, plug: _Plug) -> None:
+    def _answer(self, line: bytes, plug: "_Plug") -> None:
         """Send the timed pieces."""
         asked_s = self._clock.monotonic_s()
         for piece in self._instrument.hear(line, asked_s - self._start_s):
@@ -90,7 +88,7 @@ class SerialPort:
 class _Plug:
     """One pseudo-terminal and the thread behind it."""
 
-    def __init__(self, answer: Callable[[bytes, _Plug], None], line_end: bytes) -> None:
+    def __init__(self, answer: "Callable[[bytes, _Plug], None]", line_end: bytes) -> None:
         self._answer, self._line_end = answer, line_end
         self._master, self._slave = os.openpty()
         # Raw: bytes pass as on a wire. The slave stays open here, so that the master lives while nobody listens.

@@ -1,10 +1,9 @@
 """What a ray from the camera sees in a room: texture times baked light, sunlight, gloss, lamps, and the outdoors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -34,9 +33,9 @@ class Seen:
     normal: Floats
     plane_m: Floats
 
-    def only(self, chosen: Indices) -> Seen:
+    def only(self, chosen: Indices) -> Self:
         """Return those with the numbers ``chosen`` (N,)."""
-        return Seen(self.part[chosen], self.normal[chosen], self.plane_m[chosen])
+        return type(self)(self.part[chosen], self.normal[chosen], self.plane_m[chosen])
 
 
 class CubeLookup:

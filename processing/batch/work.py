@@ -6,8 +6,6 @@ process is a child of this module as a program, ``python -m processing.batch.wor
 that it does not hold the session's lock.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json
@@ -108,7 +106,7 @@ class Warm:
     Whatever a session does to its child (a crash, all memory, a hang) ends with it; the server itself computes nothing.
     """
 
-    _at_rest: ClassVar[list[Warm]] = []
+    _at_rest: ClassVar[list["Warm"]] = []
     _lock: ClassVar[threading.Lock] = threading.Lock()
 
     def __init__(self, limits: Mapping[str, str]) -> None:
@@ -125,7 +123,7 @@ class Warm:
         self._child = 0
 
     @classmethod
-    def idle(cls, limits: Mapping[str, str]) -> Warm:
+    def idle(cls, limits: Mapping[str, str]) -> "Warm":
         """Return a server of these limits that has nothing to do; those of other limits end."""
         with cls._lock:
             while cls._at_rest:

@@ -4,13 +4,11 @@ A profile belongs to cameras at fixed settings. `profile_matches` says where a s
 (the paper: "k2 is a fixed constant when the two camera settings stay the same").
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AwareDatetime, Field, ValidationError
@@ -58,7 +56,7 @@ class CameraState(Model):
     body: dict[SafeText, SafeText] = Field(default={})
     """Settings of the body that shape its pictures, by name (`SHAPING`), where the session knows them."""
 
-    def differences(self, now: CameraState) -> list[str]:
+    def differences(self, now: Self) -> list[str]:
         """Return in words how ``now`` differs, in what both know."""
         found = []
         for name in (n for n in CameraState.model_fields if n != "body"):
@@ -142,10 +140,10 @@ class RigProfile(Model):
     warnings: tuple[SafeText, ...] = ()
     frames: dict[Side, Literal["raw", "jpeg"]] = Field(default={})
     """Which frames of each camera all this was measured on, and holds for; JPEGs where a side is not named."""
-    raw: RigProfile | None = None
+    raw: "RigProfile | None" = None
     """The same rig by its raw files, of the cameras that have them."""
 
-    def of(self, by_raw: Mapping[Side, bool]) -> RigProfile:
+    def of(self, by_raw: Mapping[Side, bool]) -> "RigProfile":
         """Return what holds for sides by whether they were merged from raw files: the part `raw`, else this."""
         mine = self.raw.frames if self.raw else {}
         held = any(by_raw.values()) and all((mine.get(side) == "raw") is one for side, one in by_raw.items())

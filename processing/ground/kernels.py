@@ -9,8 +9,6 @@ and constants that it imports.
 compile it while nobody waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` adds to it by doing all that.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import json
@@ -22,7 +20,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numba
 from llvmlite.binding import get_host_cpu_features  # type: ignore[import-untyped]
@@ -98,7 +96,7 @@ class ByContent(UserProvidedCacheLocator):
         return self._stamp
 
     @classmethod
-    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> ByContent | None:
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Self | None:
         """Return the place of a function; None where it is none of ours, or another folder was asked for."""
         if getattr(config, "CACHE_DIR", "") or not Path(py_file).resolve().is_relative_to(ROOT):
             return None

@@ -3,11 +3,10 @@
 Metres, z up; faces wind counter-clockwise seen from outside.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +26,7 @@ class Mesh:
     uv: Doubles
     faces: Int32s
 
-    def placed(self, position_m: Vector, turn_rad: float = 0.0) -> Mesh:
+    def placed(self, position_m: Vector, turn_rad: float = 0.0) -> Self:
         """Return the mesh turned counter-clockwise about z, then moved."""
         c, s = math.cos(turn_rad), math.sin(turn_rad)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

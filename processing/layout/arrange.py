@@ -1,7 +1,5 @@
 """`arrange`: a plan and a list of items in; ranked, different arrangements that break no hard rule out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -132,7 +130,7 @@ class _Task:
     judge: Judge
     doors: list[int]
     """Doors that paths must reach."""
-    rounded: tuple[Rounded, _Task] | None = None
+    rounded: "tuple[Rounded, _Task] | None" = None
     """Where this is the room rounded: the way back, and the task in the room itself."""
 
     def in_room(self, final: Final) -> tuple[Stand, ...]:

@@ -4,14 +4,12 @@ It reads the plan, the rule set's numbers and the placed pieces (size, position,
 builds all geometry itself. Tolerances: overlaps count from 1 um deep (by area over length), paths are measured to 1 mm.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 import shapely
@@ -63,7 +61,7 @@ class Violation:
 class Judge:
     """Judges pieces in one room by one rule set; what does not depend on the pieces is made once."""
 
-    def __init__(self, plan: FloorPlan, rules: RuleSet, like: Judge | None = None) -> None:
+    def __init__(self, plan: FloorPlan, rules: RuleSet, like: Self | None = None) -> None:
         """Make what does not depend on the pieces; `like` is another judge of the same plan, to share from."""
         self._plan, self.rules = plan, rules
         self.room: Polygon = like.room if like else Polygon(plan.corners, list(plan.holes))

@@ -6,13 +6,11 @@ darker exposure; large highlights are lowered and keep their texture; what is ne
 which rolls highlights off. ``panorama.ts`` of the viewer has the same film, on light that has been through the others.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import cv2
 import numpy as np
@@ -102,7 +100,7 @@ class Display:
         return asdict(self)
 
     @classmethod
-    def read(cls, facts: Mapping[str, Any]) -> Display:
+    def read(cls, facts: Mapping[str, Any]) -> Self:
         """Return what `to_dict` gave; raise `ParameterError` for anything else."""
         try:
             views = facts.get("views")
@@ -136,11 +134,11 @@ class Display:
         """Return linear RGB (H, W, 3) in the picture's unit as sRGB codes; see `light`."""
         return screen(self.light(rgb, panes, around=around))
 
-    def brighter(self, factor: float) -> Display:
+    def brighter(self, factor: float) -> Self:
         """Return the display at another exposure: a room at another hour."""
         return replace(self, matrix=tuple(factor * v for v in self.matrix))
 
-    def exposed(self, rgb: Floats) -> Display:
+    def exposed(self, rgb: Floats) -> Self:
         """Return the same white with exposure by another picture (H, W, 3), linear: the room at another hour, a sky."""
         step = max(1, rgb.shape[1] // 1024)
         level = luminance_cd_m2(self.balanced(np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step])))

@@ -6,12 +6,10 @@ angle from the axis, so that it takes a few numbers beside the picture (its attr
 Modes are independent: the variance of a sum over pixels is the sum of its squared sums over each mode (GUM 5.2).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import cv2
 import numpy as np
@@ -51,7 +49,7 @@ class SharedMode:
     values: tuple[float, ...]
     """Relative error of luminance for one standard deviation; of scatter its luminance, row by row."""
 
-    def moved(self, octaves: float, anchor: float | None = None) -> SharedMode:
+    def moved(self, octaves: float, anchor: float | None = None) -> Self:
         """Return the mode of the picture times 2^octaves; with ``anchor`` (log2 luminance) it is 0 there: known."""
         if self.kind == "scatter":
             return replace(self, values=tuple(2**octaves * value for value in self.values))
@@ -60,7 +58,7 @@ class SharedMode:
         moved = replace(self, places=tuple(place + octaves for place in self.places))
         return moved if anchor is None else moved.less(float(np.interp(anchor, moved.places, self.values)))
 
-    def less(self, known: float) -> SharedMode:
+    def less(self, known: float) -> Self:
         """Return the mode less its relative error where the picture's scale was measured: that light is known."""
         if self.kind == "scatter":
             return replace(self, places=(*self.places[:2], self.places[2] + known))

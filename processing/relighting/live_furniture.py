@@ -4,8 +4,6 @@ As `daylit process` renders it (`processing.light.picture.composite`), but from 
 small picture, without mirrors, and with light that furniture gives back counted once.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -65,7 +63,7 @@ class _Seen:
 class _Piece:
     """A piece where it stands: what it shows, and the rays that light that."""
 
-    def __init__(self, room: LiveFurniture, body: Body) -> None:
+    def __init__(self, room: "LiveFurniture", body: Body) -> None:
         self.body = body
         self.small, self.large = (self._seen(room, rays) for rays in (room.small.rays, room.large.rays))
         sight = self.small.sight
@@ -73,7 +71,7 @@ class _Piece:
         self.field, self.sun = Field(beams, len(sight.label)), room.sunlit(self.large.sight)
         self.albedo, self.emission = (f(body.stage, self.large.own) for f in (albedo_of, emission_of))
 
-    def _seen(self, room: LiveFurniture, rays: Floats) -> _Seen:
+    def _seen(self, room: "LiveFurniture", rays: Floats) -> _Seen:
         stage, pose = self.body.stage, self.body.pose
         pixel, eye, own = self.body.near(np.asarray([room.eye_m], np.float32), rays * np.float32(FAR_M))
         first = tuple(float(v) for v in eye[0]) if len(eye) else (0.0, 0.0, 0.0)

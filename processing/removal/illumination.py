@@ -5,10 +5,8 @@ whose difference holds no pattern (pairwise), and the tones themselves, where th
 Both go into one robust least-squares fit of a coarse grid of values that bends little.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -67,7 +65,7 @@ class ToneScale:
     toe: float
 
     @classmethod
-    def of(cls, rgb: Floats, known: Flags) -> ToneScale:
+    def of(cls, rgb: Floats, known: Flags) -> Self:
         """Return the scale that suits the known pixels of (H, W, 3); 1e-6 where nothing is known or all is black."""
         seen = luminance_cd_m2(rgb[known]) if known.any() else np.zeros(1, np.float32)
         return cls(max(TOE * float(np.median(seen)), 1e-6))
@@ -155,7 +153,7 @@ class _Grid:
     step_px: float
 
     @classmethod
-    def over(cls, shape: tuple[int, int]) -> _Grid:
+    def over(cls, shape: tuple[int, int]) -> Self:
         step = max(max(shape) / CELLS, 2.0)
         return cls(int(np.ceil(shape[0] / step)) + 1, int(np.ceil(shape[1] / step)) + 1, step)
 

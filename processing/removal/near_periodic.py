@@ -7,8 +7,6 @@ repeats in one direction only, copies come from along that direction; where it d
 gives copies that fit their surroundings.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -62,7 +60,7 @@ class Completion:
 
 
 def complete(
-    values: Floats, known: Flags, hole: Flags, *, density: Floats | None = None, found: Analysis | None = None
+    values: Floats, known: Flags, hole: Flags, *, density: Floats | None = None, found: "Analysis | None" = None
 ) -> Completion:
     """Fill ``hole`` of a texture (H, W, 3), linear light >= 0, from the ``known`` pixels; both masks (H, W).
 

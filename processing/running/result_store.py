@@ -5,8 +5,6 @@ where the system can (Linux). Elsewhere the old folder is moved aside first; `re
 its place. The folder of a stage belongs to the stage: what else lies in it goes with the old result.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import stat
@@ -45,6 +43,29 @@ def stages_folder(session: Folder, *, create: bool) -> Iterator[Folder | None]:
         return
     with session.sub(STAGES) as folder:
         yield folder
+
+
+class Building:
+    """A result that is being built."""
+
+    def __init__(self, folder: Folder, stage: str) -> None:
+        self.folder = folder
+        self.stage = stage
+
+    def sync_files(self, names: list[str], memory: DigestMemory) -> dict[str, results.FileRecord]:
+        """Make the named files durable and return their records."""
+        records = {}
+        for name in names:
+            fd = self.folder.open_file(name)
+            try:
+                with durable.disk_errors(self.folder.path / name, "syncing"):
+                    durable.os_calls.fsync(fd)
+                    size_bytes = os.fstat(fd).st_size
+            finally:
+                os.close(fd)
+            sha256 = memory.sha256(self.folder, name, f"{STAGES}/{self.stage}/{name}")
+            records[name] = results.FileRecord(size_bytes=size_bytes, sha256=sha256)
+        return records
 
 
 class ResultStore:
@@ -160,29 +181,6 @@ class ResultStore:
         if self._folder is None:
             raise IntegrityError("no stages here to write to", where=STAGES)
         return self._folder
-
-
-class Building:
-    """A result that is being built."""
-
-    def __init__(self, folder: Folder, stage: str) -> None:
-        self.folder = folder
-        self.stage = stage
-
-    def sync_files(self, names: list[str], memory: DigestMemory) -> dict[str, results.FileRecord]:
-        """Make the named files durable and return their records."""
-        records = {}
-        for name in names:
-            fd = self.folder.open_file(name)
-            try:
-                with durable.disk_errors(self.folder.path / name, "syncing"):
-                    durable.os_calls.fsync(fd)
-                    size_bytes = os.fstat(fd).st_size
-            finally:
-                os.close(fd)
-            sha256 = memory.sha256(self.folder, name, f"{STAGES}/{self.stage}/{name}")
-            records[name] = results.FileRecord(size_bytes=size_bytes, sha256=sha256)
-        return records
 
 
 def _clear(parent: Folder, name: str) -> None:

@@ -3,14 +3,12 @@
 The same inputs give the same bytes, so results can be compared; seconds and memory are in run.json beside it.
 """
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, ValidationError
 
@@ -80,7 +78,7 @@ class StageResult(_Record):
         """Return what later stages may read beside the artifacts, as JSON values."""
         return self.model_dump(mode="json", include={"given", "skipped", "left_out", "metrics", "warnings", "honoured"})
 
-    def sealed(self) -> StageResult:
+    def sealed(self) -> Self:
         """Return the result with its seal."""
         return self.model_copy(update={"seal": self._seal()})
 
@@ -159,7 +157,7 @@ class StageReport:
     summary: dict[str, Any] = field(default_factory=dict)
     """Metrics, warnings, left_out, honoured, skipped and given of the result."""
 
-    def after(self, first: StageReport) -> StageReport:
+    def after(self, first: Self) -> Self:
         """Return the report of a stage that ran in two goes as one: why it first ran, and the cost of both."""
         costs = [cost for cost in (first.cost, self.cost) if cost]
         if len(costs) < 2:

@@ -5,13 +5,11 @@ few pixels at a pole are set right after it. Where light must be kept, use metho
 `processing.sphere.views`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Self
 
 import cv2
 import numpy as np
@@ -46,13 +44,13 @@ class Panorama:
         self.geometry = Equirectangular(picture.shape[1], picture.shape[0], yaw_rad)
 
     @cached_property
-    def half(self) -> Panorama:
+    def half(self) -> Self:
         """Return this picture at half the size, by area."""
         size = max(1, self.geometry.width_px // 2), max(1, self.geometry.height_px // 2)
         smaller: AnyArray = cv2.resize(self.picture, size, interpolation=cv2.INTER_AREA)
-        return Panorama(smaller, yaw_rad=self.geometry.yaw_rad)
+        return type(self)(smaller, yaw_rad=self.geometry.yaw_rad)
 
-    def for_view(self, view: Perspective) -> Panorama:
+    def for_view(self, view: Perspective) -> Self:
         """Return the copy whose pixels fit a view's: at most `HALVE_ABOVE` of them to one in its middle."""
         ratio = self.geometry.height_px / math.pi / view.focal_px
         return self if ratio < HALVE_ABOVE or min(self.picture.shape[:2]) < 4 else self.half.for_view(view)

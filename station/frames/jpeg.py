@@ -4,8 +4,6 @@ Written from ITU-T T.81 annex B. Nothing is decoded. Accepted is what a digital 
 extended or progressive, 8 bits, three components; everything else is refused before a decoder sees it.
 """
 
-from __future__ import annotations
-
 import re
 import zlib
 from dataclasses import dataclass, field
@@ -44,6 +42,15 @@ class JpegHeader:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _FrameSize:
+    width_px: int
+    height_px: int
+    progressive: bool
+    component_ids: bytes
+    blocks: int
+
+
 @dataclass
 class _Walk:
     """What has been seen so far on the way through the markers."""
@@ -55,15 +62,6 @@ class _Walk:
     scans: int = 0
     scanned: set[int] = field(default_factory=set)
     notes: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _FrameSize:
-    width_px: int
-    height_px: int
-    progressive: bool
-    component_ids: bytes
-    blocks: int
 
 
 def read_header(data: bytes) -> JpegHeader:

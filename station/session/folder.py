@@ -5,8 +5,6 @@ rename, fsync of the folder. Only then may anyone say "it is there". After a fai
 kernel may have dropped its pages, and a second fsync would claim success. The data go to a new name.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
@@ -15,6 +13,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from station.errors import FrameRejectedError, IntegrityError, SessionError, SessionNotFoundError
 from station.session import durable
@@ -34,16 +33,16 @@ class Folder(AbstractContextManager["Folder"]):
         self.path = path
 
     @classmethod
-    def open(cls, path: Path) -> Folder:
+    def open(cls, path: Path) -> Self:
         """Open a folder the user named (links on the way are the user's own); raises `OSError`."""
         return cls(durable.os_calls.open(str(path), os.O_RDONLY | os.O_DIRECTORY), path)
 
-    def sub(self, name: str) -> Folder:
+    def sub(self, name: str) -> Self:
         """Open a folder inside; a link in its place is `IntegrityError`."""
         path = self.path / name
         try:
             flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
-            return Folder(durable.os_calls.open(name, flags, dir_fd=self.fd), path)
+            return type(self)(durable.os_calls.open(name, flags, dir_fd=self.fd), path)
         except OSError as exc:
             if exc.errno in (errno.ELOOP, errno.ENOTDIR):
                 raise IntegrityError("is not a folder but a link or a file", where=str(path)) from exc
@@ -124,7 +123,7 @@ class Folder(AbstractContextManager["Folder"]):
         finally:
             os.close(fd)
 
-    def move(self, name: str, target: Folder, new_name: str) -> None:
+    def move(self, name: str, target: Self, new_name: str) -> None:
         """Rename durably, also between folders of one session (both folders are synced)."""
         with durable.disk_errors(self.path / name, "renaming"):
             durable.os_calls.rename(name, new_name, src_dir_fd=self.fd, dst_dir_fd=target.fd)

@@ -4,8 +4,6 @@ The models are strict (unknown keys are refused) and frozen; a changed manifest 
 (``manifest.model_copy(update=...)``). Text that came from a device is text: file names are ours alone.
 """
 
-from __future__ import annotations
-
 import math
 from datetime import datetime
 from enum import StrEnum
@@ -303,7 +301,7 @@ class SessionManifest(Model):
         have = {r.when for r in self.readings if r.luminance_cd_m2 is not None}
         return tuple(when for when in planned if when not in have)
 
-    def assess(self) -> SessionManifest:
+    def assess(self) -> Self:
         """Return the manifest with ``status`` and ``missing`` as its contents say."""
         missing = [
             f"{side}: {'raw file of ' if self.frame(side, stop) else ''}stop {stop} "

@@ -4,12 +4,10 @@ Order of a frame: bytes under a temporary name, fsync, size check, rename, fsync
 then it is acknowledged. The manifest is a snapshot, replaced at checkpoints; the journal is the truth.
 """
 
-from __future__ import annotations
-
 import threading
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from drivers.clock import Clock, SystemClock
 from station.errors import SessionError, SessionExistsError, SessionNotFoundError
@@ -62,7 +60,7 @@ class SessionStore(AbstractContextManager["SessionStore"]):
         """What opening found and repaired."""
 
     @classmethod
-    def create(cls, parent: Path, manifest: SessionManifest, *, clock: Clock | None = None) -> SessionStore:
+    def create(cls, parent: Path, manifest: SessionManifest, *, clock: Clock | None = None) -> Self:
         """Make a new session folder in ``parent`` (made if missing), named by time and ``manifest.name``.
 
         Its manifest is durable on return. After `DiskFullError` or `DiskError` nothing is left behind.
@@ -82,7 +80,7 @@ class SessionStore(AbstractContextManager["SessionStore"]):
         return store
 
     @classmethod
-    def open(cls, path: Path, *, writable: bool, clock: Clock | None = None) -> SessionStore:
+    def open(cls, path: Path, *, writable: bool, clock: Clock | None = None) -> Self:
         """Open an existing session.
 
         Writable: takes the lock (`SessionLockedError`), cuts a torn journal line, removes temporary files,

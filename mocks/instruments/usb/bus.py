@@ -1,7 +1,5 @@
 """A pyusb backend whose devices are simulated cameras: the real pyusb runs on top of it; errno as libusb gives it."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -87,7 +85,7 @@ class UsbPort:
     number: int
     claimed_elsewhere: bool = False
     forbidden: bool = False
-    claimed_by: Handle | None = None
+    claimed_by: "Handle | None" = None
 
     @property
     def address(self) -> int:

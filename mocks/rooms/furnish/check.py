@@ -1,10 +1,9 @@
 """What is wrong with a furnished room: things through walls, each other, doors, windows, the camera or the meter."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Self
 
 from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as Spot
@@ -30,7 +29,7 @@ class Volume:
     low_m: float
     high_m: float
 
-    def meets(self, other: Volume, slack_m: float = 0.004) -> bool:
+    def meets(self, other: Self, slack_m: float = 0.004) -> bool:
         """Return whether two prisms share space, beyond touching."""
         if self.low_m > other.high_m - slack_m or other.low_m > self.high_m - slack_m:
             return False

@@ -1,8 +1,7 @@
 """Pictures all around a point as the six sides of a cube, and the guide pictures that noise is removed by."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -116,7 +115,7 @@ class Guide:
     albedo: Floats
 
     @classmethod
-    def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Guide:
+    def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Self:
         """Cast rays from ``eye`` (shape (3,), metres) through the middle and through nine places of every pixel."""
         middle = _Met.by(geometry, eye, cube.directions().reshape(-1, 3))
         shape = (6, cube.side_px, cube.side_px)
@@ -153,7 +152,7 @@ class _Met:
     plane_m: Floats
 
     @classmethod
-    def by(cls, geometry: Geometry, eye: Floats, rays: Floats) -> _Met:
+    def by(cls, geometry: Geometry, eye: Floats, rays: Floats) -> Self:
         hits = geometry.cast(eye, rays)
         normal = facing_normals(geometry, hits, rays)
         part = np.where(hits.face >= 0, geometry.part_of[hits.face], -1).astype(np.int32)
@@ -161,7 +160,7 @@ class _Met:
         plane = np.einsum("ij,ij->i", normal, rays) * distance
         return cls(part, distance, normal, plane.astype(np.float32))
 
-    def alike(self, other: _Met) -> Flags:
+    def alike(self, other: Self) -> Flags:
         close = np.abs(self.plane_m - other.plane_m) < PLANE_TOLERANCE_M
         turned = np.einsum("ij,ij->i", self.normal, other.normal) > _SAME_NORMAL
         outside = self.part < 0

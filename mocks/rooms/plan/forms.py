@@ -1,11 +1,10 @@
 """The forms of rooms: floor polygons, what the camera sees of them, and the space that doors and fixtures take."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 import shapely
@@ -177,7 +176,7 @@ class WallSpan:
         """Return the height."""
         return self.top_m - self.bottom_m
 
-    def overlaps(self, other: WallSpan) -> bool:
+    def overlaps(self, other: Self) -> bool:
         """Return whether the two share any area."""
         across = self.start_m < other.end_m - 1e-9 and other.start_m < self.end_m - 1e-9
         return across and self.bottom_m < other.top_m - 1e-9 and other.bottom_m < self.top_m - 1e-9

@@ -1,9 +1,8 @@
 """Windows and doors as meshes: panes, frames, reveals; leaves, jambs, handles, the hallway behind an open door."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from shapely import box as rectangle
@@ -47,8 +46,8 @@ class _Rect:
     x1: float
     z1: float
 
-    def inset(self, by_m: float) -> _Rect:
-        return _Rect(self.x0 + by_m, self.z0 + by_m, self.x1 - by_m, self.z1 - by_m)
+    def inset(self, by_m: float) -> Self:
+        return type(self)(self.x0 + by_m, self.z0 + by_m, self.x1 - by_m, self.z1 - by_m)
 
     def area(self) -> Polygon:
         return rectangle(self.x0, self.z0, self.x1, self.z1)

@@ -3,8 +3,6 @@
 The band is equirectangular (azimuth from +y towards +x, centre column +y); `outdoors` lights it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +22,7 @@ BARK = (0.095, 0.075, 0.055)
 LEAVES_M = 0.55  # size of a bunch of leaves
 
 
-def paint_tree(band: Backdrop, tree: Tree, eye_height_m: float) -> None:
+def paint_tree(band: "Backdrop", tree: Tree, eye_height_m: float) -> None:
     """Paint a tree as seen from ``eye_height_m`` over the ground at the origin."""
     rng = np.random.default_rng([tree.seed, 7305])
     distance_m, azimuth = math.hypot(tree.x, tree.y), math.atan2(tree.x, tree.y)
@@ -49,7 +47,7 @@ def paint_tree(band: Backdrop, tree: Tree, eye_height_m: float) -> None:
         _ball(band, tree, aside_m, height_m - eye_height_m, radius_m, openness)
 
 
-def _ball(band: Backdrop, tree: Tree, aside_m: float, over_eye_m: float, radius_m: float, openness: float) -> None:
+def _ball(band: "Backdrop", tree: Tree, aside_m: float, over_eye_m: float, radius_m: float, openness: float) -> None:
     """Paint a ball of leaves; ``openness`` (0..1) is how far outside in the crown it lies."""
 
     distance_m, azimuth = math.hypot(tree.x, tree.y), math.atan2(tree.x, tree.y)

@@ -8,12 +8,10 @@ fitted to sub-pixel edges by robust least squares. Dark parts of the sky give no
 that lie on no circle: both only cost rays.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +23,33 @@ from processing.sphere.geometry import polar_of_radius, radius_of_polar
 
 Circle: TypeAlias = tuple[float, float, float]
 """x and y of the centre, and the radius: pixels, or shares of the picture's width and height."""
+
+
+@dataclass(frozen=True)
+class ImageCircle:
+    """Where the field ends in a picture of ``size_px`` (width, height): centre and radius in pixels, sub-pixel."""
+
+    centre_px: tuple[float, float]
+    radius_px: float
+    size_px: tuple[int, int]
+    sigma_px: float = 0.0
+    """Standard uncertainty of the radius (and of each coordinate of the centre)."""
+    support: float = 1.0
+    """Share of the rays on which the edge was seen."""
+
+    def scaled(self, size_px: tuple[int, int]) -> Self:
+        """Return the circle in a picture of another size and the same shape."""
+        across, down = size_px[0] / self.size_px[0], size_px[1] / self.size_px[1]
+        if abs(across / down - 1) > 0.01:
+            raise LensError(
+                f"a circle of a {self.size_px[0]}x{self.size_px[1]} picture in one of {size_px[0]}x{size_px[1]}",
+                likely="a cropped picture, or another camera",
+                advice="find the circle in this picture",
+            )
+        x, y = self.centre_px
+        return type(self)(
+            (x * across, y * down), self.radius_px * across, size_px, self.sigma_px * across, self.support
+        )
 
 
 @dataclass(frozen=True)
@@ -73,33 +98,6 @@ _LEAST_SHARE = 0.25  # of the rays inside the picture that must agree
 _TOLERANCE = 0.012  # of the radius, in the coarse search
 _SMALLEST_PX = 400  # the side to which large pictures are reduced; chosen
 _MOST_ROUNDS, _SAME_PX = 12, 0.05  # of the fine search; chosen: 0.2 CPU s, a fifth of what edges scatter by
-
-
-@dataclass(frozen=True)
-class ImageCircle:
-    """Where the field ends in a picture of ``size_px`` (width, height): centre and radius in pixels, sub-pixel."""
-
-    centre_px: tuple[float, float]
-    radius_px: float
-    size_px: tuple[int, int]
-    sigma_px: float = 0.0
-    """Standard uncertainty of the radius (and of each coordinate of the centre)."""
-    support: float = 1.0
-    """Share of the rays on which the edge was seen."""
-
-    def scaled(self, size_px: tuple[int, int]) -> ImageCircle:
-        """Return the circle in a picture of another size and the same shape."""
-        across, down = size_px[0] / self.size_px[0], size_px[1] / self.size_px[1]
-        if abs(across / down - 1) > 0.01:
-            raise LensError(
-                f"a circle of a {self.size_px[0]}x{self.size_px[1]} picture in one of {size_px[0]}x{size_px[1]}",
-                likely="a cropped picture, or another camera",
-                advice="find the circle in this picture",
-            )
-        x, y = self.centre_px
-        return ImageCircle(
-            (x * across, y * down), self.radius_px * across, size_px, self.sigma_px * across, self.support
-        )
 
 
 def find_image_circle(frames: AnyArray | Sequence[AnyArray]) -> ImageCircle:

@@ -6,8 +6,6 @@ prediction is a known linear function of the photon, read and coding terms of bo
 through the response).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -132,7 +130,7 @@ class FineCurve:
     """Stops a squared code."""
 
     @staticmethod
-    def of(log2_exposure: Doubles) -> FineCurve:
+    def of(log2_exposure: Doubles) -> "FineCurve":
         """Interpolate; in linear exposure, in which the toe of a curve is straight.
 
         ``log2_exposure``: shape (256,), stops, strictly rising.

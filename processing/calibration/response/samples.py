@@ -4,10 +4,9 @@ Patches of 3 x 3 pixels: their mean is dithered finer than a code; their spread 
 Nothing is averaged before it is known to be smooth: a mean of codes over an edge is not the code of the mean light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -92,18 +91,18 @@ class ChannelSamples:
         """Return how many patches there are."""
         return len(self.starts)
 
-    def part(self, count: int) -> ChannelSamples:
+    def part(self, count: int) -> Self:
         """Return about ``count`` of the patches, spread over all."""
         return self.only(self.sample % max(self.n_samples // max(count, 1), 1) == 0)
 
-    def only(self, kept: Flags) -> ChannelSamples:
+    def only(self, kept: Flags) -> Self:
         """Return the observations ``kept``, of shape (n,), of patches that two frames still show."""
         seen = np.add.reduceat(kept.astype(np.int64), self.starts)[self.sample] if kept.size else kept
         mine = np.flatnonzero(kept & (seen >= 2))
         sample = np.unique(self.sample[mine], return_inverse=True)[1]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         frame, mean, pixels = self.frame[mine], self.mean[mine], self.pixels[mine]
-        return ChannelSamples(sample, frame, mean, pixels, self.spread2[mine], starts, self.clear[mine])
+        return type(self)(sample, frame, mean, pixels, self.spread2[mine], starts, self.clear[mine])
 
 
 @dataclass(frozen=True)

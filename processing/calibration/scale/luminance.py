@@ -5,8 +5,6 @@ over the meter's spot. Its relative standard uncertainty has the parts ``meter``
 independent of one another and added in quadrature (GUM, JCGM 100:2008, 5.1.2).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -80,6 +78,39 @@ class _Measured:
     meter_frac: float
     drift_frac: float | None
     drift_part: float
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A round part of the sphere: longitude (right of ahead) and latitude of its middle, and its width; radians."""
+
+    longitude_rad: float
+    latitude_rad: float
+    diameter_rad: float = LS160.spot_rad
+
+    def direction(self) -> Doubles:
+        """Return the unit vector to its middle. Of shape (3,)."""
+        flat = math.cos(self.latitude_rad)
+        x, y = flat * math.sin(self.longitude_rad), flat * math.cos(self.longitude_rad)
+        return np.array((x, y, math.sin(self.latitude_rad)))
+
+
+@dataclass(frozen=True)
+class SpotPixels:
+    """The pixels that a spot touches, and the share of the spot that each covers (sum 1)."""
+
+    row: Indices
+    column: Indices
+    share: Doubles
+
+    def mean(self, plane: npt.NDArray[np.generic]) -> float:
+        """Return the mean of a plane (H, W) over the spot."""
+        return float(np.asarray(plane[self.row, self.column], dtype=np.float64) @ self.share)
+
+    @property
+    def n_effective(self) -> float:
+        """Return how many whole pixels carry the mean."""
+        return float(1 / np.sum(self.share**2))
 
 
 def scale_from_reading(
@@ -281,39 +312,6 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
 
 
 _SAMPLES = 16_384  # spread evenly over the spot: an edge across it is then right to 0.1 % of its contrast
-
-
-@dataclass(frozen=True)
-class Spot:
-    """A round part of the sphere: longitude (right of ahead) and latitude of its middle, and its width; radians."""
-
-    longitude_rad: float
-    latitude_rad: float
-    diameter_rad: float = LS160.spot_rad
-
-    def direction(self) -> Doubles:
-        """Return the unit vector to its middle. Of shape (3,)."""
-        flat = math.cos(self.latitude_rad)
-        x, y = flat * math.sin(self.longitude_rad), flat * math.cos(self.longitude_rad)
-        return np.array((x, y, math.sin(self.latitude_rad)))
-
-
-@dataclass(frozen=True)
-class SpotPixels:
-    """The pixels that a spot touches, and the share of the spot that each covers (sum 1)."""
-
-    row: Indices
-    column: Indices
-    share: Doubles
-
-    def mean(self, plane: npt.NDArray[np.generic]) -> float:
-        """Return the mean of a plane (H, W) over the spot."""
-        return float(np.asarray(plane[self.row, self.column], dtype=np.float64) @ self.share)
-
-    @property
-    def n_effective(self) -> float:
-        """Return how many whole pixels carry the mean."""
-        return float(1 / np.sum(self.share**2))
 
 
 def spot_pixels(geometry: Geometry, spot: Spot) -> SpotPixels:

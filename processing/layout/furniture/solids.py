@@ -1,10 +1,9 @@
 """Solids that furniture is made of, and their surfaces: outward normals, creases, texture coordinates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -25,17 +24,17 @@ class Solid:
     faces: Int64s
     rest: Doubles
 
-    def moved(self, x: float, y: float, z: float) -> Solid:
+    def moved(self, x: float, y: float, z: float) -> Self:
         """Return the solid, moved."""
-        return Solid(self.vertices + np.array([x, y, z]), self.faces, self.rest)
+        return replace(self, vertices=self.vertices + np.array([x, y, z]))
 
-    def turned(self, axis: str, angle_rad: float) -> Solid:
+    def turned(self, axis: str, angle_rad: float) -> Self:
         """Return the solid, turned about an axis through the origin."""
-        return Solid(self.vertices @ rotation(axis, angle_rad).T, self.faces, self.rest)
+        return replace(self, vertices=self.vertices @ rotation(axis, angle_rad).T)
 
-    def scaled(self, x: float, y: float, z: float) -> Solid:
+    def scaled(self, x: float, y: float, z: float) -> Self:
         """Return the solid, stretched; factors are positive."""
-        return Solid(self.vertices * np.array([x, y, z]), self.faces, self.rest)
+        return replace(self, vertices=self.vertices * np.array([x, y, z]))
 
 
 def solid(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:

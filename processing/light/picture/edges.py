@@ -5,9 +5,7 @@ colour that the nearest pixel shows of the same thing; room that appears beside 
 with the change of light of its neighbours.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -84,7 +82,7 @@ class _Seen(NamedTuple):
     """(A, B), m."""
 
     @classmethod
-    def of(cls, sight: Sight) -> _Seen:
+    def of(cls, sight: Sight) -> Self:
         shape = sight.shape
         return cls(sight.label.reshape(shape), sight.normal.reshape(*shape, 3), sight.distance_m.reshape(shape))
 

@@ -1,10 +1,9 @@
 """What a picture's pixels see: place, normal, colour; from any point, in any geometry."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -50,7 +49,7 @@ class Sight:
         """(N,) whether a surface or furniture is seen."""
         return self.label >= 0
 
-    def some(self, pixels: np.ndarray) -> Sight:
+    def some(self, pixels: np.ndarray) -> Self:
         """Return what some pixels (K,) see, as one row."""
         taken = {field.name: getattr(self, field.name)[pixels] for field in fields(self)[1:]}
         return replace(self, shape=(1, len(pixels)), **taken)

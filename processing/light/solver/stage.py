@@ -1,8 +1,7 @@
 """A scene made ready for rays: its patches, their albedo and emission, and a tracer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -31,14 +30,14 @@ class Stage:
     """(P, 3) lm/m2: pi times emitted radiance, of lamps."""
 
     @classmethod
-    def of(cls, scene: Scene, texel_m: float = 0.1) -> Stage:
+    def of(cls, scene: Scene, texel_m: float = 0.1) -> Self:
         """Return a scene made ready; ``texel_m`` is the width of its patches."""
         patches = patches_of(scene, texel_m)
         albedo = _patch_means(scene, patches, "albedo")
         exitance = np.pi * _patch_means(scene, patches, "emission_cd_m2")
         return cls(scene, patches, tracer_of(patches.triangles), albedo, exitance)
 
-    def under(self, outdoors: Outdoors, panes: tuple[Pane, ...]) -> Stage:
+    def under(self, outdoors: Outdoors, panes: tuple[Pane, ...]) -> Self:
         """Return the same room in another light, seen through these panes of the same size."""
         return replace(self, scene=replace(self.scene, outdoors=outdoors, panes=panes))
 

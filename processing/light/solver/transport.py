@@ -6,11 +6,9 @@ patches (where the sun falls, lamps) are rarely met by chance: shots are aimed a
 balance heuristic (Veach 1997).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -80,7 +78,7 @@ class BrightPatches:
     """(B,): running sum of their chances, ends at 1."""
 
     @classmethod
-    def of(cls, stage: Stage, radiosity: Doubles) -> BrightPatches | None:
+    def of(cls, stage: Stage, radiosity: Doubles) -> Self | None:
         """Return the patches that give any of this light (P, 3), lm/m2; None where none does."""
         power = (radiosity @ np.asarray(LUMINANCE_WEIGHTS)) * stage.patches.area_m2
         patch = np.flatnonzero(power > 0)

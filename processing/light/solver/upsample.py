@@ -3,11 +3,9 @@
 Both are found once and serve every light (`Steps`, `Neighbours`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -40,13 +38,13 @@ class Places(NamedTuple):
     wide: int
 
     @classmethod
-    def whole(cls, shape: tuple[int, int], first_row: int = 0, high: int | None = None) -> Places:
+    def whole(cls, shape: tuple[int, int], first_row: int = 0, high: int | None = None) -> Self:
         """Return the places of a picture of ``shape``, or of a band of whole rows of one ``high`` in all."""
         row, column = np.divmod(np.arange(shape[0] * shape[1], dtype=np.int32), np.int32(shape[1]))
         return cls(row + np.int32(first_row), column, high or shape[0], shape[1])
 
     @classmethod
-    def along(cls, rays: Floats, high: int) -> Places:
+    def along(cls, rays: Floats, high: int) -> Self:
         """Return where unit rays (N, 3) lie in a panorama so ``high``: of a view that sees a part of it."""
         x, y, _ = pixels(Equirectangular(2 * high, high), rays)
         return cls(y.astype(np.int32), x.astype(np.int32), high, 2 * high)
@@ -62,7 +60,7 @@ class Steps:
     """(N, MOST): sum 1, or 0 where there are none."""
 
     @classmethod
-    def of(cls, small: Sight, large: Sight, wanted: Flags, places: Places, *, wraps: bool, any_solid: bool) -> Steps:
+    def of(cls, small: Sight, large: Sight, wanted: Flags, places: Places, *, wraps: bool, any_solid: bool) -> Self:
         """Return the steps between two pictures of the same geometry but for their size.
 
         ``large`` may be any of the large picture's pixels, at ``places``. Pixels that are not ``wanted`` (N,) have no
@@ -205,7 +203,7 @@ class Neighbours:
     """(h, w, (2 `RADIUS_PX` + 1)^2): 0 to 255, 255 for itself; 0 where nothing solid is seen."""
 
     @classmethod
-    def of(cls, sight: Sight, distance_m: Floats) -> Neighbours:
+    def of(cls, sight: Sight, distance_m: Floats) -> Self:
         """Return the neighbours in a panorama; ``distance_m`` (N,): harmonic mean distance of what a place sees."""
         weight = np.zeros((*sight.shape, (2 * RADIUS_PX + 1) ** 2), np.uint8)
         shape = (*sight.shape, 3)
