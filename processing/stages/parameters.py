@@ -358,4 +358,6 @@ class DayParameters(ReportParameters):
 class StillsParameters(ReportParameters):
     """What a user may say about stills."""
 
-    aim: str | None = Field(None, pattern=r"^(-?(\d+\.?\d*|\.\d+)(,(\d+\.?\d*|\.\d+)){1,2}(;|$)){1,6}$", description=_AIM)
+    aim: str | None = Field(
+        None, pattern=r"^(-?(\d+\.?\d*|\.\d+)(,(\d+\.?\d*|\.\d+)){1,2}(;|$)){1,6}$", description=_AIM
+    )
