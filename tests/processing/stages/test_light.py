@@ -112,17 +112,24 @@ def test_removal_lifts_the_shade_that_it_found(tmp_path: Path) -> None:
 
 
 def test_the_sun_that_patches_show_comes_back_where_the_furniture_held_it_off(tmp_path: Path) -> None:
-    """Through the window behind the camera, on to what stands ahead of it; a sun from the side does not come in."""
-    brighter = []
-    for sun in ({}, {"sun_azimuth_deg": 180.0, "sun_times": 80.0}, {"sun_azimuth_deg": 90.0, "sun_times": 80.0}):
+    """Through the window behind the camera, on to what stands ahead of it; a sun from the side does not come in.
+
+    Nor does one come back that the furniture does not show.
+    """
+    sunny, brighter = picture(), []
+    sunny.rgb[24:36, 44:53] = 80 * 4.0
+    sun_behind = {"sun_elevation_deg": 25.0, "sun_azimuth_deg": 180.0, "sun_times": 80.0}
+    for sun in ({}, sun_behind, sun_behind | {"sun_azimuth_deg": 90.0}):
         found = {"metrics": {"sun_elevation_deg": 25.0} | sun, "left_out": {}}
-        made = run(replace(context(tmp_path), summary=lambda _stage, found=found: found))
+        made = run(replace(context(tmp_path, indoor=sunny), summary=lambda _stage, found=found: found))
         brighter.append(made.metrics["brighter_median"])
         assert ("sun: 80 times the light in the shade, by its patches in the room" in made.metrics["notes"]) == bool(
             sun
         )
     assert brighter[1] > 1.2 * brighter[0]
     assert brighter[2] == brighter[0]
+    shows_none = run(replace(context(tmp_path), summary=lambda _stage: {"metrics": sun_behind, "left_out": {}}))
+    assert shows_none.metrics["brighter_median"] == run(context(tmp_path)).metrics["brighter_median"]
 
 
 def test_a_picture_of_another_brightness_is_lifted_alike(tmp_path: Path) -> None:
