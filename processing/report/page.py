@@ -279,7 +279,7 @@ def _tour(lab: report.Viewer) -> report.Viewer:
     nothing, unknown = packed(np.zeros((1, 2), np.uint16)), packed(np.zeros((1, 2), np.uint8))
 
     def smaller(state: report.ViewerState) -> report.ViewerState:
-        jpeg = _smaller(state.jpeg, max(one for _, one in VIEWER_WIDTHS_PX), TOUR_QUALITY)
+        jpeg = _smaller(state.jpeg, VIEWER_WIDTHS_PX[0][1], TOUR_QUALITY)
         return replace(state, jpeg=jpeg, luminance=nothing, uncertainty=unknown, validity=unknown, map_px=(2, 1))
 
     return replace(lab, states=tuple(side_by_side(smaller, some)))
