@@ -7,7 +7,6 @@ pixel by pixel is furniture, sunlight, and where one surface ends.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -50,11 +49,6 @@ class Change:
     effort: Effort
     seed: int
     eye_m: Vector
-
-    @cached_property
-    def both(self) -> Floats:
-        """(H, W, 6): irradiance before and after, brought to a large picture in one go."""
-        return np.concatenate([self.before.picture, self.after.picture], axis=2)
 
 
 def bands(stage: Stage, geometry: Equirectangular, eye_m: Vector) -> Iterator[tuple[slice, Sight]]:
@@ -162,7 +156,7 @@ def _upsampled(change: Change, sight: Sight, places: Places) -> tuple[Floats, Fl
     """Return what small pixels say of pixels (N): irradiance before and after (N, 6), mirrored light (N, 9 or 0), and
     for each which (N,) no small pixel shows.
     """
-    light, missed = upsampled(change.both, change.small, sight, wraps=True, places=places)
+    light, missed = change.after.enlarged(change.small, sight, places, wraps=True, before=change.before.picture)
     mirrors = change.mirrors
     if mirrors is None:
         return light, missed, np.empty((len(light), 0), np.float32), np.zeros(len(light), bool)

@@ -19,7 +19,7 @@ from processing.ground.seam import components
 from processing.ground.threads import KEPT_BYTES, give_back
 from processing.light.picture.change import Change, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
-from processing.light.picture.render import small_geometry
+from processing.light.picture.render import finer, small_geometry
 from processing.light.scene.scene import Part, Scene
 from processing.light.scene.tracer import tracer_of
 from processing.light.solver.irradiance import EFFORTS, Effort, Lights, evened, irradiance_of
@@ -99,7 +99,8 @@ def changed(
     full = Stage.of(bare.stage.scene.furnished(parts), effort.texel_m) if parts else bare.stage
     small = sight_of(full, small_geometry(geometry, effort.rows), eye_m)
     lights: Lights = {}
-    after = irradiance_of(full, small, effort, seed, wraps=True, lights=lights)
+    fine = finer(full, geometry, eye_m, effort)
+    after = irradiance_of(full, small, effort, seed, wraps=True, lights=lights, fine=fine)
     # The same places, on furniture too, so that both meet the same chance.
     same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
     before = irradiance_of(bare.stage, small, same, seed, wraps=True, lights=bare.lights)

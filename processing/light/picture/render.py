@@ -10,12 +10,20 @@ import numpy as np
 
 from processing.ground.arrays import Floats, Vector
 from processing.light.scene.scene import Scene
-from processing.light.solver.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
+from processing.light.solver.irradiance import (
+    EFFORTS,
+    FURNITURE_ROWS,
+    FURNITURE_TIMES,
+    Effort,
+    Irradiance,
+    gathered,
+    irradiance_of,
+)
 from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import light_map
-from processing.light.solver.upsample import Places, upsampled
+from processing.light.solver.upsample import Places
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions
 
 ROWS_AT_ONCE_PX = 1 << 19
@@ -47,9 +55,16 @@ def render(
     stage = scene if isinstance(scene, Stage) else Stage.of(scene, effort.texel_m)
     wraps = isinstance(geometry, Equirectangular)
     small = sight_of(stage, small_geometry(geometry, effort.rows), eye_m)
-    found = irradiance_of(stage, small, effort, seed, wraps=wraps)
+    found = irradiance_of(stage, small, effort, seed, wraps=wraps, fine=finer(stage, geometry, eye_m, effort))
     rgb = shaded(stage, small, found, geometry, eye_m, effort=effort, seed=seed)
     return Rendered(rgb, found.error, found.rounds)
+
+
+def finer(stage: Stage, geometry: Geometry, eye_m: Vector, effort: Effort) -> Sight | None:
+    """Return what the picture sees in which light on furniture is gathered; None: the room's is as good."""
+    if not (effort.clean and stage.scene.parts):
+        return None
+    return sight_of(stage, small_geometry(geometry, min(FURNITURE_TIMES * effort.rows, FURNITURE_ROWS)), eye_m)
 
 
 def small_geometry(geometry: Geometry, rows: int) -> Geometry:
@@ -74,7 +89,7 @@ def shaded(
         flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
         large = sight_along(stage, flat, eye_m, (rows.stop - start, wide))
         places = Places.whole(large.shape, start, high)
-        light, gaps = upsampled(found.picture, small, large, wraps=isinstance(geometry, Equirectangular), places=places)
+        light, gaps = found.enlarged(small, large, places, wraps=isinstance(geometry, Equirectangular))
         chosen = np.flatnonzero(gaps & large.solid)  # no small pixel shows them
         if len(chosen):
             known, where = light_map(stage, effort.patch_samples, seed), (large.point[chosen], large.normal[chosen])

@@ -5,7 +5,7 @@ Noise taken out of irradiance pictures by Open Image Denoise, with normals as gu
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from typing import TypeAlias
 
@@ -16,16 +16,18 @@ from processing.errors import EngineError, ParameterError
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.seam import wrapped
 from processing.ground.threads import side_by_side
-from processing.light.solver.sight import FIRST_PART, Sight
+from processing.light.solver.sight import FIRST_PART, NOTHING, Sight
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import LightMap, bounced, light_map, links_of
+from processing.light.solver.upsample import NEARNESS, Neighbours, Places, upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25  # of a pixel's rays for bounces: to each pane, to bright patches
-FURNITURE_TIMES = 4
-"""As many rays from a pixel of furniture that is to be cleaned: it has few that are like it, over which cleaning could
-average, so that lamps, pillows and folds were blotchy (chosen; measured in docs/measurements/render.md)."""
+FURNITURE_TIMES, FURNITURE_ROWS, FURNITURE_RAYS, FURNITURE_PX = 4, 1024, 0.75, 3.0
+"""Light on furniture that is to be cleaned is gathered at as many times the rows, up to so many, by this share of the
+rays and smoothed along its surfaces over as many pixels: slats, folds and rims of pillows are narrower than a pixel of
+the room's, and the denoiser blurs them (chosen; measured in docs/measurements/render.md)."""
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
 Lights: TypeAlias = dict[tuple[int, int], LightMap]
@@ -51,7 +53,7 @@ class Effort:
     rows: int = 256
     """Height of the picture in which irradiance is gathered; never more than the picture asked for."""
     pixel_samples: int = 16
-    """Rays from each of its pixels in a round; of cleaned furniture `FURNITURE_TIMES` as many."""
+    """Rays from each of its pixels in a round."""
     sun_samples: int = 128
     """Rays to the sun's disc from pixels in half shadow."""
     clean: bool = True
@@ -87,6 +89,21 @@ class Irradiance:
     error: float
     """Relative standard error of luminance (rms over pixels), from two halves that share nothing but the scene."""
     rounds: int
+    furniture: tuple[Floats, Sight] | None = None
+    """The same of furniture in a finer picture, and what that sees of it; None: ``picture`` has it."""
+
+    def enlarged(
+        self, small: Sight, large: Sight, places: Places, *, wraps: bool, before: Floats | None = None
+    ) -> tuple[Floats, Flags]:
+        """Return this light, after another light ``before`` (H, W, 3), on a larger picture's pixels, as `upsampled`."""
+        values = self.picture if before is None else np.concatenate([before, self.picture], axis=2)
+        if self.furniture is None:
+            return upsampled(values, small, large, wraps=wraps, places=places)
+        room = large.label < FIRST_PART
+        light, missed = upsampled(values, small, large, wraps=wraps, places=places, among=room)
+        own, alone = upsampled(*self.furniture, large, wraps=wraps, places=places, among=~room)
+        light[:, -3:] += own
+        return light, missed | alone
 
 
 @dataclass
@@ -114,11 +131,18 @@ def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, sam
 
 
 def irradiance_of(
-    stage: Stage, sight: Sight, effort: Effort, seed: int, *, wraps: bool, lights: Lights | None = None
+    stage: Stage,
+    sight: Sight,
+    effort: Effort,
+    seed: int,
+    *,
+    wraps: bool,
+    lights: Lights | None = None,
+    fine: Sight | None = None,
 ) -> Irradiance:
     """Return the irradiance of all solid pixels: rounds of two halves each, until the effort's end is reached.
 
-    ``lights`` keeps the stage's light maps for another picture of it.
+    ``lights`` keeps the stage's light maps for another picture of it; ``fine``: a finer picture's sight for furniture.
     """
     lights = {} if lights is None else lights
     solid = np.flatnonzero(sight.solid)
@@ -134,18 +158,35 @@ def irradiance_of(
             mean: Floats = (noisy[0] + noisy[1]) * np.float32(0.5)
             if effort.clean:
                 mean = cleaned(mean, sight, wraps=wraps, quality=effort.cleaning)
-            return Irradiance(mean, error, halves.rounds)
+            own = None if fine is None else _on_furniture(stage, fine, effort, halves.rounds, seeds, lights)
+            if own is not None and own[1].shape == sight.shape:
+                mean, own = np.where(own[1].solid.reshape(*sight.shape, 1), own[0], mean), None
+            return Irradiance(mean, error, halves.rounds, own)
 
 
 def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int, lights: Lights) -> Doubles:
-    samples, furniture = max(1, effort.patch_samples // 2), sight.label[solid] >= FIRST_PART
+    samples = max(1, effort.patch_samples // 2)
     light = lights.get((samples, seed)) or light_map(stage, samples, seed)
     lights[samples, seed] = light
-    out = np.empty((len(solid), 3))
-    for mine, times in ((~furniture, 1), (furniture, FURNITURE_TIMES if effort.clean and stage.scene.parts else 1)):
-        at, rays = solid[mine], max(1, times * effort.pixel_samples // 2)
-        out[mine] = gathered(stage, light, sight.point[at], sight.normal[at], rays, seed)
-    return out
+    return gathered(stage, light, sight.point[solid], sight.normal[solid], max(1, effort.pixel_samples // 2), seed)
+
+
+def _on_furniture(
+    stage: Stage, sight: Sight, effort: Effort, rounds: int, seeds: list[int], lights: Lights
+) -> tuple[Floats, Sight]:
+    """Return the irradiance (h, w, 3) of furniture in a finer picture, and what that sees of it, the room left out."""
+    at, rays = np.flatnonzero(sight.label >= FIRST_PART), FURNITURE_RAYS * effort.pixel_samples * rounds / 2
+    where = sight.point[at], sight.normal[at], max(1, round(rays))
+
+    def half(one: int) -> Floats:
+        known = lights[max(1, effort.patch_samples // 2), one]
+        return _picture(gathered(stage, known, *where, one), sight, at)
+
+    halves = side_by_side(half, seeds)
+    mean = np.asarray(sum(without_fireflies(*pair) for pair in (halves, halves[::-1])), np.float32) / np.float32(2)
+    own = replace(sight, label=np.where(sight.label >= FIRST_PART, sight.label, NOTHING).astype(np.int32))
+    reach_m = sight.distance_m * np.float32(FURNITURE_PX * np.pi / sight.shape[0])
+    return Neighbours.of(own, reach_m / np.float32(NEARNESS)).smooth(mean), own
 
 
 def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:

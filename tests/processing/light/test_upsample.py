@@ -11,14 +11,22 @@ import numpy as np
 import pytest
 
 from benchmarks.light.render_scenes import sky_outdoors
+from processing.light.picture.render import finer, small_geometry
 from processing.light.scene.outdoor import without_sun
 from processing.light.scene.room_light import gloss_factor
 from processing.light.scene.scene import Sun
-from processing.light.solver import irradiance
-from processing.light.solver.irradiance import Effort, denoiser_available, evened, irradiance_of
+from processing.light.solver.irradiance import (
+    Effort,
+    Irradiance,
+    Lights,
+    denoiser_available,
+    evened,
+    gathered,
+    irradiance_of,
+)
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage, area_means
-from processing.light.solver.upsample import upsampled
+from processing.light.solver.upsample import Places, upsampled
 from processing.sphere import Equirectangular, directions, solid_angles
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -98,23 +106,28 @@ def test_the_shade_beside_furniture_stays_as_deep_as_it_was_gathered() -> None:
     assert np.std(ratio[plain]) < 0.015, "while noise further off still goes"
 
 
-def test_light_on_furniture_that_is_cleaned_is_gathered_by_more_rays(monkeypatch: pytest.MonkeyPatch) -> None:
-    part = box((1.5, 1.0, 0.4), (0.6, 0.6, 0.8))
-    room = scene_of(box_room(), uniform_sky(), 0.5, reveal_m=0.2).furnished((part,))
-    stage, effort = Stage.of(room, 0.2), Effort(texel_m=0.2, rows=48, pixel_samples=8)
-    sight = sight_of(stage, Equirectangular(96, 48), EYE)
-    monkeypatch.setattr(irradiance, "cleaned", lambda picture, *_more, **_named: picture)
-    many = irradiance_of(stage, sight, replace(effort, pixel_samples=512, clean=False), 1, wraps=True).picture
-    furniture = (sight.label == FIRST_PART).reshape(sight.shape)
+def test_light_on_furniture_keeps_what_is_narrower_than_a_pixel_of_the_room() -> None:
+    shelf = [box((1.5, 1.0, 0.2 + 0.25 * k), (0.6, 0.8, 0.04)) for k in range(6)]
+    room = scene_of(box_room(), uniform_sky(), 0.5, reveal_m=0.2).furnished(tuple(shelf))
+    stage, effort, size = Stage.of(room, 0.2), Effort(texel_m=0.2, rows=48, pixel_samples=16), Equirectangular(512, 256)
+    small, large = (sight_of(stage, one, EYE) for one in (small_geometry(size, effort.rows), size))
+    furniture, places = np.flatnonzero(large.label >= FIRST_PART), Places.whole(large.shape)
+    lights: Lights = {}
+    coarse = irradiance_of(stage, small, effort, 2, wraps=True, lights=lights)
+    found = irradiance_of(stage, small, effort, 2, wraps=True, lights=lights, fine=finer(stage, size, EYE, effort))
+    where = large.point[furniture], large.normal[furniture]
+    truth = gathered(stage, next(iter(lights.values())), *where, 256, 9)[:, 1]
 
-    def noise(where: np.ndarray, effort: Effort) -> float:
-        found = irradiance_of(stage, sight, effort, 2, wraps=True).picture
-        return float(np.std(found[where, 1] / many[where, 1]))
+    def error(of: Irradiance) -> float:
+        light, missed = of.enlarged(small, large, places, wraps=True)
+        shown = ~missed[furniture]
+        return float(np.percentile(np.abs(light[furniture, 1] / truth - 1)[shown], 95))
 
-    few = replace(effort, clean=False)
-    assert noise(furniture, effort) < 0.7 * noise(furniture, few)
-    room_px = sight.solid.reshape(sight.shape) & ~furniture
-    assert noise(room_px, effort) == pytest.approx(noise(room_px, few), rel=1e-6), "the room meets the same chance"
+    assert error(found) < 0.6 * error(coarse)
+    solid = large.solid & (large.label < FIRST_PART)
+    light = [of.enlarged(small, large, places, wraps=True)[0][solid] for of in (found, coarse)]
+    assert np.array_equal(*light), "the room's light is the same"
+    assert finer(stage, size, EYE, replace(effort, clean=False)) is None
 
 
 def test_area_means_keep_the_mean() -> None:
