@@ -121,29 +121,32 @@ def hanging(
     """
     m, n = cells
     rng = np.random.default_rng(seed)
-    flat = width_m / 2 - FOLD_M - 0.5 * thick_m
-    arc = np.pi / 2 * FOLD_M
-    reach = flat + arc + max(drop_m - FOLD_M, 0.0)
+    flat, foot_flat = width_m / 2 - FOLD_M - 0.5 * thick_m, length_m
+    reach = np.pi / 2 * FOLD_M + max(drop_m - FOLD_M, 0.0)
+    foot_reach = np.pi / 2 * FOLD_M + max(foot_drop_m - FOLD_M, 0.0)
+    far = length_m
+    if foot_drop_m > 0:
+        foot_flat -= FOLD_M + 0.5 * thick_m
+        far = foot_flat + foot_reach
     even = np.linspace(-1, 1, m + 1)
-    s = reach * np.sign(even) * (1 - (1 - np.abs(even)) ** 1.25)  # a little denser towards the ends
-    x, zx, slope = _over_edge(s, flat, FOLD_M)
-    foot_flat = length_m - FOLD_M - 0.5 * thick_m if foot_drop_m > 0 else length_m
-    far = foot_flat + (arc + max(foot_drop_m - FOLD_M, 0.0) if foot_drop_m > 0 else 0.0)
-    t = far * np.linspace(0, 1, n + 1)
-    y, zy, foot_slope = _over_edge(t, foot_flat, FOLD_M) if foot_drop_m > 0 else (t, np.zeros(n + 1), np.zeros(n + 1))
-    gx, gy = np.meshgrid(x, y, indexing="ij")
-    gs, gt = np.meshgrid(s * 0.5 / (width_m / 2), t + begin_m, indexing="ij")
-    z = zx[:, None] + zy[None, :] * np.where(np.abs(s)[:, None] <= flat + arc, 1.0, 0.15)
+    s = (flat + reach) * np.sign(even) * (1 - (1 - np.abs(even)) ** 1.25)  # a little denser towards the ends
+    gs, gt = np.meshgrid(s, far * np.linspace(0, 1, n + 1), indexing="ij")
+    # Round a corner of the bed both edges are turned down at once, and the hem stays level.
+    aside, beyond = np.maximum(np.abs(gs) - flat, 0) / reach, np.maximum(gt - foot_flat, 0) / foot_reach
+    turn = np.arctan2(beyond, aside)
+    down = np.maximum(aside, beyond) * (reach * np.cos(turn) ** 2 + foot_reach * np.sin(turn) ** 2)
+    out, z, hang = _over_edge(down)
+    gx = np.sign(gs) * (np.minimum(np.abs(gs), flat) + out * np.cos(turn))
+    gy = np.minimum(gt, foot_flat) + out * np.sin(turn)
+    folded = np.clip(np.abs(gs) - flat, 0, None) / 0.2
+    gs, gt = gs * 0.5 / (width_m / 2), gt + begin_m
     puff = np.zeros_like(gx)
     for octave in range(4):
         for _ in range(3):
             k = rng.normal(size=2) * 2 * np.pi / 0.75 * 1.6**octave
             puff += 0.0065 * 0.55**octave * np.sin(k[0] * gs + k[1] * gt + rng.uniform(0, 6.28))
-    hang = np.abs(slope)[:, None] * np.ones_like(gx)
-    folds = (
-        0.012 * np.sin(2 * np.pi * gt / 0.34 + 1.3 * np.sin(gt * 5)) * np.clip(np.abs(s)[:, None] - flat, 0, None) / 0.2
-    )
-    lift = np.stack([np.sign(gx) * hang, foot_slope[None, :] * np.ones_like(gx), 1 - 0.9 * hang], -1)
+    folds = 0.012 * np.sin(2 * np.pi * gt / 0.34 + 1.3 * np.sin(gt * 5)) * folded
+    lift = np.stack([np.sign(gx) * hang * np.cos(turn), hang * np.sin(turn), 1 - 0.9 * hang], -1)
     lift /= np.linalg.norm(lift, axis=-1, keepdims=True)
     upper = np.stack([gx, gy, z], -1) + lift * (np.clip(puff + folds, -0.02, 0.02) - 0.02)[..., None]
     i, j = np.ogrid[: m + 1, : n + 1]
@@ -153,10 +156,8 @@ def hanging(
     return sheets(mid + lift * depth[..., None] / 2, mid - lift * depth[..., None] / 2)
 
 
-def _over_edge(s: Doubles, flat: float, r: float) -> tuple[Doubles, Doubles, Doubles]:
-    """Return place, height and steepness (0 to 1) along a line that runs flat, bends down over radius r and hangs."""
-    d = np.abs(s) - flat
-    bend = np.clip(d / r, 0, np.pi / 2)
-    place = np.where(d > 0, flat + r * np.sin(bend), np.abs(s))
-    height = np.where(d > 0, -r * (1 - np.cos(bend)) - np.clip(d - np.pi / 2 * r, 0, None), 0.0)
-    return np.sign(s) * place, height, np.sin(bend)
+def _over_edge(down: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Return how far out and how high cloth is, and its steepness (0 to 1), so far along it beyond an edge (...), m."""
+    bend = np.clip(down / FOLD_M, 0, np.pi / 2)
+    height = -FOLD_M * (1 - np.cos(bend)) - np.clip(down - np.pi / 2 * FOLD_M, 0, None)
+    return FOLD_M * np.sin(bend), height, np.sin(bend)
