@@ -308,7 +308,7 @@ def _framed(
     context: StageContext, room: RoomModel, items: Sequence[PlacedItem], number: int, alternatives: int
 ) -> tuple[Frame, ...]:
     """Return an alternative's frames, looked for once: the first's good ones, the others' best; `FEWEST` in all."""
-    most, fewest = (MOST, max(2, FEWEST + 1 - alternatives)) if number == 1 else (1, 1)
+    most, fewest = (MOST, max(1, FEWEST + 1 - alternatives)) if number == 1 else (1, 1)
     own = [item.model_dump(mode="json") for item in items]
 
     def look() -> list[dict[str, Any]]:
