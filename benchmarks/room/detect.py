@@ -45,7 +45,7 @@ from benchmarks.room.detect_truth import (
     sun_enters,
     sun_of,
 )
-from benchmarks.truth_rooms import QUALITY, kept_list, room_model_of, truth_list, truth_of
+from benchmarks.truth_rooms import LIGHT_TRUTH, QUALITY, kept_list, room_model_of, truth_list, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.world import RoomWorld
@@ -133,7 +133,7 @@ def _kept(kept: Rows, key: str, make: Any) -> dict[str, Any]:
 def _full(number: int, use: Use) -> dict[str, float]:
     """Return CPU seconds and peak memory of the masks of one full-size panorama, from its evidence and room on; and,
     where the model of `daylit models` is there, CPU seconds of all with it, from both networks to the masks."""
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, **LIGHT_TRUTH)
     image = picture_of(cv2.resize(truth.luminance_rgb, FULL_SIZE, interpolation=cv2.INTER_LINEAR))
     evidence, true = scene_evidence(image), room_model_of(room)
     with MemoryWatch() as memory:
@@ -151,8 +151,8 @@ def _full(number: int, use: Use) -> dict[str, float]:
 
 def chosen_rooms(count: int, seed: int) -> list[tuple[int, Use]]:
     """Return test rooms whose truth is kept: the first ones of the list, and after them sunny ones, half as many."""
-    first = kept_list("test", count, seed)
-    later = [one for one in kept_list("test", LISTED, seed) if one not in first]
+    first = kept_list("test", count, seed, **LIGHT_TRUTH)
+    later = [one for one in kept_list("test", LISTED, seed, **LIGHT_TRUTH) if one not in first]
     return first + [one for one in later if sun_enters(make_room(*one))][: (count + 1) // 2]
 
 
@@ -171,7 +171,7 @@ def _sunny(seen: set[str], seed: int) -> dict[str, Any]:
         plan = make_room(number, use)
         if plan.name in seen or not sun_enters(plan):
             continue
-        room, truth = truth_of(number, use)
+        room, truth = truth_of(number, use, **LIGHT_TRUTH)
         if share(simulated_masks(room, truth).sunlight) >= SUNNY_SHARE:
             return _simulated(number, use)
     return {}
@@ -184,7 +184,7 @@ def estimated(image: RelativeImage, evidence: SceneEvidence, sun: tuple[float, f
 
 
 def _simulated(number: int, use: Use) -> dict[str, Any]:
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, **LIGHT_TRUTH)
     if not np.isfinite(truth.luminance_rgb).all():
         return {"notes": [f"{room.name}: its truth holds values that are not finite; left out"]}
     notes: list[str] = []

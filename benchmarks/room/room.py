@@ -1,6 +1,6 @@
 """Rooms estimated from one panorama: 3D IoU, corners, windows, confidence, run time.
 
-Simulated rooms of test seeds, furnished (as they stand) and emptied, 1024 x 512; ZInD pictures of the scored half
+Simulated rooms of test seeds, furnished (as they stand) and emptied, 840 x 420; ZInD pictures of the scored half
 against ``layout_raw`` (keys ``_zind_``) and ``layout_visible``, and both halves where the camera stands inside of it
 (``_zind_inside_``, with the confidence's squared error and a constant's); ``seconds`` is the CPU time of one full-size
 panorama (6720 x 3360) from levelling to openings. Corner errors are in % of a 1024 x 512 picture's diagonal. Keys
@@ -29,7 +29,7 @@ from benchmarks.room.room_openings import score_room as score_openings
 from benchmarks.room.room_real import RealRoom, camera_inside, labelled_rooms, real_rooms
 from benchmarks.room.room_run import Estimated, estimated, rivals_of
 from benchmarks.room.room_scores import RoomScore, score_room
-from benchmarks.truth_rooms import kept_list, room_model_of, truth_of
+from benchmarks.truth_rooms import LIGHT_TRUTH, kept_list, room_model_of, truth_of
 from processing.ground.room_model import RoomModel
 
 CODE = {
@@ -92,7 +92,7 @@ def _row(found: Estimated, true: RoomModel) -> dict[str, Any]:
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
     kept = Rows("room", seed, CODE, keep=not quick)
-    rooms = kept_list("test", FULL_ROOMS, seed)[: QUICK_ROOMS if quick else None]
+    rooms = kept_list("test", FULL_ROOMS, seed, **LIGHT_TRUTH)[: QUICK_ROOMS if quick else None]
     each = [kept.row(f"{number}", lambda one=(number, use): _simulated(*one)) for number, use in rooms]
     furnished, empty = (_Gathered([row[name] for row in each]) for name in ("furnished", "empty"))
     real, notes = _real(kept, quick=quick)
@@ -116,7 +116,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
 
 
 def _simulated(number: int, use: Any) -> dict[str, Any]:
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, **LIGHT_TRUTH)
     true = room_model_of(room)
     pictures = {"furnished": truth.luminance_rgb, "empty": truth.empty_rgb}
     return {name: _row(estimated(picture_of(rgb), sun=sun_of(room)), true) for name, rgb in pictures.items()}
@@ -143,7 +143,7 @@ def _simulated_metrics(empty: _Gathered, furnished: _Gathered) -> dict[str, floa
         "confidence_brier": float(((np.array(both.all("confidence")) - right) ** 2).mean()),
         "confidence_mean": both.mean("confidence"),
         "right_share": float(right.mean()),
-        "seconds_1024": furnished.median("cpu_s"),
+        "seconds_840": furnished.median("cpu_s"),
     }
 
 
@@ -231,7 +231,7 @@ def _score(found: Estimated, true: RoomModel | None) -> float | None:
 
 def _full_size(room: tuple[int, Any]) -> dict[str, Any]:
     """Return CPU seconds and peak memory (MB) of one full-size panorama."""
-    plan, truth = truth_of(*room)
+    plan, truth = truth_of(*room, **LIGHT_TRUTH)
     image = picture_of(cv2.resize(truth.luminance_rgb, FULL_SIZE, interpolation=cv2.INTER_LINEAR))
     with MemoryWatch() as memory:
         found = estimated(image, sun=sun_of(plan))
@@ -275,7 +275,7 @@ def _plots(kept: Rows, rooms: list[tuple[int, Any]], every: list[dict[str, Any]]
     )
     points = []
     for quality in ("draft", "standard", "reference"):
-        for width in (512, 1024):
+        for width in (420, 840):
             runs = [
                 kept.row(f"{number} {quality} {width}", lambda a=(number, use, quality, width): _timed(*a))
                 for number, use in rooms[:PLOT_ROOMS]
@@ -292,7 +292,7 @@ def _plots(kept: Rows, rooms: list[tuple[int, Any]], every: list[dict[str, Any]]
 
 def _timed(number: int, use: Any, quality: str, width: int) -> list[float]:
     """Return CPU seconds and 1 - 3D IoU of a furnished room at a quality and a size."""
-    room, truth = truth_of(number, use)
+    room, truth = truth_of(number, use, **LIGHT_TRUTH)
     rgb = cv2.resize(truth.luminance_rgb, (width, width // 2), interpolation=cv2.INTER_AREA)
     found = estimated(picture_of(rgb), quality=quality, with_openings=False)
     return [sum(found.cpu_s.values()), 1 - (_score(found, room_model_of(room)) or 0.0)]
