@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from processing.errors import PictureFileError
@@ -24,7 +25,6 @@ _SMALLEST = 1e-32  # below this Radiance stores black
 _EXPONENT_BIAS = 128  # of RGBE (Ward 1991)
 _STEPS = (0.7548776662466927, 0.5698402909980532)
 """Of the plane's most even additive sequence (Roberts 2018, R2): neighbours get thresholds far from each other."""
-_MIN_RUN, _MAX_RUN, _MAX_LITERAL = 4, 127, 128  # Radiance's color.c
 RLE_WIDTHS = range(8, 32768)  # that have the new run-length code (color.c)
 WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
 RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)  # as ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)
@@ -146,6 +146,11 @@ def to_rgbe(rgb: Floats, first_row: int = 0) -> Bytes:
         # One that the pattern would lift to 256 stays at 255; one that it would push below 0 stays at 0.
         out[..., channel] = np.clip(mantissa, 0, 255, out=mantissa)
     out[..., 3] = np.clip(stored + (_EXPONENT_BIAS - 126), 0, 255)
+    # What the pattern pushed below 128 the format has with twice the mantissa; every other is one more, for the mean.
+    low = np.nonzero(out[..., :3].max(axis=2) < 128)
+    out[low] = np.column_stack(
+        [2 * out[low][:, :3] + ((low[0] + low[1]) % 2).astype(np.uint8)[:, None], out[low][:, 3] - 1]
+    )
     out[largest < _SMALLEST] = 0
     return out
 
@@ -164,38 +169,11 @@ def from_rgbe(rgbe: Bytes) -> Floats:
 def encode_rows(rgbe: Bytes) -> bytes:
     """Return rows of pixels in the new run-length code, or flat where their width has no such code.
 
-    ``rgbe``: (H, W, 4).
+    ``rgbe``: (H, W, 4), as `to_rgbe` makes it: OpenCV, which encodes the rows, then finds the same bytes again.
     """
-    width = rgbe.shape[1]
-    if width not in RLE_WIDTHS:
-        return rgbe.tobytes()
-    mark = bytes((2, 2, width >> 8, width & 255))
-    planes = np.ascontiguousarray(rgbe.transpose(0, 2, 1))
-    return b"".join(mark + b"".join(_encode_line(line) for line in row) for row in planes)
-
-
-def _encode_line(line: Bytes) -> bytes:
-    """Return one component of one row: runs of at least four, the rest as it is."""
-    starts = np.concatenate(([0], np.flatnonzero(line[1:] != line[:-1]) + 1))
-    lengths = np.diff(np.concatenate((starts, [line.size])))
-    long = lengths >= _MIN_RUN
-    out, done, data = bytearray(), 0, line.tobytes()
-    for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
-        _literals(out, data[done:start])
-        done = start + length
-        for _ in range(length // _MAX_RUN):
-            out += bytes((128 + _MAX_RUN, data[start]))
-        if length % _MAX_RUN:
-            out += bytes((128 + length % _MAX_RUN, data[start]))
-    _literals(out, data[done:])
-    return bytes(out)
-
-
-def _literals(out: bytearray, data: bytes) -> None:
-    for start in range(0, len(data), _MAX_LITERAL):
-        piece = data[start : start + _MAX_LITERAL]
-        out.append(len(piece))
-        out += piece
+    scale = np.ldexp(np.float32(1), rgbe[..., 3:].astype(np.int32) - (_EXPONENT_BIAS + 8))
+    data = cv2.imencode(".hdr", rgbe[..., 2::-1] * scale)[1].tobytes()
+    return data[data.index(b"\n", data.index(b"\n\n") + 2) + 1 :]
 
 
 def decode_rows(data: bytes, width: int, height: int) -> Bytes:
