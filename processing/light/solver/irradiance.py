@@ -25,9 +25,11 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25  # of a pixel's rays for bounces: to each pane, to bright patches
 FURNITURE_TIMES, FURNITURE_ROWS, FURNITURE_RAYS, FURNITURE_PX = 4, 1024, 0.75, 3.0
+FURNITURE_PASSES = ((1, math.inf), (3, 0.1))
 """Light on furniture that is to be cleaned is gathered at as many times the rows, up to so many, by this share of the
-rays and smoothed along its surfaces over as many pixels: slats, folds and rims of pillows are narrower than a pixel of
-the room's, and the denoiser blurs them (chosen; measured in docs/measurements/render.md)."""
+rays, and smoothed along its surfaces over as many pixels, then over three times as many where it is alike (as Dammertz
+and others 2010): slats, folds and rims of pillows are narrower than a pixel of the room's, and the denoiser blurs them
+(chosen; measured in docs/measurements/render.md)."""
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
 Lights: TypeAlias = dict[tuple[int, int], LightMap]
@@ -191,7 +193,9 @@ def _on_furniture(
     mean = np.asarray(sum(without_fireflies(*pair) for pair in (halves, halves[::-1])), np.float32) / np.float32(2)
     own = replace(sight, label=np.where(sight.label >= FIRST_PART, sight.label, NOTHING).astype(np.int32))
     reach_m = sight.distance_m * np.float32(FURNITURE_PX * np.pi / sight.shape[0])
-    return Neighbours.of(own, reach_m / np.float32(NEARNESS)).smooth(mean), own
+    for step, apart in FURNITURE_PASSES:
+        mean = Neighbours.of(own, reach_m * np.float32(step / NEARNESS), step).smooth(mean, apart)
+    return mean, own
 
 
 def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:

@@ -201,26 +201,30 @@ class Neighbours:
 
     weight: Bytes
     """(h, w, (2 `RADIUS_PX` + 1)^2): 0 to 255, 255 for itself; 0 where nothing solid is seen."""
+    step: int = 1
 
     @classmethod
-    def of(cls, sight: Sight, distance_m: Floats) -> Self:
-        """Return the neighbours in a panorama; ``distance_m`` (N,): harmonic mean distance of what a place sees."""
+    def of(cls, sight: Sight, distance_m: Floats, step: int = 1) -> Self:
+        """Return the neighbours in a panorama, every ``step`` pixels; ``distance_m`` (N,): harmonic mean one."""
         weight = np.zeros((*sight.shape, (2 * RADIUS_PX + 1) ** 2), np.uint8)
         shape = (*sight.shape, 3)
         seen = _Seen(sight.label.reshape(sight.shape), sight.normal.reshape(shape), sight.point.reshape(shape))
-        _weigh(seen, NEARNESS * distance_m.reshape(sight.shape), weight)
-        return cls(weight)
+        _weigh(seen, NEARNESS * distance_m.reshape(sight.shape), step, weight)
+        return cls(weight, step)
 
-    def smooth(self, values: Floats) -> Floats:
-        """Return the means (H, W, 3) of ``values`` (H, W, 3) over neighbours, 0 where nothing solid is seen."""
-        out = np.zeros_like(values)
-        around = np.concatenate([values[:, -RADIUS_PX:], values, values[:, :RADIUS_PX]], axis=1)
-        _smooth(around, self.weight, out)
+    def smooth(self, values: Floats, apart: float = math.inf) -> Floats:
+        """Return the means (H, W, 3) of ``values`` (H, W, 3) over neighbours, 0 where nothing solid is seen.
+
+        Those that differ by ``apart`` (relative) count half, others less.
+        """
+        out, side = np.zeros_like(values), RADIUS_PX * self.step
+        around = np.concatenate([values[:, -side:], values, values[:, :side]], axis=1)
+        _smooth(around, self.weight, self.step, np.float32(1 / apart), out)
         return out
 
 
 @compiled
-def _weigh(seen, near_m, weight):  # type: ignore[no-untyped-def]
+def _weigh(seen, near_m, step_px, weight):  # type: ignore[no-untyped-def]
     """Fill `Neighbours.weight`: none for another surface, another direction or off the plane; else less with distance
     against ``near_m`` (H, W), over which irradiance changes there.
     """
@@ -230,9 +234,11 @@ def _weigh(seen, near_m, weight):  # type: ignore[no-untyped-def]
         for x in range(columns):
             if seen.label[y, x] < 0:
                 continue
-            for dy in range(max(-RADIUS_PX, -y), min(RADIUS_PX, rows - 1 - y) + 1):
+            for dy in range(-RADIUS_PX, RADIUS_PX + 1):
                 for dx in range(-RADIUS_PX, RADIUS_PX + 1):
-                    r, c = y + dy, (x + dx) % columns
+                    r, c = y + dy * step_px, (x + dx * step_px) % columns
+                    if r < 0 or r >= rows:
+                        continue
                     if seen.label[r, c] != seen.label[y, x]:
                         continue
                     turned = lift = far2 = 0.0
@@ -248,21 +254,26 @@ def _weigh(seen, near_m, weight):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _smooth(values, weight, out):  # type: ignore[no-untyped-def]
-    """Fill the weighted means of ``values`` (h, w + 2 `RADIUS_PX`, 3), whose columns go on beyond both sides."""
+def _smooth(values, weight, step_px, alike, out):  # type: ignore[no-untyped-def]
+    """Fill the weighted means of ``values`` (h, w + 2 sides, 3), whose columns go on beyond both sides."""
     rows, columns = out.shape[0], out.shape[1]
-    side = 2 * RADIUS_PX + 1
+    side, beyond = 2 * RADIUS_PX + 1, RADIUS_PX * step_px
     for y in range(rows):
         for x in range(columns):
             if weight[y, x, RADIUS_PX * side + RADIUS_PX] == 0:
                 continue
             total = a = b = c = np.float32(0)
-            for dy in range(max(-RADIUS_PX, -y), min(RADIUS_PX, rows - 1 - y) + 1):
-                at = (dy + RADIUS_PX) * side
-                for dx in range(side):
-                    w = np.float32(weight[y, x, at + dx])
-                    total += w
-                    a += w * values[y + dy, x + dx, 0]
-                    b += w * values[y + dy, x + dx, 1]
-                    c += w * values[y + dy, x + dx, 2]
+            own = values[y, x + beyond, 0] + values[y, x + beyond, 1] + values[y, x + beyond, 2]
+            scale = alike / max(own, np.float32(1e-20))
+            for at in range(side * side):
+                w = np.float32(weight[y, x, at])
+                if w == 0:
+                    continue
+                r, k = y + (at // side - RADIUS_PX) * step_px, x + at % side * step_px
+                away = (values[r, k, 0] + values[r, k, 1] + values[r, k, 2] - own) * scale
+                w /= np.float32(1) + away * away * away * away
+                total += w
+                a += w * values[r, k, 0]
+                b += w * values[r, k, 1]
+                c += w * values[r, k, 2]
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = a / total, b / total, c / total
