@@ -37,7 +37,8 @@ _READERS = {"picture": "processing.pictures.exr:read_exr", "mask": "processing.p
 _WRITE_PICTURE = "processing.pictures.exr:write_stage_exr"
 _WRITE_MASK = "processing.pictures.preview:write_mask"
 HELD_BYTES = 800 << 20
-"""Of pictures in memory between stages; those unused longest are let go, and read again where they are wanted."""
+"""Of pictures in memory between stages, the room's and the sky's; those unused longest are let go, and read again where
+they are wanted."""
 GIVEN = "given by the user"
 Write = Callable[[], None]
 
@@ -89,12 +90,12 @@ def _typed(artifact: Artifact, value: object, path: Path) -> BaseModel:
         raise ProcessingError(text, where=str(path), advice="correct the file") from exc
 
 
-def _read_only(value: object) -> object:
+def _read_only(value: object, read_only: bool = True) -> object:
     """Return a picture or mask whose arrays refuse writing: what one stage was handed, the next one gets unchanged."""
     for part in vars(value).values() if dataclasses.is_dataclass(value) else (value,):
         set_flags = getattr(part, "setflags", None)
         if set_flags:
-            set_flags(write=False)
+            set_flags(write=not read_only)
     return value
 
 
@@ -107,14 +108,19 @@ def _bytes(value: object) -> int:
 class Shelf:
     """Artifacts in memory, by stage and name; what is not there is read from disk, and kept while there is room."""
 
-    def __init__(self, read: Callable[[str, str], object | None]) -> None:
-        """``read(stage, artifact)``: from disk; None where the stage left it out."""
-        self._read = read
+    def __init__(
+        self, read: Callable[[str, str], object | None], large: Callable[[str, str], bool] = lambda *_: True
+    ) -> None:
+        """``read(stage, artifact)``: from disk; None where the stage left it out; ``large``: whether that is a picture,
+        for which room is made before it is read."""
+        self._read, self._large = read, large
         self._held: dict[tuple[str, str], object] = {}
+        self._made: set[tuple[str, str]] = set()
 
     def put(self, stage: str, name: str, value: object) -> None:
         """Hand on what was just made."""
         self._held[stage, name] = _read_only(value)
+        self._made.add((stage, name))
         self._make_room()
 
     def _make_room(self, more: int = 0) -> None:
@@ -125,20 +131,26 @@ class Shelf:
         while len(pictures) + more > 1 and pictures and sum(sizes[key] for key in pictures) > room:
             del self._held[pictures.pop(0)]
 
-    def let_go(self) -> None:
-        """Hold nothing any more: what is wanted again is read again."""
-        self._held.clear()
+    def let_go(self, *stages: str) -> None:
+        """Hold nothing (of ``stages``, if any are named) any more: what is wanted again is read again.
+
+        What was read belongs to who has it now; what was made may still be being written.
+        """
+        for key in [key for key in self._held if not stages or key[0] in stages]:
+            value = self._held.pop(key)
+            _read_only(value, key in self._made or not _bytes(value))
         give_back()
 
     def get(self, stage: str, name: str) -> object | None:
         """Return an artifact; None where the stage left it out."""
         key = (stage, name)
         if key not in self._held:
-            self._make_room(more=1)
+            self._make_room(more=int(self._large(stage, name)))
             value = self._read(stage, name)
             if value is None:
                 return None
             self._held[key] = _read_only(value)
+            self._made.discard(key)
             self._make_room()
         held = self._held[key] = self._held.pop(key)
         return copy.deepcopy(held) if isinstance(held, dict | list) else held

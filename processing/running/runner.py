@@ -116,7 +116,8 @@ class PipelineRun:
         self._unknown: dict[str, None] = {}
         self._unfinished: set[str] = set()
         self._shown: dict[str, StageReport] = {}
-        self._shelf = Shelf(self._read)
+        made = self._earlier.results
+        self._shelf = Shelf(self._read, lambda stage, name: made[stage].artifacts.get(name, "").endswith(".exr"))
         self._past = PastSeconds(state_folder())
         self._pace = Pace()
         self._megapixels = sum((f.width_px or 0) * (f.height_px or 0) for f in inputs.manifest.frames) / 1e6

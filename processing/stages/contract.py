@@ -68,8 +68,9 @@ class StageContext:
     time_budget_s: float | None = None
     progress: Progress = lambda _fraction, _text: None
     """``progress(fraction 0..1, text)``; may be called often."""
-    let_go: Callable[[], None] = lambda: None
-    """``let_go()``: pictures held in memory for later stages are let go, as this one needs much itself."""
+    let_go: Callable[..., None] = lambda *_stages: None
+    """``let_go(*stages)``: pictures of some stages (none named: of all) that are held in memory for later ones are let
+    go, as this one needs much itself. Those that were read from the disk may then be written into."""
     parts: KeepsParts | None = None
     """Where the row says that the result has parts; use `part` and `enough`."""
 

@@ -63,6 +63,27 @@ def test_room_is_made_before_a_picture_is_read(monkeypatch: pytest.MonkeyPatch) 
     assert len(shelf.held) == 2
 
 
+def test_what_is_no_picture_takes_no_picture_s_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each stage asks for a levelled panorama, which is mostly left out: the photograph was read again for it."""
+    one = artifacts._bytes(picture(1.0))
+    monkeypatch.setattr(artifacts, "HELD_BYTES", 2 * one)
+    shelf = Shelf(lambda _stage, _name: None, lambda _stage, name: name == "indoor")
+    shelf.put("calibrate", "indoor", picture(1.0))
+    shelf.put("calibrate", "outdoor", picture(2.0))
+    assert shelf.get("room", "panorama") is None
+    assert shelf.held == ("calibrate/indoor", "calibrate/outdoor")
+
+
+def test_what_was_read_belongs_to_who_has_it_when_it_is_let_go() -> None:
+    shelf = Shelf(lambda _stage, _name: picture(9.0))
+    shelf.put("remove", "empty", picture(1.0))
+    made, read, other = (shelf.get(*of) for of in (("remove", "empty"), ("remove", "read"), ("room", "panorama")))
+    shelf.let_go("remove")
+    assert shelf.held == ("room/panorama",)
+    writeable = [one.rgb.flags.writeable for one in (made, read, other) if isinstance(one, LuminanceImage)]
+    assert writeable == [False, True, False], "what was made may still be being written"
+
+
 def test_a_picture_larger_than_all_room_is_still_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(artifacts, "HELD_BYTES", 1)
     shelf = Shelf(lambda _stage, _name: None)
