@@ -20,8 +20,11 @@ def write_patch(path: Path, image: LuminanceImage, before: LuminanceImage) -> No
         np.savez_compressed(file, where=np.packbits(changed), before=before.rgb[changed], **parts)
 
 
-def patched(before: P, path: Path | None) -> P:
-    """Return the picture that `write_patch` was given; ``before`` itself without a patch, or if it is of another."""
+def patched(before: P, path: Path | None, *, own: bool = False) -> P:
+    """Return the picture that `write_patch` was given; ``before`` itself without a patch, or if it is of another.
+
+    ``own``: ``before`` may be written into, where its arrays can be.
+    """
     if path is None:
         return before
     try:
@@ -32,7 +35,8 @@ def patched(before: P, path: Path | None) -> P:
     where = np.unpackbits(kept["where"]).view(bool)[: before.validity.size]
     if where.size < before.validity.size or not np.array_equal(before.rgb.reshape(-1, 3)[where], kept["before"]):
         return before
-    parts = {name: getattr(before, name).copy() for name in ("rgb", "uncertainty", "validity")}
+    parts = {name: getattr(before, name) for name in ("rgb", "uncertainty", "validity")}
+    parts = {name: np.require(values if own else values.copy(), requirements="W") for name, values in parts.items()}
     for name, values in parts.items():
         values[where.reshape(before.validity.shape)] = kept[name]
     return replace(before, **parts)

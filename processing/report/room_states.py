@@ -51,8 +51,9 @@ def room_states(context: StageContext) -> Iterator[State]:
 
 def emptied_as_shown(context: StageContext) -> LuminanceImage:
     """Return the emptied room in its own sun, where that is known."""
-    found: LuminanceImage = patched(context.artifact("remove", "empty"), context.optional_artifact("materials", "sun"))
-    return found
+    empty: LuminanceImage = context.artifact("remove", "empty")
+    context.let_go("remove")  # so that it need not be copied
+    return patched(empty, context.optional_artifact("materials", "sun"), own=True)
 
 
 def views_of(context: StageContext) -> Vector:

@@ -10,7 +10,7 @@ from processing.ground.arrays import Doubles, Flags, Floats, Vector
 from processing.ground.seam import grown, resized
 from processing.light.picture.composite import Bare, differential, widen_doubt
 from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
-from processing.light.scene.room_light import EmptyRoom, with_sunlight
+from processing.light.scene.room_light import EmptyRoom, near_sun, with_sunlight
 from processing.light.scene.scene import REVEAL_M, Outdoors, Scene, Surface
 from processing.light.scene.scene_file import read_scene, write_scene
 from processing.light.scene.sources import MOST_SUN, most_sun, sun_note, under_share
@@ -172,18 +172,22 @@ def _under_share(found: RoomAlbedo, share: Doubles) -> RoomAlbedo:
 
 
 def emptied(context: StageContext) -> EmptyRoom:
-    """Return the emptied panorama, or the upright one where nothing was removed."""
-    before = working_panorama(context)
-    empty: LuminanceImage | None = context.optional_artifact("remove", "empty")
-    if empty is None:
+    """Return the emptied panorama, or the upright one where nothing was removed; the photograph is let go."""
+    before, optional = working_panorama(context), context.optional_artifact
+    if optional("remove", "filled") is None and optional("remove", "empty") is None:
         return EmptyRoom(before)
     filled = np.asarray(context.artifact("remove", "filled"), bool)
     sunlit = detected(context, "sunlight", filled.shape[1])
     if sunlit is None or filled.shape != before.rgb.shape[:2]:
-        return EmptyRoom(empty, filled, filled)
-    hidden, shade = things(context, filled.shape), read_shade(context)
+        return EmptyRoom(context.artifact("remove", "empty"), filled, filled)
+    hidden, shade, rows = things(context, filled.shape), read_shade(context), near_sun(sunlit)
     returned = None if shade is None else shade.returned
-    found = with_sunlight(empty, before, filled, sunlit, hidden, returned)
+    near = {name: getattr(before, name)[rows].copy() for name in ("rgb", "uncertainty", "validity")}
+    del before
+    context.let_go("calibrate", "room")
+    empty: LuminanceImage = context.artifact("remove", "empty")
+    context.let_go("remove")
+    found = with_sunlight(empty, near, filled, sunlit, hidden, returned, own=True)
     if returned is None or found.sunless is None or found.sunlit is None:
         return found
     return replace(found, sunless=_joined(found.sunless, found.sunlit, returned))

@@ -11,14 +11,14 @@ factor is the slope of apparent albedo over the mirrored part, over many pixels,
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats, Vector
+from processing.ground.arrays import AnyArray, Doubles, Flags, Floats, Vector
 from processing.ground.seam import components, resized
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
@@ -213,43 +213,54 @@ class EmptyRoom:
             rgb[patches] = sun
 
 
+def near_sun(sun: Flags) -> slice:
+    """Return rows of a panorama, one at least, within which its sunlight (H, W) can stand again and is kept away."""
+    rows = np.flatnonzero(sun.any(axis=1))
+    reach_px = round(2 * SUN_RIM_RAD / math.pi * len(sun))  # as far as hidden places take anything away
+    return slice(max(rows[0] - reach_px, 0), rows[-1] + reach_px + 1) if len(rows) else slice(0, 1)
+
+
 def with_sunlight(
     empty: LuminanceImage,
-    before: LuminanceImage,
+    before: Mapping[str, AnyArray],
     filled: Flags,
     sun: Flags,
     hidden: Flags,
     returned: Flags | None = None,
+    *,
+    own: bool = False,
 ) -> EmptyRoom:
     """Return the emptied panorama with the direct sunlight that removal took away, where nothing hid it.
 
-    The sun's patch lights the room, and furniture is put into the room as it was photographed. ``before``: the
-    photograph; ``filled``, ``sun``, ``hidden``: (H, W), what removal filled, direct sunlight, and what stood in
-    the way (furniture, tripod, shadows); ``returned`` (h, w), smaller: seen places that old furniture shaded. Towards
-    these the patch's rim shows their shade, which goes with the furniture.
+    The sun's patch lights the room, and furniture is put into the room as it was photographed. ``before``: light,
+    ``uncertainty`` and ``validity`` of the photograph's rows `near_sun`; ``filled``, ``sun``, ``hidden``: (H, W), what
+    removal filled, direct sunlight, and what stood in the way (furniture, tripod, shadows); ``returned`` (h, w),
+    smaller: seen places that old furniture shaded. Towards these the patch's rim shows their shade, which goes with the
+    furniture. ``own``: ``empty`` may be written into, where its arrays can be.
     """
-    back, rows = np.zeros_like(sun), np.flatnonzero(sun.any(axis=1))
-    if len(rows):
-        reach_px = round(2 * SUN_RIM_RAD / math.pi * len(sun))  # as far as hidden places take anything away
-        near = slice(max(rows[0] - reach_px, 0), rows[-1] + reach_px + 1)
-        back[near] = _grown(sun[near], SUN_RIM_RAD, len(sun)) & ~_grown(hidden[near], FURNITURE_RIM_RAD, len(sun))
+    back, near = np.zeros_like(sun), near_sun(sun)
+    back[near] = _grown(sun[near], SUN_RIM_RAD, len(sun)) & ~_grown(hidden[near], FURNITURE_RIM_RAD, len(sun))
     if returned is not None:
         shaded = (resized((filled & ~back).astype(np.float32), returned.shape) > 0.5) | returned
         rim = back & (resized(_grown(shaded, 2 * SUN_RIM_RAD, len(shaded)).astype(np.float32), back.shape) > 0.5)
         weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
         rows = np.flatnonzero(rim.any(axis=1))
-        some = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
-        dim = before.rgb[some] @ weights <= SUNNY * (empty.rgb[some] @ weights)
+        some = slice(rows[0], rows[-1] + 1) if len(rows) else slice(near.start, near.start)
+        lit = before["rgb"][some.start - near.start : some.stop - near.start]
+        dim = lit @ weights <= SUNNY * (empty.rgb[some] @ weights)
         back[some] &= ~(rim[some] & _grown(dim, HALF_SHADOW_RAD, len(sun)))
     # What is left of a patch that was mostly hidden would stand out of the new one by the colour of the old light.
-    labels = components(sun | back)[1]
-    count = int(labels.max()) + 1
-    size, stands = (np.bincount(labels[mask], minlength=count) for mask in (sun, sun & back))
-    back &= (stands > LEAST_STANDS * size)[labels]
-    parts = {name: getattr(empty, name).copy() for name in ("rgb", "validity", "uncertainty")}
+    mine, stood = sun[near], back[near]
+    labels = components(mine | stood)[1]
+    count = int(labels.max(initial=0)) + 1
+    size, stands = (np.bincount(labels[mask], minlength=count) for mask in (mine, mine & stood))
+    stood &= (stands > LEAST_STANDS * size)[labels]
+    below, sunless = empty.rgb[back], filled & ~back
+    parts = {name: getattr(empty, name) for name in before}
+    parts = {name: np.require(values if own else values.copy(), requirements="W") for name, values in parts.items()}
     for name, values in parts.items():
-        values[back] = getattr(before, name)[back]
-    return EmptyRoom(replace(empty, **parts), filled & ~back, filled & ~back, back, empty.rgb[back])
+        values[near][stood] = before[name][stood]
+    return EmptyRoom(replace(empty, **parts), sunless, sunless, back, below)
 
 
 def _grown(mask: Flags, by_rad: float, rows: int) -> Flags:

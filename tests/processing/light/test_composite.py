@@ -11,9 +11,10 @@ import pytest
 
 from benchmarks.light.render_methods import ibl
 from processing.errors import MaterialError, ParameterError, SceneError
+from processing.ground.arrays import AnyArray, Flags
 from processing.light.picture.composite import Bare, changed, differential, draw, parted_sun, patches_of_sun
 from processing.light.picture.render import render
-from processing.light.scene.room_light import with_sunlight
+from processing.light.scene.room_light import near_sun, with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage
@@ -97,6 +98,10 @@ def test_furniture_throws_a_shadow_in_the_sun() -> None:
     assert ratio.max() <= 4
 
 
+def rows_of(photograph: LuminanceImage, sun: Flags) -> dict[str, AnyArray]:
+    return {name: getattr(photograph, name)[near_sun(sun)] for name in ("rgb", "uncertainty", "validity")}
+
+
 @pytest.mark.parametrize("first_row", [0, 30, 63])
 def test_sun_stands_again_up_to_its_rim_and_what_hides_it_keeps_it_away(first_row: int) -> None:
     # Of 720 rows, 1.5 degrees are 6 and 0.8 degrees 3.
@@ -106,7 +111,7 @@ def test_sun_stands_again_up_to_its_rim_and_what_hides_it_keeps_it_away(first_ro
     sun, hidden = np.zeros((2, 720, 1440), bool)
     sun[11 * first_row : 11 * first_row + 20, 5:90] = True
     hidden[max(11 * first_row - 8, 0) : 11 * first_row + 3, 20:50] = True
-    empty = with_sunlight(replace(image, rgb=2 * light), image, sun, sun, hidden)
+    empty = with_sunlight(replace(image, rgb=2 * light), rows_of(image, sun), sun, sun, hidden)
 
     def wide(mask: np.ndarray, reach_px: int) -> np.ndarray:
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach_px + 1, 2 * reach_px + 1))
@@ -116,6 +121,17 @@ def test_sun_stands_again_up_to_its_rim_and_what_hides_it_keeps_it_away(first_ro
     assert np.array_equal(empty.image.rgb[..., 0] == 1, wide(sun, 6) & ~wide(hidden, 3))
 
 
+@pytest.mark.parametrize("returned", [None, np.ones((45, 90), bool)])
+def test_an_emptied_room_without_a_patch_of_sun_stays_as_it_is(returned: Flags | None) -> None:
+    light, none = np.ones((180, 360, 3), np.float32), np.zeros((180, 360), np.float32)
+    removed = LuminanceImage(light, none, none.astype(np.uint8), Equirectangular(360, 180), 0.02)
+    sun = np.zeros((180, 360), bool)
+    found = with_sunlight(removed, rows_of(replace(removed, rgb=2 * light), sun), ~sun, sun, sun, returned)
+    assert np.array_equal(found.image.rgb, light)
+    assert found.sunless is not None
+    assert found.sunless.all()
+
+
 def test_where_the_sun_falls_anew_no_half_shadow_of_the_old_patch_is_left() -> None:
     light, none = np.ones((720, 1440, 3), np.float32), np.zeros((720, 1440), np.float32)
     removed = LuminanceImage(light, none, none.astype(np.uint8), Equirectangular(1440, 720), 0.02)
@@ -123,7 +139,9 @@ def test_where_the_sun_falls_anew_no_half_shadow_of_the_old_patch_is_left() -> N
     sun[400:440, 100:200] = True
     shown[sun] = 10
     shown[439, 100:200] = 2
-    found = with_sunlight(removed, replace(removed, rgb=shown), sun, sun, sun & False, np.ones((180, 360), bool))
+    found = with_sunlight(
+        removed, rows_of(replace(removed, rgb=shown), sun), sun, sun, sun & False, np.ones((180, 360), bool)
+    )
     assert found.sunlit is not None
     assert found.sunlit[405:435, 105:195].all()
     assert not found.sunlit[439, 100:200].any(), "a dark line across the new patch"
@@ -136,7 +154,7 @@ def test_of_a_patch_that_was_mostly_hidden_nothing_stands_as_it_was_photographed
     sun, hidden = np.zeros((2, 360, 720), bool)
     sun[200:240, 100:200] = sun[300:320, 400:500] = True
     hidden[200:240, 100:180] = hidden[300:320, 400:420] = True
-    found = with_sunlight(removed, replace(removed, rgb=10 * light), sun, sun, hidden).sunlit
+    found = with_sunlight(removed, rows_of(replace(removed, rgb=10 * light), sun), sun, sun, hidden).sunlit
     assert found is not None
     assert not found[:260].any()
     assert found[305:315, 440:490].all(), "a patch that was hardly hidden stays"
@@ -147,12 +165,12 @@ def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() ->
     none = np.zeros(sunny.shape, np.float32)
     image = LuminanceImage(photograph, none, none.astype(np.uint8), GEOMETRY, 0.02)
     removed = replace(image, rgb=np.where(sunny[..., None], np.float32(1), photograph))
-    empty = with_sunlight(removed, image, sunny, sunny, np.zeros_like(sunny))
+    empty = with_sunlight(removed, rows_of(image, sunny), sunny, sunny, np.zeros_like(sunny))
     assert np.array_equal(empty.image.rgb, photograph)
     # Where old furniture threw its shade on the patch, removal's picture stands, and the sun falls anew.
     dim = sunny & (np.indices(sunny.shape)[1] < np.median(np.nonzero(sunny)[1]))
     shaded = replace(image, rgb=np.where(dim[..., None], np.float32(0.8), photograph))
-    mended = with_sunlight(removed, shaded, sunny, sunny, np.zeros_like(sunny), dim)
+    mended = with_sunlight(removed, rows_of(shaded, sunny), sunny, sunny, np.zeros_like(sunny), dim)
     assert mended.sunless is not None
     assert mended.sunless[dim].all()
     assert np.array_equal(mended.image.rgb[dim], removed.rgb[dim])

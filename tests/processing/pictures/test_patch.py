@@ -25,6 +25,12 @@ def test_a_patch_gives_the_picture_again_and_no_patch_the_one_before(tmp_path: P
         np.testing.assert_array_equal(getattr(found, name), getattr(image, name))
     assert (before.rgb == 40).all(), "the one before is not touched"
     assert patched(before, None) is before
+    for write in (True, False):
+        mine = replace(before, rgb=before.rgb.copy(), uncertainty=doubt.copy(), validity=validity.copy())
+        mine.rgb.setflags(write=write)
+        found = patched(mine, tmp_path / "sun.npz", own=True)
+        np.testing.assert_array_equal(found.rgb, image.rgb)
+        assert (found.rgb is mine.rgb) == write
     other = replace(before, rgb=before.rgb + 1)
     assert patched(other, tmp_path / "sun.npz") is other, "removal has run since"
     (tmp_path / "torn.npz").write_bytes((tmp_path / "sun.npz").read_bytes()[:100])
