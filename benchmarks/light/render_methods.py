@@ -34,21 +34,21 @@ from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
 from processing.errors import ParameterError
-from processing.ground.arrays import Floats, Vector
+from processing.ground.arrays import Floats, Vector, bands
 from processing.layout.arrange import arrange
 from processing.layout.items import set_items
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import from_room_model
-from processing.light.picture.change import bands
+from processing.light.picture.change import rays_of
 from processing.light.picture.composite import Staged, differential
-from processing.light.picture.render import render, small_geometry
+from processing.light.picture.render import ROWS_AT_ONCE_PX, render, small_geometry
 from processing.light.scene.albedo import albedo_of_room
 from processing.light.scene.patches import pane_triangles
 from processing.light.scene.scene import Material, Part, Scene
 from processing.light.solver.irradiance import EFFORTS, Effort, denoised
 from processing.light.solver.kernels import cosine_rays, random
-from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_along, sight_of
+from processing.light.solver.stage import Stage, in_parts
 from processing.light.solver.upsample import Places, upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
@@ -95,8 +95,10 @@ def ibl(
         near = np.where(there, 1 / (1 + sight.distance_m.reshape(sight.shape)), 0).astype(np.float32)
         shaped = denoised(shaped, sight.normal.reshape(shaped.shape) * there[..., None], near, wraps=True)
     rgb, mask = photograph.copy(), np.zeros(photograph.shape[:2], bool)
-    for rows, large in bands(full, geometry, eye_m):
-        places = Places.whole(large.shape, rows.start, geometry.height_px)
+    high, wide = photograph.shape[:2]
+    for rows in bands(high, max(1, ROWS_AT_ONCE_PX // wide)):
+        places = Places.whole((rows.stop - rows.start, wide), rows.start, high)
+        large = sight_along(full, rays_of(places), eye_m, (rows.stop - rows.start, wide))
         lit, _ = upsampled(shaped, sight, large, wraps=True, places=places)
         there = large.label >= FIRST_PART
         shown = albedo_of(full, large) * lit / np.float32(np.pi) + emission_of(full, large)
@@ -110,9 +112,7 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
     """Return the irradiance (N, 3) of places lit by a panorama at infinity; what furniture hides gives no light."""
     out = np.zeros((len(points), 3), np.float32)
     shifts = random((seed, 70), len(points), 2)
-    at_once = max(1, RAYS_AT_ONCE // samples)
-    for start in range(0, len(points), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(points), samples):
         count = len(points[part])
         origins, rays = np.empty((2, count, samples, 3), np.float32)
         cosine_rays(points[part][:, None, :], normals[part], shifts[part], origins, rays)

@@ -1,10 +1,10 @@
-"""One set of names for the array types of the whole project, a median for all of them, and what carries values on.
+"""One set of names for the array types of the whole project, their median and bands, and what carries values on.
 
 The name states the dtype; the docstring of a function states the shape, unit and range of each array. Pictures are
 `Floats` (float32); accumulation, solves and geometry are `Doubles` (float64).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,6 +30,11 @@ Vector: TypeAlias = tuple[float, float, float]
 """x, y, z of a place or a size, in metres, or of a direction."""
 Rgb: TypeAlias = tuple[float, float, float]
 """Red, green and blue, or a value for each channel."""
+
+
+def bands(count: int, step: int) -> Iterator[slice]:
+    """Return parts of ``count`` rows or places, so many at a time."""
+    return (slice(start, min(start + step, count)) for start in range(0, count, step))
 
 
 def weighted_median(values: Reals, weight: Reals) -> Any:

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError, PictureFileError
-from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats, bands
 from processing.ground.threads import Later, at_once, behind, side_by_side, threads
 from processing.pictures.frames import refuse_alpha
 from processing.pictures.images import LuminanceImage, RelativeImage
@@ -253,8 +253,9 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
     missing = {"RGB", "uncertainty", "validity"} - set(arrays)
     if missing or set(arrays) - {"RGB", "uncertainty", "validity", "ghost"}:
         raise refused(path, f"has the channels {sorted(arrays)}", likely=_DAMAGED, advice=_AGAIN)
-    planes: Channels = {"RGB": arrays["RGB"], "uncertainty": _single(arrays["uncertainty"])}
-    planes |= {name: _codes(arrays[name], path) for name in ("validity", "ghost") if name in arrays}
+    # As each is turned, its halves are let go.
+    planes: Channels = {"RGB": arrays.pop("RGB"), "uncertainty": _single(arrays.pop("uncertainty"))}
+    planes |= {name: _codes(arrays.pop(name), path) for name in ("validity", "ghost") if name in arrays}
     with behind() as later:
         same = later(lambda: header["daylitCrc32"] == f"{_digest(texts, planes):08x}")
         try:
@@ -326,18 +327,14 @@ def _single(plane: npt.NDArray[Any]) -> Floats:
         return np.asarray(plane, np.float32)
     table = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
     out = np.empty(plane.shape, np.float32)
-    side_by_side(lambda rows: np.take(table, plane[rows].view(np.uint16), out=out[rows], mode="clip"), _bands(plane))
+    rows_at_once = bands(len(plane), 64)  # for the processor's cache
+    side_by_side(lambda rows: np.take(table, plane[rows].view(np.uint16), out=out[rows], mode="clip"), rows_at_once)
     return out
-
-
-def _bands(plane: npt.NDArray[Any]) -> list[slice]:
-    """Return rows a few at a time: what is worked with stays in the processor's cache."""
-    return [slice(top, top + 64) for top in range(0, len(plane), 64)]
 
 
 def _codes(plane: npt.NDArray[Any], path: Path) -> Bytes:
     codes = np.empty(plane.shape, np.uint8)
-    for rows in _bands(plane):
+    for rows in bands(len(plane), 64):
         values = _single(plane[rows])
         with np.errstate(invalid="ignore"):
             codes[rows] = values.astype(np.uint8)

@@ -14,7 +14,7 @@ from typing import Literal, Self
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, bands
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, P, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, Geometry, directions
@@ -107,7 +107,7 @@ def modelled(image: LuminanceImage, before: Floats | float) -> LuminanceImage:
     Of what was modelled, not measured: in cells, as a lens's scatter is; 0 where nothing was. An earlier one is gone.
     """
     was, error = np.broadcast_to(before, image.uncertainty.shape), np.empty_like(image.uncertainty)
-    for rows in (slice(top, top + 32) for top in range(0, len(error), 32)):  # for the processor's cache
+    for rows in bands(len(error), 32):  # for the processor's cache
         grown = np.square(np.minimum(image.uncertainty[rows], 1)) - np.square(np.minimum(was[rows], 1))
         error[rows] = SHARED_OF_MODELLED * np.sqrt(np.maximum(grown, 0)) * luminance_cd_m2(image.rgb[rows])
     height, width = (min(size, most) for size, most in zip(error.shape, MODELLED_CELLS, strict=True))
@@ -122,14 +122,13 @@ def widened(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImag
     """Return the picture with further modes, which each pixel's uncertainty then includes."""
     uncertainty = np.empty_like(image.uncertainty)
 
-    def band(start: int) -> None:
-        rows = slice(start, start + ROWS_AT_ONCE)
+    def band(rows: slice) -> None:
         luminance, u2 = luminance_cd_m2(image.rgb[rows]), np.square(image.uncertainty[rows])
         for mode in modes:
             u2 += np.square(relative_error(mode, image, luminance, rows))
         np.sqrt(u2, out=uncertainty[rows])
 
-    side_by_side(band, range(0, len(uncertainty), ROWS_AT_ONCE))
+    side_by_side(band, bands(len(uncertainty), ROWS_AT_ONCE))
     return carrying(replace(image, uncertainty=uncertainty), modes)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import PictureFileError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, bands
 from processing.ground.kernels import compiled
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
@@ -167,8 +167,7 @@ def _in_bits(image: P, made: Flags | None, *, photographed: bool, own: bool) -> 
     given = (image.rgb, image.uncertainty) if own else (image.rgb.copy(), image.uncertainty.copy())
     rgb, uncertainty = (np.require(one, np.float32, ["C", "W"]) for one in given)
 
-    def band(top: int) -> None:
-        rows = slice(top, top + _BAND_ROWS)
+    def band(rows: slice) -> None:
         light, doubt = (one[rows].view(np.uint32) for one in (rgb, uncertainty))
         if made is not None:
             _round_bits(light.reshape(-1, 3), made[rows].ravel(), 23 - ESTIMATED_BITS, False)
@@ -179,7 +178,7 @@ def _in_bits(image: P, made: Flags | None, *, photographed: bool, own: bool) -> 
             _round_bits(light.reshape(1, -1), _ALL, 23 - LIGHT_BITS, False)
             _round_bits(doubt.reshape(1, -1), _ALL, 23 - UNCERTAINTY_BITS, False)
 
-    side_by_side(band, range(0, len(rgb), _BAND_ROWS))
+    side_by_side(band, bands(len(rgb), _BAND_ROWS))
     return replace(image, rgb=rgb, uncertainty=uncertainty)
 
 

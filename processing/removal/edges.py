@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Bytes, Flags, Floats, Reals
+from processing.ground.arrays import Bytes, Flags, Floats, Reals, bands
 from processing.ground.seam import resized
 from processing.ground.threads import side_by_side
 from processing.segmentation.evidence import SceneClass
@@ -106,9 +106,7 @@ def at_full_size(share: Floats, rgb8: Bytes) -> Floats:
 
 
 def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
-    for top in range(0, shape[0], TILE_PX):
-        for left in range(0, shape[1], TILE_PX):
-            yield slice(top, min(top + TILE_PX, shape[0])), slice(left, min(left + TILE_PX, shape[1]))
+    return ((rows, columns) for rows in bands(shape[0], TILE_PX) for columns in bands(shape[1], TILE_PX))
 
 
 def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:

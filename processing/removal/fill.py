@@ -18,7 +18,7 @@ from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
-from processing.ground.threads import KEPT_BYTES, give_back, side_by_side
+from processing.ground.threads import give_back, side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.plain import MOST_RISE_FLOOR, seamless
@@ -46,7 +46,6 @@ MIXED_SHARE = 0.1  # of what is removed in a texel that still counts as known; c
 MIXED_PX = 1  # panorama pixels beside the target that hold some of what is removed: seen, but not to be copied
 UNSURE_SUN = 0.4  # of the confidence that sunlight continued into a hole costs
 PLANES_AT_ONCE = 4  # chosen, for memory: each has some 200 MB of textures
-FILLING_BYTES = 600_000_000  # that two planes of 1.6 million texels take while they are filled (measured)
 FILLED_UNCERTAINTY = 0.05  # relative standard uncertainty of the surest filled pixel
 TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
 """Of the largest texture."""
@@ -209,6 +208,7 @@ def empty_room(
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
     marks = unfit | kept * np.uint8(2) | foreign * np.uint8(4)
     seen = _Seen(rgb, marks, geometry, room, target | blind, shown)
+    del unfit, foreign, kept, blind, marks  # which are large, before planes are filled
     filled = _filled(seen, hidden, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
     out = image.rgb if own else image.rgb.copy()
@@ -240,9 +240,10 @@ def _filled(
     def fill(plane: Plane) -> FilledPlane:
         done = _plane(floor if plane.index == FLOOR else seen, plane, quality, skirting)
         done = done if filler is None else filler(done)
+        give_back()  # what it was filled with
         return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
 
-    give_back(KEPT_BYTES - FILLING_BYTES)
+    give_back()
     # Those of which most is hidden first, so that no thread has a long one left when the others are done.
     order = sorted(hidden, key=lambda plane: -np.count_nonzero(seen.masked & (seen.planes == plane.index)))
     filled = side_by_side(fill, order, PLANES_AT_ONCE)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats, Int16s, carried_on
+from processing.ground.arrays import Flags, Floats, Int16s, bands, carried_on
 from processing.ground.colour import largest_channel
 from processing.ground.kernels import compiled
 from processing.ground.room_model import OpeningKind, RoomModel
@@ -83,6 +83,7 @@ def lifted(
     others = others or Others()
     foreign, no_surface = others.foreign, others.no_surface(target)
     glass = _seen_windows(opening, target, room) | (no_surface & ~target & (plane == FLOOR))
+    opened = opening >= 0
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance, change = image.rgb.copy(), np.zeros(target.shape, np.float32)
     _in_bands(partial(_multiplied, reflectance, change), planes, plane, glass, UNLIT)
@@ -92,8 +93,8 @@ def lifted(
         _in_bands(partial(_taken_off, reflectance, change), [np.pad(wrapped(gain, 1), ALONE)], None, no_surface, PLAIN)
         # What a lamp's glow has clipped shows no more than that it was lit.
         burnt = (change - shaded < -BURNT) & (image.validity == Validity.CLIPPED)
-    del gain, shaded
     target = target | (change > DEEP) | burnt
+    del gain, shaded, burnt, opening, no_surface  # which are large, before planes are filled
     stays = ~target & (image.validity == Validity.VALID)
     same = ~(target | (stays & (change != 0)))
     image, seen = replace(image, rgb=reflectance), image.rgb[same]  # so that the photograph is not held meanwhile
@@ -103,11 +104,12 @@ def lifted(
     rgb[same] = seen
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
-    even = _without_halos(rgb, target, opening >= 0 if foreign is None else foreign | (opening >= 0), room)
+    even = _without_halos(rgb, target, opened if foreign is None else foreign | opened, room)
     apart = glass | ~(target | (stays & (change != 0)))
     _in_bands(partial(_multiplied, rgb, change), [even], None, apart, GAIN)
     change[~stays] = 0
-    uncertainty = np.hypot(done.image.uncertainty, np.float32(LIFT_DOUBT) * np.abs(change))
+    uncertainty = np.abs(change)
+    np.hypot(done.image.uncertainty, np.multiply(uncertainty, np.float32(LIFT_DOUBT), out=uncertainty), out=uncertainty)
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
 
 
@@ -231,15 +233,14 @@ def _in_bands(work: Work, planes: list[Floats], plane: Int16s | None, glass: Fla
     layers, usual = np.stack(planes), np.mean([light[..., 4:].mean(axis=(0, 1)) for light in planes], axis=0)
     usual = np.append(np.zeros(4), usual).astype(np.float32)
 
-    def band(start: int) -> None:
-        rows = slice(start, min(start + BAND_ROWS, high))
+    def band(rows: slice) -> None:
         y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
         power, lift = np.empty((len(y), wide, 3), np.float32), np.empty((len(y), wide), np.float32)
         which = np.zeros(lift.shape, np.int16) if plane is None else plane[rows]
         _sampled(layers, which, glass[rows], (x, y), usual, np.array(parts, np.float32), power, lift)
         work(rows, power, lift)
 
-    side_by_side(band, range(0, high, BAND_ROWS), MOST_BANDS)
+    side_by_side(band, bands(high, BAND_ROWS), MOST_BANDS)
 
 
 @compiled

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, TypeAdapter
 from processing.exchange.jpeg_files import Made, jpeg_bytes
 from processing.exchange.showing import made_of, standing_sha256
 from processing.ground.tables import table_of
+from processing.ground.threads import give_back
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section, views_of
@@ -151,12 +152,13 @@ def kept(context: StageContext, name: str, own: Any, kind: type[T], make: Callab
 def _cuts(context: StageContext, look: Callable[[State], Look], views: Sequence[float]) -> list[Cuts]:
     """Return what is shown of the states, one picture at a time; those that stand are not read."""
     least, found = 3 if context.has("render", "staged-1") else 1, list[Cuts]()
+    give_back()  # what other sections were drawn with
     own = [views, *(getattr(context.parameters, name, None) for name in ("no_staged_label", "original_url"))]
     for number, state in enumerate(room_states(context), 1):
         wide = next(width for most, width in VIEWER_WIDTHS_PX if max(number, least) <= most)
         shown = [*own, wide, state.name, state.file]
         found += kept(context, f"cuts-{number}", shown, Cuts, partial(_cut, state, look, wide))
-        context.let_go()
+        context.let_go(Path(state.file).parts[1])  # not of the emptied room, that follows the photograph
     return found
 
 

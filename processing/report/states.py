@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import STAGED, TEXT, Made, PanoramaTags, jpeg_bytes
-from processing.ground.arrays import Bytes, Floats, Indices, UInt16s
+from processing.ground.arrays import Bytes, Floats, Indices, UInt16s, bands
 from processing.ground.room_model import RoomModel
 from processing.ground.threads import behind
 from processing.pictures.display import AS_GIVEN, Display, screen
@@ -103,7 +103,7 @@ def picture_codes(rgb: Floats, middle: float) -> Bytes:
     The page gets light back by v = middle (c / (255 - c))^(1 / `SHAPE`).
     """
     out = np.empty(rgb.shape, np.uint8)
-    for rows in (slice(top, top + 32) for top in range(0, len(rgb), 32)):  # for the processor's cache
+    for rows in bands(len(rgb), 32):  # for the processor's cache
         raised = np.power(np.clip(rgb[rows], 0, 1e20) / np.float32(middle), np.float32(SHAPE), dtype=np.float32)
         out[rows] = raised / (1 + raised) * np.float32(255) + np.float32(0.5)
     return out

@@ -76,8 +76,7 @@ class Frame:
 
     def view(self, width_px: int = SIZE_PX[0]) -> Perspective:
         """Return the level view of which the lower `height_px` rows are the frame."""
-        high = self.height_px(width_px)
-        field = 2 * math.atan(SENSOR_MM / 2 / self.lens_mm)
+        high, field = self.height_px(width_px), 2 * math.atan(SENSOR_MM / 2 / self.lens_mm)
         return Perspective(width_px, high + 2 * round(self.drop * high), field, yaw_rad=self.yaw_rad)
 
     @staticmethod
@@ -355,16 +354,17 @@ def _stills(
     state, originals, image = of[0], of[2](), of[1] or context.artifact("render", of[0])
     context.let_go()  # of the state before
     what = Made.of(state, removed=removed_by(context.summary("remove")), lit=lit_by(state, context.summary))
-    light, measured = _whole(shown, image), Panorama(np.ascontiguousarray(image.rgb))
-    found = []
-    for number, frame in enumerate(frames, before + 1):
-        wide = _width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED)
-        name, view, rows = f"still-{number}", frame.view(wide), frame.height_px(wide)
-        rgb8, original = (screen(cut_view(one, view)[-rows:]) for one in (light, originals))
+    panoramas, measured, found = [_whole(shown, image), originals], Panorama(np.ascontiguousarray(image.rgb)), []
+    widths = [_width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED) for frame in frames]
+    framed = [(frame, wide, frame.height_px(wide)) for frame, wide in zip(frames, widths, strict=True)]
+    cuts = [[screen(cut_view(one, frame.view(wide))[-rows:]) for one in panoramas] for frame, wide, rows in framed]
+    panoramas.clear()  # a quarter of a gigabyte
+    for number, ((frame, wide, rows), (rgb8, original)) in enumerate(zip(framed, cuts, strict=True), before + 1):
+        name = f"still-{number}"
         said = what._replace(original=asked.original_url or f"{name}-original.jpg")
-        rgb8 = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
         how: dict[str, Any] = {"relative": not image.absolute, "quality": 90}
-        write_jpeg(context.folder / f"{name}.jpg", rgb8, made=said, title=f"{context.session.name}, {state}", **how)
+        plain = rgb8 if asked.no_staged_label else said.on(rgb8, panorama=False)
+        write_jpeg(context.folder / f"{name}.jpg", plain, made=said, title=f"{context.session.name}, {state}", **how)
         write_jpeg(context.folder / f"{name}-original.jpg", original, title=f"{context.session.name}, original", **how)
         cut = _light(image, measured, frame)
         write_exr(context.folder / f"{name}-light.exr", estimated(cut, np.full(cut.validity.shape, bool(said.plate))))

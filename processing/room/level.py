@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, bands
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.room.vanishing import find_arcs, find_axes, rotation_about, rotation_vector
 from processing.sphere import Equirectangular, directions, pixels
@@ -139,9 +139,7 @@ def _turned(image: Image, geometry: Equirectangular, target: Equirectangular, tu
     shape: tuple[int, int] = (target.height_px, target.width_px)
     rgb = np.empty((*shape, 3), dtype=np.float32)
     rows, columns = np.empty(shape, dtype=np.int32), np.empty(shape, dtype=np.int32)
-    band = max(1, ROWS_AT_ONCE // target.width_px)
-    for start in range(0, target.height_px, band):
-        part = slice(start, min(start + band, target.height_px))
+    for part in bands(target.height_px, max(1, ROWS_AT_ONCE // target.width_px)):
         # Rows of a matrix product: d @ turn is the inverse turn of each d.
         x, y, _ = pixels(geometry, directions(target, part)[0] @ turn)
         at_x, at_y = (x + (PAD_PX - 0.5)).astype(np.float32), (y + (PAD_PX - 0.5)).astype(np.float32)

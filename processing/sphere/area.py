@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Indices, Vector
+from processing.ground.arrays import Doubles, Indices, Vector, bands
 from processing.ground.kernels import compiled
 from processing.ground.threads import FORGET, side_by_side
 from processing.sphere.geometry import (
@@ -244,8 +244,7 @@ def projected_bands(geometry: Geometry, normal: npt.ArrayLike) -> Iterator[tuple
         raise ParameterError(f"a plane's normal of {normal!r}", advice="give three finite numbers, not all 0")
     n = n / np.sqrt(n @ n)
     whole, step = isinstance(geometry, Equirectangular), max(1, CELLS_AT_ONCE // geometry.width_px)
-    for start in range(0, geometry.height_px, step if whole else geometry.height_px):
-        rows = slice(start, min(start + step, geometry.height_px) if whole else geometry.height_px)
+    for rows in bands(geometry.height_px, step if whole else geometry.height_px):
         if isinstance(geometry, Equirectangular):
             step_x, step_y = 2 * math.pi / geometry.width_px, math.pi / geometry.height_px
             longitude, latitude = _middles(geometry, rows)
@@ -263,7 +262,7 @@ def projected_bands(geometry: Geometry, normal: npt.ArrayLike) -> Iterator[tuple
         if y.size:
             row = isinstance(geometry, Equirectangular)
             solid = _row_solid(geometry)[y] if row else solid_angles(geometry)[y, x]  # type: ignore[arg-type]
-            out[y - start, x] = solid * _mean_positive(geometry, n, (y, x))
+            out[y - rows.start, x] = solid * _mean_positive(geometry, n, (y, x))
         yield rows, out
 
 
@@ -315,12 +314,11 @@ def _crossed_cells(geometry: Geometry, n: Doubles, rows: slice) -> tuple[Indices
         none = np.zeros(0, dtype=np.intp)
         return none, none
     found_y, found_x = [], []
-    band = max(1, SAMPLES_AT_ONCE // geometry.width_px)
     reach = _cell_reach(geometry)
-    for start in range(0, geometry.height_px, band):
-        centre, _ = directions(geometry, slice(start, start + band))
+    for part in bands(geometry.height_px, max(1, SAMPLES_AT_ONCE // geometry.width_px)):
+        centre, _ = directions(geometry, part)
         y, x = np.nonzero(np.abs(centre @ n) <= reach)
-        found_y.append(y + start)
+        found_y.append(y + part.start)
         found_x.append(x)
     return np.concatenate(found_y), np.concatenate(found_x)
 
@@ -347,9 +345,7 @@ def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[Indices, Indices
     parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / max(geometry.width_px, geometry.height_px))))
     offset = (np.arange(parts) + 0.5) / parts
     out = np.empty(cells[0].size)
-    step = max(1, SAMPLES_AT_ONCE // parts**2)
-    for start in range(0, out.size, step):
-        part = slice(start, start + step)
+    for part in bands(out.size, max(1, SAMPLES_AT_ONCE // parts**2)):
         y, x = cells[0][part], cells[1][part]
         px, py = np.broadcast_arrays(x[:, None, None] + offset, y[:, None, None] + offset[:, None])
         d, seen = point_directions(geometry, px, py)

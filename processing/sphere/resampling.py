@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, bands
 from processing.ground.kernels import compiled, inner
 from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pixels
 from processing.sphere.resampling_area import area_resample
@@ -215,9 +215,7 @@ def _sampled(
 
 def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Doubles, Doubles, Flags]]:
     """Yield bands of the target: rows, columns and rows of its pixel centres in the source, and which are seen."""
-    band = max(1, PIXELS_AT_ONCE // target.width_px)
-    for start in range(0, target.height_px, band):
-        rows = slice(start, min(start + band, target.height_px))
+    for rows in bands(target.height_px, max(1, PIXELS_AT_ONCE // target.width_px)):
         d, seen = directions(target, rows)
         x, y, there = pixels(source, d)
         yield rows, x, y, seen & there

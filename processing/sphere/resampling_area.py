@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy.sparse import csr_array
 
-from processing.ground.arrays import Doubles, Flags, Floats, Int8s
+from processing.ground.arrays import Doubles, Flags, Floats, Int8s, bands
 from processing.ground.threads import side_by_side
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, point_directions, solid_angles
 from processing.sphere.area import fisheye_areas
@@ -152,13 +152,11 @@ def _by_intervals(
     share = np.empty(values.shape[:2], np.float32)
     cells = np.diff(_caps(target.height_px)) / target.width_px
     rows, columns = ((one.indptr, one.indices, one.data) for one in (down, across))
-    band = max(1, target.height_px // 64)
 
-    def work(start: int) -> None:
-        part = slice(start, start + band)
-        interval_means(picture, weights, rows, columns, (start, cells), values[part], share[part])
+    def work(part: slice) -> None:
+        interval_means(picture, weights, rows, columns, (part.start, cells), values[part], share[part])
 
-    side_by_side(work, range(0, target.height_px, band))
+    side_by_side(work, bands(target.height_px, max(1, target.height_px // 64)))
     return values, share
 
 

@@ -1,7 +1,6 @@
 """The frames of one side of a session: from disk, decoded once and held while a stage works on them."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,6 +11,7 @@ from processing.calibration.optics import stated_circle
 from processing.calibration.outdoor.lens import find_image_circle
 from processing.errors import BracketError, LensError, PictureFileError
 from processing.ground.arrays import Bytes
+from processing.ground.threads import side_by_side
 from processing.pictures.frames import FrameSource, Reduce, frame_of, raw_frame
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from station.session.session import DeviceRecord, FrameRecord, SessionManifest, Side
@@ -124,8 +124,7 @@ def _check_settings(side: Side, records: Sequence[FrameRecord]) -> None:
 
 def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Bytes]:
     """Return the codes of 8-bit frames, (H, W, 3) uint8 sRGB each, in order; decoded by a few threads."""
-    with ThreadPoolExecutor(DECODERS) as pool:
-        return list(pool.map(lambda frame: np.asarray(frame.decode(reduce), dtype=np.uint8), frames))
+    return side_by_side(lambda frame: np.asarray(frame.decode(reduce), dtype=np.uint8), frames, DECODERS)
 
 
 def coarse(frames: Sequence[FrameSource]) -> Reduce:

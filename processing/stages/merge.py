@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,6 +22,7 @@ from processing.calibration.response.samples import Bracket8, take_samples
 from processing.calibration.response.shutter import ShutterRule, camera_rule, true_time_s
 from processing.errors import BracketError, PictureFileError, ProcessingError, ResponseError
 from processing.ground.arrays import Bytes
+from processing.ground.threads import side_by_side
 from processing.pictures.frames import FrameSource, array_frame
 from processing.pictures.images import Validity
 from processing.pictures.modes import multiplied
@@ -302,8 +302,7 @@ def camera_response(bracket: brackets.SideBracket, profile: RigProfile | None) -
 
 def _linear(bracket: brackets.SideBracket, camera: CameraProfile | None) -> _Held:
     """Take noise, black level and times from linear frames; the profile's or the camera's rule of them, if known."""
-    with ThreadPoolExecutor(brackets.DECODERS) as pool:
-        codes = [np.asarray(code, np.uint16) for code in pool.map(lambda frame: frame.decode(), bracket.frames)]
+    codes = side_by_side(lambda frame: np.asarray(frame.decode(), np.uint16), bracket.frames, brackets.DECODERS)
     rule = camera_rule(bracket.device.model) if bracket.device else None
     shutter = camera.shutter if camera else ShutterRecord(rule=rule or ShutterRule.NOMINAL)
     times_s = [shutter.true_s(nominal) for nominal in bracket.nominal_s]

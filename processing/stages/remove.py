@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, Halves
 from processing.ground.colour import largest_channel
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components, grown, resized, share_of_sphere
@@ -57,8 +57,7 @@ def run(context: StageContext) -> StageOutput:
     found, change, share = emptied(context)
     filled = found.provenance > 0
     if change is not None:
-        lift = (np.round(change / LIFT_STEP) * LIFT_STEP).astype(np.float16)
-        _write_packed(context.folder / "lift.npz", {"log_luminance": lift})
+        _write_packed(context.folder / "lift.npz", {"log_luminance": _in_steps(change, LIFT_STEP)})
         filled |= change != 0
     assert isinstance(found.image, LuminanceImage)
     found = replace(found, image=estimated(found.image, filled, own=True))
@@ -149,7 +148,7 @@ def _write_details(path: Path, found: Emptied) -> None:
     """Write provenance, confidence and the filled textures: what materials and a careful user need."""
     arrays: dict[str, npt.NDArray[Any]] = {
         "provenance": found.provenance,
-        "confidence": (np.round(found.confidence * CONFIDENCE_STEPS) / CONFIDENCE_STEPS).astype(np.float16),
+        "confidence": _in_steps(found.confidence, 1 / CONFIDENCE_STEPS),
     }
     for filled in found.textures:
         name = filled.texture.plane.name
@@ -159,6 +158,13 @@ def _write_details(path: Path, found: Emptied) -> None:
         arrays[f"{name}_hole"] = filled.hole
         arrays[f"{name}_px_per_m"] = np.array(filled.texture.px_per_m)
     _write_packed(path, arrays)
+
+
+def _in_steps(values: Floats, step: float) -> Halves:
+    """Return values (H, W) rounded to whole steps, a power of two."""
+    whole = np.divide(values, step, dtype=np.float32)
+    np.round(whole, out=whole)
+    return np.multiply(whole, step, out=whole).astype(np.float16)
 
 
 def _write_packed(path: Path, arrays: dict[str, npt.NDArray[Any]]) -> None:

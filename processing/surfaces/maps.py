@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import RoomError
-from processing.ground.arrays import Doubles, Flags, Floats, Int16s
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s, bands
 from processing.ground.room_model import RoomModel, geometry_problems
 from processing.ground.seam import row_latitudes
 from processing.sphere import Equirectangular
@@ -219,8 +219,7 @@ def surface_maps(room: RoomModel, geometry: Equirectangular) -> SurfaceMaps:
     depth = np.empty(plane.shape, np.float32)
     normal = np.empty((*plane.shape, 3), np.float32)
     normals = np.array([p.normal for p in planes_of(room)], dtype=np.float32)
-    for start in range(0, len(latitude), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
+    for rows in bands(len(latitude), ROWS_AT_ONCE):
         depth[rows] = _depths(room, columns, latitude[rows], plane[rows])
         normal[rows] = normals[plane[rows]]
     return SurfaceMaps(plane, _openings(room, columns, latitude), depth, normal)

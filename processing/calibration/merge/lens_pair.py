@@ -14,7 +14,7 @@ import numpy as np
 
 from processing.calibration.merge.bracket import Merged, shares
 from processing.calibration.merge.modes import local_contrast
-from processing.ground.arrays import Bytes, Doubles, Floats
+from processing.ground.arrays import Bytes, Doubles, Floats, bands
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.ground.threads import side_by_side
 from processing.pictures.images import RelativeImage, Validity
@@ -88,8 +88,7 @@ def stitched(merged: Merged, pair: LensPair, target: Equirectangular) -> Merged:
     doubt = np.dstack([spread, image.validity == Validity.CLIPPED]).astype(np.float32)
     out, moved = np.zeros((*shape, 5), np.float32), np.zeros(shape, np.uint8)
 
-    def band(start: int) -> None:
-        rows = slice(start, start + _ROWS)
+    def band(rows: slice) -> None:
         rays = directions(target, rows)[0]
         angles = [np.arccos(np.clip(rays @ lens.axes[2], -1, 1)) for lens in pair.lenses]
         first = np.clip((angles[1] - angles[0]) / (4 * BLEND_RAD) + 0.5, 0, 1)
@@ -103,7 +102,7 @@ def stitched(merged: Merged, pair: LensPair, target: Equirectangular) -> Merged:
                 near = image.ghost[y.astype(int), x.astype(int)]
                 moved[rows][here] = np.where(share[here] >= 0.5, near, moved[rows][here])
 
-    side_by_side(band, range(0, shape[0], _ROWS))
+    side_by_side(band, bands(shape[0], _ROWS))
     rgb, clipped, ghost = np.ascontiguousarray(out[..., :3]), out[..., 4] > 0, None if image.ghost is None else moved
     validity = np.where(clipped, Validity.CLIPPED, np.where(out[..., 3] > 0.25, Validity.DARK, Validity.VALID))
     contrast = RESAMPLED_SHARE * local_contrast(np.asarray(rgb @ np.array(LUMINANCE_WEIGHTS, np.float32)))

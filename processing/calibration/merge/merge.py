@@ -7,7 +7,6 @@ the weights; Granados et al. 2010 for the noise). Frames may come in any order.
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -31,7 +30,7 @@ from processing.calibration.response.samples import TOP_CODE
 from processing.errors import BracketError, ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats, Int64s
 from processing.ground.colour import LUMINANCE_WEIGHTS
-from processing.ground.threads import threads
+from processing.ground.threads import side_by_side, threads
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
 from processing.pictures.images import RelativeImage
 from processing.pictures.modes import SharedMode, together, with_modes
@@ -330,9 +329,7 @@ def _fuse_runs(
 
 def _in_bands(work: Callable[[int, int], object], count: int, band: int, workers: int) -> None:
     """Call ``work(first, end)`` over 0..count in threads."""
-    firsts = range(0, count, band)
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(lambda first: work(first, min(first + band, count)), firsts))
+    side_by_side(lambda first: work(first, min(first + band, count)), range(0, count, band), workers)
 
 
 def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> tuple[list[SharedMode], Floats]:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ScaleError
-from processing.ground.arrays import Doubles, Indices
+from processing.ground.arrays import Doubles, Indices, bands
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import ROWS_AT_ONCE, modes_of, together, with_modes
 from processing.sphere import Equirectangular, Fisheye, Geometry, pixels
@@ -192,8 +192,7 @@ def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> Lu
     before, after = ([mode for mode in some if mode.kind == "level"] for some in (own, modes))
     if anchor is not None and before:
         uncertainty = np.empty_like(uncertainty)
-        for start in range(0, len(rgb), ROWS_AT_ONCE):
-            rows = slice(start, start + ROWS_AT_ONCE)
+        for rows in bands(len(rgb), ROWS_AT_ONCE):
             was, now = (together(m, luminance_cd_m2(y[rows])) for m, y in ((before, image.rgb), (after, rgb)))
             with np.errstate(over="ignore"):
                 squares = np.square(image.uncertainty[rows]) - np.square(was) + np.square(now)

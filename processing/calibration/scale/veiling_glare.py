@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 from processing.calibration.scale import glare_fit
 from processing.calibration.scale.luminance import ScaleFactor, Spot, sighted, spot_pixels
 from processing.errors import LensError, ParameterError
-from processing.ground.arrays import Bytes, Doubles, Flags, Floats
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats, bands
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.modes import ROWS_AT_ONCE, SharedMode, between, blueness
 from processing.sphere import Fisheye, Geometry, directions, in_pixels, solid_angles
@@ -158,8 +158,7 @@ def without_glare(image: Picture, kernel: glare_fit.GlareKernel) -> Picture:
     rgb, uncertainty = np.empty_like(image.rgb), image.uncertainty.copy()
     height, width = validity.shape
     down, grid = between(height, cells.shape[0]).astype(np.float32), glare.reshape(*cells.shape, 3).astype(np.float32)
-    for start in range(0, height, ROWS_AT_ONCE):
-        rows = slice(start, min(start + ROWS_AT_ONCE, height))
+    for rows in bands(height, ROWS_AT_ONCE):
         across = np.tensordot(down[rows], grid, 1)
         clean = cv2.resize(across, (width, across.shape[0]), interpolation=cv2.INTER_LINEAR)
         np.maximum(np.subtract(image.rgb[rows], clean, out=clean), 0, out=clean)

@@ -5,13 +5,12 @@ pixel by pixel is furniture, sunlight, and where one surface ends.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector
+from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector, bands
 from processing.ground.kernels import compiled, inlined
 from processing.ground.threads import side_by_side
 from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, much
@@ -25,7 +24,6 @@ from processing.light.solver.sun import block_px, sun_of
 from processing.light.solver.transport import LightMap
 from processing.light.solver.upsample import Places, upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
-from processing.sphere import Equirectangular
 
 MISFIT = 0.5  # of log luminance between photograph and model, beyond which the model's sun is not believed
 LARGE_ROWS = 1024  # taller pictures take a quarter of the sun's samples; chosen, never swept
@@ -51,16 +49,6 @@ class Change:
     eye_m: Vector
 
 
-def bands(stage: Stage, geometry: Equirectangular, eye_m: Vector) -> Iterator[tuple[slice, Sight]]:
-    """Yield bands of whole rows and what their pixels see."""
-    high, wide = geometry.height_px, geometry.width_px
-    step = max(1, ROWS_AT_ONCE_PX // wide)
-    for start in range(0, high, step):
-        rows = slice(start, min(high, start + step))
-        places = Places.whole((rows.stop - start, wide), start, high)
-        yield rows, sight_along(stage, rays_of(places), eye_m, (rows.stop - start, wide))
-
-
 def rays_of(places: Places) -> Floats:
     """Return the directions (N, 3) of the middles of a panorama's pixels."""
     out = np.empty((len(places.row), 3), np.float32)
@@ -82,17 +70,15 @@ def in_bands(change: Change, photograph: Floats, sunless: np.ndarray | None) -> 
     high, wide = photograph.shape[:2]
     step = block_px(math.pi / high)
     job = _Job(change, photograph, sunless, furniture_blocks(change.full, (high, wide), step, change.eye_m), step)
-    rgb = photograph.copy()
-    furniture, kept = np.zeros((high, wide), bool), np.ones((high, wide), bool)
+    rgb, furniture, kept = np.empty_like(photograph), np.zeros((high, wide), bool), np.ones((high, wide), bool)
 
-    def work(start: int) -> None:
-        rows = slice(start, min(start + band_rows, high))
+    def work(rows: slice) -> None:
         if change.full is change.bare and not (sunless is not None and sunless[rows].any()):
-            return  # nothing was put in, and no sun comes back
+            rgb[rows] = photograph[rows]  # nothing was put in, and no sun comes back
+            return
         rgb[rows], furniture[rows], kept[rows] = _band(job, rows)
 
-    band_rows = max(1, ROWS_AT_ONCE_PX // wide // step) * step
-    side_by_side(work, range(0, high, band_rows), MOST_BANDS)
+    side_by_side(work, bands(high, max(1, ROWS_AT_ONCE_PX // wide // step) * step), MOST_BANDS)
     return rgb, furniture, kept
 
 

@@ -16,7 +16,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats, Indices, Vector
 from processing.ground.kernels import compiled
 from processing.ground.seam import components
-from processing.ground.threads import KEPT_BYTES, give_back
+from processing.ground.threads import give_back
 from processing.light.picture.change import Change, in_bands, rays_of
 from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import finer, small_geometry
@@ -38,7 +38,6 @@ validation rooms, photographed at 1/16, it covers 95 % of the changed pixels; th
 CHANGE, MOST_CHANGE = 0.5, 2.0
 """The same for each e-fold by which furniture or shadow changes a pixel, up to so many; chosen: of a validation bedroom
 those that change by more than 0.4 err by 0.44 to 0.73 (rms), and were covered at 77 %."""
-DRAWN_BYTES = 700_000_000  # that drawing a picture of 22.6 megapixels takes (measured)
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def draw(change: Change, photograph: Floats, sunless: Flags | None, hanging: Ite
     What is ``hanging`` from the ceiling is whole before what stands farther away; as it is in the room's middle, its
     light changes as that of the ceiling above it, not of the wall that it is seen before.
     """
-    give_back(KEPT_BYTES - DRAWN_BYTES)  # of what light was made with
+    give_back()  # what light was made with
     seed, clean = change.seed, change.effort.clean
     mirrors = mirrors_of(change.bare, change.full, change.lights, photograph, change.eye_m, seed=seed, clean=clean)
     rgb, furniture, kept = in_bands(replace(change, mirrors=mirrors), photograph, sunless)
@@ -132,6 +131,7 @@ def draw(change: Change, photograph: Floats, sunless: Flags | None, hanging: Ite
         rgb[at] += share[:, None] * (photograph[at] * gain - rgb[at])
         furniture[at] &= share < 0.5
         kept[at] = (rgb[at] == photograph[at]).all(axis=1)
+    give_back()  # what it was drawn with
     return Staged(rgb, furniture, kept, change.after.error)
 
 

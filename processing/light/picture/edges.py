@@ -13,7 +13,7 @@ from processing.ground.arrays import Floats, Int32s, Vector
 from processing.ground.kernels import compiled, inlined
 from processing.light.solver.kernels import FIRST, SECOND
 from processing.light.solver.sight import FIRST_PART, Sight, sight_along
-from processing.light.solver.stage import Stage
+from processing.light.solver.stage import Stage, in_parts
 
 MOST_GAIN = 4.0  # by which new furniture may brighten a place of the room
 RAYS = 8  # in each pixel of an edge
@@ -57,9 +57,7 @@ def smooth_edges(
     out = shown.copy()
     if not len(row):
         return out
-    at_once = 1 << 17
-    for start in range(0, len(row), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(row), RAYS):
         r, c = row[part].astype(np.int64), column[part].astype(np.int64)
         # The directions (n x `RAYS`, 3) of places spread over pixels of a panorama
         k = np.arange(RAYS) + 0.5

@@ -17,13 +17,14 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Vector
 from processing.ground.kernels import compiled, inner
+from processing.ground.seam import wrapped
 from processing.ground.threads import side_by_side
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Material
 from processing.light.solver.irradiance import denoised
 from processing.light.solver.kernels import FIRST, FURNITURE, PANE, SECOND, STEP_OFF_M, Key, random
 from processing.light.solver.sight import FIRST_PART, GLASS, Sight, looked_up, sight_of
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo
+from processing.light.solver.stage import Stage, in_parts, part_albedo
 from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import LightMap
 from processing.sphere import Equirectangular
@@ -173,9 +174,7 @@ def mirrored_light(
     shift = random(key, len(sight.label), 2)[pixels]
     out = np.empty((len(pixels), 3), np.float32)
     share = np.empty(len(pixels))
-    at_once = max(1, RAYS_AT_ONCE // (2 * samples))
-    for start in range(0, len(pixels), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(pixels), 2 * samples):
         chosen = pixels[part]
         count = len(chosen)
         rays = np.empty((count, samples, 3), np.float32)
@@ -353,9 +352,8 @@ def _blurred(picture: Floats, there: np.ndarray) -> Floats:
     leaves alone stays alike.
     """
     side = 4 * round(FLOOR_BLUR_PX)
-    padding = ((0, 0), (side, side))
-    weight = cv2.GaussianBlur(np.pad(there.astype(np.float32), padding, mode="wrap"), (0, 0), FLOOR_BLUR_PX)
-    light = np.pad(picture * there[..., None], (*padding, (0, 0)), mode="wrap")
+    weight = cv2.GaussianBlur(wrapped(there.astype(np.float32), side), (0, 0), FLOOR_BLUR_PX)
+    light = wrapped(picture * there[..., None], side)
     mean = cv2.GaussianBlur(light, (0, 0), FLOOR_BLUR_PX) / np.maximum(weight, 1e-6)[..., None]
     return np.where(there[..., None], mean[:, side : side + picture.shape[1]], 0).astype(np.float32)
 

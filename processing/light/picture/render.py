@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.ground.arrays import Floats, Vector
+from processing.ground.arrays import Floats, Vector, bands
 from processing.light.scene.scene import Scene
 from processing.light.solver.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
 from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
@@ -75,18 +75,17 @@ def shaded(
     if (high, wide) == small.shape:
         return _radiance(stage, small, found.picture.reshape(-1, 3), effort, seed).reshape(high, wide, 3)
     # In bands of whole rows, so that a large picture needs little memory; a band's rows keep their place.
-    for start in range(0, high, max(1, ROWS_AT_ONCE_PX // wide)):
-        rows = slice(start, min(high, start + max(1, ROWS_AT_ONCE_PX // wide)))
+    for rows in bands(high, max(1, ROWS_AT_ONCE_PX // wide)):
         rays, _ = directions(geometry, rows)
         flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
-        large = sight_along(stage, flat, eye_m, (rows.stop - start, wide))
-        places = Places.whole(large.shape, start, high)
+        large = sight_along(stage, flat, eye_m, (rows.stop - rows.start, wide))
+        places = Places.whole(large.shape, rows.start, high)
         light, gaps = found.enlarged(small, large, places, wraps=isinstance(geometry, Equirectangular))
         chosen = np.flatnonzero(gaps & large.solid)  # no small pixel shows them
         if len(chosen):
             known, where = light_map(stage, effort.patch_samples, seed), (large.point[chosen], large.normal[chosen])
             light[chosen] = gathered(stage, known, *where, 4 * effort.pixel_samples, seed)
-        out[rows] = _radiance(stage, large, light, effort, seed + start).reshape(-1, wide, 3)
+        out[rows] = _radiance(stage, large, light, effort, seed + rows.start).reshape(-1, wide, 3)
     return out
 
 

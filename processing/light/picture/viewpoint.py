@@ -17,7 +17,7 @@ from processing.light.picture.render import render
 from processing.light.scene.scene import Part, Scene, Surface
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import GLASS, Sight, own_pixels, sight_of
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.stage import Stage, in_parts
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, Perspective
 
@@ -79,8 +79,7 @@ def _as_photographed(stage: Stage, photograph: Floats, camera_m: Vector, sight: 
     facing = -np.einsum("ij,ij->i", way, sight.normal)
     known = sight.solid & (facing > GRAZING) & (far > 1e-3)
     chosen = np.flatnonzero(known)
-    for start in range(0, len(chosen), RAYS_AT_ONCE):
-        part = chosen[start : start + RAYS_AT_ONCE]
+    for part in (chosen[some] for some in in_parts(len(chosen))):
         hits = stage.tracer.cast(np.broadcast_to(camera, way[part].shape), way[part])
         known[part] = hits.distance_m > far[part] * (1 - SAME_PLACE) - SAME_PLACE_M
     own = sight_of(stage, Equirectangular(2 * rows, rows), camera_m).label.reshape(rows, 2 * rows)

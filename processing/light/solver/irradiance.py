@@ -261,10 +261,9 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     if not denoiser_available() or min(irradiance.shape[:2]) < 16:
         return irradiance
     side = round(WRAP * irradiance.shape[1]) if wraps else 0
-    padding = ((0, 0), (side, side), (0, 0))
 
     def wider(picture: Floats) -> Floats:
-        return np.ascontiguousarray(np.pad(picture, padding, mode="wrap") if side else picture, dtype=np.float32)
+        return np.ascontiguousarray(wrapped(picture, side), np.float32)
 
     guide = np.repeat(nearness[..., None], 3, axis=2).astype(np.float32)
     # The denoiser expects values about 1.

@@ -10,7 +10,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
 from processing.ground.kernels import compiled
 from processing.light.solver.kernels import PANE
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage, on_faces, part_albedo, surface_values
+from processing.light.solver.stage import Stage, in_parts, on_faces, part_albedo, surface_values
 from processing.sphere import Geometry, directions
 
 NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
@@ -66,8 +66,7 @@ def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int
     """Return what rays (N, 3) from a point see."""
     eye = np.asarray(eye_m, np.float32)
     triangle, distance = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
-    for start in range(0, len(rays), RAYS_AT_ONCE):
-        part = slice(start, start + RAYS_AT_ONCE)
+    for part in in_parts(len(rays)):
         hits = stage.tracer.cast(np.broadcast_to(eye, rays[part].shape), rays[part])
         triangle[part], distance[part] = hits.triangle, hits.distance_m
     p, count = stage.patches, len(rays)

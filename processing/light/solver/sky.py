@@ -15,7 +15,7 @@ from processing.ground.arrays import Doubles, Floats, Indices, Int64s, UInt16s
 from processing.ground.kernels import compiled
 from processing.light.scene.scene import Outdoors, Pane, transmittance_table
 from processing.light.solver.kernels import Key, pane_rays, random
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.stage import Stage, in_parts
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
 
@@ -69,9 +69,7 @@ def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples
     rectangle = np.array([pane.corner_m, pane.across_m, pane.up_m], np.float64)
     lengths2 = np.square(rectangle).sum(axis=1)
     shifts = random((*key, number), len(normals), 2)
-    at_once = max(1, RAYS_AT_ONCE // samples)
-    for start in range(0, len(normals), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(normals), samples):
         shape = (len(normals[part]), samples)
         origins, rays = np.empty((2, *shape, 3), np.float32)
         weight = np.empty(shape, np.float32)
@@ -83,7 +81,7 @@ def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples
         count = _arrived(free, (starts, ways, ahead), (rectangle, lengths2), pane.clear.shape, cell)
         ahead = ahead[:count]
         shares = weight.ravel()[ahead] / np.float32(samples)
-        yield _PaneRays(start + ahead // samples, ways[:count], shares, cell[:count])
+        yield _PaneRays(part.start + ahead // samples, ways[:count], shares, cell[:count])
 
 
 @compiled

@@ -1,12 +1,13 @@
 """A scene made ready for rays: its patches, their albedo and emission, and a tracer."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.ground.arrays import Doubles, Floats, Int32s, bands
 from processing.ground.kernels import compiled
 from processing.light.scene.patches import Patches, patches_of
 from processing.light.scene.scene import Outdoors, Pane, Part, Scene
@@ -14,7 +15,12 @@ from processing.light.scene.tracer import Hits, Tracer, tracer_of
 from processing.light.solver.kernels import FURNITURE, met_patches
 from processing.sphere.resampling import linear_samples
 
-RAYS_AT_ONCE = 1 << 20
+RAYS_AT_ONCE = 1 << 19
+
+
+def in_parts(count: int, rays: int = 1) -> Iterator[slice]:
+    """Return parts of ``count`` places, of `RAYS_AT_ONCE` at most with so many ``rays`` each."""
+    return bands(count, max(1, RAYS_AT_ONCE // rays))
 
 
 @dataclass(frozen=True)
@@ -148,7 +154,6 @@ def _sampled(texture: Floats, u: Doubles, v: Doubles, border: int) -> Floats:
     y = (v * texture.shape[0] - 0.5).astype(np.float32)
     # OpenCV's remap takes at most 32,767 columns.
     found, texels = np.empty((len(u), 3), np.float32), np.ascontiguousarray(texture, np.float32)
-    for start in range(0, len(u), 1 << 14):
-        part = slice(start, start + (1 << 14))
+    for part in bands(len(u), 1 << 14):
         found[part] = linear_samples(texels, x[None, part], y[None, part], border)[0]
     return found

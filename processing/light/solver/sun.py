@@ -15,7 +15,7 @@ from processing.ground.kernels import compiled, inner
 from processing.light.scene.scene import Pane, Sun
 from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, random, towards_panes
 from processing.light.solver.sight import Sight
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.stage import Stage, in_parts
 
 RIM_RAYS, RIM_AREA = 12, 0.98
 """Rays to the sun's rim (as a share of its area): if they agree, less than 2 % of the disc can look otherwise."""
@@ -195,9 +195,7 @@ def _tints(
     """Return the mean of what glass lets through of each point's rays (N, 3), and where (N,) those differ."""
     glass, frame = _glass_of(stage, sun), _disc_frame(sun)
     out, apart = np.empty((len(points), 3), np.float32), np.empty(len(points), np.bool_)
-    at_once = max(1, RAYS_AT_ONCE // samples)
-    for start in range(0, len(points), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(points), samples):
         origins, rays = np.empty((2, len(points[part]), samples, 3), np.float32)
         _disc_rays(points[part], normals[part], shifts[part], frame, rim_area, origins, rays)
         hits = stage.tracer.cast(origins.reshape(-1, 3), rays.reshape(-1, 3))

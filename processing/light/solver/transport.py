@@ -17,7 +17,7 @@ from processing.ground.arrays import Doubles, Floats, Indices, Int32s
 from processing.ground.kernels import compiled
 from processing.light.solver.kernels import STEP_OFF_M, Key, cosine_rays, random
 from processing.light.solver.sky import skylight
-from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.stage import Stage, in_parts
 from processing.light.solver.sun import sunlight
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
@@ -42,9 +42,7 @@ def links_of(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
     """Cast ``samples`` rays from each point: ``points`` (N, K, 3), m, K = 1 or ``samples``; ``normals`` (N, 3)."""
     patch, density = np.empty((len(normals), samples), np.int32), np.empty((len(normals), samples), np.float32)
     shifts = random(key, len(normals), 2)
-    at_once = max(1, RAYS_AT_ONCE // samples)
-    for start in range(0, len(normals), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(normals), samples):
         count = len(normals[part])
         origins, rays = np.empty((2, count, samples, 3), np.float32)
         cosine_rays(points[part], normals[part], shifts[part], origins, rays)
@@ -134,9 +132,7 @@ def bounced(
     goals = _Goals(stage.patches.places(patch, (*key, 1)), stage.patches.normal[patch], light, chance)
     shift = random((*key, 0), len(normals), 1)[:, 0]
     counts = (shots, links.patch.shape[1])
-    at_once = max(1, RAYS_AT_ONCE // (4 * shots))
-    for start in range(0, len(normals), at_once):
-        part = slice(start, start + at_once)
+    for part in in_parts(len(normals), 4 * shots):
         most = len(normals[part]) * shots
         origins, ways = np.empty((2, most, 3), np.float32)
         ends = np.empty((2, most), np.int32)
