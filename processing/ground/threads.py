@@ -55,18 +55,18 @@ def limit_libraries() -> None:
 
 SPINNING = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Libraries whose idle threads spin (5 % of all CPU time, docs/measurements/pipeline.md); our matrices are small."""
-_POOLS = ((-8, 2), (-3, 20 << 20), (-1, 512 << 20))
+_POOLS = ((-8, 2), (-3, 32 << 20), (-1, 512 << 20))
 """``M_ARENA_MAX``, ``M_MMAP_THRESHOLD``, ``M_TRIM_THRESHOLD`` of glibc's malloc.h. Each of its pools keeps what its
-threads once needed: two are enough. A panorama's arrays and masks go back to the system as soon as they are freed; the
-pools keep smaller ones until `give_back`, or until more than 512 MiB are free at their end: else pages are zeroed anew,
-again and again."""
+threads once needed: two are enough. A panorama's light goes back to the system as soon as it is freed; smaller arrays,
+masks too, stay in the pools until `give_back`, or until more than 512 MiB are free at their end: else their pages are
+zeroed anew, again and again."""
 
 
 FORGET: list[Callable[[], object]] = []
 """What lets go of large things that are kept for their next use: `give_back` calls all of these."""
 
 
-KEPT_BYTES = 800_000_000
+KEPT_BYTES = 1_200_000_000
 """Of a process, up to which it keeps what it has freed (docs/measurements/pipeline.md: from 2 GB on peaks grow): pages
 given back are zeroed anew, and a virtual machine's are taken by its host meanwhile."""
 
