@@ -16,6 +16,7 @@ import numpy as np
 
 from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
+from processing.ground.colour import largest_channel
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
 from processing.ground.threads import give_back, side_by_side
@@ -328,20 +329,59 @@ def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, qu
     return min(FINER * px_rad / nearest_m, math.sqrt(texels / max(plane.width_m * plane.height_m, 1e-6)))
 
 
-# Pixels on the edges of floor and ceiling show two planes: filled ones are mixed as a camera would, not in steps.
+# Pixels on the edges of floor and ceiling show two planes: filled ones are mixed as a lens would, not in steps.
+
+SOFT_PX, STEEPEST = 1.0, 4.0  # half the width of an edge in a picture; rows a column up to which it counts (chosen)
 
 
 def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirectangular) -> None:
     """Mix, in place, the target's pixels of a panorama (H, W, 3) that lie on an edge of floor or ceiling.
 
-    The row in which a column's edge lies shows what the next ones do, by their shares. Nothing outside the target
-    changes. Edges between walls are upright in the picture, and have no steps.
+    Within `SOFT_PX` of it they show what is above and below by their shares. Nothing outside the target changes. Edges
+    between walls are upright in the picture, and have no steps.
     """
-    for edge in boundary_rows(room, geometry):
-        row = np.floor(edge).astype(np.intp)
-        columns = np.flatnonzero((row >= 1) & (row < len(out) - 1))
-        row = row[columns]
-        lower = (row + 1 - edge[columns])[:, None]
-        mixed = lower * out[row + 1, columns] + (1 - lower) * out[row - 1, columns]
-        chosen = target[row, columns]
-        out[row[chosen], columns[chosen]] = mixed[chosen]
+    for rows in boundary_rows(room, geometry):
+        reach = SOFT_PX * np.minimum(np.hypot(1, np.gradient(rows)), STEEPEST)
+        above, below = np.floor(rows - reach - 0.5).astype(np.intp), np.ceil(rows + reach - 0.5).astype(np.intp)
+        columns = np.flatnonzero((above >= 0) & (below < len(out)))
+        upper, lower = out[above[columns], columns], out[below[columns], columns]
+        for step in range(1, int((below - above)[columns].max(initial=1))):
+            row = np.minimum(above + step, below)[columns]
+            share = np.clip(0.5 + (row + 0.5 - rows[columns]) / (2 * reach[columns]), 0, 1)[:, None]
+            chosen = target[row, columns] & (row < below[columns])
+            out[row[chosen], columns[chosen]] = (share * lower + (1 - share) * upper)[chosen]
+
+
+RIM_RAD, MOST_RIM = math.radians(1.5), (0.35, 0.2)
+"""On which the last step at a filling's rim runs out; tone and colour by which both sides may differ there, else what
+is seen is another thing (chosen by looking at eight real rooms)."""
+
+
+def meet_rims(rgb: Floats, filled: Flags, planes: Int16s) -> None:
+    """Bring what is ``filled`` (H, W) of a panorama (H, W, 3), in place, to the tone of what is seen beside it.
+
+    Textures meet at their rims in the mean of some texels; where light falls off steeply there, or shade was lifted, a
+    hair line remains between one pixel and the next. Only pixels of one of ``planes`` (H, W) are compared.
+    """
+    tone = np.log(np.maximum(rgb, 1e-6))
+    step, count = np.zeros_like(tone), np.zeros(filled.shape, np.float32)
+    for move in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        off = np.asarray(np.roll(tone, move, (0, 1)) - tone, np.float32)
+        colour = largest_channel(np.abs(off - grey(off)[..., None]))
+        fit = (
+            filled
+            & ~np.roll(filled, move, (0, 1))
+            & (np.roll(planes, move, (0, 1)) == planes)
+            & (np.abs(grey(off)) < MOST_RIM[0])
+            & (colour < MOST_RIM[1])
+        )
+        step[fit] += off[fit]
+        count[fit] += 1
+    rim = count > 0
+    if not rim.any():
+        return
+    step[rim] /= count[rim][:, None]
+    reach_px = RIM_RAD / math.pi * len(rgb)
+    away = cv2.distanceTransform((~rim).astype(np.uint8), cv2.DIST_L2, 5)
+    more = known_mean(step, rim, reach_px / 2)[0] * np.exp(-away / np.float32(reach_px))[..., None]
+    rgb[filled] *= np.exp(more[filled])

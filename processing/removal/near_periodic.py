@@ -15,11 +15,12 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal import near_periodic_lattice as shifts
+from processing.removal.boards import lay_boards
 from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
 from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights, window_around
 from processing.removal.near_periodic_lattice import Lattice, Line, SelfCorrelation
 
-SEARCH_PX = 400  # of the longer side of the picture on which the lattice is sought
+SEARCH_PX, FINE_PX = 400, 1200  # of the longer side of the picture on which the lattice is sought: first, then
 SOLVE_PX = 100_000  # pixels of the window on which copies are chosen
 RIM_PX = 6.0  # chosen, never swept
 GRAIN_PX = 2.0  # chosen, never swept
@@ -42,6 +43,7 @@ MANNERS = {
 }
 """Box (of a cell), liveliness, detail (px), whether guesses take part. Of what does not repeat, a mean is a blur."""
 LOCAL = 0.02  # of the texture's size: the scale below which a pattern without lattice is separated from light
+LOCAL_BOARDS = 0.07  # the same beside boards, each of which has its own tone
 LOOSE_CELL = 0.045
 """Of the texture's size: the neighbourhood in which it is judged whether a copy fits where there is no lattice."""
 
@@ -79,11 +81,16 @@ def complete(
     found = found or analyse(values, known)
     lattice, repeat = found.lattice, found.repeat
     slow = fit_illumination(tone, known, hole, None if lattice is None else lattice.basis_px)
-    if lattice is None:
-        slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, LOCAL * max(known.shape))
+    # Of a mosaic's small cells, light is separated as where there is no lattice.
+    if lattice is None or _cell_px(lattice) < LOCAL * max(known.shape):
+        scale_px = (LOCAL if found.line is None else LOCAL_BOARDS) * max(known.shape)
+        slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, scale_px)
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
-    offsets, cell = _offsets(found, known)
-    filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, manner_of(repeat, cell))
+    if found.line is not None:
+        filled, confidence, left = lay_boards(flat, known, hole, density, found.line.direction)
+    else:
+        offsets, cell = _offsets(found, known)
+        filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, manner_of(repeat, cell))
     if left.any() and repeat is not Repeat.NONE:
         rest = _Job(filled, known | (hole & ~left), left, density)
         loose = shifts.loose_offsets(found.correlation) / found.factor
@@ -113,10 +120,13 @@ class Analysis:
         return Repeat.LATTICE if self.lattice else Repeat.LINE if self.line else Repeat.NONE
 
 
-def analyse(values: Floats, known: Flags, least_ncc: float = 0.0) -> Analysis:
-    """Return how the known part of a texture (H, W, 3) repeats; a lattice weaker than ``least_ncc`` is none."""
+def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, search_px: int = SEARCH_PX) -> Analysis:
+    """Return how the known part of a texture (H, W, 3) repeats; a lattice weaker than ``least_ncc`` is none.
+
+    It is sought on a picture of ``search_px``, and where nothing is found on a finer one: mosaic.
+    """
     tone = np.where(known, grey(ToneScale.of(values, known).tone(values)), 0).astype(np.float32)
-    factor = min(1.0, SEARCH_PX / max(tone.shape))
+    factor = min(1.0, search_px / max(tone.shape))
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
     smooth = 0.1 * min(small.shape[:2])
@@ -127,7 +137,11 @@ def analyse(values: Floats, known: Flags, least_ncc: float = 0.0) -> Analysis:
         lattice = shifts.find_lattice(shifts.self_correlation(field, inner), shifts.ORIENTED_NCC)
     if lattice is not None and lattice.strength >= least_ncc:
         return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None, alike, factor)
-    return Analysis(None, shifts.find_line(field, inner), alike, factor)
+    line = shifts.find_line(field, inner)
+    if line is None and factor < 1 and search_px < FINE_PX:
+        fine = analyse(values, known, least_ncc, FINE_PX)
+        return fine if fine.lattice is not None else Analysis(None, None, alike, factor)
+    return Analysis(None, line, alike, factor)
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
@@ -141,11 +155,14 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
     return np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32), np.asarray(share, np.float32)
 
 
+def _cell_px(lattice: Lattice) -> float:
+    return float(np.sqrt(abs(np.linalg.det(lattice.basis_px))))
+
+
 def _offsets(found: Analysis, known: Flags) -> tuple[Doubles, float]:
     """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
     if found.lattice is not None:
-        cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
-        return shifts.lattice_offsets(found.lattice, known.shape[:2]), cell
+        return shifts.lattice_offsets(found.lattice, known.shape[:2]), _cell_px(found.lattice)
     cell = LOOSE_CELL * max(known.shape)
     if found.line is not None:
         return shifts.line_offsets(found.line, found.correlation) / found.factor, cell

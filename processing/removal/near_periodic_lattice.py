@@ -19,6 +19,7 @@ LATTICE_NCC = 0.52
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
 laminate 0.05 to 0.14 (measured), a real carpet with patches of sun 0.45."""
 PEAK_NCC = 0.13  # at a node from which its place counts when the lattice is refined
+LEAST_PX = 4.0  # of a step; chosen
 CANDIDATES = 48  # peaks that pairs are made of; chosen, never swept
 LONGEST = 0.45  # of a step against the texture's size: a pattern must be seen to repeat
 ORIENTED_NCC = 0.52
@@ -127,7 +128,7 @@ def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CAN
     cy, cx = correlation.centre
     y, x = np.nonzero((ncc >= local) & (ncc > least))
     dy, dx = y - cy, x - cx
-    half = ((dy > 0) | ((dy == 0) & (dx > 0))) & (np.hypot(dx, dy) > 4)
+    half = ((dy > 0) | ((dy == 0) & (dx > 0))) & (np.hypot(dx, dy) > LEAST_PX)
     dx, dy, y, x = dx[half], dy[half], y[half], x[half]
     value = ncc[y, x].astype(np.float64)
     # The least NCC on the way from zero to each shift: a true period climbs out of a valley.
@@ -155,7 +156,8 @@ def find_lattice(correlation: SelfCorrelation, least: float = LATTICE_NCC) -> La
         return None
     for best in np.argsort(-_scores(correlation, a, b, 0.6 * float(values[0])))[:4]:
         lattice = _measured(correlation, *_refined(correlation, *reduced(a[best], b[best])))
-        if lattice is not None and lattice.strength >= least:
+        # Of two neighbouring pixels that are alike a basis may be refined to next to nothing.
+        if lattice is not None and lattice.strength >= least and np.hypot(*lattice.basis_px.T).min() > LEAST_PX:
             return lattice
     return None
 

@@ -43,6 +43,7 @@ UNEVEN = 0.04  # tone by which a row of skirting may vary along the wall
 SLOW_ROWS = 0.08  # of the height: slower changes are light
 CALM = 5.0  # times the median energy of grain, from which there is more than grain
 NEAR = 0.25  # of the texture's width: how far from the hole rows are still looked at for their profile
+FADE = 0.06  # of a floor's size, on which what its smooth light leaves at the rim runs out (chosen on two real rooms)
 DRIFT = 0.1  # tone by which a wall's light may change from the nearest that is surely it into a hole (chosen)
 
 
@@ -134,6 +135,10 @@ def fill_plain(
     clean = known & ~_outliers(rest, known)
     mean, share = known_mean(rest, clean, GRAIN_PX)
     low = spread(mean, clean & (share > 0.3))
+    if beside is None:
+        # What is left of shade and stains at a floor's rim does not go on far.
+        away = cv2.distanceTransform((~clean).astype(np.uint8), cv2.DIST_L2, 5)
+        low *= np.exp(-away / np.float32(FADE * max(clean.shape)))[..., None]
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     smooth = np.asarray(slow + profile + low, np.float32)

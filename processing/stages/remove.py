@@ -15,7 +15,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import components, grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import estimated
-from processing.removal.fill import Emptied, Others, Quick, empty_room
+from processing.removal.fill import Emptied, Others, Quick, empty_room, meet_rims
 from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
 from processing.removal.shadows import relit
@@ -86,6 +86,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), upright.known_room(context)
     others, how = _others(context, room, target.shape), quick or context.quality.value
+    planes = plane_map(room, Equirectangular(target.shape[1], target.shape[0]))
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
         shade, given = shade._replace(shadow=shadow), [image]
@@ -93,12 +94,14 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
         found, change = lifted(
             given.pop(), target, room, shade, sunlight=sunlight, others=others, quality=how, filler=filler
         )
+        meet_rims(found.image.rgb, found.provenance > 0, planes)
         return found, change, 0.0
     gain = resized(relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room), target.shape)
     gain[others.no_surface(target)] = 1
     share = share_of_sphere(largest_channel(gain) > LEAST_GAIN)
     bright = replace(image, rgb=image.rgb * gain)
     done = empty_room(bright, target, room, sunlight=sunlight, others=others, quality=how, filler=filler)
+    meet_rims(done.image.rgb, done.provenance > 0, planes)
     return done, None, share
 
 
