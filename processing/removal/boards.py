@@ -6,6 +6,7 @@ of boards that are seen, in its whole width, so that every seam lies where two b
 it agrees with what is seen or laid at its ends and beside it, and from elsewhere than its neighbours.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -20,6 +21,7 @@ from processing.removal.illumination import grey, known_mean
 WIDTHS, USUAL_WIDTH = (0.0115, 0.065), 0.028
 """Of the texture's size: widths of boards that are sought, and taken where none shows (chosen: 12 cm in 4 m)."""
 LEAST_PERIOD = 0.25  # self-correlation of edges from which they have a period (chosen)
+DARKENING = 0.7  # of a change's weight where the next row is darker (chosen)
 LOOSE = 0.3  # of its width, by which a board may be wider or narrower
 LONG_RUN, SHORT_RUN = 8.0, 1.5  # widths: along which edges are averaged; the shortest piece
 ODD = 4.0  # robust deviations of tone or colour from which a place is glare, a stain or a thing, and not laid again
@@ -30,7 +32,7 @@ WHOLE = 0.97  # of a board's width that must be seen (chosen)
 SHADE, SEVERAL = 0.15, 3.0  # widths along and across boards in whose mean several of them change alike (chosen)
 JOINT = 0.02  # cost from which a piece begins at a joint, and is not faded in (chosen)
 LIVELIEST = 3.0  # times the usual piece's mean square, beyond which a piece is no better (chosen)
-TRIES = 40  # pieces tried for each place
+TRIES = 14  # times three pieces tried for each place, one of them of its own board
 MOST_OFF = 0.15  # tone by which a piece is made brighter or darker to meet what it touches
 COARSE, AGAIN = 0.004, 0.01  # costs of being seen less finely than the place (squared stops), of lying near its like
 NEAR_BOARDS, NEAR_WIDTHS = 4, 9.0  # boards and widths along them within which the same piece is seen to repeat
@@ -84,7 +86,7 @@ def lay_boards(
         _without_marks(floor)
     rng = np.random.default_rng(5)
     for board, (top, end) in enumerate(floor.boards):
-        for gap in _runs(lack[top:end].any(axis=0)):
+        for gap in _runs(np.asarray(lack[top:end].any(axis=0))):
             _lay(floor, board, gap, lack, rng)
     linear, cubic = (each | cv2.WARP_INVERSE_MAP for each in (cv2.INTER_LINEAR, cv2.INTER_LANCZOS4))
     offered = hole & (back(floor.done.astype(np.float32), flags=linear) > 0.5)
@@ -132,7 +134,10 @@ def _boards(tone: Floats, seen: Flags, size: int) -> tuple[list[tuple[int, int]]
     mean = cv2.blur(tone * weight, along) / np.maximum(share, 1e-6)
     both = (np.minimum(share[1:], share[:-1]) > 0.5) & seen[1:] & seen[:-1]
     count = np.append(both.sum(axis=1), 0)
-    step = np.append((np.sqrt(np.abs(np.diff(mean, axis=0))) * both).sum(axis=1), 0) / np.maximum(count, 1)
+    change = np.diff(mean, axis=0)
+    # Of a dark gap between boards, always the same side: else it is laid twice here and is missing there.
+    change = np.sqrt(np.abs(change)) * np.where(change > 0, 1, DARKENING)
+    step = np.append((change * both).sum(axis=1), 0) / np.maximum(count, 1)
     step, given = gaussian_filter1d(step, 1.0), count > usual
     level = gaussian_filter1d(np.where(given, step, 0), usual) / np.maximum(gaussian_filter1d(given * 1.0, usual), 1e-3)
     edge = np.where(given, np.clip(step / np.maximum(level, 1e-6) - 1, -1, 3), 0)
@@ -186,8 +191,12 @@ def _lay(floor: _Floor, board: int, gap: tuple[int, int], lack: Flags, rng: np.r
     """Lay pieces, in place, into the columns of a ``gap`` of a board, where the floor does ``lack`` them (H, W), and
     set how well they agree."""
     (top, end), (place, last) = floor.boards[board], gap
+    every = range(len(floor.pieces))
+    own = [number for number in every if floor.pieces[number][0] == board]
     while place < last:
-        tried = [_tried(floor, board, place, last - place, rng) for _ in range(TRIES)]
+        tried = [
+            _tried(floor, board, (place, last - place), among, rng) for among in (every, own or every, every) * TRIES
+        ]
         cost, source, start, long = min(tried)
         lap = min(round(floor.width / 2) if cost < JOINT else 1, start - floor.pieces[source][1], place)
         whole = slice(place - lap, place + long)
@@ -237,9 +246,12 @@ def _offsets(off: Floats, fit: Flags, width: float) -> tuple[Floats, float]:
     return found, 3 * rest + float((found**2).mean())
 
 
-def _tried(floor: _Floor, board: int, place: int, left: int, rng: np.random.Generator) -> tuple[float, int, int, int]:
-    """Return a piece at random for a ``place`` with so many columns left: cost, source, its first column and length."""
-    source = int(rng.integers(len(floor.pieces)))
+def _tried(
+    floor: _Floor, board: int, where: tuple[int, int], among: Sequence[int], rng: np.random.Generator
+) -> tuple[float, int, int, int]:
+    """Return a piece at random for a place with so many columns left: cost, source (``among`` these), its first column
+    and length."""
+    (place, left), source = where, among[int(rng.integers(len(among)))]
     other, first, last = floor.pieces[source]
     (top, end), whole = floor.boards[board], last - first
     long = min(left, round(rng.uniform(0.6, 1.0) * whole))

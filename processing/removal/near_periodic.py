@@ -16,9 +16,10 @@ import numpy as np
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal import near_periodic_lattice as shifts
 from processing.removal.boards import lay_boards
-from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
-from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights, window_around
-from processing.removal.near_periodic_lattice import Lattice, Line, SelfCorrelation
+from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light
+from processing.removal.near_periodic_fill import Weights, blend, met_to_rim, solve_weights, window_around
+from processing.removal.near_periodic_lattice import Lattice, Line
+from processing.removal.plain import fill_plain
 
 SEARCH_PX, FINE_PX = 400, 1200  # of the longer side of the picture on which the lattice is sought: first, then
 SOLVE_PX = 100_000  # pixels of the window on which copies are chosen
@@ -36,16 +37,9 @@ class Repeat(StrEnum):
     NONE = "none"
 
 
-MANNERS = {
-    Repeat.LATTICE: (0.35, 0.45, 2.0, True),
-    Repeat.LINE: (1.8, 1.0, 8.0, False),
-    Repeat.NONE: (1.0, 1.0, 16.0, False),
-}
-"""Box (of a cell), liveliness, detail (px), whether guesses take part. Of what does not repeat, a mean is a blur."""
+BOX = 0.35  # of a cell: the neighbourhood in which it is judged whether a copy fits
 LOCAL = 0.02  # of the texture's size: the scale below which a pattern without lattice is separated from light
 LOCAL_BOARDS = 0.07  # the same beside boards, each of which has its own tone
-LOOSE_CELL = 0.045
-"""Of the texture's size: the neighbourhood in which it is judged whether a copy fits where there is no lattice."""
 
 
 @dataclass(frozen=True)
@@ -76,31 +70,28 @@ def complete(
         confidence = np.where(hole, 0, 1).astype(np.float32)
         out = np.where(hole[..., None], 0 if not known.any() else values[known].mean(axis=0), values)
         return Completion(out.astype(np.float32), confidence, Repeat.NONE, None)
-    scale = ToneScale.of(values, known)
-    tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
     found = found or analyse(values, known)
-    lattice, repeat = found.lattice, found.repeat
-    slow = fit_illumination(tone, known, hole, None if lattice is None else lattice.basis_px)
-    # Of a mosaic's small cells, light is separated as where there is no lattice.
-    if lattice is None or _cell_px(lattice) < LOCAL * max(known.shape):
-        scale_px = (LOCAL if found.line is None else LOCAL_BOARDS) * max(known.shape)
-        slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, scale_px)
-    flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
-    if found.line is not None:
-        filled, confidence, left = lay_boards(flat, known, hole, density, found.line.direction)
-    else:
-        offsets, cell = _offsets(found, known)
-        filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, manner_of(repeat, cell))
-    if left.any() and repeat is not Repeat.NONE:
-        rest = _Job(filled, known | (hole & ~left), left, density)
-        loose = shifts.loose_offsets(found.correlation) / found.factor
-        filled, more, left = rest.filled(loose, manner_of(Repeat.NONE, LOOSE_CELL * max(known.shape)))
-        confidence = np.where(rest.known, confidence, 0.5 * more)
+    lattice, line, left = found.lattice, found.line, hole
+    out, confidence = values.copy(), known.astype(np.float32)
+    if found.repeat is not Repeat.NONE:
+        scale = ToneScale.of(values, known)
+        tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
+        slow = fit_illumination(tone, known, hole, None if lattice is None else lattice.basis_px)
+        # Of a mosaic's small cells, light is separated as where there is no lattice.
+        if lattice is None or lattice.cell_px < LOCAL * max(known.shape):
+            scale_px = (LOCAL_BOARDS if lattice is None else LOCAL) * max(known.shape)
+            slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, scale_px)
+        flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
+        if lattice is not None:
+            offsets = shifts.lattice_offsets(lattice, known.shape[:2])
+            filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, BOX * lattice.cell_px)
+        elif line is not None:
+            filled, confidence, left = lay_boards(flat, known, hole, density, line.direction)
+        out[hole] = scale.light((filled + slow)[hole])
     if left.any():
-        filled = np.where(left[..., None], spread(filled, (known | hole) & ~left), filled)
-    out = values.copy()
-    out[hole] = scale.light((filled + slow)[hole])
-    return Completion(out, confidence, repeat, lattice)
+        plain = fill_plain(values, known, hole, level_rows=False)
+        out[left], confidence[left] = plain.values[left], plain.confidence[left]
+    return Completion(out, confidence, found.repeat, lattice)
 
 
 @dataclass(frozen=True)
@@ -110,9 +101,6 @@ class Analysis:
     lattice: Lattice | None
     """In the texture's pixels."""
     line: Line | None
-    correlation: SelfCorrelation
-    factor: float
-    """The correlation is that of a picture so many times as large."""
 
     @property
     def repeat(self) -> Repeat:
@@ -136,12 +124,11 @@ def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, search_px: int
     if lattice is None:
         lattice = shifts.find_lattice(shifts.self_correlation(field, inner), shifts.ORIENTED_NCC)
     if lattice is not None and lattice.strength >= least_ncc:
-        return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None, alike, factor)
+        return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None)
     line = shifts.find_line(field, inner)
     if line is None and factor < 1 and search_px < FINE_PX:
-        fine = analyse(values, known, least_ncc, FINE_PX)
-        return fine if fine.lattice is not None else Analysis(None, None, alike, factor)
-    return Analysis(None, line, alike, factor)
+        return Analysis(analyse(values, known, least_ncc, FINE_PX).lattice, None)
+    return Analysis(None, line)
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
@@ -155,26 +142,6 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
     return np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32), np.asarray(share, np.float32)
 
 
-def _cell_px(lattice: Lattice) -> float:
-    return float(np.sqrt(abs(np.linalg.det(lattice.basis_px))))
-
-
-def _offsets(found: Analysis, known: Flags) -> tuple[Doubles, float]:
-    """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
-    if found.lattice is not None:
-        return shifts.lattice_offsets(found.lattice, known.shape[:2]), _cell_px(found.lattice)
-    cell = LOOSE_CELL * max(known.shape)
-    if found.line is not None:
-        return shifts.line_offsets(found.line, found.correlation) / found.factor, cell
-    return shifts.loose_offsets(found.correlation) / found.factor, cell
-
-
-def manner_of(repeat: Repeat, cell_px: float) -> Manner:
-    """Return how copies of a texture are compared and blended."""
-    box, lively, detail_px, guesses = MANNERS[repeat]
-    return Manner(box * cell_px, lively, detail_px, guesses)
-
-
 @dataclass(frozen=True)
 class _Job:
     """What is to be filled from what."""
@@ -185,11 +152,11 @@ class _Job:
     hole: Flags
     density: Floats | None
 
-    def filled(self, offsets: Doubles, manner: Manner) -> tuple[Floats, Floats, Flags]:
+    def filled(self, offsets: Doubles, box_px: float) -> tuple[Floats, Floats, Flags]:
         """Return tone (H, W, 3), confidence and what is left (H, W); ``offsets`` (N, 2) as (dx, dy)."""
         job, confidence = self, self.known.astype(np.float32)
         for turn in range(PASSES):
-            done, tone, sure = job.one_pass(offsets, manner)
+            done, tone, sure = job.one_pass(offsets, box_px)
             if not done.any():
                 break
             confidence[done] = sure[done] * 0.7**turn
@@ -198,13 +165,13 @@ class _Job:
                 break
         return job.tone, confidence, job.hole
 
-    def one_pass(self, offsets: Doubles, manner: Manner) -> tuple[Flags, Floats, Floats]:
+    def one_pass(self, offsets: Doubles, box_px: float) -> tuple[Flags, Floats, Floats]:
         """Return where the hole was filled (H, W), its tone (H, W, 3) and its confidence (H, W)."""
-        window = window_around(self.hole, round(max(1.7 * manner.box_px, 2 * RIM_PX)) + 2)
+        window = window_around(self.hole, round(max(1.7 * box_px, 2 * RIM_PX)) + 2)
         area = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
         scale = min(1.0, float(np.sqrt(SOLVE_PX / area)))
-        weights = self.solved(offsets, window, scale, manner)
-        mean, offered = blend(self.tone, self.known, weights, window, scale, manner)
+        weights = self.solved(offsets, window, scale, box_px)
+        mean, offered = blend(self.tone, self.known, weights, window, scale)
         hole = self.hole[window]
         done, filled = np.zeros_like(self.hole), np.zeros_like(self.tone)
         sure = np.zeros(self.hole.shape, np.float32)
@@ -214,7 +181,7 @@ class _Job:
         sure[window] = np.exp(-1.5 * np.sqrt(np.maximum(cost, 0)))
         return done, filled, sure
 
-    def solved(self, offsets: Doubles, window: tuple[slice, slice], scale: float, manner: Manner) -> Weights:
+    def solved(self, offsets: Doubles, window: tuple[slice, slice], scale: float, box_px: float) -> Weights:
         """Return the weights of copies from ``offsets`` (N, 2), solved on a picture ``scale`` times as large."""
         small, share = _smaller(self.tone, self.known, scale)
         seen = share > 0.99
@@ -228,5 +195,4 @@ class _Job:
         if self.density is not None:
             density = np.asarray(cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
         given = small, seen, lack & ~seen, offsets * scale, (rows, columns)
-        box_px = max(7, round(manner.box_px * scale))
-        return solve_weights(*given, box_px=box_px, guesses=manner.guesses, density=density)
+        return solve_weights(*given, box_px=max(7, round(box_px * scale)), density=density)

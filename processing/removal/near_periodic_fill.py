@@ -17,26 +17,10 @@ from processing.removal.illumination import blurred, spread
 GUESS_WEIGHT = 0.25  # of filled pixels against known ones when copies are compared
 ROUNDS = 4  # of expectation and maximisation; chosen, never swept
 COARSE_PENALTY = 1.0  # chosen, never swept
-RIM_SCALES = 6  # each twice the one before: up to 32 boxes; chosen, never swept
-UNSEEN_COST = 0.5  # chosen, never swept
 USUAL_PX = 40_000  # pixels of which a shift's usual difference is known; chosen, never swept
 USUAL_SHARE = 1.5  # of a box's pixels that a copy's usual difference counts for
 LEAST_COMPARED = 50  # known pixels from which a copy has a usual difference
-TIDY = 0.4  # of the box, over which labels vote; chosen, never swept
 PRUNE = 0.002  # share of the hole that a copy must serve after the first round to stay
-
-
-@dataclass(frozen=True)
-class Manner:
-    """How copies are compared and blended."""
-
-    box_px: float
-    """Neighbourhood in which it is judged whether a copy fits, in the full picture's pixels."""
-    lively: float
-    """0: the mean of the copies; 1: all detail below ``detail_px`` is the best copy's alone."""
-    detail_px: float
-    guesses: bool
-    """Whether filled pixels take part in the comparison; where nothing repeats they would favour what is smooth."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +59,6 @@ def solve_weights(
     window: tuple[slice, slice],
     *,
     box_px: int,
-    guesses: bool = True,
     density: Floats | None = None,
 ) -> Weights:
     """Return which copies fill the window's hole; ``tone`` (H, W, C) must be 0 where not known.
@@ -93,30 +76,23 @@ def solve_weights(
     copies, offered, offsets = [copies[n] for n in useful], [offered[n] for n in useful], offsets[useful]
     any_copy = np.any(offered, axis=0)
     penalty = _penalties(density, known, offsets, window)
-    usual = _usual_costs(tone, known, offsets) if guesses else np.zeros(len(offsets), np.float32)
+    usual = _usual_costs(tone, known, offsets)
     guess = _first_guess(tone[window], here, copies, offered)
-    rounds = ROUNDS if guesses else 1
-    for turn in range(rounds):
-        if guesses:
-            size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
-            cost = _costs(guess, here, lack, copies, offered, size, usual)
-        else:
-            cost = _rim_costs(guess, here, copies, offered, box_px)
+    for turn in range(ROUNDS):
+        size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
+        cost = _costs(guess, here, lack, copies, offered, size, usual)
         if penalty is not None:
             cost *= penalty
         share, least = _shares(cost)
         guess = np.where((lack & any_copy)[..., None], _mean(copies, share), guess).astype(np.float32)
-        if turn == 0 and rounds > 1 and len(copies) > 8:
+        if turn == 0 and len(copies) > 8:
             served = share[:, lack].mean(axis=1)
             keep = np.flatnonzero(served >= min(PRUNE, float(np.sort(served)[-8])))
             lost = any_copy & ~np.any([offered[n] for n in keep], axis=0) & lack
             if not lost.any():
                 copies, offered, offsets = [copies[n] for n in keep], [offered[n] for n in keep], offsets[keep]
                 penalty, usual = None if penalty is None else penalty[keep], usual[keep]
-    best = np.argmin(cost, axis=0)
-    if not guesses:
-        best = _tidied(best, offered, box_px)
-    return Weights(share, best, least, offsets)
+    return Weights(share, np.argmin(cost, axis=0), least, offsets)
 
 
 def _penalties(density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]) -> Floats | None:
@@ -179,25 +155,6 @@ def _costs(
     return cost
 
 
-def _rim_costs(tone: Floats, known: Flags, copies: list[Floats], offered: list[Flags], box_px: int) -> Floats:
-    """Return (N, H, W): the mean squared difference between copies and known pixels, the near ones above all."""
-    sizes = [box_px * 2**k | 1 for k in range(RIM_SCALES) if box_px * 2**k < 2 * max(known.shape)]
-    cost = np.empty((len(copies), *known.shape), np.float32)
-    for index, (copy, some) in enumerate(zip(copies, offered, strict=True)):
-        weight = (known & some).astype(np.float32)
-        off = copy - tone
-        error = np.einsum("hwc,hwc->hw", off, off) * weight
-        total, count = np.zeros_like(error), np.full_like(error, 1e-9)
-        for step, size in enumerate(sizes):
-            # Each doubling counts a hundredth of the one before: it matters only where that one saw nothing.
-            share = np.float32(0.01**step / size**2)
-            total += share * cv2.boxFilter(error, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-            count += share * cv2.boxFilter(weight, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        # A copy that was compared with little is less sure to fit.
-        cost[index] = np.where(some, (total + UNSEEN_COST * 1e-9) / count, np.inf)
-    return cost
-
-
 def _shares(cost: Floats) -> tuple[Floats, Floats]:
     """Return each copy's share by how far its cost lies above the least one, and the least cost."""
     least = cost.min(axis=0)
@@ -208,19 +165,6 @@ def _shares(cost: Floats) -> tuple[Floats, Floats]:
     return np.asarray(share / np.maximum(share.sum(axis=0), 1e-12), np.float32), np.asarray(least, np.float32)
 
 
-def _tidied(best: Indices, offered: list[Flags], box_px: int) -> Indices:
-    """Return the choice without specks: each place takes what most of its neighbourhood takes, as far as offered."""
-    most, out = np.zeros(best.shape, np.float32), best.copy()
-    for index, some in enumerate(offered):
-        chosen = best == index
-        if not chosen.any():
-            continue
-        votes = np.where(some, blurred(chosen.astype(np.float32), TIDY * box_px), 0)
-        better = votes > most
-        most[better], out[better] = votes[better], index
-    return out
-
-
 def _mean(copies: list[Floats], share: Floats) -> Floats:
     return sum((copy * one[..., None] for copy, one in zip(copies, share, strict=True)), np.zeros_like(copies[0]))
 
@@ -228,11 +172,12 @@ def _mean(copies: list[Floats], share: Floats) -> Floats:
 # The filled hole at full size: the copies' weighted mean, with the fine detail of the best one, met to the rim.
 
 MIN_SHARE = 0.01  # chosen, never swept
+DETAIL_PX, LIVELY = 2.0, 0.45  # how fine detail is, and how much of it is the best copy's alone
 LARGEST_STEP = 0.3  # tone by which the rim may pull a filling
 
 
 def blend(
-    tone: Floats, known: Flags, weights: Weights, window: tuple[slice, slice], scale: float, manner: Manner
+    tone: Floats, known: Flags, weights: Weights, window: tuple[slice, slice], scale: float
 ) -> tuple[Floats, Flags]:
     """Return the window's copies blended (H, W, C), and where any copy offers something.
 
@@ -264,8 +209,8 @@ def blend(
     sharp = np.where((sharp_total > 1e-3)[..., None], sharp / np.maximum(sharp_total, 1e-6)[..., None], mean)
     # Where nothing is offered there is no change either: its blur would reach over.
     change = np.where(offered[..., None], sharp - mean, 0).astype(np.float32)
-    detail = change - blurred(change, manner.detail_px)
-    return np.asarray(mean + np.float32(manner.lively) * detail, np.float32), offered
+    detail = change - blurred(change, DETAIL_PX)
+    return np.asarray(mean + np.float32(LIVELY) * detail, np.float32), offered
 
 
 def _enlarged(small: Floats, size: tuple[int, int]) -> Floats:

@@ -113,6 +113,11 @@ class Lattice:
         """Return both shifts, of shape (2, 2), one a row."""
         return np.stack([self.a_px, self.b_px])
 
+    @property
+    def cell_px(self) -> float:
+        """Return the side of a square as large as a cell."""
+        return float(np.sqrt(abs(np.linalg.det(self.basis_px))))
+
     def nodes(self, reach: int) -> Doubles:
         """Return (N, 2): all combinations of up to ``reach`` of both vectors but zero."""
         i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1), indexing="ij")
@@ -235,7 +240,7 @@ def _measured(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> Lattice |
     return None if len(values) < 4 else Lattice(a, b, float(np.mean(values)))
 
 
-# Shifts from which a hole may be filled: lattice nodes, steps along planks, or wherever a texture is like itself.
+# Shifts from which a hole may be filled, and the direction of what repeats in none.
 
 MOST = 64  # offsets that are tried
 LINE_SHARE = 0.6  # of the grain that must run one way
@@ -276,33 +281,3 @@ def find_line(field: Floats, known: Flags) -> Line | None:
         return None
     half = 0.5 * np.arctan2(sine, cosine)
     return Line(np.array([np.cos(half), np.sin(half)]), strength)
-
-
-def line_offsets(line: Line, correlation: SelfCorrelation) -> Doubles:
-    """Return shifts (N, 2) along the line, both ways, and those of highest NCC whatever their direction."""
-    rng = np.random.default_rng(3)
-    along = np.linspace(0.08, 1, MOST // 3) * (0.95 * max(correlation.centre))
-    along = along * (1 + 0.1 * rng.uniform(-1, 1, along.size))
-    straight = along[:, None] * line.direction
-    return np.concatenate([straight, -straight, loose_offsets(correlation, MOST // 3)])
-
-
-def loose_offsets(correlation: SelfCorrelation, count: int = MOST) -> Doubles:
-    """Return the shifts (N, 2) of highest NCC that are not next to each other, near and far ones alike."""
-    ncc = np.nan_to_num(correlation.ncc, nan=-1.0).astype(np.float32)
-    cy, cx = correlation.centre
-    y, x = np.mgrid[: ncc.shape[0], : ncc.shape[1]]
-    away = np.hypot(x - cx, y - cy)
-    spacing = max(3, round(0.03 * max(ncc.shape)))
-    local = cv2.dilate(ncc, np.ones((2 * spacing + 1,) * 2, np.uint8))
-    py, px = np.nonzero((ncc >= local) & (ncc > -1) & (away > 2 * spacing))
-    ring = (away[py, px] / (0.25 * max(cy, cx))).astype(np.intp)
-    # The best of each distance in turn, so that deep holes are reached too.
-    order = np.argsort(-ncc[py, px], kind="stable")
-    rank = np.empty(len(py), np.intp)
-    for one in range(int(ring.max()) + 1 if len(ring) else 0):
-        inside = order[ring[order] == one]
-        rank[inside] = np.arange(len(inside))
-    chosen = np.argsort(rank, kind="stable")[:count]
-    found = np.stack([px[chosen] - cx, py[chosen] - cy], axis=-1).astype(np.float64)
-    return found if len(found) else np.array([[2.0 * spacing, 0.0], [-2.0 * spacing, 0.0]])

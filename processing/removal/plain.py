@@ -35,7 +35,8 @@ OUTLIER = 4.0
 LEAST_SPREAD = 0.01  # of log tone; chosen, never swept
 OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
 """Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
-GRAIN_PX = 3.0  # chosen, never swept
+GRAIN_PX, MOST_BLOCKS = 3.0, 60  # chosen, never swept
+ROUGH, COARSE_GRAIN = 0.2, 0.04  # roughness of a floor from which its grain is coarse; of its size, how coarse (chosen)
 FEW = 0.1  # of the columns near the hole: rows with fewer known ones hardly have a profile
 TRUSTED = 0.6  # trust in a row's profile from which it is its own; below, it is more and more as usual on other walls
 BOARD = 0.1  # tone against the wall from which what is usual is a board (chosen)
@@ -133,14 +134,17 @@ def fill_plain(
     profile = _profile(rest, known, hole, usual_rows) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
     rest = np.where(known[..., None], rest - profile, 0).astype(np.float32)
     clean = known & ~_outliers(rest, known)
-    mean, share = known_mean(rest, clean, GRAIN_PX)
-    low = spread(mean, clean & (share > 0.3))
+    for grain_px in (GRAIN_PX, COARSE_GRAIN * max(clean.shape)):
+        mean, share = known_mean(rest, clean, grain_px)
+        low = spread(mean, clean & (share > 0.3))
+        grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
+        roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
+        if beside is not None or roughness < ROUGH:
+            break
     if beside is None:
         # What is left of shade and stains at a floor's rim does not go on far.
         away = cv2.distanceTransform((~clean).astype(np.uint8), cv2.DIST_L2, 5)
         low *= np.exp(-away / np.float32(FADE * max(clean.shape)))[..., None]
-    grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
-    roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     smooth = np.asarray(slow + profile + low, np.float32)
     if px_per_m is not None:
         smooth += rising_light(low, clean, known if beside is None else beside, hole, px_per_m, MOST_RISE)[..., None]
@@ -226,13 +230,13 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
     """Return (H, W, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
-    height, width = clean.shape
     out, left, rng = np.zeros_like(grain), hole.copy(), np.random.default_rng(11)
-    shifts = [(0, int(s * width * r)) for r in np.arange(0.05, 0.9, 0.06) for s in (1, -1)]
-    shifts += [(int(rng.integers(-height // 2, height // 2 + 1)), int(rng.integers(-width, width))) for _ in range(24)]
-    for dy, dx in shifts:
-        if not left.any():
+    rows = [(0, int(s * clean.shape[1] * r)) for r in np.arange(0.05, 0.9, 0.06) for s in (1, -1)]
+    places = np.argwhere(clean)
+    for turn in range(len(rows) + MOST_BLOCKS):
+        if not left.any() or not len(places):
             break
+        dy, dx = rows[turn] if turn < len(rows) else rng.choice(places) - rng.choice(np.argwhere(left))
         part = window_around(left)
         copy, there = shifted(grain, clean, np.array([dx, dy], np.float64), part, cubic=False)
         take = left[part] & there

@@ -257,9 +257,6 @@ def _surface(
     if texture.plane.index == FLOOR:
         little = sources.sum() < LITTLE * (sources | hole).sum()
         found = analyse(values, sources, WALL_NCC if little else 0.0)
-        if little and found.repeat is Repeat.NONE:
-            plain = fill_plain(values, sources, hole, level_rows=False)
-            return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
         done = complete(values, sources, hole, density=texture.density, found=found)
     else:
         wall = texture.plane.index >= FIRST_WALL

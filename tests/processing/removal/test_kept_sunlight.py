@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from processing.ground.room_model import RoomModel
-from processing.removal.fill import soften_edges, sunlit
+from processing.removal.fill import SOFT_PX, meet_rims, soften_edges, sunlit
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows, plane_map
 
@@ -61,8 +61,24 @@ def test_edges_of_the_floor_are_mixed_by_their_share() -> None:
     soften_edges(mixed, target, room, geometry)
     assert np.array_equal(mixed[:, 64:], picture[:, 64:])
     edge = boundary_rows(room, geometry)[1]
+    slope = np.hypot(1, np.gradient(edge))
     for column in range(64):
-        row = int(edge[column])
-        share = row + 1 - edge[column]
-        assert abs(mixed[row, column, 0] - (10 * share + 50 * (1 - share))) < 0.01
-    assert 0 < (mixed != picture).any(axis=-1)[:, :64].sum() <= 64
+        for row in (int(edge[column]) - 1, int(edge[column]), int(edge[column]) + 1):
+            share = np.clip(0.5 + (row + 0.5 - edge[column]) / (2 * SOFT_PX * slope[column]), 0, 1)
+            assert abs(mixed[row, column, 0] - (10 * share + 50 * (1 - share))) < 0.01
+    assert 0 < (mixed != picture).any(axis=-1)[:, :64].sum() <= 64 * 4
+
+
+def test_the_rim_of_a_filling_has_the_tone_of_what_is_beside_it() -> None:
+    filled, planes = np.zeros((128, 256), bool), np.full((128, 256), 2, np.int16)
+    filled[40:90, 60:140] = True
+    planes[:, 100:] = 3
+    picture = np.full((128, 256, 3), 20.0, np.float32)
+    picture[filled] *= 0.93
+    picture[30:70, 140:] = 200  # another thing beside it
+    met = picture.copy()
+    meet_rims(met, filled, planes)
+    assert np.array_equal(met[~filled], picture[~filled])
+    assert np.allclose(met[40, 70:95], 20, rtol=0.01)
+    assert np.allclose(met[55:75, 80:90], 20 * 0.93, rtol=0.01), "it runs out"
+    assert np.allclose(met[50:60, 139], 20 * 0.93, rtol=0.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -53,6 +54,29 @@ def test_noise_has_no_lattice_and_keeps_its_roughness() -> None:
     found = complete(noise, ~hole, hole)
     assert found.repeat is Repeat.NONE
     assert 0.75 < found.values[hole].std() / noise[~hole].std() < 1.25
+
+
+def test_noise_of_some_texels_is_no_lattice_and_fills_large_holes_all_over() -> None:
+    """Next to nothing repeats with itself: a mean of such copies is a blur. Grain comes from as far as it must."""
+    rough = cv2.GaussianBlur(np.random.default_rng(961331).normal(0, 1, (240, 260, 1)), (0, 0), 1.2)
+    carpet = np.repeat(0.3 * np.exp(0.1 * rough / rough.std()), 3).reshape(240, 260, 3).astype(np.float32)
+    hole = hole_in(carpet.shape, slice(0, 200), slice(60, 260))
+    found = complete(carpet, ~hole, hole)
+    assert found.repeat is Repeat.NONE
+    for part in (np.s_[:60, 200:], np.s_[100:160, 120:180]):
+        assert 0.6 < found.values[part].std() / carpet[~hole].std() < 1.4
+
+
+def test_a_mosaic_is_found_where_a_small_picture_shows_none() -> None:
+    y, x = np.mgrid[:960, :1000].astype(np.float64)
+    cells = 0.4 + 0.2 * (np.cos(2 * np.pi * x / 6.5) * np.cos(2 * np.pi * y / 7.25))
+    noise = np.random.default_rng(4).normal(0, 0.02, (960, 1000))
+    mosaic = np.repeat((cells + noise)[..., None], 3, axis=-1).astype(np.float32)
+    hole = hole_in(mosaic.shape, slice(400, 560), slice(400, 600))
+    found = complete(mosaic, ~hole, hole)
+    assert found.lattice is not None
+    assert found.lattice.cell_px < 30
+    assert np.median(np.abs(found.values - mosaic)[hole] / mosaic[hole]) < 0.1
 
 
 def test_planks_run_on() -> None:
