@@ -34,7 +34,7 @@ JOINT = 0.02  # cost from which a piece begins at a joint, and is not faded in (
 LIVELIEST = 3.0  # times the usual piece's mean square, beyond which a piece is no better (chosen)
 TRIES = 14  # times three pieces tried for each place, one of them of its own board
 MOST_OFF = 0.15  # tone by which a piece is made brighter or darker to meet what it touches
-COARSE, AGAIN = 0.004, 0.01  # costs of being seen less finely than the place (squared stops), of lying near its like
+AGAIN = 0.01  # cost of lying near its like (chosen)
 NEAR_BOARDS, NEAR_WIDTHS = 4, 9.0  # boards and widths along them within which the same piece is seen to repeat
 
 
@@ -50,8 +50,6 @@ class _Floor:
     """(H, W, 3): what is laid: as seen, without what changes beside each other on several boards."""
     agreed: Floats
     """(H, W), 0..1: how well what is laid agrees with what it touches."""
-    fine: Floats
-    """(H, W): binary logarithm of how finely it is seen."""
     boards: list[tuple[int, int]]
     """First row of each board, and the row after the last."""
     width: float
@@ -65,12 +63,10 @@ class _Floor:
     """Whether pieces are even along: then one piece goes on along its board."""
 
 
-def lay_boards(
-    flat: Floats, known: Flags, hole: Flags, density: Floats | None, direction: Doubles
-) -> tuple[Floats, Floats, Flags]:
+def lay_boards(flat: Floats, known: Flags, hole: Flags, direction: Doubles) -> tuple[Floats, Floats, Flags]:
     """Return tones (H, W, 3) with boards in the ``hole`` (H, W), 0..1 how well they agree, and what is left (H, W).
 
-    ``flat`` (H, W, 3): tones without light, 0 where not ``known`` (H, W). ``density`` (H, W): picture pixels a texel.
+    ``flat`` (H, W, 3): tones without light, 0 where not ``known`` (H, W);
     ``direction`` (2,): unit, (dx, dy) along the grain.
     """
     move, size = _turned(direction, hole.shape)
@@ -78,8 +74,7 @@ def lay_boards(
     seen = np.asarray(turn(known.astype(np.float32)) > 0.999)
     lack = (turn(hole.astype(np.float32)) > 0) & ~seen
     tone = np.where(seen[..., None], turn(flat, flags=cv2.INTER_LANCZOS4), 0).astype(np.float32)
-    fine = np.zeros(seen.shape, np.float32) if density is None else np.log2(np.maximum(turn(density), 1e-3))
-    floor, sure = _floor(tone, seen, np.asarray(fine, np.float32), max(hole.shape)), known.astype(np.float32)
+    floor, sure = _floor(tone, seen, max(hole.shape)), known.astype(np.float32)
     if not floor.pieces:
         return flat, sure, hole
     if lack.sum() > MOST_TIMES * sum(last - first for _, first, last in floor.pieces) * floor.width:
@@ -88,14 +83,14 @@ def lay_boards(
     for board, (top, end) in enumerate(floor.boards):
         for gap in _runs(np.asarray(lack[top:end].any(axis=0))):
             _lay(floor, board, gap, lack, rng)
-    linear, cubic = (each | cv2.WARP_INVERSE_MAP for each in (cv2.INTER_LINEAR, cv2.INTER_LANCZOS4))
+    linear, sharp = (each | cv2.WARP_INVERSE_MAP for each in (cv2.INTER_LINEAR, cv2.INTER_LANCZOS4))
     offered = hole & (back(floor.done.astype(np.float32), flags=linear) > 0.5)
     sure[offered] = back(floor.agreed, flags=linear)[offered]
-    laid = back(floor.tone, flags=cubic)
+    laid = back(floor.tone, flags=sharp)
     return np.where(offered[..., None], laid, flat).astype(np.float32), sure, hole & ~offered
 
 
-def _floor(tone: Floats, seen: Flags, fine: Floats, size: int) -> _Floor:
+def _floor(tone: Floats, seen: Flags, size: int) -> _Floor:
     """Return what a turned texture (H, W, 3) has of boards; the longest pieces, so that a floor has few joints."""
     boards, width = _boards(grey(tone), seen, size)
     whole = _usual(tone, seen, width)
@@ -113,7 +108,7 @@ def _floor(tone: Floats, seen: Flags, fine: Floats, size: int) -> _Floor:
     source = np.asarray(tone - shade, np.float32)
     parts = (source[slice(*boards[board]), first:last] for board, first, last in pieces)
     lively = float(np.mean([np.square(part - part.mean(axis=(0, 1))).mean() for part in parts])) if pieces else 1.0
-    return _Floor(tone, seen, source, np.zeros_like(fine), fine, boards, width, pieces, max(lively, 1e-9), [])
+    return _Floor(tone, seen, source, np.zeros(seen.shape, np.float32), boards, width, pieces, max(lively, 1e-9), [])
 
 
 def _turned(direction: Doubles, shape: tuple[int, ...]) -> tuple[Doubles, tuple[int, int]]:
@@ -264,9 +259,6 @@ def _tried(
     # The calmest piece is the least unlike any place: a floor of such would be dull.
     lively = float(np.square(piece - piece.mean(axis=(0, 1))).mean()) / floor.lively
     cost = _offsets(floor.tone[part] - piece, floor.done[part], floor.width)[1] * 2 / (1 + min(lively, LIVELIEST))
-    up, down = floor.boards[other]
-    coarse = float(floor.fine[top:end, place : place + long].mean() - floor.fine[up:down, start : start + long].mean())
-    cost += COARSE / 2 * max(coarse, 0) ** 2
     for a_board, at, from_board, column in floor.laid[-12 * NEAR_BOARDS :]:
         alike = from_board == other and abs(column - at - start + place) < 2 * rim
         near = board - a_board <= NEAR_BOARDS and abs(at - place) < NEAR_WIDTHS * floor.width
@@ -274,6 +266,6 @@ def _tried(
         cost += AGAIN * (((alike and near) or again) and not floor.even)
     if floor.even and floor.laid and floor.laid[-1][0] == board:
         cost += 10 * AGAIN * (floor.laid[-1][2] != other)
-    narrower = (down - up) / (end - top)
+    narrower = (floor.boards[other][1] - floor.boards[other][0]) / (end - top)
     cost += 0.02 * abs(np.log(narrower)) + AGAIN / 5 * (left - long) / max(left, 1)
     return float(cost * rng.uniform(0.8, 1.2)), source, start, long

@@ -86,7 +86,7 @@ def complete(
             offsets = shifts.lattice_offsets(lattice, known.shape[:2])
             filled, confidence, left = _Job(flat, known, hole, density).filled(offsets, BOX * lattice.cell_px)
         elif line is not None:
-            filled, confidence, left = lay_boards(flat, known, hole, density, line.direction)
+            filled, confidence, left = lay_boards(flat, known, hole, line.direction)
         out[hole] = scale.light((filled + slow)[hole])
     if left.any():
         plain = fill_plain(values, known, hole, level_rows=False)

@@ -71,7 +71,7 @@ def test_of_a_piece_that_is_laid_again_and_again_marks_are_left_out() -> None:
     known[144:176, 60:150] = True
     tone[152:156, 100:104] -= 1.0
     hole = ~known
-    found, sure, left = lay_boards(np.where(known[..., None], tone, 0), known, hole, None, ALONG)
+    found, sure, left = lay_boards(np.where(known[..., None], tone, 0), known, hole, ALONG)
     assert not left[20:-20].any()
     assert (sure[hole & ~left] > 0).all()
     assert np.median(found[152:156, 100:104]) < -0.7, "what is seen stays"
@@ -83,5 +83,5 @@ def test_where_no_board_is_seen_whole_the_floor_is_plain() -> None:
     hole = np.ones(floor.shape[:2], bool)
     hole[:, 200:206] = False
     flat = np.where(hole[..., None], 0, np.log(floor)).astype(np.float32)
-    assert np.array_equal(lay_boards(flat, ~hole, hole, None, ALONG)[2], hole)
+    assert np.array_equal(lay_boards(flat, ~hole, hole, ALONG)[2], hole)
     assert np.isfinite(complete(floor, ~hole, hole).values).all()
