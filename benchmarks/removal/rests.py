@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.removal.rests [ROOMS]``: simulated rooms of validation seeds; furniture's mask is eroded, so
 that a rim of everything stays, and of rugs every other half metre is in it. What is filled on the floor is compared
-with the truly emptied room, with the check of sources (`processing.removal.sources`) and without.
+with the truly emptied room, with the check of sources (`plane_sources`) and without.
 """
 
 from __future__ import annotations

@@ -12,11 +12,10 @@ from processing.ground.arrays import Flags, Floats, Indices
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
-from processing.removal.near_periodic import Repeat, analyse, complete
+from processing.removal.near_periodic import Repeat, analyse, complete, plane_sources
 from processing.removal.near_periodic_fill import window_around
 from processing.removal.plain import fill_plain
 from processing.removal.skirting import Skirting
-from processing.removal.sources import plane_sources
 from processing.removal.upright_parts import MOSTLY_THING, Part, ends_level, level_edges, side_px, upright_parts
 from processing.surfaces.maps import FIRST_WALL, FLOOR
 from processing.surfaces.textures import FRAME_M, Texture, opening_regions

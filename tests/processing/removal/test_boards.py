@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,7 +21,7 @@ def boards(height: int = 320, width: int = 480, seed: int = 4) -> Floats:
     tone = np.zeros((height, width))
     for top in range(0, height, WIDTH):
         ends = [0, *np.sort(rng.integers(60, width - 60, 3)).tolist(), width]
-        for start, end in zip(ends[:-1], ends[1:], strict=True):
+        for start, end in pairwise(ends):
             grain = rng.normal(0, 0.02, (WIDTH, 1)) + rng.normal(0, 0.01, (WIDTH, end - start))
             tone[top : top + WIDTH, start:end] = rng.normal(0, 0.12) + grain
         tone[top] -= 0.25

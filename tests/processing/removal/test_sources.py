@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.near_periodic import complete
-from processing.removal.sources import plane_sources
+from processing.removal.near_periodic import complete, plane_sources
 
 PX_PER_M = 40.0
 SHAPE = (160, 200)
