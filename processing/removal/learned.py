@@ -5,6 +5,7 @@ hole; one output (1, 3, H, W) in 0..1 or 0..255, which is found out on loading. 
 No network is shipped.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from processing.errors import FillerError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import srgb_decoded, srgb_encoded
 from processing.pictures.images import luminance_cd_m2
+from processing.removal.near_periodic_fill import window_around
 from processing.removal.plane_fill import FilledPlane
 from processing.segmentation.segmenters import open_session
 
@@ -24,7 +26,7 @@ WHITE = 4.0  # times the median luminance: what the network is shown as white
 SURE, UNSURE = 0.65, 0.25  # confidence above which our filling stays, and below which the network's takes its place
 LEARNED_CONFIDENCE = 0.5  # of what a user's network fills; chosen, never swept
 INVENTED = 0.1  # share of the network's picture from which a texel is no continuation of what is seen
-CONTEXT = 0.35  # of the hole's size that the network sees around it
+CONTEXT = 0.35  # of the root of the hole's area that the network sees around it
 THREADS = 2  # chosen, never swept
 
 
@@ -76,7 +78,7 @@ class LamaFiller:
         weight = np.clip((SURE - filled.confidence) / (SURE - UNSURE), 0, 1) * filled.hole
         if not (weight > 0.01).any():
             return filled
-        window = _window(filled.hole, CONTEXT)
+        window = window_around(filled.hole, 8 + round(CONTEXT * math.sqrt(filled.hole.sum())))
         light, hole = filled.values[window], filled.hole[window]
         seen = filled.texture.known[window]
         among = seen if seen.any() else np.ones_like(seen)
@@ -105,12 +107,3 @@ class LamaFiller:
         mask = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
         found = np.clip(self._run(small, mask), 0, 1)
         return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-
-
-def _window(hole: Flags, context: float) -> tuple[slice, slice]:
-    parts = []
-    for axis in (1, 0):
-        places = np.flatnonzero(hole.any(axis=axis))
-        margin = 8 + round(context * (places[-1] - places[0]))
-        parts.append(slice(max(0, int(places[0]) - margin), min(hole.shape[1 - axis], int(places[-1]) + margin + 1)))
-    return parts[0], parts[1]
