@@ -20,6 +20,7 @@ from processing.removal.illumination import grey, known_mean
 
 WIDTHS, USUAL_WIDTH = (0.0115, 0.065), 0.028
 """Of the texture's size: widths of boards that are sought, and taken where none shows (chosen: 12 cm in 4 m)."""
+FEW = 2  # pieces, under which boards are taken to be of the usual width (chosen)
 LEAST_PERIOD = 0.25  # self-correlation of edges from which they have a period (chosen)
 DARKENING = 0.7  # of a change's weight where the next row is darker (chosen)
 LOOSE = 0.3  # of its width, by which a board may be wider or narrower
@@ -28,6 +29,7 @@ ODD = 4.0  # robust deviations of tone or colour from which a place is glare, a 
 LEAST_RUNS, MOST_TIMES, MARK = 6, 30, 1.5
 """Pieces, of which short ones are taken too; times that all pieces are laid, from which marks on them are no longer;
 median deviations, which is a mark (chosen)."""
+MOST_PROFILE = 0.1  # tone across a board without marks, so that no floor has the stripes of its one piece (chosen)
 WHOLE = 0.97  # of a board's width that must be seen (chosen)
 SHADE, SEVERAL = 0.15, 3.0  # widths along and across boards in whose mean several of them change alike (chosen)
 JOINT = 0.02  # cost from which a piece begins at a joint, and is not faded in (chosen)
@@ -74,7 +76,10 @@ def lay_boards(flat: Floats, known: Flags, hole: Flags, direction: Doubles) -> t
     seen = np.asarray(turn(known.astype(np.float32)) > 0.999)
     lack = (turn(hole.astype(np.float32)) > 0) & ~seen
     tone = np.where(seen[..., None], turn(flat, flags=cv2.INTER_LANCZOS4), 0).astype(np.float32)
-    floor, sure = _floor(tone, seen, max(hole.shape)), known.astype(np.float32)
+    size_px, sure = max(hole.shape), known.astype(np.float32)
+    floor = _floor(tone, seen, size_px, WIDTHS)
+    if len(floor.pieces) < FEW:
+        floor = _floor(tone, seen, size_px, (USUAL_WIDTH, USUAL_WIDTH))
     if not floor.pieces:
         return flat, sure, hole
     if lack.sum() > MOST_TIMES * sum(last - first for _, first, last in floor.pieces) * floor.width:
@@ -90,9 +95,9 @@ def lay_boards(flat: Floats, known: Flags, hole: Flags, direction: Doubles) -> t
     return np.where(offered[..., None], laid, flat).astype(np.float32), sure, hole & ~offered
 
 
-def _floor(tone: Floats, seen: Flags, size: int) -> _Floor:
+def _floor(tone: Floats, seen: Flags, size: int, widths: tuple[float, float]) -> _Floor:
     """Return what a turned texture (H, W, 3) has of boards; the longest pieces, so that a floor has few joints."""
-    boards, width = _boards(grey(tone), seen, size)
+    boards, width = _boards(grey(tone), seen, size, widths)
     whole = _usual(tone, seen, width)
     found = [
         (board, *run)
@@ -121,7 +126,7 @@ def _turned(direction: Doubles, shape: tuple[int, ...]) -> tuple[Doubles, tuple[
     return np.column_stack([turn, -low]), (int(wide), int(tall))
 
 
-def _boards(tone: Floats, seen: Flags, size: int) -> tuple[list[tuple[int, int]], float]:
+def _boards(tone: Floats, seen: Flags, size: int, widths: tuple[float, float]) -> tuple[list[tuple[int, int]], float]:
     """Return the rows of boards, and how wide they mostly are: cut where tones (H, W) change all along the rows."""
     usual = max(USUAL_WIDTH * size, 4.0)
     weight, along = seen.astype(np.float32), (round(LONG_RUN / 3 * usual) | 1, 1)
@@ -136,7 +141,7 @@ def _boards(tone: Floats, seen: Flags, size: int) -> tuple[list[tuple[int, int]]
     step, given = gaussian_filter1d(step, 1.0), count > usual
     level = gaussian_filter1d(np.where(given, step, 0), usual) / np.maximum(gaussian_filter1d(given * 1.0, usual), 1e-3)
     edge = np.where(given, np.clip(step / np.maximum(level, 1e-6) - 1, -1, 3), 0)
-    lags = np.arange(max(5, int(WIDTHS[0] * size)), max(8, int(WIDTHS[1] * size)))
+    lags = np.arange(max(5, int(widths[0] * size)), max(8, int(widths[1] * size)))
     usable = lags[lags < len(edge) // 2]
     cut, power = np.minimum(edge, 2), max(float((np.minimum(edge, 2)[given] ** 2).mean()), 1e-6) if given.any() else 1.0
     alike = np.array([(cut[n:] * cut[:-n]).sum() / max((given[n:] & given[:-n]).sum(), 20) for n in usable]) / power
@@ -214,7 +219,8 @@ def _without_marks(floor: _Floor) -> None:
     """Leave but grain along each piece, in place: knots and shade of a few pieces would be seen again and again."""
     for board, first, last in floor.pieces:
         piece = floor.source[slice(*floor.boards[board]), first:last]
-        even = np.median(piece, axis=1, keepdims=True)
+        even, mean = np.median(piece, axis=1, keepdims=True), piece.mean(axis=(0, 1))
+        even = mean + np.clip(even - mean, -MOST_PROFILE, MOST_PROFILE)
         grain = piece - cv2.blur(piece, (2 * round(floor.width / 4) + 1, 1))
         most = MARK * np.median(np.abs(grain))
         piece[:] = even + np.clip(grain, -most, most)
