@@ -34,7 +34,7 @@ class Repeat(StrEnum):
     LATTICE = "lattice"
     LINE = "line"
     """Along one direction: planks."""
-    NONE = "none"
+    NONE = "plain"
 
 
 BOX = 0.35  # of a cell: the neighbourhood in which it is judged whether a copy fits

@@ -226,8 +226,8 @@ def _by_parts(
     wall, (sources, upright, things) = texture.plane.index >= FIRST_WALL, seen
     parts = upright_parts(values, (upright, things), hole, texture.px_per_m) if wall else [Part(slice(None), 0)]
     if len(parts) == 1:
-        values, sure, goes_on, how = _surface(texture, values, _bare(sources, things & wall), hole, skirting)
-        return values, sure, np.full_like(hole, goes_on), how
+        values, sure, how = _surface(texture, values, _bare(sources, things & wall), hole, skirting)
+        return values, sure, np.ones_like(hole), how
     out, sure, continued = values.copy(), np.ones(hole.shape, np.float32), np.ones_like(hole)
     for columns, top in parts:
         part = np.s_[:, columns]
@@ -236,7 +236,7 @@ def _by_parts(
         hangs = fit.any() and things[part][fit].mean() > MOSTLY_THING
         if inside.any() and fit.sum() >= LEAST_TEXELS and not hangs:
             own, fit = replace(texture, density=texture.density[part]), _bare(fit, things[part])
-            out[part], sure[part], continued[part], _ = _surface(own, values[part], fit, inside, skirting)
+            out[part], sure[part], _ = _surface(own, values[part], fit, inside, skirting)
         elif inside.any():
             out[part] = hanging(values[part], sources[part], inside, texture.px_per_m)
             sure[part], continued[part] = np.where(inside, SURE, 1), False
@@ -251,8 +251,8 @@ def _bare(sources: Flags, things: Flags) -> Flags:
 
 def _surface(
     texture: Texture, values: Floats, sources: Flags, hole: Flags, skirting: Skirting | None
-) -> tuple[Floats, Floats, bool, str]:
-    """Return values, confidence, whether it is a continuation, and how it was filled."""
+) -> tuple[Floats, Floats, str]:
+    """Return values, confidence, and how it was filled: as the surface repeats, or plain."""
     if texture.plane.index == FLOOR:
         little = sources.sum() < LITTLE * (sources | hole).sum()
         found = analyse(values, sources, WALL_NCC if little else 0.0)
@@ -275,17 +275,17 @@ def _surface(
         )
         said = f"plain (roughness {plain.roughness:.3f})"
         if plain.roughness < PATTERN:
-            return plain.values, plain.confidence, True, said
+            return plain.values, plain.confidence, said
         # Skirting runs along the wall and is no part of its pattern.
         rows = np.exp(plain.profile)
         level = np.asarray(values / rows, np.float32)
         found = analyse(level, plain.clean)
         if found.repeat is Repeat.NONE or (found.lattice is not None and found.lattice.strength < WALL_NCC):
-            return plain.values, plain.confidence, True, said + ", no pattern"
+            return plain.values, plain.confidence, said + ", no pattern"
         done = complete(level, plain.clean, hole, density=texture.density, found=found)
         done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
-    return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
+    return done.values, done.confidence, f"{done.repeat.value}{kind}"
 
 
 # Pictures and mirrors on walls that lose a part to what is removed before them: a rectangle is seen to go on.
