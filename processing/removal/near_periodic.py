@@ -7,6 +7,7 @@ repeats in one direction only, copies come from along that direction; where it d
 gives copies that fit their surroundings.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -21,7 +22,7 @@ from processing.removal.near_periodic_fill import Weights, blend, met_to_rim, so
 from processing.removal.near_periodic_lattice import Lattice, Line
 from processing.removal.plain import fill_plain
 
-SEARCH_PX, FINE_PX = 400, 1200  # of the longer side of the picture on which the lattice is sought: first, then
+SEARCH_PX = (400, 1200)  # of the longer side of the pictures on which the lattice is sought: first, then
 SOLVE_PX = 100_000  # pixels of the window on which copies are chosen
 RIM_PX = 6.0  # chosen, never swept
 GRAIN_PX = 2.0  # chosen, never swept
@@ -108,13 +109,13 @@ class Analysis:
         return Repeat.LATTICE if self.lattice else Repeat.LINE if self.line else Repeat.NONE
 
 
-def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, search_px: int = SEARCH_PX) -> Analysis:
+def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, sizes: Sequence[int] = SEARCH_PX) -> Analysis:
     """Return how the known part of a texture (H, W, 3) repeats; a lattice weaker than ``least_ncc`` is none.
 
-    It is sought on a picture of ``search_px``, and where nothing is found on a finer one: mosaic.
+    It is sought on a picture of the first of ``sizes``, and where nothing is found on the next one: mosaic.
     """
     tone = np.where(known, grey(ToneScale.of(values, known).tone(values)), 0).astype(np.float32)
-    factor = min(1.0, search_px / max(tone.shape))
+    factor = min(1.0, sizes[0] / max(tone.shape))
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
     smooth = 0.1 * min(small.shape[:2])
@@ -126,8 +127,8 @@ def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, search_px: int
     if lattice is not None and lattice.strength >= least_ncc:
         return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None)
     line = shifts.find_line(field, inner)
-    if line is None and factor < 1 and search_px < FINE_PX:
-        return Analysis(analyse(values, known, least_ncc, FINE_PX).lattice, None)
+    if line is None and factor < 1 and len(sizes) > 1:
+        return Analysis(analyse(values, known, least_ncc, sizes[1:]).lattice, None)
     return Analysis(None, line)
 
 

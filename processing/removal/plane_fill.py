@@ -12,7 +12,7 @@ from processing.ground.arrays import Flags, Floats, Indices
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
-from processing.removal.near_periodic import Repeat, analyse, complete, plane_sources
+from processing.removal.near_periodic import SEARCH_PX, Repeat, analyse, complete, plane_sources
 from processing.removal.near_periodic_fill import window_around
 from processing.removal.plain import fill_plain
 from processing.removal.skirting import Skirting
@@ -279,7 +279,7 @@ def _surface(
         # Skirting runs along the wall and is no part of its pattern.
         rows = np.exp(plain.profile)
         level = np.asarray(values / rows, np.float32)
-        found = analyse(level, plain.clean)
+        found = analyse(level, plain.clean, sizes=SEARCH_PX[:1])
         if found.repeat is Repeat.NONE or (found.lattice is not None and found.lattice.strength < WALL_NCC):
             return plain.values, plain.confidence, said + ", no pattern"
         done = complete(level, plain.clean, hole, density=texture.density, found=found)
