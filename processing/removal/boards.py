@@ -77,6 +77,8 @@ def lay_boards(flat: Floats, known: Flags, hole: Flags, direction: Doubles) -> t
     lack = (turn(hole.astype(np.float32)) > 0) & ~seen
     tone = np.where(seen[..., None], turn(flat, flags=cv2.INTER_LANCZOS4), 0).astype(np.float32)
     size_px, sure = max(hole.shape), known.astype(np.float32)
+    if not seen.any():
+        return flat, sure, hole
     floor = _floor(tone, seen, size_px, WIDTHS)
     if len(floor.pieces) < FEW:
         floor = _floor(tone, seen, size_px, (USUAL_WIDTH, USUAL_WIDTH))

@@ -87,3 +87,13 @@ def test_where_no_board_is_seen_whole_the_floor_is_plain() -> None:
     flat = np.where(hole[..., None], 0, np.log(floor)).astype(np.float32)
     assert np.array_equal(lay_boards(flat, ~hole, hole, ALONG)[2], hole)
     assert np.isfinite(complete(floor, ~hole, hole).values).all()
+
+
+def test_of_single_texels_and_of_next_to_nothing_no_boards_are_laid() -> None:
+    tone = np.log(boards()[:60, :80]).astype(np.float32)
+    y, x = np.mgrid[:60, :80]
+    slanted = np.array([np.cos(0.4), np.sin(0.4)])
+    for known in ((x + y) % 2 == 0, (x == 40) & (y == 30)):
+        found, _, left = lay_boards(np.where(known[..., None], tone, 0), known, ~known, slanted)
+        assert np.array_equal(left, ~known)
+        assert np.isfinite(found).all()
