@@ -55,6 +55,8 @@ class Shade(NamedTuple):
     """(h, w): seen places from which the furniture keeps the sun away."""
     shadow: Flags | None = None
     """(H, W), of the picture: soft shadows of furniture as they were found."""
+    doubt: float = 0.0
+    """Standard uncertainty of each plane's log change."""
 
 
 def lifted(
@@ -108,8 +110,9 @@ def lifted(
     apart = glass | ~(target | (stays & (change != 0)))
     _in_bands(partial(_multiplied, rgb, change), [even], None, apart, GAIN)
     change[~stays] = 0
-    uncertainty = np.abs(change)
-    np.hypot(done.image.uncertainty, np.multiply(uncertainty, np.float32(LIFT_DOUBT), out=uncertainty), out=uncertainty)
+    uncertainty = np.float32(LIFT_DOUBT) * change
+    np.hypot(uncertainty, np.float32(shade.doubt) * (change != 0), out=uncertainty)
+    np.hypot(done.image.uncertainty, uncertainty, out=uncertainty)
     return replace(done, image=replace(done.image, uncertainty=uncertainty)), change
 
 

@@ -78,7 +78,7 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.3, "light with and without furniture")
     rows = min(most_rows, image.rgb.shape[0])
     old, sun = OldFurniture(furniture, target, parts), _sun_by_patches(context) if outdoors is None else None
-    both = furnished_light(image, room, outdoors, old, rows=rows, effort=effort, known_sun=sun)
+    both = furnished_light(image, room, outdoors, old, rows=rows, effort=effort, known_sun=sun).believed()
     _write(context, both)
     return _output(both, source, warnings)
 
@@ -117,6 +117,7 @@ def _write(context: StageContext, found: FurnishedLight) -> None:
             seen=found.seen,
             standin_m=found.standin_m.astype(np.float16),
             returned=found.returned,
+            doubt=found.doubt,
         )
     write_scene(context.folder / "scene.npz", found.scene)
 
@@ -130,7 +131,8 @@ def read_shade(context: StageContext) -> Shade | None:
         light = np.exp(kept["log_without_lx"].astype(np.float32))
         # 1e-6 lx stands for a place whose light is unknown.
         light = np.where(light.max(axis=-1, keepdims=True) > UNKNOWN_LX, light, np.float32(0))
-        return Shade(kept["log_change"].astype(np.float32), light, kept["seen"], kept["returned"])
+        change, doubt = kept["log_change"].astype(np.float32), float(kept["doubt"])
+        return Shade(change, light, kept["seen"], kept["returned"], doubt=doubt)
 
 
 def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOutput:

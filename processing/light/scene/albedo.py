@@ -24,6 +24,7 @@ from processing.ground.seam import resized
 from processing.light.scene import room_light, sources
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, plain, shell_of
 from processing.light.solver.irradiance import Effort
+from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import Sight, albedo_of, sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
@@ -373,3 +374,22 @@ def continued(values: Floats, known: Flags, colour: Doubles) -> Floats:
     """
     blurs = [partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=sigma) for sigma in (2.0, 8.0, 32.0)]
     return np.clip(carried_on(values, known, blurs, colour), LEAST_ALBEDO, MOST_ALBEDO)
+
+
+def everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
+    """Return albedo (P, 3) of all patches: hidden ones take that of their surface nearby, or of their own body."""
+    out = np.clip(albedo, LEAST_ALBEDO, MOST_ALBEDO)
+    p = stage.patches
+    usual = np.median(out[known], axis=0) if known.any() else np.full(3, 0.5)
+    for columns, rows, first in p.grids:
+        mine = slice(first, first + columns * rows)
+        texture = out[mine].reshape(rows, columns, 3).astype(np.float32)
+        out[mine] = continued(texture, known[mine].reshape(rows, columns), usual).reshape(-1, 3)
+    furniture = p.owner == FURNITURE
+    body = np.full(p.count, -1)
+    body[p.item[furniture]] = p.part[furniture]
+    for number, part in enumerate(stage.scene.parts):
+        mine = body == number
+        shown = mine & known
+        out[mine & ~known] = np.median(out[shown], axis=0) if shown.any() else part.material.colour
+    return np.asarray(out)

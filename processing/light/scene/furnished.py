@@ -9,7 +9,7 @@ with the photograph as its own light probe).
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -19,11 +19,10 @@ from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import smoothed
 from processing.ground.threads import side_by_side
 from processing.light.scene import sources
-from processing.light.scene.albedo import DARK, LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
+from processing.light.scene.albedo import DARK, brought_to, everywhere, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
 from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, Sun
 from processing.light.solver.irradiance import Effort, cleaned, evened, gathered
-from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import FIRST_PART, GLASS, Sight, sight_of
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
@@ -32,7 +31,7 @@ from processing.light.solver.transport import BrightPatches, LightMap, bounced, 
 from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import SurfaceMaps, surface_maps
+from processing.surfaces.maps import FLOOR, SurfaceMaps, surface_maps
 
 ROUNDS = 6
 """Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
@@ -46,11 +45,17 @@ SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, 
 GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
 FAR_RATIO = 0.1  # of a plane's own ratio, within which a place counts as far from furniture; chosen
 LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
-SUNLIT, SHINES, LEAST_DUE_M2 = 0.3, 3.0, 0.25
-"""Of the full sun, from which a patch of furniture is in it; times what furniture in the shade shows, from which one
-shows that; area of such patches in sight, from which they are asked. Chosen."""
 LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is hardly weighed; chosen, 3 % is not seen
 GUARD_WIDE = 4.0  # times as far, over which shares are brought together (chosen: 1 and 2 leave lines on plain walls)
+SHINES = 3.0  # times what furniture shows in the median, from which it is in the sun; chosen
+PRIOR, FLOOR_TIMES, SPREAD, DOUBT = 0.2, 2.0, 0.15, (0.08, 0.15)
+"""Log change of a room's walls and ceiling, were as much furniture's surface as all others, as the root of its share;
+times that, of its floor; by how much rooms differ from it, and what is found on a plane from the truth, with a picture
+of the sky and without, where no sun falls on furniture (docs/measurements/emptying.md)."""
+GROSS, GROSS_SPREAD = 0.2, 0.5  # of rooms, whose change is found so far from the truth besides; chosen
+SUNLIT, LEAST_DUE_M2, USUAL_SUN = 0.1, 0.1, 0.6
+"""Of the full sun, from which a patch is in it; area facing the sun of such patches in sight, from which they are asked
+how much falls in, and how much does else. Chosen on six rooms: docs/measurements/emptying.md."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,15 @@ class FurnishedLight:
     """The bare room, its windows as they were measured with the furniture in it, under as much sun as it shows."""
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
+    moved: Floats
+    """(H, W, 3): by what the log change, and that of the light without furniture, have to be moved to be believed."""
+    doubt: float
+    """Standard uncertainty of each plane's log change, once it is moved."""
+
+    def believed(self) -> Self:
+        """Return the light as it is believed: nearer to what furniture takes from rooms, the less was certain here."""
+        change = self.log_change + np.where(self.seen[..., None], self.moved, 0)
+        return replace(self, log_change=change, without_lx=self.without_lx * np.exp(self.moved))
 
 
 class OldFurniture(NamedTuple):
@@ -118,12 +132,12 @@ def furnished_light(
         bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, measured = _measured(full, bare, shown, effort, seed)
     if known_sun is not None:
-        bare = _with_sun_back(full, bare, shown, known_sun, effort.patch_samples, seed)
+        full, bare = _with_sun_back(full, bare, shown, known_sun, effort.patch_samples, seed)
         measured += (f"sun: {known_sun[1]:.0f} times the light in the shade, by its patches in the room",)
     both = _both_lights(full, bare, shown, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
     own = large.solid & both.known & ~gone.ravel()
-    sun = _sunlit(bare, large, rgb, both.with_lx, own)
+    sun = sources.sunlit_pixels(bare, large, rgb, both.with_lx, own)
     hidden = [sun_of(stage, large, effort.sun_samples, seed) @ WEIGHTS for stage in (full, bare)]
     returned = own & (hidden[0] < hidden[1] / 2) & ~sun.any(axis=1)
     shape = (rows, 2 * rows, 3)
@@ -138,9 +152,11 @@ def furnished_light(
     change = np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]
     change = guarded(change, level, (rgb @ WEIGHTS, whole @ WEIGHTS), seen, maps)
     log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
-    notes = (*notes, f"{len(old.parts)} stand-ins", *measured)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
-    return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes)
+    moved, trust = _moved(log_change, seen, maps, *_known_beside(full, bare, shown, DOUBT[outdoors is None]))
+    said = f"change of light: {100 * trust:.0f} % as found, the rest as in rooms with so much furniture"
+    notes, doubt = (*notes, f"{len(old.parts)} stand-ins", *measured, said), SPREAD * math.sqrt(1 - trust)
+    return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes, moved, doubt)
 
 
 def _reduced(mask: Flags, rows: int) -> Flags:
@@ -198,9 +214,9 @@ def _measured(
         apparent = shown.reflects / np.maximum(shade, 1e-9)
         known = shown.known & ~zone & (shade @ WEIGHTS > DARK_SHARE * float(np.median(shade @ WEIGHTS)))
         usual = np.median(apparent[known & shell], axis=0) if (known & shell).any() else np.full(3, 0.5)
-        shines = known & shell & (apparent @ WEIGHTS > sources.LAMP_TIMES)
+        shines = known & (apparent @ WEIGHTS > sources.LAMP_TIMES)
+        albedo, shines = everywhere(full, apparent, known & ~shines), shines & shell
         exitance = np.where(shines[:, None], np.maximum(shown.reflects - usual * level, 0), 0)
-        albedo = _everywhere(full, np.where(shines[:, None], usual, apparent), known)
         # As much sun as the picture shows, on whatever: what holds it back besides furniture (trees, slats, sashes) no
         # model knows; nor by how much its windows are too small.
         over, matte, due = (one @ WEIGHTS * area for one in (shown.given, albedo * shade, albedo * sun))
@@ -216,44 +232,31 @@ def _measured(
 
 def _with_sun_back(
     full: Stage, bare: Stage, shown: _Shown, sun: tuple[Vector, float], samples: int, seed: int
-) -> Stage:
-    """Return the bare room whose own patches give back the sun that falls on them without furniture alone."""
+) -> tuple[Stage, Stage]:
+    """Return both rooms with what the picture does not show of the sun: the bare one's own patches give back what falls
+    on them without furniture alone, and among it do sides of the furniture that the camera does not see."""
     lit, outdoors = list[Doubles](), Outdoors(DARK, Sun(sun[0], (1.0, 1.0, 1.0)))
     for stage in (full, bare):
         clear = tuple(replace(pane, clear=np.ones_like(pane.clear)) for pane in stage.scene.panes)
         points, normals = patch_points(stage, samples, (seed, 78)), stage.patches.normal
         lit.append(sunlight(stage.under(outdoors, clear), points, normals, samples, (seed, 79)))
+    count, (given, albedo, among) = len(lit[1]), (one @ WEIGHTS for one in (shown.given, full.albedo, lit[0]))
     floor = np.flatnonzero(shown.known[: math.prod(full.patches.grids[0][:2])])
-    shade_lx = np.median((shown.given @ WEIGHTS)[floor] / (full.albedo @ WEIGHTS)[floor]) if len(floor) else 0.0
-    count, among = len(lit[1]), lit[0] @ WEIGHTS
-    # Windows and stand-ins are estimates: of furniture that they put in the sun, as much is in it as shines.
-    furniture = np.flatnonzero(shown.seen[count:]) + count
-    due, shaded = furniture[among[furniture] > SUNLIT], furniture[among[furniture] == 0]
-    area, given = full.patches.area_m2[due], shown.given @ WEIGHTS
-    share = 1.0
-    if area.sum() > LEAST_DUE_M2 and len(shaded):
-        share = float(area[given[due] > SHINES * np.median(given[shaded])].sum() / area.sum())
-    back = np.maximum(lit[1] - lit[0][:count], 0) * (share * sun[1] * shade_lx)
-    return replace(bare, exitance=bare.exitance + bare.albedo * back)
-
-
-def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
-    """Return albedo (P, 3) of all patches: hidden ones take that of their surface nearby, or of their own body."""
-    out = np.clip(albedo, LEAST_ALBEDO, MOST_ALBEDO)
-    p = stage.patches
-    usual = np.median(out[known], axis=0) if known.any() else np.full(3, 0.5)
-    for columns, rows, first in p.grids:
-        mine = slice(first, first + columns * rows)
-        texture = out[mine].reshape(rows, columns, 3).astype(np.float32)
-        out[mine] = continued(texture, known[mine].reshape(rows, columns), usual).reshape(-1, 3)
-    furniture = p.owner == FURNITURE
-    body = np.full(p.count, -1)
-    body[p.item[furniture]] = p.part[furniture]
-    for number, part in enumerate(stage.scene.parts):
-        mine = body == number
-        shown = mine & known
-        out[mine & ~known] = np.median(out[shown], axis=0) if shown.any() else part.material.colour
-    return np.asarray(out)
+    shade_lx = np.median(given[floor] / albedo[floor]) if len(floor) else 0.0
+    # Windows and stand-ins are estimates, curtains and trees are not known: as much of the sun falls in as shines of
+    # what they put in it.
+    usual, shaded = albedo * max(shade_lx, 1e-9), count + np.flatnonzero(shown.seen[count:] & (among[count:] == 0))
+    usual[count:] = np.median(given[shaded]) if len(shaded) else usual[count:]
+    due, flux = shown.seen & (among > SUNLIT), full.patches.area_m2 * among
+    for (columns, rows, first), surface in zip(full.patches.grids, full.scene.surfaces, strict=True):
+        due[first : first + columns * rows] &= surface.plane >= 0  # reveals shine anyhow
+    over = np.where(given > SHINES * usual, given / usual - 1, 0)[due]
+    share = flux[due] @ np.minimum(over / (sun[1] * among[due]), 1) / max(flux[due].sum(), 1e-9)
+    strength = (share if flux[due].sum() > LEAST_DUE_M2 else USUAL_SUN) * sun[1] * shade_lx
+    hidden, back = np.where(shown.seen[:, None], 0, lit[0]), np.maximum(lit[1] - lit[0][:count], 0)
+    hidden[:count] = 0
+    full = replace(full, exitance=full.exitance + full.albedo * hidden * strength)
+    return full, replace(bare, exitance=bare.exitance + bare.albedo * back * strength)
 
 
 class _Both(NamedTuple):
@@ -318,24 +321,6 @@ def _both_lights(
     return _Both(with_up, without_up, ~missed & (with_up @ WEIGHTS > 0))
 
 
-def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags) -> Floats:
-    """Return the direct sun (N, 3), lx, of pixels that show it: whether they do is what fits their surface better."""
-    near = sources.near_sun(bare, large)
-    if not near.any():
-        return np.zeros((len(near), 3), np.float32)
-    full = sources.open_sun(bare, large)
-    luminance, level = rgb.reshape(-1, 3) @ WEIGHTS, np.maximum(light_lx @ WEIGHTS, 1e-9)
-    shaded = math.pi * luminance / level
-    usual = np.full(len(near), 0.5)
-    for label in np.unique(large.label[near]):
-        mine = large.label == label
-        among = mine & own & ~near
-        usual[mine] = np.median(shaded[among]) if among.any() else 0.5
-    lit = math.pi * luminance / (level + full @ WEIGHTS)
-    away = [np.abs(np.log(np.maximum(one, 1e-6) / np.maximum(usual, 1e-6))) for one in (lit, shaded)]
-    return np.where((near & (away[0] < away[1]))[:, None], full, 0).astype(np.float32)
-
-
 def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:
     """Return how many times brighter places are without the furniture, within `MOST_RATIO`."""
     ratio = np.asarray(without_lx, np.float64) / np.maximum(with_lx, 1e-9)
@@ -380,3 +365,36 @@ def guarded(
         own, share = np.median(change[mine], axis=0), np.clip(fits / much, 0, 1)[mine, None]
         out[mine] = own + share * (change[mine] - own)
     return out
+
+
+def _known_beside(full: Stage, bare: Stage, shown: _Shown, least: float) -> tuple[float, float]:
+    """Return by what so much furniture changes rooms, and how uncertain this room's own change is, natural logarithms.
+
+    What sunlit furniture gives off, and what the sun gives back without it, are the least certain.
+    """
+    count, area = bare.patches.count, full.patches.area_m2
+    given, furniture = shown.given @ WEIGHTS, shown.seen & (np.arange(len(area)) >= count)
+    sunlit = furniture & (given > SHINES * np.median(given[furniture])) if furniture.any() else furniture
+    back = (area @ full.exitance + area[:count] @ (bare.exitance - 2 * full.exitance[:count])) @ WEIGHTS
+    doubt = math.hypot(
+        DOUBT[full.scene.outdoors.rgb is DARK], *(np.array([area[sunlit] @ given[sunlit], back]) / (area @ given))
+    )
+    return PRIOR * math.sqrt(area[count:].sum() / area.sum()), doubt
+
+
+def _moved(change: Floats, seen: Flags, maps: SurfaceMaps, prior: float, doubt: float) -> tuple[Floats, float]:
+    """Return by what each plane's log change (H, W, C) moves towards that of rooms, and how far its own is trusted.
+
+    It is the posterior's mean: both normally distributed, but for `GROSS` of rooms, whose model is of no use. Planes of
+    which nothing is seen move as if they changed as all do.
+    """
+    away, wide = np.zeros_like(change), math.hypot(SPREAD, doubt)
+    for plane in np.unique(maps.plane) if seen.any() else ():
+        mine = maps.plane == plane
+        own = np.median(change[mine & seen if (mine & seen).any() else seen], axis=0)
+        away[mine] = prior * (FLOOR_TIMES if plane == FLOOR else 1) - own
+    off = float(np.median(away[seen])) if seen.any() else 0.0
+    cases = ((1 - GROSS, wide), (GROSS, math.hypot(wide, GROSS_SPREAD)))
+    good, bad = (share / width * math.exp(-0.5 * (off / width) ** 2) for share, width in cases)
+    trust = (SPREAD / wide) ** 2 * good / (good + bad)
+    return (1 - trust) * away, trust

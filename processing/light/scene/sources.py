@@ -63,6 +63,9 @@ STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))
 LEAST_PATCHES = 12  # of a surface, fewer of which say nothing of how even it is; chosen
 AS_GOOD = 0.1
 """By which an unevenness may exceed the least and be as good; chosen by coverage: docs/measurements/emptying.md."""
+DIM = 0.4
+"""Mean albedo of a room's surfaces, half of which is as unlikely as that: with windows too strong, all of it is black
+(chosen: nine rooms have 0.21 to 0.97)."""
 
 
 def measured_windows(
@@ -263,6 +266,24 @@ def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
     return np.asarray(sight.solid & places_near_sun(stage, sight.point, sight.normal))
 
 
+def sunlit_pixels(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: np.ndarray) -> Floats:
+    """Return the direct sun (N, 3), lx, of pixels that show it: whether they do is what fits their surface better."""
+    near, weights = near_sun(bare, large), np.asarray(LUMINANCE_WEIGHTS)
+    if not near.any():
+        return np.zeros((len(near), 3), np.float32)
+    full = open_sun(bare, large)
+    luminance, level = rgb.reshape(-1, 3) @ weights, np.maximum(light_lx @ weights, 1e-9)
+    shaded = math.pi * luminance / level
+    usual = np.full(len(near), 0.5)
+    for label in np.unique(large.label[near]):
+        mine = large.label == label
+        among = mine & own & ~near
+        usual[mine] = np.median(shaded[among]) if among.any() else 0.5
+    lit = math.pi * luminance / (level + full @ weights)
+    away = [np.abs(np.log(np.maximum(one, 1e-6) / np.maximum(usual, 1e-6))) for one in (lit, shaded)]
+    return np.where((near & (away[0] < away[1]))[:, None], full, 0).astype(np.float32)
+
+
 def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray:
     """Return which places (N, 3) of a room without furniture lie within `SUN_MARGIN_M` of the sun's patch."""
     sun, panes = stage.scene.outdoors.sun, stage.scene.panes
@@ -327,17 +348,20 @@ def window_strength(
     """Return how many times brighter windows are than a clipped picture shows them: the best value, lowest and highest.
 
     Light from the windows falls off through the room, albedo does not: the strength is that by which the albedo of each
-    surface is most even (least absolute deviations of its logarithm).
+    surface is most even (least absolute deviations of its logarithm), and the room not darker than rooms are.
 
     ``radiosity``, ``windows_lx``, ``rest_lx`` (P,): what patches give off, lm/m2; irradiance by windows as bright as
       they are shown, and by all else, lx.
     ``groups``: indices of the patches of one surface each.
     """
-    cost = np.zeros(len(STRENGTHS))
+    cost, level, whole_m2 = np.zeros(len(STRENGTHS)), np.zeros(len(STRENGTHS)), 1e-9
     for mine in groups:
         light = STRENGTHS[:, None] * windows_lx[mine] + rest_lx[mine]
         albedo = np.log(np.maximum(radiosity[mine], 1e-9)) - np.log(np.maximum(light, 1e-9))
-        cost += np.abs(albedo - np.median(albedo, axis=1, keepdims=True)) @ area_m2[mine]
+        usual = np.median(albedo, axis=1)
+        cost += np.abs(albedo - usual[:, None]) @ area_m2[mine]
+        level, whole_m2 = level + usual * area_m2[mine].sum(), whole_m2 + area_m2[mine].sum()
+    cost *= 1 + AS_GOOD * np.maximum(math.log2(DIM) - level / whole_m2 / math.log(2), 0) ** 2
     good = STRENGTHS[cost <= cost.min() * (1 + AS_GOOD)]
     return float(STRENGTHS[cost.argmin()]), float(good[0]), float(good[-1])
 

@@ -14,7 +14,14 @@ from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.seam import grown
 from processing.light.picture.render import render
 from processing.light.scene.albedo import KnownLight, albedo_of_room
-from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
+from processing.light.scene.furnished import (
+    SPREAD,
+    FurnishedLight,
+    OldFurniture,
+    _moved,
+    furnished_light,
+    guarded,
+)
 from processing.light.scene.scene import Outdoors, Part, Sun
 from processing.light.scene.sources import window_strength
 from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
@@ -253,6 +260,16 @@ def test_without_furniture_nothing_changes(bare: LuminanceImage) -> None:
     assert np.median(np.abs(luminance_cd_m2(done.image.rgb) / luminance_cd_m2(bare.rgb) - 1)[hole]) < 0.05
 
 
+def test_windows_are_not_so_strong_that_the_room_is_black() -> None:
+    """Where patterns hide how light falls off any strength is as good, and 64 times would leave an albedo of 0.01."""
+    windows, rest = np.linspace(20.0, 40.0, 400), np.full(400, 30.0)
+    pattern = np.exp(np.random.default_rng(3).normal(0, 0.3, 400))
+    radiosity = 0.3 * 60 * windows / windows.mean() * pattern
+    best, low, high = window_strength(radiosity, windows, rest, np.ones(400), [np.arange(400)])
+    assert best == low == 1.0
+    assert 2 < high < 4
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize("outdoors", [None, uniform_sky(4000.0)] if LONG else [None])
 def test_a_patch_that_shines_without_a_known_sun_shines_without_furniture_too(
@@ -454,6 +471,36 @@ def test_a_ghost_is_kept_down() -> None:
     fading = 0.1 + 0.2 * np.clip(1 - np.hypot(*np.mgrid[-50 : ROWS - 50, -66 : 2 * ROWS - 66]) / 14, 0, 1)
     same = seen[:, 1:] & seen[:, :-1] & (maps.plane[:, 1:] == maps.plane[:, :-1])
     assert np.abs(np.diff(guarded_grey(fading, even), axis=1))[same].max() < 0.015
+
+
+def test_a_change_is_believed_the_less_the_farther_it_is_from_what_rooms_do(found: FurnishedLight) -> None:
+    """Each plane moves as one, so that no shade within it is lost; what is far from all rooms says next to nothing."""
+    plane, share = surface_maps(box_room(), GEOMETRY).plane, []
+    for level in (0.2, 0.4, 1.0):
+        change = np.full((ROWS, 2 * ROWS, 3), level, np.float32)
+        moved, trust = _moved(change, found.seen, surface_maps(box_room(), GEOMETRY), 0.1, 0.1)
+        share.append(trust)
+        for number in np.unique(plane):
+            assert np.ptp(moved[plane == number]) < 1e-6
+        assert np.allclose(moved[plane != FLOOR], (1 - trust) * (0.1 - level), atol=1e-5)
+        assert np.allclose(moved[plane == FLOOR], (1 - trust) * (0.2 - level), atol=1e-5)
+    assert 0.7 > share[0] > share[1] > share[2]
+    assert share[2] < 0.1
+    believed = found.believed()
+    assert np.allclose(believed.log_change - found.log_change, np.where(found.seen[..., None], found.moved, 0))
+    assert np.allclose(believed.without_lx, found.without_lx * np.exp(found.moved)), "light and change by the same"
+    assert 0 < found.doubt < SPREAD
+
+
+def test_how_uncertain_a_lift_is_is_stated(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
+    picture, furniture = dark
+    stated = [
+        lifted(picture, furniture, box_room(), shade_of(found)._replace(doubt=doubt), quality="draft")
+        for doubt in (0.0, 0.1)
+    ]
+    changed = (stated[0][1] != 0) & ~furniture
+    less, more = (one.image.uncertainty[changed] for one, _ in stated)
+    np.testing.assert_allclose(more, np.hypot(less, 0.1), rtol=1e-4)
 
 
 def test_light_goes_on_round_the_seam() -> None:

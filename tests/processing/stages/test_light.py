@@ -93,6 +93,8 @@ def test_removal_lifts_the_shade_that_it_found(tmp_path: Path) -> None:
     shade = read_shade(context(tmp_path, shade=tmp_path / "shade.npz"))
     assert shade is not None
     assert shade.seen.any()
+    assert 0 < shade.doubt < 0.2
+    assert any(note.startswith("change of light: ") for note in made.metrics["notes"])
     kept = remove(context(tmp_path, RemoveParameters()))
     lifted = remove(context(tmp_path, RemoveParameters(), shade=tmp_path / "shade.npz"))
     assert kept.artifacts["lift"] is None
@@ -126,7 +128,8 @@ def test_the_sun_that_patches_show_comes_back_where_the_furniture_held_it_off(tm
         assert ("sun: 80 times the light in the shade, by its patches in the room" in made.metrics["notes"]) == bool(
             sun
         )
-    assert brighter[1] > 1.2 * brighter[0]
+    # Little: with sun on furniture, most is what furniture takes from rooms.
+    assert brighter[1] > 1.04 * brighter[0]
     assert brighter[2] == brighter[0]
     shows_none = run(replace(context(tmp_path), summary=lambda _stage: {"metrics": sun_behind, "left_out": {}}))
     assert shows_none.metrics["brighter_median"] == run(context(tmp_path)).metrics["brighter_median"]
