@@ -19,14 +19,14 @@ from processing.errors import BracketError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import PlacedItem
 from processing.layout.items import parse_items
-from processing.layout.plan_files import plan_from_mapping
+from processing.layout.plan_files import read_plan
 
 
-def placed() -> tuple[PlacedItem, ...]:
+def placed(folder: Path) -> tuple[PlacedItem, ...]:
     corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.5], [-2.0, 2.5]]
     door = {"kind": "door", "edge": 0, "t0": 0.3, "t1": 1.2}
-    plan = plan_from_mapping({"polygon": corners, "openings": [door]}, where="plan")
-    return arrange(plan, parse_items("desk"), "tight", n=1).arrangements[0].items
+    (folder / "plan.json").write_text(json.dumps({"polygon": corners, "openings": [door]}))
+    return arrange(read_plan(folder / "plan.json"), parse_items("desk"), "tight", n=1).arrangements[0].items
 
 
 def test_medians_are_over_what_rooms_have() -> None:
@@ -122,7 +122,7 @@ def test_rows_are_kept_and_a_refused_room_is_a_row(tmp_path: Path, monkeypatch: 
 
 def test_furniture_is_truly_placed(tmp_path: Path) -> None:
     room = make_room(900_001, "bedroom")
-    items = placed()
+    items = placed(tmp_path)
     staged = staged_room(room, items, "scandinavian")
     assert staged.items == ()
     assert staged.key != room.emptied().key

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from processing.errors import PlanError
 from processing.ground.room_model import starter_room
 from processing.layout.plan import Door, Window, from_room_model, make_plan
-from processing.layout.plan_files import plan_from_mapping, plan_to_mapping
+from processing.layout.plan_files import plan_from_mapping, plan_to_mapping, read_plan
 
 SQUARE = [[0, 0], [4, 0], [4, 3], [0, 3]]
 
@@ -66,7 +67,7 @@ def test_columns_outside_and_impossible_heights_are_refused() -> None:
         make_plan(SQUARE, windows=[Window(0, 1, 2, 2.0, 1.0)])
 
 
-def test_a_plan_is_the_same_after_json() -> None:
+def test_a_plan_is_the_same_after_json(tmp_path: Path) -> None:
     plan = make_plan(
         SQUARE,
         holes=[[[1, 1], [1.3, 1], [1.3, 1.3], [1, 1.3]]],
@@ -74,16 +75,20 @@ def test_a_plan_is_the_same_after_json() -> None:
         windows=[Window(2, 1, 2, 0.5, 2)],
         keep_free=[(2.0, 2.0)],
     )
-    again = plan_from_mapping(json.loads(json.dumps(plan_to_mapping(plan))), where="plan.json")
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(plan_to_mapping(plan)))
+    again = read_plan(path)
     assert np.array_equal(again.corners, plan.corners)
     assert (again.doors, again.windows, again.keep_free) == (plan.doors, plan.windows, plan.keep_free)
     assert np.array_equal(again.holes[0], plan.holes[0])
 
 
-@pytest.mark.parametrize("text", ["[]", '{"polygon": 3}', '{"polygon": [], "openings": [{"kind": "hatch"}]}'])
-def test_what_is_no_plan_is_refused(text: str) -> None:
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"polygon": 3}', '{"polygon": [], "openings": [{"kind": "hatch"}]}'])
+def test_files_that_are_no_plan_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "plan.json"
+    path.write_text(text)
     with pytest.raises(PlanError):
-        plan_from_mapping(json.loads(text), where="plan.json")
+        read_plan(path)
 
 
 def test_unknown_sills_are_said() -> None:
