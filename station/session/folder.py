@@ -52,13 +52,10 @@ class Folder(AbstractContextManager["Folder"]):
 
     def make_sub(self, name: str) -> bool:
         """Create a folder inside unless it is there; the caller syncs. Returns whether it is new."""
-        try:
+        with durable.disk_errors(self.path / name, "creating the folder"), suppress(FileExistsError):
             durable.os_calls.mkdir(name, dir_fd=self.fd)
-        except FileExistsError:
-            return False
-        except OSError as exc:
-            raise durable.disk_error(exc, self.path / name, "creating the folder") from exc
-        return True
+            return True
+        return False
 
     def names(self) -> list[str]:
         """Return the sorted names in the folder."""
@@ -67,12 +64,9 @@ class Folder(AbstractContextManager["Folder"]):
 
     def lstat(self, name: str) -> os.stat_result | None:
         """Return the status of a name, not following links; None if there is none."""
-        try:
+        with durable.disk_errors(self.path / name, "looking up"), suppress(FileNotFoundError):
             return os.stat(name, dir_fd=self.fd, follow_symlinks=False)
-        except FileNotFoundError:
-            return None
-        except OSError as exc:
-            raise durable.disk_error(exc, self.path / name, "looking up") from exc
+        return None
 
     def create_file(self, name: str) -> int:
         """Create a new file for writing and return its descriptor."""

@@ -236,16 +236,12 @@ def sweep(folder: Folder) -> list[str]:
     return leftovers
 
 
-def set_orphans_aside(folder: Folder, rejected: Folder, files: set[str]) -> list[str]:
+def set_orphans_aside(folder: Folder, rejected: Folder, files: set[str]) -> None:
     """Move frames of ours that no record names to rejected/; files of strangers stay where they are."""
-    side, moved = folder.path.name, []
+    side = folder.path.name
     for name in folder.names():
-        if f"{side}/{name}" in files or not _OUR_FRAME.match(name):
-            continue
-        new_name = free_name(rejected, f"{side}_{name}")
-        folder.move(name, rejected, new_name)
-        moved.append(new_name)
-    return moved
+        if f"{side}/{name}" not in files and _OUR_FRAME.match(name):
+            folder.move(name, rejected, free_name(rejected, f"{side}_{name}"))
 
 
 def unlisted_rejects(rejected: Folder, state: SessionState) -> list[RejectedFrame]:
@@ -279,13 +275,10 @@ def file_problem(folder: Folder, frame: FrameRecord | PanoramaRecord) -> FilePro
     return None
 
 
-def keep_damaged_manifest(root: Folder, rejected: Folder) -> str | None:
-    """Move an unreadable session.json to rejected/ before a new one is written; returns its new name.
+def keep_damaged_manifest(root: Folder, rejected: Folder) -> None:
+    """Move an unreadable session.json to rejected/ before a new one is written.
 
     A link or a pipe in its place goes there unopened. A crash in between is no harm: the journal has it all.
     """
-    if root.lstat(MANIFEST_NAME) is None:
-        return None
-    name = free_name(rejected, f"damaged-{MANIFEST_NAME}")
-    root.move(MANIFEST_NAME, rejected, name)
-    return name
+    if root.lstat(MANIFEST_NAME) is not None:
+        root.move(MANIFEST_NAME, rejected, free_name(rejected, f"damaged-{MANIFEST_NAME}"))
