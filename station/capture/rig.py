@@ -80,7 +80,8 @@ def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = No
     steady, links = SteadyClock(clock or SystemClock()), links or Links()
     cameras = {side: _camera(side, table, None, steady, links) for side, table in file.cameras().items()}
     meter = meter_on_port(t.dialect, t.port, steady, links) if (t := file.meter) and t.is_read else None
-    return Rig(_with_lags(file, lambda side, _table: cameras[side].release_lag_s), cameras, meter, steady)
+    file = _with_lags(file, lambda side, _table: cameras[side].release_lag_s)
+    return Rig(file, cameras, meter, steady, on_close=[links.close])
 
 
 def _with_lags(file: RigFile, lag_s: Callable[[Side, CameraTable], float]) -> RigFile:
@@ -105,7 +106,8 @@ def open_simulated_rig(
     backend, links = bench.usb_backend, links or Links(simulated=True)
     cameras = {side: _camera(side, table, backend, steady, links) for side, table in file.cameras().items()}
     meter = meter_on_port(t.dialect, bench.meter_port, steady, links) if (t := file.meter) and t.is_read else None
-    return Rig(file, cameras, meter, steady, simulated=True, bench=bench, on_close=[bench.close], world=world)
+    on_close = [bench.close, links.close]
+    return Rig(file, cameras, meter, steady, simulated=True, bench=bench, on_close=on_close, world=world)
 
 
 def _camera(side: Side, table: CameraTable, backend: object | None, clock: Clock, links: Links) -> Camera:
@@ -197,10 +199,7 @@ def open_named_rig(
     clock: Clock
     if not simulate:
         clock = SystemClock()
-        links = open_links(record, file, clock, simulated=False)
-        rig = open_rig(file, clock, links)
-        rig.on_close.append(links.close)
-        return rig
+        return open_rig(file, clock, open_links(record, file, clock, simulated=False))
     from mocks.instruments.bench import BenchOptions, make_bench, render_shots
     from mocks.instruments.clock import ScaledClock
     from mocks.worlds.world import open_world
@@ -216,10 +215,7 @@ def open_named_rig(
     as_lived = rate == 1.0 and start_utc is None
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
     bench = make_bench(world, cameras, stops_s, BenchOptions(clock=clock, shots=shots))
-    links = open_links(record, file, clock, simulated=True)
-    rig = open_simulated_rig(file, bench, links, world=simulate)
-    rig.on_close.append(links.close)
-    return rig
+    return open_simulated_rig(file, bench, open_links(record, file, clock, simulated=True), world=simulate)
 
 
 def _place_of(simulate: str) -> tuple[dict[str, object], datetime | None]:
