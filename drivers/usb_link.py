@@ -79,11 +79,9 @@ def _require_backend(backend: Any | None) -> Any:
 
 def _interfaces(device: Any) -> Iterator[Any]:
     """Yield the interfaces of all configurations; none for a device that does not let itself be read."""
-    try:
+    with suppress(usb.core.USBError, NotImplementedError):
         for configuration in device:
             yield from configuration
-    except (usb.core.USBError, NotImplementedError):
-        return
 
 
 def _is_still_image(interface: Any) -> bool:
@@ -91,10 +89,9 @@ def _is_still_image(interface: Any) -> bool:
 
 
 def _text(device: Any, index: int) -> str:
-    try:
+    with suppress(usb.core.USBError, ValueError, NotImplementedError):
         return str(usb.util.get_string(device, index) or "").rstrip("\0") if index else ""
-    except (usb.core.USBError, ValueError, NotImplementedError):
-        return ""
+    return ""
 
 
 def _ours(error: Exception, where: str, doing: str) -> errors.DeviceError:
@@ -255,13 +252,11 @@ class UsbLink:
         """Return one interrupt packet, or None where none came within ``timeout_s``."""
         device, endpoints = self._require_open()
         limit_ms = _milliseconds(timeout_s)
-        try:
+        with suppress(errors.DeviceTimeoutError):
             # One packet a read: a longer read would wait for more after an event that fills its last packet.
             size = endpoints.event_packet_bytes
-            packet = self._guard("waiting for an event", device.read, endpoints.event, size, limit_ms)
-        except errors.DeviceTimeoutError:
-            return None
-        return bytes(packet)
+            return bytes(self._guard("waiting for an event", device.read, endpoints.event, size, limit_ms))
+        return None
 
     def control_out(self, request: int, data: bytes, timeout_s: float) -> None:
         """Send a class request to the interface."""

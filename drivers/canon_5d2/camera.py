@@ -162,11 +162,10 @@ class Canon5D2:
 
     def _free_bytes(self) -> int | None:
         session = self._link.session
-        try:
+        with suppress(OperationRefusedError, StoreFullError, DeviceBusyError):
             ids = self._remote.patiently(session.get_storage_ids)
             return sum(self._remote.patiently(lambda i=i: session.get_storage_info(i)).free_bytes for i in ids)  # type: ignore[misc]
-        except (OperationRefusedError, StoreFullError, DeviceBusyError):
-            return None
+        return None
 
     def prepare(self, settings: camera.CameraSettings) -> tuple[camera.SettingReadback, ...]:
         """Check the controls and make all fixed settings, each as the camera then reports it.

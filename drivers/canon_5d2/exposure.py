@@ -107,10 +107,9 @@ class CanonExposure:
     @staticmethod
     def _is_on_the_card(frame: FrameRef, store: FrameStore) -> bool:
         """Whether the card has under this handle what was announced: a picture of another exposure is never taken."""
-        try:
+        with suppress(OperationRefusedError):
             return store.holds(frame)
-        except OperationRefusedError:
-            return True  # a camera that does not describe its pictures; what comes is checked when it is here
+        return True  # a camera that does not describe its pictures; what comes is checked when it is here
 
     def _add(self, frame: FrameRef) -> None:
         self._seen.add(frame.handle)

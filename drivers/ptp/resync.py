@@ -132,11 +132,10 @@ class Ladder:
             self._clock.sleep(min(REOPEN_PAUSE_S, deadline.remaining_s))
 
     def _request(self, request: ClassRequest, data: bytes, deadline: Deadline) -> bool:
-        try:
+        with suppress(LinkStallError, DeviceTimeoutError):
             self._transport.control_out(request, data, _at_most(CONTROL_LIMIT_S, deadline))
-        except (LinkStallError, DeviceTimeoutError):
-            return False
-        return True
+            return True
+        return False
 
     def _wait_until_ready(self, rung: Deadline) -> bool:
         """Poll the camera's status until it is ready or the limit is over; return whether it names halted endpoints.

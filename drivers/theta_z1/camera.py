@@ -154,12 +154,10 @@ class ThetaZ1:
 
     def _learn_shutter_times(self) -> None:
         """Take the camera's own list; outside manual mode it has none, and the specification's list stands in."""
-        try:
+        times: set[Fraction32] = set()
+        with suppress(OperationRefusedError, DeviceBusyError):
             desc = self._link.session.get_prop_desc(RicohProp.SHUTTER_SPEED)
-            listed = {Fraction32.from_u64(v) for v in desc.choices if isinstance(v, int)}
-        except (OperationRefusedError, DeviceBusyError):
-            listed = set()
-        times = {f for f in listed if f.is_time}
+            times = {f for v in desc.choices if isinstance(v, int) and (f := Fraction32.from_u64(v)).is_time}
         if len(times) < 2:
             times = {Fraction32(*pair) for pair in SHUTTER_FRACTIONS}
         self._fractions = tuple(sorted(times, key=lambda f: -f.seconds))
@@ -186,11 +184,10 @@ class ThetaZ1:
         )
 
     def _clock_utc(self) -> datetime | None:
-        try:
+        with suppress(ProtocolViolationError, OverflowError):
             date = decode_date(str(self._properties.read_or_none(Prop.DATE_TIME) or ""))
             return None if date is None else date.astimezone(UTC)
-        except (ProtocolViolationError, OverflowError):
-            return None  # a clock that was never set is no reason not to shoot; ErrorInfo reports it
+        return None  # a clock that was never set is no reason not to shoot; ErrorInfo reports it
 
     def _free_space(self) -> tuple[int | None, int | None]:
         session = self._link.session

@@ -135,10 +135,9 @@ class ThetaExposure:
 
 def is_ready(properties: ThetaProperties) -> bool:
     """Whether the camera is neither shooting nor processing, as far as its firmware reports."""
-    try:
+    with suppress(DeviceBusyError):
         status = properties.number(RicohProp.CAPTURE_STATUS)
         if properties.has(RicohProp.EXPOSURE_STATUS):
             status = status or properties.number(RicohProp.EXPOSURE_STATUS)
-    except DeviceBusyError:
-        return False
-    return status == 0
+        return status == 0
+    return False

@@ -49,18 +49,16 @@ class PictureCache:
     def holds(self, key: str, suffix: str) -> bool:
         """Return whether the file is there, and mark it as used now."""
         path = self.path(key, suffix)
-        try:
+        with suppress(OSError):
             os.utime(path)
-        except OSError:
-            return False
-        return True
+            return True
+        return False
 
     def read(self, key: str, suffix: str) -> bytes | None:
         """Return the file's bytes, None where it is not (or no longer) there."""
-        try:
+        with suppress(FileNotFoundError):
             return self.path(key, suffix).read_bytes() if self.holds(key, suffix) else None
-        except FileNotFoundError:
-            return None
+        return None
 
     def write(self, key: str, suffix: str, data: bytes) -> None:
         """Store bytes."""

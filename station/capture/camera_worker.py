@@ -121,10 +121,9 @@ class CameraWorker:
     def _next_order(self) -> events.Order | None:
         """Return the next order, or None when it is time for a chunk or for keeping the camera awake."""
         useful = self._armed is None and (self._backlog or self._safe)
-        try:
+        with suppress(queue.Empty):
             return self._inbox.get(timeout=0.0 if useful else IDLE_WAIT_S)
-        except queue.Empty:
-            return None
+        return None
 
     def _guarded(self, order: events.Order | None) -> None:
         """Carry out an order (None: something useful meanwhile); on a device error recover and report it."""
