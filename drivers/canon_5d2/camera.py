@@ -11,16 +11,10 @@ from typing import Literal
 
 from drivers import camera
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
+from drivers.canon_5d2 import codes as canon_codes
 from drivers.canon_5d2 import settings as canon_settings
 from drivers.canon_5d2.body import read_body
-from drivers.canon_5d2.codes import (
-    IMAGE_SIZES_PX,
-    SHUTTER_CODES,
-    VENDOR_EXTENSION_IDS,
-    CanonOperation,
-    CanonProp,
-    CanonResponse,
-)
+from drivers.canon_5d2.codes import CanonOperation, CanonProp, CanonResponse
 from drivers.canon_5d2.exposure import FORMATS, CanonExposure, CanonShot
 from drivers.canon_5d2.operations import encode_number
 from drivers.canon_5d2.remote import BUSY_LIMIT_S, IDLE_LIMIT_S, CanonRemote
@@ -32,7 +26,7 @@ from drivers.ptp.pipes import PtpTransport
 
 MODEL = CameraModel(
     canon_settings.WHERE,
-    VENDOR_EXTENSION_IDS,
+    canon_codes.VENDOR_EXTENSION_IDS,
     (
         CanonOperation.SET_REMOTE_MODE,
         CanonOperation.SET_EVENT_MODE,
@@ -71,7 +65,7 @@ class Canon5D2:
         clock: Clock,
         *,
         destination: Literal["card", "pc"] = "card",
-        sizes_px: Mapping[int, tuple[int, int]] = IMAGE_SIZES_PX,
+        sizes_px: Mapping[int, tuple[int, int]] = canon_codes.IMAGE_SIZES_PX,
     ) -> None:
         self.shutter_times_s: tuple[float, ...] = ()
         self.can_transfer_while_exposing = destination == "card"
@@ -125,7 +119,7 @@ class Canon5D2:
         """Return the camera's own list; outside mode M it has none, and the table of third stops stands in."""
         listed = self._remote.lists.get(CanonProp.SHUTTER_SPEED)
         codes = canon_settings.shutter_codes_known(listed.numbers if listed is not None else ())
-        return codes or canon_settings.shutter_codes_known(SHUTTER_CODES)
+        return codes or canon_settings.shutter_codes_known(canon_codes.SHUTTER_CODES)
 
     def _learn_shutter_times(self) -> None:
         self.shutter_times_s = tuple(canon_settings.SHUTTER_S[code] for code in self._shutter_codes())

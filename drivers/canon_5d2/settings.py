@@ -9,14 +9,7 @@ from typing import Any
 from drivers.camera import CameraSettings, SettingReadback
 from drivers.canon_5d2 import codes as canon_codes
 from drivers.canon_5d2 import operations
-from drivers.canon_5d2.codes import (
-    APERTURE_CODES,
-    DESTINATION_PC,
-    ISO_CODES,
-    WB_COLOR_TEMPERATURE,
-    CanonProp,
-    code_words,
-)
+from drivers.canon_5d2.codes import APERTURE_CODES, DESTINATION_PC, ISO_CODES, WB_COLOR_TEMPERATURE, CanonProp
 from drivers.canon_5d2.remote import CanonRemote
 from drivers.errors import OperationRefusedError, ProtocolViolationError, SettingRefusedError
 
@@ -25,7 +18,7 @@ SHUTTER_S: Mapping[int, float] = {**canon_codes.SHUTTER_CODES_HALF, **canon_code
 
 AE_MODES = {0: "P", 1: "Tv", 2: "Av", 3: "M", 4: "B", 5: "A-DEP", 7: "C1", 9: "green", 0x10: "C2", 0x11: "C3"}
 DRIVE_MODES = {0: "single", 1: "continuous", 4: "fast", 5: "slow", 0x10: "self-timer 10 s", 0x11: "self-timer 2 s"}
-WHITE_BALANCES = code_words("white_balance")
+WHITE_BALANCES = canon_codes.code_words("white_balance")
 DESTINATIONS = {1: "card", 2: "card", 4: "computer", 5: "card and computer", 6: "card and computer"}
 BATTERY_FRAC = {0: 0.05, 1: 0.5, 2: 1.0, 4: 0.75, 5: 0.25}
 """D111 -> charge; the camera reports quarters only, and "low" for 0 (libgphoto2)."""

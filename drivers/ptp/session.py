@@ -13,16 +13,7 @@ from drivers.errors import DeviceError, DeviceLostError, DeviceTimeoutError, Lin
 from drivers.ptp import datasets
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.container import violation
-from drivers.ptp.datasets import (
-    DeviceInfo,
-    DevicePropDesc,
-    ObjectInfo,
-    StorageInfo,
-    Value,
-    decode_ids,
-    decode_value,
-    encode_value,
-)
+from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo, Value
 from drivers.ptp.pipes import MIN_CALL_S, PtpTransport
 from drivers.ptp.resync import DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
 from drivers.ptp.transactions import USUAL_TIMEOUT_S, PtpEvent, Reply, Transactions, refusal
@@ -166,7 +157,7 @@ class PtpSession(Transactions):
 
     def get_storage_ids(self) -> tuple[int, ...]:
         """Return the ids of the camera's stores."""
-        return self._ask(decode_ids, Operation.GET_STORAGE_IDS)
+        return self._ask(datasets.decode_ids, Operation.GET_STORAGE_IDS)
 
     def get_storage_info(self, storage_id: int) -> StorageInfo:
         """Return size and free space of a store."""
@@ -176,7 +167,7 @@ class PtpSession(Transactions):
         self, storage_id: int = ALL_STORAGES, format_code: int = 0, parent: int = 0
     ) -> tuple[int, ...]:
         """Return the handles of objects; 0 means any format, any folder."""
-        return self._ask(decode_ids, Operation.GET_OBJECT_HANDLES, storage_id, format_code, parent)
+        return self._ask(datasets.decode_ids, Operation.GET_OBJECT_HANDLES, storage_id, format_code, parent)
 
     def get_object_info(self, handle: int) -> ObjectInfo:
         """Return name, format, size and dates of an object."""
@@ -212,11 +203,11 @@ class PtpSession(Transactions):
 
     def get_prop_value(self, prop: int, data_type: int) -> Value:
         """Return the current value of a property of the given `DataType`."""
-        return self._ask(lambda data: decode_value(data, data_type), Operation.GET_DEVICE_PROP_VALUE, prop)
+        return self._ask(lambda data: datasets.decode_value(data, data_type), Operation.GET_DEVICE_PROP_VALUE, prop)
 
     def set_prop_value(self, prop: int, data_type: int, value: Value) -> None:
         """Set a property; `ValueError` where the value does not fit the type."""
-        self.transact(Operation.SET_DEVICE_PROP_VALUE, (prop,), data_out=encode_value(value, data_type))
+        self.transact(Operation.SET_DEVICE_PROP_VALUE, (prop,), data_out=datasets.encode_value(value, data_type))
 
     def _ask(self, decode: Callable[[bytes], T], operation: int, *params: int) -> T:
         """Run an operation and decode its data; a dataset that is none leaves the exchange in step."""

@@ -7,19 +7,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
 
-from drivers import camera
+from drivers import camera, errors
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceBusyError,
-    DeviceError,
-    DeviceTimeoutError,
-    ExposureFailedError,
-    OperationRefusedError,
-    ProtocolViolationError,
-    SettingRefusedError,
-    StoreFullError,
-)
 from drivers.ptp.codes import DataType, Event, ObjectFormat, Operation, Prop
 from drivers.ptp.datasets import decode_date
 from drivers.ptp.pipes import PtpTransport
@@ -125,7 +115,7 @@ class ThetaZ1:
                 session.set_prop_value(RicohProp.SLEEP_MODE, DataType.UINT8, 0)
                 self._properties.number(Prop.EXPOSURE_PROGRAM_MODE)
                 return
-            except DeviceBusyError as error:
+            except errors.DeviceBusyError as error:
                 if deadline.expired:
                     error.likely = "it did not wake up, or is in a menu or recording"
                     error.advice = "wake it by its power button, then resume"
@@ -139,7 +129,7 @@ class ThetaZ1:
                 text = f"still working after {limit_s:g} s"
                 likely = "it is recording, counting down, or converting a video"
                 advice = "stop it by its own button, then resume"
-                raise DeviceBusyError(text, where=self._link.name, likely=likely, advice=advice, limit_s=limit_s)
+                raise errors.DeviceBusyError(text, where=self._link.name, likely=likely, advice=advice, limit_s=limit_s)
             self._clock.sleep(READY_PAUSE_S)
 
     def _drain_events(self) -> None:
@@ -150,12 +140,13 @@ class ThetaZ1:
                 return
             if event.code == Event.OBJECT_ADDED:
                 self._store.known.update(event.params[:1])
-        raise DeviceTimeoutError("events without end", where=self._link.name, advice="switch the camera off and on")
+        advice = "switch the camera off and on"
+        raise errors.DeviceTimeoutError("events without end", where=self._link.name, advice=advice)
 
     def _learn_shutter_times(self) -> None:
         """Take the camera's own list; outside manual mode it has none, and the specification's list stands in."""
         times: set[Fraction32] = set()
-        with suppress(OperationRefusedError, DeviceBusyError):
+        with suppress(errors.OperationRefusedError, errors.DeviceBusyError):
             desc = self._link.session.get_prop_desc(RicohProp.SHUTTER_SPEED)
             times = {f for v in desc.choices if isinstance(v, int) and (f := Fraction32.from_u64(v)).is_time}
         if len(times) < 2:
@@ -184,7 +175,7 @@ class ThetaZ1:
         )
 
     def _clock_utc(self) -> datetime | None:
-        with suppress(ProtocolViolationError, OverflowError):
+        with suppress(errors.ProtocolViolationError, OverflowError):
             date = decode_date(str(self._properties.read_or_none(Prop.DATE_TIME) or ""))
             return None if date is None else date.astimezone(UTC)
         return None  # a clock that was never set is no reason not to shoot; ErrorInfo reports it
@@ -193,7 +184,7 @@ class ThetaZ1:
         session = self._link.session
         try:
             infos = [session.get_storage_info(storage_id) for storage_id in session.get_storage_ids()]
-        except (DeviceBusyError, OperationRefusedError, StoreFullError):
+        except (errors.DeviceBusyError, errors.OperationRefusedError, errors.StoreFullError):
             return None, None
         if not infos:
             return None, None
@@ -240,7 +231,8 @@ class ThetaZ1:
         try:
             fraction = camera.nearest_time(shutter_s, {f: f.seconds for f in self._fractions})
         except ValueError as error:
-            raise SettingRefusedError(f"no exposure time: {error}", where=self._link.name, asked=shutter_s) from error
+            text = f"no exposure time: {error}"
+            raise errors.SettingRefusedError(text, where=self._link.name, asked=shutter_s) from error
         self._properties.write_and_compare("shutter", RicohProp.SHUTTER_SPEED, fraction.to_u64())
         self._shutter_s = fraction.seconds
         return camera.ShutterReadback(asked_s=shutter_s, nominal_s=fraction.seconds, raw=str(fraction))
@@ -267,7 +259,7 @@ class ThetaZ1:
     def poll_exposure(self) -> camera.ExposureProgress:
         """Look for the frames of the running exposure."""
         if self._exposure is None:
-            raise ExposureFailedError("no exposure is running", where=self._link.name, advice="release first")
+            raise errors.ExposureFailedError("no exposure is running", where=self._link.name, advice="release first")
         progress = self._exposure.poll(wait=not self._read_since_poll)
         self._read_since_poll = False
         if progress.done:
@@ -279,7 +271,7 @@ class ThetaZ1:
         self._read_since_poll = True
         try:
             return self._link.session.get_partial_object(frame.handle, offset, max_bytes)
-        except DeviceBusyError:
+        except errors.DeviceBusyError:
             if self._exposure is not None:
                 self.can_transfer_while_exposing = False
             else:
@@ -311,7 +303,7 @@ class ThetaZ1:
 
     def close(self) -> None:
         """Give the camera its own sleep times back and close the session; never raises."""
-        with suppress(DeviceError):  # it is gone or out of step; it keeps awake until switched off
+        with suppress(errors.DeviceError):  # it is gone or out of step; it keeps awake until switched off
             for prop in tuple(self._sleep_before):  # what it did not take is given back when it has been found again
                 self._properties.write(prop, self._sleep_before[prop])
                 del self._sleep_before[prop]
