@@ -20,6 +20,7 @@ from mocks.rooms.light.light import lightings
 from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role
 from mocks.rooms.room import Room
+from mocks.rooms.sky.outdoors import directions_at
 from mocks.rooms.view import RoomView
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site, Vector
@@ -75,9 +76,7 @@ def equirectangular(rows: int) -> Floats:
     """Return unit directions of the pixel centres (H, 2 H, 3)."""
     longitude = ((np.arange(2 * rows) + 0.5) / (2 * rows) - 0.5) * (2 * math.pi)
     latitude = (0.5 - (np.arange(rows) + 0.5) / rows) * math.pi
-    flat = np.cos(latitude)[:, None]
-    up = np.broadcast_to(np.sin(latitude)[:, None], (rows, 2 * rows))
-    return np.stack([flat * np.sin(longitude), flat * np.cos(longitude), up], axis=-1).astype(np.float32)
+    return directions_at(longitude, latitude[:, None])
 
 
 def truth_pictures(world: RoomWorld, rows: int = 512) -> TruthPictures:
