@@ -35,10 +35,6 @@ class Outcome:
     passed: bool
     detail: str
 
-    def to_dict(self) -> dict[str, object]:
-        """Return instrument, name, passed and detail."""
-        return dict(vars(self))
-
 
 @dataclass
 class CameraBench:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,7 +106,7 @@ def conform(
     if not outcomes:
         raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="choose another instrument")
     passed = all(o.passed for o in outcomes)
-    facts = {"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}
+    facts = {"ok": passed, "simulated": rig.simulated, "outcomes": [asdict(o) for o in outcomes]}
     return answer(facts, (), as_json=as_json, exit_code=int(not passed))
 
 
