@@ -6,6 +6,7 @@ or, asked more often than then, as the last time. A camera's events come as long
 that the transcript does not have is refused.
 """
 
+import io
 import struct
 from collections import deque
 from collections.abc import Iterable
@@ -217,11 +218,8 @@ def _with_id(transfers: list[bytes], transaction_id: int) -> list[bytes]:
         (length,) = struct.unpack_from("<I", whole, at)
         struct.pack_into("<I", whole, at + 8, transaction_id)
         at += max(length, HEADER_BYTES)
-    found, at = [], 0
-    for transfer in transfers:
-        found.append(bytes(whole[at : at + len(transfer)]))
-        at += len(transfer)
-    return found
+    renumbered = io.BytesIO(whole)
+    return [renumbered.read(len(transfer)) for transfer in transfers]
 
 
 class ReplayedLine:

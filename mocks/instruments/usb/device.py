@@ -3,7 +3,7 @@
 import errno
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from drivers.ptp.codes import HEADER_BYTES, ClassRequest, ContainerType, Event, Response
@@ -235,13 +235,10 @@ class UsbPtpDevice:
     def _take_container(self, container: ptp_wire.WireContainer, incoming: _Incoming) -> None:
         request = incoming.request
         if request is not None:
-            if container.type != ContainerType.DATA or (container.code, container.transaction_id) != (
-                request.operation,
-                request.transaction_id,
-            ):
+            expected = (ContainerType.DATA, request.operation, request.transaction_id)
+            if (container.type, container.code, container.transaction_id) != expected:
                 raise ptp_wire.BadBytesError(f"data phase of {request.operation:04x} expected, {container} came")
-            complete = Request(request.operation, request.transaction_id, request.params, container.payload)
-            self._execute(complete, incoming.faults)
+            self._execute(replace(request, data=container.payload), incoming.faults)
             return
         if container.type != ContainerType.COMMAND:
             raise ptp_wire.BadBytesError(f"command expected, type {container.type} came")
