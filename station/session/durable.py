@@ -109,8 +109,10 @@ def where_possible() -> Iterator[None]:
             raise
 
 
-def irregular(info: os.stat_result) -> str | None:
-    """Say why a file is not an ordinary file of this session alone, or None if it is."""
+def irregular(info: os.stat_result | None) -> str | None:
+    """Say why a file is not an ordinary file of this session alone, or None if it is, or there is none."""
+    if info is None:
+        return None
     if stat.S_ISLNK(info.st_mode):
         return "is a symbolic link"
     if stat.S_ISDIR(info.st_mode):
@@ -132,12 +134,11 @@ def write_all(fd: int, data: bytes | memoryview) -> None:
 
 def new_file(path: Path) -> IO[str]:
     """Open a new text file (``.gz``: compressed); `UsageError`: it is there; `ResourceError`: it cannot be made."""
-    try:
-        return cast("IO[str]", (gzip.open if path.suffix == ".gz" else open)(path, "xt", encoding="utf-8"))
-    except FileExistsError as exc:
-        raise UsageError("is already there", where=str(path), advice="choose another name") from exc
-    except OSError as exc:
-        raise disk_error(exc, path, "creating") from exc
+    with disk_errors(path, "creating"):
+        try:
+            return cast("IO[str]", (gzip.open if path.suffix == ".gz" else open)(path, "xt", encoding="utf-8"))
+        except FileExistsError as exc:
+            raise UsageError("is already there", where=str(path), advice="choose another name") from exc
 
 
 def check_size(fd: int, size_bytes: int) -> None:
@@ -167,9 +168,7 @@ class SessionLock(AbstractContextManager["SessionLock"]):
 
     def __init__(self, folder: Folder, name: str = LOCK_NAME, *, wait_s: float = 0.0) -> None:
         """Take the lock, after ``wait_s`` at most, or raise `SessionLockedError` naming the holder."""
-        info = folder.lstat(name)
-        reason = irregular(info) if info else None
-        if reason:
+        if reason := irregular(folder.lstat(name)):
             raise IntegrityError(reason, where=str(folder.path / name), advice="remove it")
         # A soft lock (on file systems without flock) would outlive a crash; better to refuse.
         self._lock = FileLock(str(folder.path / name), thread_local=False, fallback_to_soft=False)

@@ -89,8 +89,7 @@ class Folder(AbstractContextManager["Folder"]):
             if exc.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
                 raise IntegrityError("is a link, a folder or a device, not a file", where=str(path)) from exc
             raise durable.disk_error(exc, path, "opening") from exc
-        reason = durable.irregular(os.fstat(fd))
-        if reason:
+        if reason := durable.irregular(os.fstat(fd)):
             os.close(fd)
             raise IntegrityError(reason, where=str(path))
         return fd

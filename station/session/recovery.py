@@ -267,8 +267,7 @@ def file_problem(folder: Folder, frame: FrameRecord | PanoramaRecord) -> FilePro
     info = folder.lstat(frame.file.partition("/")[2])
     if info is None:
         return FileProblem("missing", "is missing")
-    reason = durable.irregular(info)
-    if reason:
+    if reason := durable.irregular(info):
         return FileProblem("irregular", reason)
     if info.st_size != frame.size_bytes:
         return FileProblem("size", f"has {info.st_size} bytes in place of {frame.size_bytes}")

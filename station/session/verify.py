@@ -218,8 +218,7 @@ def _check_root(root: Folder, report: VerifyReport) -> None:
     for name in root.names():
         if name in SUBFOLDERS or name in (MANIFEST_NAME, JOURNAL_NAME, LOCK_NAME):
             continue
-        info = root.lstat(name)
-        reason = durable.irregular(info) if info else None
+        reason = durable.irregular(root.lstat(name))
         if name.startswith(PART_PREFIX):
             report.notes.append(f"{name!r} was left by an interrupted run; it is harmless")
         elif reason and reason != durable.IS_FOLDER:
@@ -239,8 +238,7 @@ def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyRepor
         file = f"{name}/{inside}"
         if file in listed:
             continue
-        info = folder.lstat(inside)
-        reason = durable.irregular(info) if info else None
+        reason = durable.irregular(folder.lstat(inside))
         if reason:
             report.add("irregular", file, reason)
         elif inside.startswith(PART_PREFIX):
@@ -263,16 +261,15 @@ def _check_file(
         report.add("missing", record.file, exc.message)
         return
     try:
-        problem = recovery.file_problem(folder, record)
-        if problem is None and not report.fast:
-            problem = _digest_problem(folder, record, report)
-        if problem is None and frame_check and isinstance(record, FrameRecord):
-            reason = frame_check(folder.path / name, record)
-            problem = FileProblem("content", reason) if reason else None
+        with folder:
+            problem = recovery.file_problem(folder, record)
+            if problem is None and not report.fast:
+                problem = _digest_problem(folder, record, report)
+            if problem is None and frame_check and isinstance(record, FrameRecord):
+                reason = frame_check(folder.path / name, record)
+                problem = FileProblem("content", reason) if reason else None
     except (SessionError, ResourceError) as exc:
         problem = FileProblem("unreadable", exc.message)
-    finally:
-        folder.close()
     report.frames_checked += 1
     if problem:
         report.add(problem.code, record.file, problem.message)
