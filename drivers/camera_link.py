@@ -78,20 +78,15 @@ class CameraLink:
     def _check(self, info: DeviceInfo) -> None:
         if info.vendor_extension_id not in self._model.vendor_extension_ids:
             known = " or ".join(f"{i:#x}" for i in self._model.vendor_extension_ids)
-            raise UnsupportedError(
-                f"{info.model!r} speaks PTP extension {info.vendor_extension_id:#x}, not {known}",
-                where=self._model.name,
-                likely="another camera, or the camera is in another USB mode",
-                advice="connect the camera that the rig file names, in its still-picture (MTP/PTP) mode",
-            )
+            text = f"{info.model!r} speaks PTP extension {info.vendor_extension_id:#x}, not {known}"
+            likely = "another camera, or the camera is in another USB mode"
+            advice = "connect the camera that the rig file names, in its still-picture (MTP/PTP) mode"
+            raise UnsupportedError(text, where=self._model.name, likely=likely, advice=advice)
         missing = set(self._model.required_operations) - set(info.operations)
         if missing:
-            raise UnsupportedError(
-                f"{info.model!r} lacks the operations {', '.join(f'{code:#06x}' for code in sorted(missing))}",
-                where=self._model.name,
-                likely="another model, or firmware that is too old",
-                advice="update the camera's firmware",
-            )
+            text = f"{info.model!r} lacks the operations {', '.join(f'{code:#06x}' for code in sorted(missing))}"
+            likely, advice = "another model, or firmware that is too old", "update the camera's firmware"
+            raise UnsupportedError(text, where=self._model.name, likely=likely, advice=advice)
 
     def recover(self, *, from_port_reset: bool = False) -> bool:
         """Bring the session back into step, by reopening the link where nothing milder helps (or is wanted).

@@ -125,13 +125,10 @@ class SerialLink:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
             self._drop_unsent()
-            raise DeviceTimeoutError(
-                "the port does not accept data",
-                where=self.name,
-                likely="a handshake line is missing in the cable, or the meter is off",
-                advice="switch it on; with a three-wire cable: rts_handshake = false in a dialect of your own",
-                limit_s=min(timeout_s, STALL_S),
-            ) from error
+            text, limit_s = "the port does not accept data", min(timeout_s, STALL_S)
+            likely = "a handshake line is missing in the cable, or the meter is off"
+            advice = "switch it on; with a three-wire cable: rts_handshake = false in a dialect of your own"
+            raise DeviceTimeoutError(text, where=self.name, likely=likely, advice=advice, limit_s=limit_s) from error
         except _GONE as error:
             self._lost(error)
 

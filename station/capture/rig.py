@@ -241,11 +241,10 @@ def simulated_renderer() -> str:
     from mocks.rooms.light.engine import EngineError, engine, missing_libraries
 
     if missing := missing_libraries():
-        raise EngineError(
-            f"{', '.join(missing)} not installed: rooms cannot be generated",
-            likely="a system without these packages (Linux on ARM), or an incomplete installation",
-            advice="capture works without them; for generated rooms reinstall daylit (make demo) or use x86-64",
-        )
+        text = f"{', '.join(missing)} not installed: rooms cannot be generated"
+        likely = "a system without these packages (Linux on ARM), or an incomplete installation"
+        advice = "capture works without them; for generated rooms reinstall daylit (make demo) or use x86-64"
+        raise EngineError(text, likely=likely, advice=advice)
     return str(engine())
 
 

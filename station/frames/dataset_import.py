@@ -99,12 +99,10 @@ def plan_dataset(request: DatasetRequest, checker: FrameChecker) -> DatasetPlan:
 def doubt_error(doubts: Sequence[Doubt]) -> AmbiguousImportError:
     """Return the error that names what is not decided."""
     others = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
-    return AmbiguousImportError(
-        f"{doubts[0].message}{others}",
-        where=doubts[0].paths[0],
-        advice="import these with --indoor and --outdoor, or give their folders clearer names",
-        doubts=[{"message": doubt.message, "paths": list(doubt.paths)} for doubt in doubts],
-    )
+    text, where = f"{doubts[0].message}{others}", doubts[0].paths[0]
+    advice = "import these with --indoor and --outdoor, or give their folders clearer names"
+    named = [{"message": doubt.message, "paths": list(doubt.paths)} for doubt in doubts]
+    return AmbiguousImportError(text, where=where, advice=advice, doubts=named)
 
 
 def import_dataset(request: DatasetRequest, plan: DatasetPlan, checker: FrameChecker) -> Iterator[Outcome]:

@@ -197,11 +197,8 @@ def _finish(data: bytes, end: int, walk: _Walk) -> JpegHeader:
     # Refuse data that cannot fill the picture: a block costs a bit for its mean, in sequential mode two
     least_bytes = walk.frame.blocks * (1 if walk.frame.progressive else 2) // 8
     if walk.scan_bytes < least_bytes:
-        raise FrameProblemError(
-            Reason.TRUNCATED,
-            f"{walk.scan_bytes} bytes of picture data, where {walk.frame.width_px}x{walk.frame.height_px} pixels "
-            f"need {least_bytes} or more",
-        )
+        needed = f"{walk.frame.width_px}x{walk.frame.height_px} pixels need {least_bytes} or more"
+        raise FrameProblemError(Reason.TRUNCATED, f"{walk.scan_bytes} bytes of picture data, where {needed}")
     # Allow zero padding, previews that a multi-picture (MPF) segment announces, Samsung's trailer (SEF); nothing else
     tail = data[end:].strip(b"\0")
     if tail and not ((walk.has_previews and tail.startswith(b"\xff\xd8\xff")) or tail.endswith(b"SEFT")):

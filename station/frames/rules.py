@@ -127,13 +127,10 @@ def _judge_date(facts: FrameFacts, expected: ExpectedFrame) -> None:
     window_s = (before - after).total_seconds() + 2 * DATE_TOLERANCE_S
     if abs(late_s) <= 14 * 3600 + window_s and late_s % ZONE_STEP_S <= window_s:
         return
-    raise rejection(
-        facts.name,
-        Reason.WRONG_DATE,
-        f"dated {taken:%Y-%m-%d %H:%M:%S} by the camera's clock, "
-        f"taken between {_clock(after)} and {_clock(before)} UTC",
-        "the camera sent an older frame, or its clock was changed: take the frame again",
-    )
+    window = f"between {_clock(after)} and {_clock(before)} UTC"
+    text = f"dated {taken:%Y-%m-%d %H:%M:%S} by the camera's clock, taken {window}"
+    advice = "the camera sent an older frame, or its clock was changed: take the frame again"
+    raise rejection(facts.name, Reason.WRONG_DATE, text, advice)
 
 
 def _clock(moment: datetime) -> str:
@@ -152,13 +149,9 @@ def _judge_black(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[F
     for other in earlier:
         least = _least_mean(other, time_s)
         if facts.mean_frac < least:
-            raise rejection(
-                facts.name,
-                Reason.TOO_DARK,
-                f"brightness {facts.mean_frac:.4f} at {seconds_text(time_s)}, "
-                f"which cannot be below {least:.4f} after {other.name}",
-                "take the frame again",
-            )
+            seen = f"brightness {facts.mean_frac:.4f} at {seconds_text(time_s)}"
+            text = f"{seen}, which cannot be below {least:.4f} after {other.name}"
+            raise rejection(facts.name, Reason.TOO_DARK, text, "take the frame again")
 
 
 def _shows_dim_room(time_s: float, expected: ExpectedFrame, facts: FrameFacts) -> bool:
