@@ -77,8 +77,6 @@ THETA_Z1 = CameraOptics(
         full_well_e=15000.0,
         read_noise_e=4.0,
         tone=(ToneCurve(contrast=0.30), ToneCurve(contrast=0.35), ToneCurve(contrast=0.40)),
-        raw_bits=14,
-        raw_black=512,
     ),
     glare=0.005,
 )
@@ -91,7 +89,6 @@ CANON_5D2 = CameraOptics(
         read_noise_e=12.0,
         native_balance=(0.48, 1.0, 0.72),
         tone=(ToneCurve(2.3, contrast=0.45), ToneCurve(2.3, contrast=0.42), ToneCurve(2.3, contrast=0.40)),
-        raw_bits=14,
         raw_black=1024,
     ),
     filter=Filter(density=3.0, tint=ND3_TINT),
