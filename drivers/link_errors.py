@@ -3,6 +3,7 @@ holds a device."""
 
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from drivers import errors
@@ -79,14 +80,12 @@ def find_holder(node: str, proc: Path = PROC, *, suspects: tuple[str, ...] = ())
 
 def process_name(process: Path) -> str:
     """Return the name of a process (of its folder under /proc), at most `COMM_CHARACTERS` of it."""
-    try:
+    with suppress(OSError):
         return (process / "comm").read_text("utf-8", "replace").strip()
-    except OSError:
-        return "a process that has ended"
+    return "a process that has ended"
 
 
 def _has_open(process: Path, target: str) -> bool:
-    try:
+    with suppress(OSError):
         return any(os.path.realpath(entry) == target for entry in (process / "fd").iterdir())
-    except OSError:
-        return False
+    return False

@@ -11,7 +11,7 @@ from drivers import camera, errors
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
 from drivers.clock import Clock, Deadline
 from drivers.ptp.codes import DataType, Event, ObjectFormat, Operation, Prop
-from drivers.ptp.datasets import decode_date
+from drivers.ptp.datasets import StorageInfo, decode_date
 from drivers.ptp.pipes import PtpTransport
 from drivers.theta_z1 import settings as theta_settings
 from drivers.theta_z1.codes import SHUTTER_FRACTIONS, VENDOR_EXTENSION_ID, RicohProp
@@ -181,11 +181,9 @@ class ThetaZ1:
         return None  # a clock that was never set is no reason not to shoot; ErrorInfo reports it
 
     def _free_space(self) -> tuple[int | None, int | None]:
-        session = self._link.session
-        try:
+        session, infos = self._link.session, list[StorageInfo]()
+        with suppress(errors.DeviceBusyError, errors.OperationRefusedError, errors.StoreFullError):
             infos = [session.get_storage_info(storage_id) for storage_id in session.get_storage_ids()]
-        except (errors.DeviceBusyError, errors.OperationRefusedError, errors.StoreFullError):
-            return None, None
         if not infos:
             return None, None
         frames = sum(i.free_images for i in infos) if all(i.free_images != UNKNOWN_COUNT for i in infos) else None
