@@ -12,12 +12,12 @@ import numpy as np
 from processing.calibration.scale.luminance import Spot, sighted, spot_pixels
 from processing.calibration.scale.photometry import UP, illuminance_lx, illuminances_lx, luminance_map
 from processing.errors import ParameterError, ProcessingError, ScaleError
-from processing.figures.glare import CLASSES, FAINT_LX, glare_indices
+from processing.figures.glare import CLASSES, FAINT_LX, glare_indices, pixel_of
 from processing.figures.uncertainty import Figure, Part, light_figure, statistics
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.radiance import write_radiance_hdr
-from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, directions, pixels, solid_angles
+from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, directions, solid_angles
 from processing.sphere.resampling import resample, resample_uncertainty
 from processing.surfaces.maps import planes_of, surface_maps
 
@@ -212,12 +212,12 @@ def eye_view(image: LuminanceImage, azimuth_rad: float, size_px: int = 1000) -> 
     light = np.zeros((size_px, size_px, 3))
     for row in range(size_px):
         rows = slice(_FINE * row, _FINE * (row + 1))
-        found = source.rgb[_nearest(panorama, _turned(fine, azimuth_rad, rows))]
+        found = source.rgb[pixel_of(panorama, _turned(fine, azimuth_rad, rows))]
         light[row] = found.reshape(_FINE, size_px, _FINE, 3).mean(axis=(0, 2), dtype=np.float64)
     if not (np.isfinite(light).all() and light.min() >= 0):
         raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
     _, seen = directions(target)
-    middle = _nearest(panorama, _turned(target, azimuth_rad))
+    middle = pixel_of(panorama, _turned(target, azimuth_rad))
     rgb = np.where(seen[..., None], light, 0).astype(np.float32)
     uncertainty = np.where(seen, source.uncertainty[middle], np.inf).astype(np.float32)
     validity = np.where(seen, source.validity[middle], Validity.OUTSIDE).astype(np.uint8)
@@ -231,9 +231,3 @@ def _turned(view: Fisheye, azimuth_rad: float, rows: slice | None = None) -> np.
     # A fisheye that looks up has +x on its left.
     ahead, left, up = rays[..., 2:], rays[..., :1], rays[..., 1:2]
     return np.asarray(ahead * [sine, cosine, 0.0] + left * [-cosine, sine, 0.0] + up * [0.0, 0.0, 1.0])
-
-
-def _nearest(panorama: Equirectangular, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return row and column of the pixel that each direction falls into: bright edges stay sharp."""
-    x, y, _ = pixels(panorama, rays)
-    return y.astype(np.intp).clip(0, panorama.height_px - 1), x.astype(np.intp) % panorama.width_px

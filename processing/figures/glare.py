@@ -26,7 +26,7 @@ from processing.errors import ParameterError
 from processing.figures.uncertainty import Doubt, Figure, doubt_of
 from processing.ground.arrays import Doubles, Indices
 from processing.pictures.images import LuminanceImage, Validity
-from processing.sphere import Equirectangular, Fisheye, directions, projected_solid_angles, solid_angles
+from processing.sphere import Equirectangular, Fisheye, directions, pixels, projected_solid_angles, solid_angles
 
 THRESHOLD_CD_M2 = 2000.0  # evalglare's -b
 PEAK_CD_M2 = 50_000.0  # evalglare's -Y
@@ -37,7 +37,7 @@ FAINT_LX = 380.0  # at the eye, below which the formula was never tried
 CLASSES = ((0.35, "imperceptible"), (0.40, "perceptible"), (0.45, "disturbing"), (math.inf, "intolerable"))
 """Upper ends of what observers say (Wienold 2009)."""
 
-_CELLS = 360  # rows of the grid on which neighbours are found: half a degree each
+_GRID = Equirectangular(720, 360)  # on which neighbours are found: half a degree each
 
 
 def bright_spots(
@@ -67,14 +67,10 @@ def linked(rays: Doubles, reach_rad: float) -> Indices:
 
     if not len(rays):
         return np.zeros(0, np.intp)
-    row, column = _cells(rays)
-    used = np.zeros((_CELLS, 2 * _CELLS), bool)
+    row, column = pixel_of(_GRID, rays)
+    used = np.zeros((_GRID.height_px, _GRID.width_px), bool)
     used[row, column] = True
-    latitude = (0.5 - (np.arange(_CELLS) + 0.5) / _CELLS) * math.pi
-    longitude = ((np.arange(2 * _CELLS) + 0.5) / (2 * _CELLS) - 0.5) * 2 * math.pi
-    flat = np.cos(latitude)[:, None]
-    parts = (flat * np.sin(longitude), flat * np.cos(longitude), np.sin(latitude)[:, None] + 0 * longitude)
-    middles = np.stack(parts, axis=-1)
+    middles, _ = directions(_GRID)
     chord = 2 * math.sin(reach_rad / 4)
     far, _ = cKDTree(middles[used]).query(middles.reshape(-1, 3), distance_upper_bound=chord)
     labels, count = label(np.isfinite(far).reshape(used.shape), np.ones((3, 3)))
@@ -94,11 +90,10 @@ def _joined(labels: npt.NDArray[np.integer], count: int) -> Indices:
     return group
 
 
-def _cells(rays: Doubles) -> tuple[Indices, Indices]:
-    latitude = np.arcsin(np.clip(rays[:, 2], -1, 1))
-    longitude = np.arctan2(rays[:, 0], rays[:, 1])
-    row = np.floor((0.5 - latitude / math.pi) * _CELLS).astype(np.intp).clip(0, _CELLS - 1)
-    return row, np.floor((0.5 + longitude / (2 * math.pi)) * 2 * _CELLS).astype(np.intp) % (2 * _CELLS)
+def pixel_of(panorama: Equirectangular, rays: Doubles) -> tuple[Indices, Indices]:
+    """Return row and column (...) of the pixel that each direction (..., 3) falls into: bright edges stay sharp."""
+    x, y, _ = pixels(panorama, rays)
+    return y.astype(np.intp).clip(0, panorama.height_px - 1), x.astype(np.intp) % panorama.width_px
 
 
 def probability(vertical_lx: float, sources: float) -> float:
