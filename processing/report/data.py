@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 StageState = Literal["ran", "skipped", "reused", "failed", "not reached"]
 
@@ -263,9 +263,9 @@ class Viewer:
     @property
     def json(self) -> str:
         """All of it for the script, safe within HTML."""
-        states = [_state_facts(state) for state in self.states]
-        facts = {name: getattr(self, name) for name in ("middle", "range", "ticks", "unit", "yaw_deg", "label", "room")}
-        return safe_json({**facts, "colours": base64.b64encode(self.colours).decode("ascii"), "states": states})
+        states = [{**vars(one), "jpeg": base64.b64encode(one.jpeg).decode("ascii")} for one in self.states]
+        colours = base64.b64encode(self.colours).decode("ascii")
+        return safe_json({**vars(self), "colours": colours, "states": states})
 
 
 @dataclass(frozen=True)
@@ -321,8 +321,3 @@ def safe_json(value: object) -> str:
     """Return JSON that cannot end a script element or begin a comment."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _state_facts(state: ViewerState) -> Mapping[str, Any]:
-    names = ("name", "luminance", "uncertainty", "validity", "map_px", "picture_px", "file", "staged")
-    return {**{name: getattr(state, name) for name in names}, "jpeg": base64.b64encode(state.jpeg).decode("ascii")}
