@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, Protocol
 
@@ -98,12 +99,16 @@ def find_optics(
         lens, lens_source = camera.lens.lens(), "from the rig profile"
     else:
         lens, lens_source = _lens(image, session, asked, side, warnings)
+    circle = lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
     falloff, falloff_source = falloff_of(session, asked, profile, warnings, side)
     if side is Side.OUTDOOR:
         if _kind(session, side) not in LENS_MAPPINGS and lens.polynomial == ():
             warnings.append(f"the outdoor lens's mapping ({lens.mapping}) is assumed: angles may be 4 degrees off")
         measured = camera is not None and camera.nd is not None
-        of_sky = None if measured or k2 is not None else _tint_of_sky(image, lens)
+        of_sky = None
+        if not measured and k2 is None:
+            with suppress(LensError):  # the sky shows no filter, or too little of it is seen
+                of_sky = tint_of_sky(image, circle)
         tint, tint_source = _filter(session, profile, k2, of_sky, warnings)
     else:
         tint, tint_source = None, "no filter"
@@ -111,7 +116,6 @@ def find_optics(
         panorama = falloff_of(session, asked, profile, [], Side.INDOOR)[0]
         warnings += corrections_unlike(k2, {"panorama": panorama, "vignetting": falloff, "nd": tint})
     field_deg = math.degrees(2 * lens.half_field_rad)
-    circle = lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
     facts = {
         "lens": {"mapping": str(lens.mapping), "field_deg": field_deg, "source": lens_source},
         "image_circle": {"centre_px": list(circle.centre_px), "radius_px": circle.radius_px},
@@ -247,14 +251,6 @@ def _filter(
     found = camera.nd.nd_filter()
     warnings += [found.doubt] if found.doubt else []
     return found, "from the rig profile"
-
-
-def _tint_of_sky(image: RelativeImage, lens: LensModel) -> NdFilter | None:
-    """Return the filter that the sky's own colours show; None: they show none, or too little of it is seen."""
-    try:
-        return tint_of_sky(image, lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0])))
-    except LensError:
-        return None
 
 
 def _kind(session: SessionManifest, side: Side) -> str:

@@ -114,28 +114,25 @@ def clear_beam(
     top = float(pvlib.irradiance.get_extra_radiation(_checked(time_utc).timetuple().tm_yday))
     light = pvlib.clearsky.ineichen(zenith_deg, absolute, linke_turbidity, place.altitude_m, top)
     normal, diffuse = float(light["dni"]), float(light["dhi"])
-    brightness = diffuse * mass / top
-    efficacy = direct_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, brightness)
-    around = diffuse * diffuse_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, brightness)
-    return Beam(normal * efficacy, BEAM_UNCERTAINTY, normal, linke_turbidity, diffuse, around, top, mass)
+    direct_lm_w, around_lm_w = efficacies_lm_w(math.radians(zenith_deg), normal, diffuse, diffuse * mass / top)
+    lit = normal * direct_lm_w, diffuse * around_lm_w
+    return Beam(lit[0], BEAM_UNCERTAINTY, normal, linke_turbidity, diffuse, lit[1], top, mass)
 
 
-def direct_efficacy_lm_w(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float) -> float:
-    """Return the luminous efficacy of the beam (Perez et al. 1990); ``brightness`` is their Delta."""
-    a, b, c, d = _LM_W["direct"][_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
-    return max(0.0, a + b * WATER_CM + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
+def efficacies_lm_w(
+    zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float
+) -> tuple[float, float]:
+    """Return the luminous efficacies of the beam, and of the sky's own light on level ground.
 
-
-def diffuse_efficacy_lm_w(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float) -> float:
-    """Return the luminous efficacy of the sky's own light on level ground (Perez et al. 1990, table 4, diffuse)."""
-    a, b, c, d = _LM_W["diffuse"][_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
-    return max(0.0, a + b * WATER_CM + c * math.cos(zenith_rad) + d * math.log(max(brightness, 1e-3)))
-
-
-def _clearness_bin(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float) -> int:
+    Perez et al. 1990, table 4, direct and diffuse; ``brightness`` is their Delta.
+    """
     twist = 1.041 * zenith_rad**3
     clearness = ((diffuse_w_m2 + normal_w_m2) / max(diffuse_w_m2, 1e-9) + twist) / (1 + twist)
-    return sum(clearness >= edge for edge in _CLEARNESS_EDGES)
+    number = sum(clearness >= edge for edge in _CLEARNESS_EDGES)
+    (a, b, c, d), (e, f, g, h) = _LM_W["direct"][number], _LM_W["diffuse"][number]
+    direct = a + b * WATER_CM + c * math.exp(5.73 * zenith_rad - 5) + d * brightness
+    around = e + f * WATER_CM + g * math.cos(zenith_rad) + h * math.log(max(brightness, 1e-3))
+    return max(0.0, direct), max(0.0, around)
 
 
 def _solar_position(time_utc: datetime, place: Place) -> dict[str, float]:

@@ -229,22 +229,20 @@ def fit_noise(
 
 
 def _predicted(long_codes: Doubles, step: Doubles, fine: FineCurve) -> tuple[Doubles, Flags, Doubles]:
-    """Return the codes (n,) that a frame ``step`` stops shorter has, whether both are of use, and `_terms` (n, 3)."""
+    """Return the codes (n,) that a frame ``step`` stops shorter has, whether both are of use, and terms (n, 3).
+
+    Terms: variance of the difference, in squared codes, for a unit of photon, read2 and code variance.
+    """
     at_long, slope_long, _ = fine.at(long_codes)
     predicted = fine.code(at_long + step)
     use = (long_codes < _HIGH) & (long_codes > _LEAST_LONG_CODE) & (predicted > _LOW) & (predicted < _HIGH)
-    return predicted, use, _terms(at_long, slope_long, predicted, fine)
-
-
-def _terms(at_long: Doubles, slope_long: Doubles, predicted: Doubles, fine: FineCurve) -> Doubles:
-    """Return (n, 3): variance of the difference, in squared codes, for a unit of photon, read2 and code variance."""
     at_short, slope_short, _ = fine.at(predicted)
     x_long, x_short = np.exp2(at_long), np.exp2(at_short)
     codes_per_log = 1 / (np.log(2.0) * slope_short)  # d code / d ln x in the shorter frame
     ratio = slope_long / slope_short  # a code there is so many here
     photon = codes_per_log**2 * (1 / x_short + 1 / x_long)
     read = codes_per_log**2 * (1 / x_short**2 + 1 / x_long**2)
-    return np.stack([photon, read, 1 + ratio**2], axis=1)
+    return predicted, use, np.stack([photon, read, 1 + ratio**2], axis=1)
 
 
 def _solve_noise(difference: Doubles, terms: Doubles, predicted: Doubles, least: float) -> CodeNoise | None:

@@ -17,7 +17,7 @@ from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.outdoor.sun_place import (
     Place,
     clear_beam,
-    direct_efficacy_lm_w,
+    efficacies_lm_w,
     north_from_heading,
     north_from_sun,
     oriented,
@@ -184,6 +184,6 @@ def test_the_clear_skys_beam() -> None:
     assert night.normal_lx == 0
     clean, hazy = (clear_beam(NOON, PITTSBURGH, turbidity).normal_lx for turbidity in (2.0, 6.0))
     assert hazy < 0.8 * clean
-    assert 95 < direct_efficacy_lm_w(math.radians(25), 900.0, 90.0, 0.07) < 112
+    assert 95 < efficacies_lm_w(math.radians(25), 900.0, 90.0, 0.07)[0] < 112
     with pytest.raises(ParameterError, match="turbidity"):
         clear_beam(NOON, PITTSBURGH, 0.1)
