@@ -260,16 +260,7 @@ def _k2(
         white_ratio=found.white_ratio,
         n_patches=sum(p.fitted for p in found.patches),
         residual_stops=found.residual_stops,
-        patches=tuple(
-            PatchRecord(
-                name=p.name,
-                indoor=max(p.indoor, 0.0),
-                outdoor=max(p.outdoor, 0.0),
-                residual_stops=p.residual_stops,
-                color_difference=p.color_difference,
-            )
-            for p in found.patches
-        ),
+        patches=tuple(PatchRecord.model_validate(p, from_attributes=True) for p in found.patches),
         light=float(blueness(views[Side.INDOOR].chart.rgb[chart_patches.WHITE])),
         corrections=tuple(name for name, what in done.items() if what is not None),
         responses={

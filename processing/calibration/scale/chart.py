@@ -204,8 +204,8 @@ def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> t
     return tuple(
         PatchPair(
             name,
-            float(y_in[n]),
-            float(y_out[n]),
+            max(float(y_in[n]), 0.0),
+            max(float(y_out[n]), 0.0),
             float(residual[n]) if both[n] else 0.0,
             float(differences[n]),
             bool(n in chart_patches.NEUTRALS and both[n]),

@@ -239,12 +239,6 @@ def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
 
 def _sampled(plane: Doubles, points: Doubles) -> Doubles:
     """Return the plane at points, bilinearly between pixel centres; beyond the picture its nearest pixel."""
-    high, wide = plane.shape
-    x = np.clip(points[..., 0] - 0.5, 0, wide - 1)
-    y = np.clip(points[..., 1] - 0.5, 0, high - 1)
-    left, top = np.minimum(x.astype(np.intp), max(wide - 2, 0)), np.minimum(y.astype(np.intp), max(high - 2, 0))
-    right, low = np.minimum(left + 1, wide - 1), np.minimum(top + 1, high - 1)
-    u, v = x - left, y - top
-    above = plane[top, left] * (1 - u) + plane[top, right] * u
-    below = plane[low, left] * (1 - u) + plane[low, right] * u
-    return np.asarray(above * (1 - v) + below * v)
+    from scipy.ndimage import map_coordinates
+
+    return np.asarray(map_coordinates(plane, [points[..., 1] - 0.5, points[..., 0] - 0.5], order=1, mode="nearest"))
