@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -45,11 +45,7 @@ def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
         likely = "it was made for another room, or with another origin (it must be below the camera)"
         advice = "make one for this room: daylit arrange SESSION --keep-camera"
         raise LayoutError(text, where=where, likely=likely, advice=advice)
-    pieces = [
-        Piece(i.id, replace(KINDS[i.category], size_m=i.size_m, base_m=i.base_m), *i.t_m[:2], i.theta_rad, i.group)
-        for i in arrangement.items
-    ]
-    return "; ".join(map(str, Judge(plan, rules).judge(pieces)))
+    return "; ".join(map(str, Judge(plan, rules).judge([Piece.of(item) for item in arrangement.items])))
 
 
 LIVING_FROM_M2 = 16.0

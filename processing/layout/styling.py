@@ -6,7 +6,7 @@ nothing covers an opening or what hangs on a wall. The same arguments give the s
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +17,6 @@ from processing.ground.arrays import Doubles
 from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
-from processing.layout.items import KINDS, ItemSpec
 from processing.layout.plan import FloorPlan, Hung, Window
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
@@ -94,12 +93,8 @@ class _Room:
         return PlacedItem(id=f"{name}-s{free}", category=what, size_m=(w, d, h), base_m=at[2], theta_rad=theta, t_m=at)
 
     def _pieces(self, *more: PlacedItem) -> list[Piece]:
-        every = [*self.one.items, *(a for a in self.added if a.base_m == 0 and a.category != "curtain"), *more]
-        plain = {item.category: KINDS.get(item.category, ItemSpec(item.category, item.size_m)) for item in every}
-        return [
-            Piece(i.id, replace(plain[i.category], size_m=i.size_m, base_m=i.base_m), *i.t_m[:2], i.theta_rad, i.group)
-            for i in every
-        ]
+        standing = (a for a in self.added if a.base_m == 0 and a.category != "curtain")
+        return [Piece.of(item) for item in (*self.one.items, *standing, *more)]
 
     def stands(self, piece: PlacedItem) -> bool:
         """Return whether a piece on the floor breaks no rule that holds without it, and hides no door that stays and

@@ -6,7 +6,7 @@ builds all geometry itself. Tolerances: overlaps count from 1 um deep (by area o
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from typing import Any, Self, TypeAlias
@@ -15,7 +15,8 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
-from processing.layout.items import ItemSpec
+from processing.layout.arrangement import PlacedItem
+from processing.layout.items import KINDS, ItemSpec
 from processing.layout.plan import Door, FloorPlan
 from processing.layout.rules import RuleSet
 
@@ -43,6 +44,13 @@ class Piece:
     y_m: float
     theta_rad: float
     group: str
+
+    @classmethod
+    def of(cls, item: PlacedItem) -> Self:
+        """Return a piece of an arrangement; one of no built-in kind asks for nothing but its size."""
+        kind = KINDS.get(item.category, ItemSpec(item.category, item.size_m))
+        spec = replace(kind, size_m=item.size_m, base_m=item.base_m)
+        return cls(item.id, spec, *item.t_m[:2], item.theta_rad, item.group)
 
 
 @dataclass(frozen=True)
@@ -212,15 +220,8 @@ def _apart(pieces: Sequence[Piece], shapes: Sequence[Polygon], within_m: float) 
     return found
 
 
-def _edge(plan: FloorPlan, edge: int) -> tuple[float, float, float, float]:
-    """Return an edge's first corner and unit direction."""
-    (ax, ay), (bx, by) = plan.corners[edge].tolist(), plan.corners[(edge + 1) % len(plan.corners)].tolist()
-    length_m = math.hypot(bx - ax, by - ay)
-    return ax, ay, (bx - ax) / length_m, (by - ay) / length_m
-
-
 def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: float) -> Polygon:
-    ax, ay, ux, uy = _edge(plan, edge)
+    (ax, ay), (ux, uy), _ = plan.edge(edge)
     rim = ((start_m, 0.0), (end_m, 0.0), (end_m, deep_m), (start_m, deep_m))
     return Polygon([(ax + t * ux - d * uy, ay + t * uy + d * ux) for t, d in rim])
 
@@ -236,7 +237,7 @@ def _swings(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
         return areas
     leaf = wide / 2 if pair else wide
     hands = ("left", "right") if door.hinge == "unknown" or pair else (door.hinge,)
-    ax, ay, ux, uy = _edge(plan, door.edge)
+    (ax, ay), (ux, uy), _ = plan.edge(door.edge)
     for hand in hands:
         at, sign = (door.end_m, -1.0) if hand == "left" else (door.start_m, 1.0)
         arc = np.stack([at + sign * leaf * np.cos(_QUARTER), leaf * np.sin(_QUARTER)], axis=1)
