@@ -8,6 +8,7 @@ import csv
 import io
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, tzinfo
@@ -164,11 +165,6 @@ RUN_COLUMNS = ("state", "code", "message", "ran", "kept", "warnings", "tries", "
 COLUMNS = (*PAPER_COLUMNS, *FOUND_COLUMNS, *RUN_COLUMNS)
 
 
-def batch_csv(outcomes: Iterable[Outcome]) -> str:
-    """Return the table as CSV, numbered from 1 in the order given."""
-    return csv_text(COLUMNS, (table_row(index, one) for index, one in enumerate(outcomes, 1)))
-
-
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> str:
     """Return rows as CSV, each text `guarded`; a column that a row lacks is empty."""
     text = io.StringIO(newline="")
@@ -180,19 +176,15 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> str:
 
 def table_row(index: int, one: Outcome) -> dict[str, str]:
     """Return a row of the table."""
-    ran = sum(1 for action in one.stages.values() if action == "ran")
+    did = Counter(one.stages.values())
     found = {name: value for name, value in one.row.items() if name in COLUMNS}
+    plain = {name: str(getattr(one, name)) for name in ("session", "state", "code", "message", "warnings", "tries")}
     return {
         **found,
+        **plain,
         "index": str(index),
-        "session": one.session,
-        "state": one.state,
-        "code": one.code,
-        "message": one.message,
-        "ran": str(ran),
-        "kept": str(sum(1 for action in one.stages.values() if action == "skipped")),
-        "warnings": str(one.warnings),
-        "tries": str(one.tries),
+        "ran": str(did["ran"]),
+        "kept": str(did["skipped"]),
         "seconds": f"{one.seconds:.2f}",
         "cpu_s": f"{one.cpu_seconds:.2f}",
         "peak_mb": f"{one.peak_bytes / 1e6:.0f}",
@@ -210,6 +202,7 @@ def write_table(folder: Path, report: BatchReport) -> tuple[Path, Path]:
     """Write batch.csv and batch.json into a folder, each whole or not at all, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     table, values = folder / CSV_NAME, folder / JSON_NAME
-    write_bytes(table, batch_csv(report.outcomes).encode())
+    rows = (table_row(index, one) for index, one in enumerate(report.outcomes, 1))
+    write_bytes(table, csv_text(COLUMNS, rows).encode())
     write_bytes(values, (json.dumps(report.to_dict(), indent=1, allow_nan=False) + "\n").encode())
     return table, values

@@ -25,7 +25,7 @@ from processing.batch.cluster import (
     threads_each,
     usual_workers,
 )
-from processing.batch.rows import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, orientation, session_row, write_table
+from processing.batch.rows import COLUMNS, PAPER_COLUMNS, guarded, orientation, session_row, write_table
 from processing.batch.run import BatchReport, find_sessions
 from processing.batch.work import Outcome
 from processing.commands.batch import summary_lines
@@ -140,7 +140,9 @@ def test_a_row_has_the_papers_columns(tmp_path: Path) -> None:
     row = session_row(complete_session(tmp_path), "America/New_York")
     assert (row["date"], row["theta_time"], row["scene_name"]) == ("20230519", "11:54", "coda 320")
     outcomes = [Outcome("x", "done", row=row, seconds=1.0), Outcome("y", "failed", "CAL-003", "no\nscale")]
-    read = list(csv.DictReader(io.StringIO(batch_csv(outcomes))))
+    read = list(
+        csv.DictReader(io.StringIO(write_table(tmp_path, BatchReport(tmp_path, outcomes))[0].read_text("utf-8")))
+    )
     assert tuple(read[0]) == COLUMNS
     assert COLUMNS[: len(PAPER_COLUMNS)] == PAPER_COLUMNS
     assert [one["index"] for one in read] == ["1", "2"]
