@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from processing.calibration.response.fit import spline_basis, srgb_log2_exposure
-from processing.calibration.response.prior import TABLE, PrincipalCurves
+from processing.calibration.response.prior import PrincipalCurves
 from processing.ground.arrays import Doubles
 
+TABLE = Path(__file__).parents[1] / "processing" / "calibration" / "response_prior.toml"
 COMPONENTS = 6  # chosen on the curves left out: 5 to 8 are alike, all 26 worse
 TAIL, DEGREES = 4.0, 12.0
 """Of Student's t, so that a few digitised curves with steps do not widen the spread of all."""

@@ -6,19 +6,17 @@ Response Functions (Grossberg and Nayar 2004) and to digital standards. Frames t
 period free, which only this holds down.
 """
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from processing.calibration.response.fit import spline_basis, srgb_log2_exposure
 from processing.ground.arrays import Doubles
+from processing.ground.tables import table_of
 
-TABLE = Path(__file__).parents[1] / "response_prior.toml"
 AMPLITUDES = (0.5, 1.0, 2.0)  # of the published curves' own spread; chosen on curves left out
 LOG_STRENGTHS = tuple(np.arange(3.5, 6.1, 0.5))
 """Of 1 / stops2, of the smooth rest: curves that were left out of the fit are most probable from 3.5 to 6."""
@@ -76,8 +74,7 @@ class PrincipalCurves:
 
 @lru_cache(maxsize=1)
 def _published() -> PrincipalCurves:
-    with TABLE.open("rb") as file:
-        table = tomllib.load(file)
+    table = table_of("processing.calibration", "response_prior")
     return PrincipalCurves(np.array(table["mean"]), np.array(table["components"]))
 
 

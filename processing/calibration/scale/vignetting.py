@@ -3,11 +3,8 @@
 Paper, section 3, step (1); Inanici 2006. V(r) = 1 + sum c_i r^p_i; a picture is divided by V to correct it.
 """
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib.resources import files
 from itertools import pairwise
 from typing import Any
 
@@ -17,18 +14,10 @@ import numpy.typing as npt
 
 from processing.errors import LensError
 from processing.ground.arrays import Doubles, Floats, Indices
+from processing.ground.tables import table_of
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye
 from processing.sphere.geometry import polar_of_radius
-
-# Published calibrations that come with the program: `lens_data.toml`, with their sources.
-
-
-@cache
-def lens_data() -> dict[str, Any]:
-    """Return the published tables, by kind and name."""
-    return tomllib.loads(files("processing.calibration").joinpath("lens_data.toml").read_text("utf-8"))
-
 
 EVEN_POWERS = (2, 4, 6, 8)
 """Of r, what fits take: a symmetric lens's fall-off is smooth in the middle, which is off by 1 % without the 8th."""
@@ -88,7 +77,7 @@ class Vignetting:
 
 def published_vignetting(name: str) -> Vignetting:
     """Return a published fall-off: canon_8mm_f5_6, canon_8mm_f8, canon_8mm_f11 or theta_z1 (`lens_data.toml`)."""
-    known = lens_data()["vignetting"]
+    known = table_of("processing.calibration", "lens_data")["vignetting"]
     if name not in known:
         raise LensError(f"no such published vignetting data: {name!r}", advice=f"one of {', '.join(known)}")
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in known[name].items()}
