@@ -285,10 +285,9 @@ def chart_png(found: ChartView) -> bytes:
     middles = chart_patches.chart_points(mapping, 0.0, 1)[:, 0]
     for number in range(24):
         window = np.array((number % 6 + 0.5, number // 6 + 0.5)) + _CORNER
-        flat = np.column_stack([window, np.ones(4)]) @ mapping.T
-        outline = np.rint(flat[:, :2] / flat[:, 2:]).astype(np.int32)
+        outline = np.rint(cv2.perspectiveTransform(window[:, None], mapping)).astype(np.int32)
         colour = (0, 0, 255) if number == chart_patches.WHITE else (0, 255, 0)
-        cv2.polylines(picture, [outline[:, None]], True, colour, width, cv2.LINE_AA)
+        cv2.polylines(picture, [outline], True, colour, width, cv2.LINE_AA)
     x, y = middles[chart_patches.WHITE]
     cv2.putText(picture, "white", (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, 0.4 * width, (0, 0, 255), width)
     done, data = cv2.imencode(".png", picture)

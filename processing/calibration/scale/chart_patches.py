@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -101,8 +102,7 @@ def chart_points(mapping: Doubles, window: float, grid: int) -> Doubles:
     column, row = np.arange(24) % COLUMNS + 0.5, np.arange(24) // COLUMNS + 0.5
     u = column[:, None, None] + step[None, None, :] + 0 * step[None, :, None]
     v = row[:, None, None] + step[None, :, None] + 0 * step[None, None, :]
-    flat = np.stack([u.reshape(24, -1), v.reshape(24, -1), np.ones((24, grid * grid))], axis=-1) @ mapping.T
-    return np.asarray(flat[..., :2] / flat[..., 2:])
+    return np.asarray(cv2.perspectiveTransform(np.stack([u.reshape(24, -1), v.reshape(24, -1)], axis=-1), mapping))
 
 
 def read_chart(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart:
@@ -185,8 +185,6 @@ _LINE_POINTS = 48  # samples along the frame; chosen
 
 def candidates(view: RelativeImage) -> Iterator[Doubles]:
     """Yield corners in pixels, of shape (4, 2), of what may be the chart, the likeliest first."""
-    import cv2
-
     for percentile in _WHITE_PERCENTILES:
         # An 8-bit copy with the percentile at white, a channel at a time (as white balance)
         whites = np.percentile(view.rgb.reshape(-1, 3), percentile, axis=0)
@@ -223,9 +221,7 @@ def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
         along = np.linspace(0, 1, _LINE_POINTS)
         down = [np.stack([np.full_like(along, u), along * ROWS], axis=1) for u in range(COLUMNS + 1)]
         across = [np.stack([along * COLUMNS, np.full_like(along, v)], axis=1) for v in range(ROWS + 1)]
-        points = np.concatenate(down + across)
-        flat = np.column_stack([points, np.ones(len(points))]) @ mapping.T
-        frame = _sampled(level, np.asarray(flat[:, :2] / flat[:, 2:]))
+        frame = _sampled(level, np.asarray(cv2.perspectiveTransform(np.stack(down + across), mapping)))
         unevenness = float(np.minimum(patches.std(axis=1), 1.0).mean())
         return unevenness + _FRAME_WEIGHT * float(frame.mean() - patches.mean())
 
