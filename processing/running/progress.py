@@ -17,6 +17,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import NonNegativeFloat, TypeAdapter
+
 from drivers.errors import DaylitError
 from station.session import strict_json
 from station.session.folder import Folder, make_folders, write_file
@@ -70,6 +72,7 @@ def _peak_bytes() -> int:
 
 Run = tuple[float, float]
 """Seconds and megapixels."""
+_RUNS = TypeAdapter(dict[str, list[tuple[NonNegativeFloat, NonNegativeFloat]]])
 
 FILE_NAME = "stage-seconds.json"
 KEPT_RUNS = 7  # chosen: an odd number, for their median
@@ -180,12 +183,6 @@ def _load(folder: Path) -> dict[str, list[Run]]:
     try:
         with Folder.open(folder) as opened:
             data = strict_json.loads(opened.read_file(FILE_NAME, _MAX_BYTES) or b"{}")
-        return {str(key): [_run(*run) for run in runs][-KEPT_RUNS:] for key, runs in data.items()}
-    except (DaylitError, OSError, ValueError, TypeError, AttributeError):
+        return {key: runs[-KEPT_RUNS:] for key, runs in _RUNS.validate_python(data).items()}
+    except (DaylitError, OSError, ValueError):
         return {}
-
-
-def _run(seconds: object, megapixels: object) -> Run:
-    if not (isinstance(seconds, int | float) and isinstance(megapixels, int | float)):
-        raise TypeError("not two numbers")
-    return abs(float(seconds)), abs(float(megapixels))

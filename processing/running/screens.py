@@ -27,6 +27,12 @@ def picture_of(session: Path, state: str) -> Path | None:
     return next((p for name in STATES.get(state, ()) if (p := session / name).is_file()), None)
 
 
+def _there(session: Path, state: str) -> Path:
+    if (path := picture_of(session, state)) is None:
+        raise ParameterError("no such picture yet", where=f"{session.name}: {state[:40]}")
+    return path
+
+
 def look_of(session: Path) -> Any:
     """Return how a session's pictures are shown: in its own display, its windows as a screen resolves them."""
     from processing.exchange.showing import panes_of, session_shown
@@ -45,9 +51,7 @@ def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
         given = [] if manifest.panorama is None else [manifest.panorama.file]
         found = [p for name in (CARD, *frames[len(frames) // 2 :][:1], *given) if (p := session / name).is_file()]
         return small_jpeg(found[0], width_px) if found else picture_jpeg(session, "Photograph", width_px)
-    path = picture_of(session, state)
-    if path is None:
-        raise ParameterError("no such picture yet", where=f"{session.name}: {state[:40]}")
+    path = _there(session, state)
     of = (path, picture_of(session, "Photograph") or path, *(session / "stages" / name for name in SHOWN_BY))
     whole = _jpeg(path, session, tuple(one.stat().st_mtime_ns if one.is_file() else 0 for one in of))
     return whole if width_px >= LARGEST_PX else small_jpeg(io.BytesIO(whole), width_px)
@@ -80,9 +84,7 @@ def viewer_json(session: Path, state: str) -> str:
     from processing.pictures.patch import read_shown
     from processing.report.states import State, viewer
 
-    path = picture_of(session, state)
-    if path is None:
-        raise ParameterError("no such picture yet", where=f"{session.name}: {state[:40]}")
+    path = _there(session, state)
     image: Any = read_shown(path)
     name = path.relative_to(session).as_posix()
     return viewer(State(state, lambda: image, made_of(session, state), name), look_of(session)).json
