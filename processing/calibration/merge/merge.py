@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 
 from processing.calibration.merge import bracket, modes
@@ -358,7 +359,8 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> t
             u2[rows] += np.float32(WELL_GAIN_SIGMA**2)
         if job.coded:
             contrast = modes.local_contrast(luminance)
-            explained = modes.only_texture(uncertainty, contrast, inner, TEXTURE_SHARE)
+            near = cv2.dilate(contrast, np.ones((modes.NEAR_PX, modes.NEAR_PX), np.uint8))[inner]
+            explained = uncertainty <= TEXTURE_SHARE * near
             planes.suspect[rows][explained | (uncertainty < SHARED_SIGMAS * np.sqrt(shared2))] = 0
             # Less what the pixels' own noise shows of contrast.
             u2[rows] += modes.CONTRAST_SHARE**2 * np.maximum(np.square(contrast[inner]) - np.square(uncertainty), 0)

@@ -12,7 +12,7 @@ import numpy as np
 from processing.calibration.merge.linear import LinearSamples
 from processing.calibration.merge.tables import MergeTables
 from processing.calibration.response.curve import ResponseCurve
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.modes import SharedMode
 from processing.pictures.mosaic import FULL
@@ -90,11 +90,3 @@ def local_contrast(luminance: Floats) -> Floats:
     square = cv2.sqrBoxFilter(log - cv2.blur(log, size), -1, size)
     # Running sums leave a trace below zero where nothing varies.
     return np.sqrt(np.maximum(square, 0), dtype=np.float32)
-
-
-def only_texture(uncertainty: Floats, contrast: Floats, inner: slice, share: float) -> Flags:
-    """Return (h, W) where samples disagree by no more than the texture around them explains.
-
-    ``uncertainty`` (h, W), relative: of the ``inner`` rows of ``contrast`` (H, W), which has `CONTRAST_REACH_PX` more.
-    """
-    return np.asarray(uncertainty <= share * cv2.dilate(contrast, np.ones((NEAR_PX, NEAR_PX), np.uint8))[inner])
