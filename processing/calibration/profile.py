@@ -152,11 +152,8 @@ class RigProfile(Model):
 
 def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()) -> CameraState:
     """Return what a session says of one camera; f-number and ISO as its frames have them, None where they differ."""
-    named = [
-        s.got
-        for s in (device.settings if device else ())
-        if s.name.casefold() in ("colour temperature", "color temperature")
-    ]
+    settings = device.settings if device else ()
+    named = [s.got for s in settings if s.name.casefold() in ("colour temperature", "color temperature")]
     temperature = next((float(n[0]) for got in named if (n := re.search(r"[0-9]+(\.[0-9]+)?", got))), None)
     f_numbers = {f.f_number for f in frames if f.f_number}
     isos = {f.iso for f in frames if f.iso}
@@ -166,9 +163,7 @@ def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()
         f_number=f_numbers.pop() if len(f_numbers) == 1 else None,
         iso=isos.pop() if len(isos) == 1 else None,
         color_temperature_k=int(temperature) if temperature else None,
-        body={s.name: s.got for s in device.settings if s.name in SHAPING and s.got != "not reported"}
-        if device
-        else {},
+        body={s.name: s.got for s in settings if s.name in SHAPING and s.got != "not reported"},
     )
 
 
