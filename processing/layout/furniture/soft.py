@@ -96,8 +96,7 @@ def pillow(width_m: float, height_m: float, thick_m: float, *, seed: int = 0, gr
         k = rng.normal(size=2) * 2.5
         z = z * (1 + 0.045 * np.sin(k[0] * u * 2 + k[1] * v * 2 + rng.uniform(0, 6.28)))
     flat = np.stack([x, y, z], axis=-1)
-    body = sheets(flat, flat * np.array([1, 1, -0.85]))
-    return Solid(body.vertices, body.faces, body.rest)
+    return sheets(flat, flat * np.array([1, 1, -0.85]))
 
 
 FOLD_M = 0.05  # radius at which a cover turns down over an edge (chosen: a quilt's)

@@ -134,10 +134,7 @@ def loft(rings: npt.ArrayLike) -> Solid:
     r = np.asarray(rings, dtype=np.float64)
     m, n = r.shape[:2]
     vertices = [r.reshape(-1, 3)]
-    i, j = np.meshgrid(np.arange(m - 1), np.arange(n), indexing="ij")
-    a, b = i * n + j, i * n + (j + 1) % n
-    c, d = a + n, b + n
-    faces = [np.stack([a, b, d], axis=-1).reshape(-1, 3), np.stack([a, d, c], axis=-1).reshape(-1, 3)]
+    faces = [_between(m, n, m - 1)]
     around = np.arange(n)
     for end, k in ((0, m * n), (m - 1, m * n + 1)):
         vertices.append(r[end].mean(axis=0, keepdims=True))
@@ -250,11 +247,15 @@ def _ring_tube(p: Doubles, radius_m: float, sides: int) -> Solid:
 def closed_band(rings: Doubles) -> Solid:
     """Return the skin over (M, N, 3) rings, metres, of which the last meets the first."""
     m, n = rings.shape[:2]
-    i, j = np.meshgrid(np.arange(m), np.arange(n), indexing="ij")
+    return solid(rings.reshape(-1, 3), _between(m, n, m))
+
+
+def _between(m: int, n: int, bands: int) -> Int64s:
+    """Return the faces (2 n bands, 3) between each of so many of m rings of n points and the next."""
+    i, j = np.meshgrid(np.arange(bands), np.arange(n), indexing="ij")
     a, b = i * n + j, i * n + (j + 1) % n
     c, d = (i + 1) % m * n + j, (i + 1) % m * n + (j + 1) % n
-    faces = np.concatenate([np.stack([a, b, d], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
-    return solid(rings.reshape(-1, 3), faces)
+    return np.concatenate([np.stack([a, b, d], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
 
 
 def leg(foot: Spot, hip: Spot, foot_r: float, hip_r: float, sides: int = 16) -> Solid:

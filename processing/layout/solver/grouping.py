@@ -70,7 +70,7 @@ def _beds(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     found = []
     for number, bed in enumerate(beds):
         share = tables[number :: len(beds)]
-        kept = share[: max(0, 2 - split)] if split else share[:2]
+        kept = share[: max(0, 2 - split)]
         left += [item for item in share if item not in kept]
         found.append(Unit((bed, *kept), tuple(_bed_variants(bed, kept, rules)), "bed"))
     if not beds:
@@ -94,9 +94,7 @@ def _sofas(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     rugs = _take(left, "rug") if not any(i.spec.category in {"dining table", "bed"} for i in left) else []
     sofa, table = sofas[0], tables[0] if tables and split < 3 else None
     rug = rugs[0] if rugs and split < 2 else None
-    kept = chairs[: max(0, 2 - split)] if split else chairs[:2]
-    if split == 1:
-        kept = []
+    kept = [] if split else chairs[:2]
     sides = [["left", "right"]] if len(kept) == 2 else [["left"], ["right"]] if kept else [[]]
     variants = [units.seating(sofa, table, list(zip(kept, s, strict=True)), rug, rules) for s in sides]
     members = [sofa, *([table] if table else []), *kept, *([rug] if rug else [])]

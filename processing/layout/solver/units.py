@@ -5,7 +5,7 @@ Members stand in it turned by quarters.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from typing import TypeAlias
@@ -230,14 +230,13 @@ def dining(table: Item, chairs: Sequence[Item], rug: Item | None, rules: RuleSet
     """Return a table with its chairs: free in the room, an end at the wall, or a long side at the wall."""
     length_m, _, _ = table.spec.size_m
     places = max(1, int((length_m + 1e-9) / PLACE_M))
-    count, found = len(chairs), []
-    for near, far, ends in _seats(count, places):
-        if near == 0:
-            found.append(_table_set(table, chairs, (near, far, ends), rug, rules, turned=False))
-        if ends == 0 and near + far == count:
+    found = []
+    for near, far, ends in _seats(len(chairs), places):
+        straight = _table_set(table, chairs, (near, far, ends), rug, rules, turned=False)
+        found += [straight] if near == 0 else []
+        if ends == 0:
             found.append(_table_set(table, chairs, (near, far, 0), rug, rules, turned=True))
-        free = _table_set(table, chairs, (near, far, ends), rug, rules, turned=False)
-        found.append(Variant(free.members, free.width_m, free.depth_m, at_wall=False, bonus=0.5 + 0.2 * (near == far)))
+        found.append(replace(straight, at_wall=False, bonus=0.5 + 0.2 * (near == far)))
     return found
 
 
