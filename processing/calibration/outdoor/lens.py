@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from typing import Self, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import LensError
 from processing.ground.arrays import AnyArray, Doubles, Floats, Indices
 from processing.sphere import Fisheye, LensMapping
-from processing.sphere.geometry import polar_of_radius, radius_of_polar
 
 Circle: TypeAlias = tuple[float, float, float]
 """x and y of the centre, and the radius: pixels, or shares of the picture's width and height."""
@@ -73,19 +71,6 @@ class LensModel:
         circle = self.circle if size_px is None else self.circle.scaled(size_px)
         (wide, high), at, half = circle.size_px, circle.centre_px, self.half_field_rad
         return Fisheye(wide, high, self.mapping, circle.radius_px, half, at, top_azimuth_rad, self.polynomial)
-
-    def angle(self, r: npt.ArrayLike) -> Doubles:
-        """Return the angle from the axis (rad) at distances r of 0..1 (radii). Both of any one shape."""
-        sine, cosine = polar_of_radius(self.fisheye(), np.asarray(r, dtype=np.float64))
-        return np.asarray(np.arctan2(sine, cosine))
-
-    def radius(self, theta_rad: npt.ArrayLike) -> Doubles:
-        """Return r (radii) of angles from the axis, 0..half_field: the inverse of `angle`; beyond, 1.
-
-        Both of any one shape.
-        """
-        theta = np.asarray(theta_rad, dtype=np.float64)
-        return radius_of_polar(self.fisheye(), np.sin(theta), np.cos(theta))[0]
 
 
 _COARSE_PX = 640  # pixels of the longer side in which the circle is first looked for

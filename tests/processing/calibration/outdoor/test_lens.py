@@ -13,6 +13,7 @@ from mocks.optics.camera import CANON_5D2
 from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.errors import LensError
 from processing.sphere import LensMapping, directions
+from processing.sphere.geometry import polar_of_radius, radius_of_polar
 
 CIRCLE = ImageCircle((240.0, 160.0), 150.86, (480, 320))
 BENT = (1.1, -0.2, 0.1)
@@ -25,9 +26,10 @@ def lens(mapping: LensMapping, half_field_rad: float = math.pi / 2) -> LensModel
 @settings(max_examples=30, deadline=None)
 @given(mapping=st.sampled_from(list(LensMapping)), r=st.floats(0, 1), half=st.floats(0.3, math.pi / 2))
 def test_angle_and_radius_are_inverse(mapping: LensMapping, r: float, half: float) -> None:
-    model = lens(mapping, half)
-    assert float(model.radius(model.angle(r))) == pytest.approx(r, abs=1e-9)
-    assert float(model.angle(1.0)) == pytest.approx(half, abs=1e-7)
+    model = lens(mapping, half).fisheye()
+    back, _ = radius_of_polar(model, *polar_of_radius(model, np.array(r)))
+    assert float(back) == pytest.approx(r, abs=1e-9)
+    assert float(np.arctan2(*polar_of_radius(model, np.array(1.0)))) == pytest.approx(half, abs=1e-7)
 
 
 def test_the_simulated_cameras_lens_is_an_equisolid_one() -> None:
