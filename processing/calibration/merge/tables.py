@@ -187,7 +187,6 @@ MARGIN_SIGMAS = 3.0  # clear of clipping and of dark; chosen
 MAX_SIGMA = 0.25  # relative, of a sample that is compared; chosen
 BINS = 5  # of the level; chosen
 PARTS, PART_SAMPLES = (6, 12), 16  # rows and columns of parts whose light may change alone, and their least; chosen
-CODES_8BIT = 256  # tables of as many are of 8-bit frames
 CLEAR_OF_BLACK = 8  # codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve
 CLEAR_OF_WHITE = 16
 """Codes below the last unclipped one that do not count: of two all but white frames only they are left, and coding and
@@ -334,7 +333,7 @@ def _range(tables: Samples, place: int, factor: float) -> tuple[Doubles, Doubles
     sigma_b = np.sqrt(factor / np.maximum(weight_b * b.astype(np.float64) ** 2, TINY))
     below = (a * (1 + MARGIN_SIGMAS * sigma_a) < tables.saturation[place]) & (sigma_a < MAX_SIGMA)
     above = (b * (1 - MARGIN_SIGMAS * sigma_b) > 0) & (sigma_b < MAX_SIGMA) & (weight_b > 0)
-    if len(above) == CODES_8BIT:
+    if len(above) == CODES:  # of 8-bit frames
         above[:CLEAR_OF_BLACK] = False
         below &= tables.every <= np.sum(a < tables.saturation[place], axis=0) - CLEAR_OF_WHITE
     high = np.max(np.where(below, a, 0.0), axis=0)

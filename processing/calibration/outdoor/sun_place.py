@@ -153,6 +153,7 @@ def _checked(time_utc: datetime) -> datetime:
 WARN_RAD = math.radians(1.0)
 """Disagreement in elevation that is worth a warning: a camera off level, or a clock that is wrong."""
 REFUSE_RAD = math.radians(8.0)  # what was found is not the sun, or not at that time and place
+TIME_SIGMA_S, LEVEL_SIGMA_RAD = 2.0, math.radians(0.05)  # of the camera's clock, and of its levelling; chosen
 COMPASS_SIGMA_RAD = math.radians(5.0)  # of a heading read from a compass
 
 
@@ -170,17 +171,11 @@ class North:
 
 
 def north_from_sun(
-    image: RelativeImage | LuminanceImage,
-    time_utc: datetime,
-    place: Place,
-    *,
-    sun: Sun | None = None,
-    time_sigma_s: float = 2.0,
-    level_sigma_rad: float = math.radians(0.05),
+    image: RelativeImage | LuminanceImage, time_utc: datetime, place: Place, *, sun: Sun | None = None
 ) -> North:
     """Return where the picture's top faces. ``sun``: as `find_sun` gave it for this picture (None: it is found).
 
-    The uncertainty has parts from the picture, the clock (``time_sigma_s``) and the levelling of the camera; an error e
+    The uncertainty has parts from the picture, the clock (`TIME_SIGMA_S`) and the levelling of the camera; an error e
     along the horizon is e / cos(elevation) of azimuth. Raises `SunError` where there is no sun, where its elevation
     disagrees with time and site by more than 8 degrees, or where it stands at the zenith, which has no azimuth.
     """
@@ -191,8 +186,8 @@ def north_from_sun(
     in_picture = sun.azimuth_rad - _top_of(image.geometry)
     later = sun_place(time_utc + timedelta(minutes=1), place)
     rate = math.remainder(later.azimuth_rad - expected.azimuth_rad, 2 * math.pi) / 60
-    across = math.hypot(sun.sigma_rad, level_sigma_rad * math.sin(abs(sun.elevation_rad))) / math.cos(sun.elevation_rad)
-    sigma = math.hypot(across, rate * time_sigma_s)
+    across = math.hypot(sun.sigma_rad, LEVEL_SIGMA_RAD * math.sin(abs(sun.elevation_rad))) / math.cos(sun.elevation_rad)
+    sigma = math.hypot(across, rate * TIME_SIGMA_S)
     if sigma > math.pi / 8:
         raise SunError("the sun is at the zenith and has no azimuth", advice="use the recorded heading for north")
     return North((expected.azimuth_rad - in_picture) % (2 * math.pi), sigma, "sun", off, _warnings(off, sun))

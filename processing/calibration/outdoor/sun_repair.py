@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from processing.calibration.outdoor.sun_disc import SUN_RADIUS_RAD, SUN_SOLID_ANGLE_SR, Sun, Window, find_sun, window_at
+from processing.calibration.outdoor.sun_disc import SUN_RADIUS_RAD, SUN_SOLID_ANGLE_SR, Window, find_sun, window_at
 from processing.calibration.outdoor.sun_place import Beam
 from processing.calibration.scale.photometry import level_lx
 from processing.errors import ParameterError, SunError
@@ -47,7 +47,6 @@ def repair_sun(
     horizontal_lx: float | None = None,
     reading_uncertainty: float = 0.05,
     beam: Beam | None = None,
-    sun: Sun | None = None,
 ) -> tuple[LuminanceImage, SunRepair]:
     """Return the picture with its clipped sun replaced, and what was done.
 
@@ -57,7 +56,7 @@ def repair_sun(
     """
     if (horizontal_lx is None) == (beam is None):
         raise ParameterError("a clipped sun is repaired from an illuminance or from a clear sky: give one")
-    sun = sun or find_sun(image)
+    sun = find_sun(image)
     if not sun.clipped:
         raise SunError("the sun is not clipped: there is nothing to repair", advice="leave the picture as it is")
     row, column = ((s.start + s.stop - 1) // 2 for s in (sun.rows, sun.columns))

@@ -83,7 +83,7 @@ class ResponseFit:
 
 
 def recover_response(
-    brackets: Sequence[Bracket8], *, estimate_times: bool = False, seed: int = 0, prior: CurvePrior | None = None
+    brackets: Sequence[Bracket8], *, estimate_times: bool = False, prior: CurvePrior | None = None
 ) -> ResponseFit:
     """Return curve and noise of the camera that took ``brackets``; ``prior`` None: that of any camera.
 
@@ -92,7 +92,7 @@ def recover_response(
 
     Raises `ResponseError`: frames from which no curve can be recovered; `BracketError`: frames that are no bracket.
     """
-    samples = take_samples(brackets, seed)
+    samples = take_samples(brackets)
     samples, fit, together = _fitted(samples, None if prior is None else [prior] * 3, free_times=estimate_times)
     channels = fit.channels
     low, high = zip(*((one.low, one.high) for one in channels), strict=True)
@@ -205,12 +205,12 @@ def clip_together(samples: Samples, fit: DaylitFit) -> bool:
     return bool((many and count.sum() < CLIP_KNOWN * every) or count[clear].sum() > CLIP_SHARE * count.sum())
 
 
-def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:
+def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve) -> NoiseModel:
     """Return photon, read and code noise (of coding too: JPEG) of single pixels under a known curve.
 
     Raises `ResponseError`: too few patches; `BracketError`: frames that are no bracket.
     """
-    samples = take_samples(brackets, seed)
+    samples = take_samples(brackets)
     for data, name in zip(samples.channels, CHANNELS, strict=True):
         check_enough(data, name)
     found = [
@@ -329,9 +329,7 @@ class ResponseCheck:
     warnings: tuple[str, ...] = ()
 
 
-def check_response(
-    curve: ResponseCurve, noise: NoiseModel, bracket: Bracket8, *, estimate_times: bool = False, seed: int = 0
-) -> ResponseCheck:
+def check_response(curve: ResponseCurve, noise: NoiseModel, bracket: Bracket8) -> ResponseCheck:
     """Compare a session's own curve and noise with its camera's profile; frames decoded at 1/8 of their size will do.
 
     The session's curve is fitted as a smooth change of the profile's, so that codes which the session does not show
@@ -339,8 +337,8 @@ def check_response(
 
     Raises `ResponseError`: frames with too few patches or codes; `BracketError`: frames that are no bracket.
     """
-    samples = take_samples([bracket], seed)
-    fit = fit_daylit(samples, free_times=estimate_times, priors=[drift_prior(known) for known in curve.log2_exposure])
+    samples = take_samples([bracket])
+    fit = fit_daylit(samples, free_times=False, priors=[drift_prior(known) for known in curve.log2_exposure])
     drifts, sigmas, ratios = [], [], []
     for c, own in enumerate(fit.channels):
         seen = np.arange(max(FIRST, own.low, curve.low[c]), min(LAST, own.high, curve.high[c]) + 1)

@@ -119,14 +119,14 @@ class Samples:
     """Frames left out since an earlier frame is the same picture with the same time."""
 
 
-def take_samples(brackets: Sequence[Bracket8], seed: int = 0) -> Samples:
+def take_samples(brackets: Sequence[Bracket8]) -> Samples:
     """Return smooth patches of all brackets.
 
     Raises `BracketError`: see `Bracket8.check`.
     """
     if not brackets:
         raise BracketError("no bracket", advice="give at least one")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     patches, first, duplicates = [], 0, []
     for number, bracket in enumerate(brackets):
         bracket.check(f"bracket {number}")

@@ -96,13 +96,12 @@ def scale_from_charts(
     indoor: FoundChart,
     outdoor: FoundChart,
     *,
-    curve_frac: float = CURVE_FRAC,
     shared: tuple[Sequence[SharedMode], Sequence[SharedMode]] = ((), ()),
     colour_frac: float = 0.0,
 ) -> ChartScale:
     """Return k2 from the same chart in both pictures.
 
-    ``curve_frac``: least relative uncertainty by each response curve; ``shared``: modes by level of both pictures;
+    ``shared``: modes by level of both pictures, beside the least uncertainty by each response curve (`CURVE_FRAC`);
     ``colour_frac``: relative uncertainty of the outdoor luminance by a filter's tint.
 
     Raises `ChartError`: fewer than three neutral patches are neither clipped nor dark in both.
@@ -133,7 +132,7 @@ def scale_from_charts(
     balance = outdoor.rgb[numbers].sum(axis=0) / indoor.rgb[numbers].sum(axis=0) * fit.slope
     parts = {
         "fit": fit.sigma,
-        "curves": max(math.hypot(*(one.slope / fit.slope - 1 for one in moved)), math.sqrt(2) * curve_frac),
+        "curves": max(math.hypot(*(one.slope / fit.slope - 1 for one in moved)), math.sqrt(2) * CURVE_FRAC),
         "colour": math.hypot(colour_frac, float(balance @ LUMINANCE_WEIGHTS) / sum(LUMINANCE_WEIGHTS) - 1),
     }
     scale = ScaleFactor(

@@ -24,7 +24,8 @@ from station.session.session import FrameRecord, ReadingRecord
 DRIFT_WARNING_FRAC = 0.05  # chosen
 SPOT_WARNING_FRAC = 0.02  # chosen
 MAX_GHOST_SHARE = 0.25  # of the spot: more means that something stood before the target
-CURVE_FRAC = 0.004  # of 0.006 stop, what a recovered response curve is held to
+CURVE_FRAC = 0.004
+"""Relative standard uncertainty that pixels of equal codes share: of 0.006 stop, what a recovered curve is held to."""
 NEIGHBOURS = 4.0  # pixels whose noise is one: JPEG and demosaicing share it among neighbours
 LEAST_UNCERTAINTY = 0.001  # relative, of a pixel whose shared errors are known; chosen
 ONE_BOOT_S = 2.0  # chosen: UTC and monotonic time part by less in a capture, whose UTC follows monotonic time
@@ -121,14 +122,12 @@ def scale_from_reading(
     *,
     frames: Sequence[FrameRecord] = (),
     meter: MeterAccuracy = LS160,
-    curve_frac: float = CURVE_FRAC,
     repeat_frac: float = 0.0,
 ) -> ScaleFactor:
     """Return k1 from the meter's readings of a target in the picture.
 
     ``frames`` (those the picture was merged from) give its moment: between two readings the meter's value is
     interpolated to it, else it is their mean. Readings whose status is neither "ok" nor "typed" are not used.
-    ``curve_frac`` is the relative standard uncertainty that pixels of equal codes share (the response curve's);
     ``repeat_frac``: how much a stop that was repeated after them has changed, relative.
 
     Raises `ScaleError`: no usable reading, a reading of 0, a spot outside the picture, or one that is clipped, dark or
@@ -150,7 +149,7 @@ def scale_from_reading(
     parts = {
         "meter": measured.meter_frac,
         "spot": _pointing_part(image, spot, displayed, meter.pointing_rad),
-        "picture": math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2),
+        "picture": math.sqrt(max(claimed2, scatter2) / independent + CURVE_FRAC**2),
         "drift": max(measured.drift_part, repeat_frac / math.sqrt(12)),
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
