@@ -119,8 +119,7 @@ class Bench:
 
     def parts(self) -> tuple[Part, ...]:
         """Return what has been made, one part a material and crease; its bounds are the size's exactly."""
-        low = np.min([b.vertices.min(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
-        high = np.max([b.vertices.max(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
+        low, high = model.bounds([body.vertices for bodies in self.made.values() for body, _ in bodies])
         scale = np.array(self.size) / (high - low)
         shift = np.array([-self.size[0] / 2, -self.size[1] / 2, 0.0]) - low * scale
         parts = []

@@ -4,6 +4,7 @@ The frame is the item's (`processing.layout.items`): origin on the floor in the 
 width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from outside.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TypeAlias
@@ -89,12 +90,10 @@ class FurnitureModel:
         """Return the number of triangles."""
         return sum(len(part.faces) for part in self.parts)
 
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Return the lowest and highest corner, each of shape (3,), metres."""
-        sets = [part.vertices for part in self.parts]
-        low = np.min([v.min(axis=0) for v in sets], axis=0)
-        high = np.max([v.max(axis=0) for v in sets], axis=0)
-        return low, high
+
+def bounds(sets: Sequence[Floats | Doubles]) -> tuple[Doubles, Doubles]:
+    """Return the lowest and highest corner, each of shape (3,), of sets of vertices (N, 3), metres."""
+    return np.min([v.min(axis=0) for v in sets], axis=0), np.max([v.max(axis=0) for v in sets], axis=0)
 
 
 # Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.

@@ -20,13 +20,13 @@ def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: in
     return solids.solid(body.vertices + puff * out, body.faces).moved(*((lo + hi) / 2))
 
 
-def wrinkled(body: Solid, amount_m: float, wave_m: float, seed: int, *, along: Spot = (1.0, 1.0, 1.0)) -> Solid:
-    """Return a soft body with shallow creases; `along` weighs the directions in which they repeat."""
+def wrinkled(body: Solid, amount_m: float, wave_m: float, seed: int) -> Solid:
+    """Return a soft body with shallow creases."""
     rng = np.random.default_rng(seed)
     shift = np.zeros(len(body.vertices))
     for octave in range(4):
         for _ in range(3):
-            wave = rng.normal(size=3) * np.array(along)
+            wave = rng.normal(size=3)
             wave *= 2 * np.pi * 1.7**octave / (wave_m * max(float(np.linalg.norm(wave)), 1e-9))
             shift += 0.6**octave * np.sin(body.vertices @ wave + rng.uniform(0, 2 * np.pi))
     normals = np.zeros_like(body.vertices)

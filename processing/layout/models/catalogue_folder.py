@@ -12,7 +12,7 @@ import numpy as np
 
 from processing.errors import CatalogueError, ModelFileError
 from processing.ground.tables import table_of
-from processing.layout.furniture.model import FurnitureModel, Part, Size
+from processing.layout.furniture.model import FurnitureModel, Part, Size, bounds
 from processing.layout.furniture.solids import Solid, part_of
 from processing.layout.items import KINDS, OTHER_NAMES
 from processing.layout.models.catalogue import OTHER, CatalogueEntry, category_of
@@ -197,8 +197,7 @@ def load_model(source: FileSource) -> FurnitureModel:
         raise ModelFileError("it has no extent", where=where)
     matrix, guessed = posed(used, source.category, source.given, y_up=source.path.suffix.lower() != ".obj")
     parts = tuple(_part(material, body, matrix) for material, body in kept)
-    low = np.min([p.vertices.min(axis=0) for p in parts], axis=0)
-    high = np.max([p.vertices.max(axis=0) for p in parts], axis=0)
+    low, high = bounds([part.vertices for part in parts])
     size = [float(max(v, 1e-3)) for v in high - low]
     if max(size) > MAX_SIZE_M:
         raise ModelFileError(f"{max(size):.4g} m large; at most {MAX_SIZE_M:g}", where=where, advice="give its unit")
@@ -245,11 +244,9 @@ def stretched(model: FurnitureModel, size_m: Size) -> FurnitureModel:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         vertices = np.asarray(part.vertices * factor, np.float32)
         parts.append(replace(part, vertices=vertices, normals=np.asarray(normals, np.float32)))
-    said = (
-        (*model.notes, f"stretched by {', '.join(f'{f:.2f}' for f in factor)}")
-        if np.ptp(factor) > 0.01 or abs(factor[0] - 1) > 0.01
-        else model.notes
-    )
+    said = model.notes
+    if np.ptp(factor) > 0.01 or abs(factor[0] - 1) > 0.01:
+        said = (*said, f"stretched by {', '.join(f'{f:.2f}' for f in factor)}")
     return replace(model, parts=tuple(parts), size_m=(size_m[0], size_m[1], size_m[2]), notes=said)
 
 

@@ -14,7 +14,7 @@ from processing.layout.arrange import arrange
 from processing.layout.arrangement import PlacedItem
 from processing.layout.furniture.bench import STYLES
 from processing.layout.furniture.builtin import BUILT_IN, build_model, design_of
-from processing.layout.furniture.model import FurnitureModel, noise, wood
+from processing.layout.furniture.model import FurnitureModel, bounds, noise, wood
 from processing.layout.furniture.solids import signed_volume_m3
 from processing.layout.items import KINDS, ItemSpec, parse_items
 from processing.layout.models.catalogue import Catalogue, write_model
@@ -28,7 +28,7 @@ MOST_TRIANGLES = 20_000
 
 
 def assert_sound(model: FurnitureModel) -> None:
-    low, high = model.bounds()
+    low, high = bounds([part.vertices for part in model.parts])
     np.testing.assert_allclose(high - low, model.size_m, atol=1e-3)
     np.testing.assert_allclose((low + high)[:2] / 2, 0.0, atol=1e-3)
     assert abs(low[2]) < 1e-3, "stands on the floor"
