@@ -13,7 +13,7 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 import shapely
-from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry import Polygon
 
 from processing.layout.arrangement import PlacedItem
 from processing.layout.items import KINDS, ItemSpec
@@ -164,11 +164,8 @@ def _boxes(pieces: Sequence[Piece], extents: Sequence[tuple[float, float, float,
 
 
 def _within(rule: str, what: str, piece: Piece, shape: Polygon, areas: Sequence[tuple[int, Any]]) -> list[Violation]:
-    found = []
-    for number, area in areas:
-        if shared_m2 := _shared_m2(shape, area):
-            found.append(Violation(rule, (piece.id, f"{what} {number + 1}"), shared_m2))
-    return found
+    shared = [(number, _shared_m2(shape, area)) for number, area in areas]
+    return [Violation(rule, (piece.id, f"{what} {number + 1}"), m2) for number, m2 in shared if m2]
 
 
 def _shared_m2(shape: Polygon, area: Any) -> float:
@@ -188,7 +185,6 @@ def _deep_m2(shape: Any) -> float:
 
 
 def _outside(room: Polygon, pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violation]:
-    shapely.prepare(room)
     over = [(piece, _over_m2(room, shape)) for piece, shape in zip(pieces, shapes, strict=True)]
     return [Violation("inside the floor", (piece.id,), over_m2) for piece, over_m2 in over if over_m2]
 
@@ -309,8 +305,7 @@ def _clash(
 
 def _walkable(floor: Any, radius: float) -> list[Polygon]:
     """Return the parts of the floor where the middle of a walker may be."""
-    eroded = floor.buffer(-radius, quad_segs=32)
-    parts = list(eroded.geoms) if isinstance(eroded, MultiPolygon) else [eroded]
+    parts = shapely.get_parts(floor.buffer(-radius, quad_segs=32))
     return sorted((p for p in parts if not p.is_empty), key=lambda p: -p.area)
 
 

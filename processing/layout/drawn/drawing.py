@@ -11,7 +11,7 @@ import shapely
 from PIL import Image
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
-from shapely.geometry import LineString, MultiPolygon, Polygon
+from shapely.geometry import LineString, Polygon
 
 from processing.ground.arrays import Doubles
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
@@ -69,8 +69,7 @@ def _shell(plan: FloorPlan) -> list[Shape]:
     solid = room.buffer(WALL_M, join_style="mitre", mitre_limit=3).difference(room)
     openings: list[Door | Window] = [*plan.doors, *plan.windows]
     gaps = [_strip(plan, o.edge, o.start_m, o.end_m, -WALL_M - 0.01, 0.005) for o in openings]
-    solid = solid.difference(shapely.union_all([Polygon(g) for g in gaps]))
-    parts = list(solid.geoms) if isinstance(solid, MultiPolygon) else [solid]
+    parts = shapely.get_parts(solid.difference(shapely.union_all([Polygon(g) for g in gaps])))
     shapes: list[Shape] = [Area(_ring(plan.corners), FLOOR)]
     shapes += [
         Area(_ring(p.exterior.coords), WALL, INK, 0.012, [_ring(i.coords) for i in p.interiors])
@@ -244,8 +243,7 @@ def routes(
 ) -> list[list[Point]]:
     """Return polylines from the first door's floor to each other door and goal that a path of `width_m` reaches."""
     floor = Polygon(plan.corners, list(plan.holes)).difference(shapely.union_all(list(solid)))
-    walk = floor.buffer(-(width_m - 0.001) / 2)
-    parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
+    parts = shapely.get_parts(floor.buffer(-(width_m - 0.001) / 2))
     part = max(parts, key=lambda p: (any(p.intersects(d) for d in doors), p.area))
     doors = [door for door in doors if part.intersects(door)]
     if not doors:

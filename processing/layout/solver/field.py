@@ -7,7 +7,8 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from shapely.geometry import MultiPolygon, Polygon
+import shapely
+from shapely.geometry import Polygon
 
 from processing.ground.arrays import Doubles
 from processing.layout.plan import DOOR_HEAD_M, HUNG_DOOR, Door, FloorPlan, Window
@@ -185,8 +186,7 @@ class Field:
         Where no path of the rule's width leads even in the empty room, furniture cannot be blamed.
         """
         room = Polygon(self.floor.plan.corners, list(self.floor.plan.holes))
-        walk = room.buffer(-(self.rules.path - PATH_SLACK_M) / 2, quad_segs=32)
-        parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
+        parts = shapely.get_parts(room.buffer(-(self.rules.path - PATH_SLACK_M) / 2, quad_segs=32))
         ways = [Polygon(corners) for corners in self.doorways]
         for part in sorted(parts, key=lambda p: -p.area):
             served = [n for n, way in enumerate(ways) if not part.is_empty and part.intersects(way)]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -141,12 +142,12 @@ def _of(placed: Sequence[Stand], *names: str) -> list[Stand]:
     return [s for s in placed if s.item.spec.category in names or ROLES.get(s.item.spec.category) in names]
 
 
-def _looks(a: Stand, b: Stand) -> tuple[float, float]:
-    """Return the distance, and the cosine between a's front and the way to b."""
-    dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
+def _looks(a: Stand, x_m: float, y_m: float) -> tuple[float, float, float]:
+    """Return the distance to a place, and cosine and sine of the angle from a piece's front to the way there."""
+    dx, dy = x_m - a.x_m, y_m - a.y_m
     d = math.hypot(dx, dy) + 1e-9
     fx, fy = a.facing()
-    return d, (dx * fx + dy * fy) / d
+    return d, (dx * fx + dy * fy) / d, (dx * fy - dy * fx) / d
 
 
 def _conversation(placed: Sequence[Stand]) -> float | None:
@@ -154,12 +155,11 @@ def _conversation(placed: Sequence[Stand]) -> float | None:
     if len(seats) < 2:
         return None
     values = []
-    for i, a in enumerate(seats):
-        for b in seats[i + 1 :]:
-            d, to = _looks(a, b)
-            back = _looks(b, a)[1]
-            near = _ramp(d, 4.0, 2.6) * _ramp(d, 0.6, 1.3)
-            values.append(near * (0.5 * _ramp(to, -0.2, 0.6) + 0.5 * _ramp(back, -0.2, 0.6)))
+    for a, b in combinations(seats, 2):
+        d, to, _ = _looks(a, b.x_m, b.y_m)
+        back = _looks(b, a.x_m, a.y_m)[1]
+        near = _ramp(d, 4.0, 2.6) * _ramp(d, 0.6, 1.3)
+        values.append(near * (0.5 * _ramp(to, -0.2, 0.6) + 0.5 * _ramp(back, -0.2, 0.6)))
     return float(np.mean(values))
 
 
@@ -172,8 +172,8 @@ def _viewing(placed: Sequence[Stand]) -> float | None:
     width_m, _, height_m = tv.item.spec.size_m
     diagonal_m = max(0.8, math.hypot(width_m, height_m if tv.item.spec.category == "tv" else 0.6))
     for seat in viewers:
-        d, to = _looks(tv, seat)
-        back = _looks(seat, tv)[1]
+        d, to, _ = _looks(tv, seat.x_m, seat.y_m)
+        back = _looks(seat, tv.x_m, tv.y_m)[1]
         far = _ramp(d, 0.8 * diagonal_m, 1.2 * diagonal_m) * _ramp(d, 4.0 * diagonal_m, 2.6 * diagonal_m)
         best = max(best, _ramp(to, 0.5, 0.94) * _ramp(back, 0.3, 0.94) * (0.4 + 0.6 * far))
     return best
@@ -185,12 +185,10 @@ def _bed_view(floor: Floor, placed: Sequence[Stand]) -> float | None:
         return None
     values = []
     for bed in beds:
-        fx, fy = bed.facing()
         for x, y in doors:
-            dx, dy = x - bed.x_m, y - bed.y_m
-            d = math.hypot(dx, dy) + 1e-9
-            in_line = (dx * fx + dy * fy) > 0 and abs(dx * fy - dy * fx) < 0.5
-            values.append(_ramp((dx * fx + dy * fy) / d, -0.4, 0.3) * (0.6 if in_line else 1.0))
+            d, to, aside = _looks(bed, x, y)
+            in_line = to > 0 and abs(d * aside) < 0.5
+            values.append(_ramp(to, -0.4, 0.3) * (0.6 if in_line else 1.0))
     return float(np.mean(values))
 
 
@@ -253,13 +251,8 @@ def _desk_light(floor: Floor, placed: Sequence[Stand]) -> float | None:
         return None
     values = []
     for desk in desks:
-        fx, fy = desk.facing()
-        best = 0.0
-        for *_, x, y, _, _ in windows:
-            dx, dy = x - desk.x_m, y - desk.y_m
-            d = math.hypot(dx, dy) + 1e-9
-            best = max(best, abs((dx * fy - dy * fx) / d) * _ramp(d, 5.0, 1.5))
-        values.append(best)
+        ways = [_looks(desk, x, y) for *_, x, y, _, _ in windows]
+        values.append(max(abs(aside) * _ramp(d, 5.0, 1.5) for d, _, aside in ways))
     return float(np.mean(values))
 
 
@@ -267,9 +260,8 @@ def _wall_use(placed: Sequence[Stand]) -> float | None:
     large = [s for s in placed if s.item.spec.placement == "wall" and s.item.spec.footprint_m2 >= 0.15]
     if not large:
         return None
-    return sum(s.item.spec.footprint_m2 for s in large if s.edge is not None) / sum(
-        s.item.spec.footprint_m2 for s in large
-    )
+    areas_m2 = [s.item.spec.footprint_m2 for s in large]
+    return float(np.average([s.edge is not None for s in large], weights=areas_m2))
 
 
 def _alignment(placed: Sequence[Stand]) -> float | None:
@@ -284,11 +276,9 @@ def _balance(floor: Floor, placed: Sequence[Stand]) -> float | None:
     solid = [s for s in placed if not s.item.spec.is_rug]
     if not solid:
         return None
-    total = x = y = 0.0
-    for s in solid:
-        weight = math.prod(s.item.spec.size_m)
-        total, x, y = total + weight, x + weight * s.x_m, y + weight * s.y_m
-    away_m = math.hypot(x / total - floor.middle[0], y / total - floor.middle[1])
+    weights = [math.prod(s.item.spec.size_m) for s in solid]
+    middle = np.average([(s.x_m, s.y_m) for s in solid], axis=0, weights=weights)
+    away_m = math.dist(middle, floor.middle)
     return 1 - away_m / (0.5 * math.sqrt(floor.plan.area_m2))
 
 
