@@ -159,17 +159,15 @@ READ_FOLDER_BYTES = 1 << 30
 _PROGRAM = Path(__file__).resolve().parents[1]
 
 
+@dataclass(frozen=True)
 class StageInputs:
     """The session, the request and the digests of files, as a stage's row lets them count."""
 
-    def __init__(
-        self, path: Path, root: Folder, manifest: SessionManifest, request: RunRequest, memory: DigestMemory
-    ) -> None:
-        self.path = path
-        self.manifest = manifest
-        self.request = request
-        self._root = root
-        self.memory = memory
+    path: Path
+    root: Folder
+    manifest: SessionManifest
+    request: RunRequest
+    memory: DigestMemory
 
     def ingredients(self, stage: Stage) -> Ingredients:
         """Return what the stage's result depends on, whatever the stage reads of parameters and earlier results."""
@@ -190,8 +188,8 @@ class StageInputs:
             names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
             names |= {self.manifest.panorama.file} if self.manifest.panorama else set()
             for side in Side:
-                if self._root.lstat(side.value) is not None:
-                    with self._root.sub(side.value) as folder:
+                if self.root.lstat(side.value) is not None:
+                    with self.root.sub(side.value) as folder:
                         names |= {f"{side.value}/{name}" for name in folder.names()}
             found[fingerprint.FOLDER] = {name: self._digest(name) for name in sorted(names)}
         if fingerprint.RELIGHT in stage.reads and (relit := self._relight_digests()):
@@ -200,17 +198,17 @@ class StageInputs:
 
     def _relight_digests(self) -> dict[str, str]:
         """Return the digests of what was relit: summaries and pictures, not the basis of the light."""
-        if self._root.lstat(fingerprint.RELIGHT) is None:
+        if self.root.lstat(fingerprint.RELIGHT) is None:
             return {}
-        with self._root.sub(fingerprint.RELIGHT) as folder:
+        with self.root.sub(fingerprint.RELIGHT) as folder:
             names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
         return {name: self._digest(f"{fingerprint.RELIGHT}/{name}") for name in sorted(names)}
 
     def _digest(self, name: str) -> str:
         parent, _, leaf = name.rpartition("/")
-        if parent and self._root.lstat(parent) is None:
+        if parent and self.root.lstat(parent) is None:
             return ""
-        with self._root.sub(parent) if parent else nullcontext(self._root) as folder:
+        with self.root.sub(parent) if parent else nullcontext(self.root) as folder:
             try:
                 return self.memory.sha256(folder, leaf, name)
             except IntegrityError as error:
