@@ -6,14 +6,14 @@ width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 from scipy import fft
 
 from processing.ground.arrays import Bytes, Doubles, Floats, Int32s, Rgb, Vector
-from processing.ground.colour import linear_of_srgb, srgb_of_linear
+from processing.ground.colour import srgb_of_linear
 
 Colour: TypeAlias = Rgb
 Size: TypeAlias = Vector
@@ -38,15 +38,6 @@ class Material:
     """Also seen from behind (loaded surfaces that are not closed)."""
     lumen: float = 0.0
     """Luminous flux that it sends out while its lamp is switched on."""
-
-    @cached_property
-    def albedo(self) -> Colour:
-        """Return the mean base colour, for those who draw no textures."""
-        if self.texture is None:
-            return self.base_colour
-        mean = linear_of_srgb(self.texture[:: max(1, len(self.texture) // 64)]).mean(axis=(0, 1))
-        r, g, b = (float(m * c) for m, c in zip(mean, self.base_colour, strict=True))
-        return r, g, b
 
 
 @dataclass(frozen=True, eq=False)

@@ -155,7 +155,8 @@ def test_textures_and_their_absence(tmp_path: Path) -> None:
     (tmp_path / "chair.mtl").write_text("newmtl a\nKd 0.5 0.5 0.5\nmap_Kd red.PNG\n")
     material = loaded(tmp_path).parts[0].material
     assert material.texture is not None
-    assert material.albedo[0] > 5 * material.albedo[1]
+    assert material.texture[..., 0].mean() > 5 * material.texture[..., 1].mean()
+    assert material.base_colour == (1.0, 1.0, 1.0)
     (tmp_path / "chair.mtl").write_text("newmtl a\nKd 0.5 0.5 0.5\nmap_Kd gone.png\n")
     model = loaded(tmp_path)
     assert model.parts[0].material.texture is None
