@@ -91,7 +91,7 @@ def _joined(labels: npt.NDArray[np.integer], count: int) -> Indices:
 
 
 def pixel_of(panorama: Equirectangular, rays: Doubles) -> tuple[Indices, Indices]:
-    """Return row and column (...) of the pixel that each direction (..., 3) falls into: bright edges stay sharp."""
+    """Return rows and columns, of shape (...), of the pixels that directions (..., 3) fall into: edges stay sharp."""
     x, y, _ = pixels(panorama, rays)
     return y.astype(np.intp).clip(0, panorama.height_px - 1), x.astype(np.intp) % panorama.width_px
 
