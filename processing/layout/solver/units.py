@@ -134,13 +134,11 @@ def zone_rect(item: Item, zone: UseZone, rules: RuleSet) -> Rect | None:
     }[zone.side]
 
 
-def single(item: Item, rules: RuleSet, *, at_wall: bool, bonus: float = 0.0) -> list[Variant]:
+def single(item: Item, rules: RuleSet, *, at_wall: bool) -> list[Variant]:
     """Return the variants of an item that stands by itself."""
     width_m, depth_m, _ = item.spec.size_m
     return [
-        Variant(
-            (Member(item, width_m / 2, depth_m / 2, 0, zones),), width_m, depth_m, at_wall, bonus + 0.15 * len(zones)
-        )
+        Variant((Member(item, width_m / 2, depth_m / 2, 0, zones),), width_m, depth_m, at_wall, 0.15 * len(zones))
         for zones in zone_choices(item, rules)
     ]
 
