@@ -10,15 +10,7 @@ import numpy as np
 
 from processing.ground.arrays import Floats, Vector, bands
 from processing.light.scene.scene import Scene
-from processing.light.solver.irradiance import (
-    EFFORTS,
-    FURNITURE_ROWS,
-    FURNITURE_TIMES,
-    Effort,
-    Irradiance,
-    gathered,
-    irradiance_of,
-)
+from processing.light.solver.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
 from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
@@ -64,7 +56,7 @@ def finer(stage: Stage, geometry: Geometry, eye_m: Vector, effort: Effort) -> Si
     """Return what the picture sees in which light on furniture is gathered; None: the room's is as good."""
     if not (effort.clean and stage.scene.parts):
         return None
-    return sight_of(stage, small_geometry(geometry, min(FURNITURE_TIMES * effort.rows, FURNITURE_ROWS)), eye_m)
+    return sight_of(stage, small_geometry(geometry, effort.furniture_rows), eye_m)
 
 
 def small_geometry(geometry: Geometry, rows: int) -> Geometry:

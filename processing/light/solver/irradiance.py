@@ -74,6 +74,11 @@ class Effort:
         if min(numbers) < 1 or (self.max_error is not None and not self.max_error > 0):
             raise ParameterError("an effort of nothing", advice="give samples and rows from 1, max_error above 0")
 
+    @property
+    def furniture_rows(self) -> int:
+        """Height of the picture in which light on furniture is gathered."""
+        return min(FURNITURE_TIMES * self.rows, FURNITURE_ROWS)
+
 
 EFFORTS = {
     "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=16, cleaning="fast"),

@@ -205,7 +205,10 @@ class Neighbours:
 
     @classmethod
     def of(cls, sight: Sight, distance_m: Floats, step: int = 1) -> Self:
-        """Return the neighbours in a panorama, every ``step`` pixels; ``distance_m`` (N,): harmonic mean one."""
+        """Return the neighbours in a panorama, every ``step`` pixels.
+
+        ``distance_m`` (N,): harmonic mean distance of what a place sees; it scales how far neighbours count.
+        """
         weight = np.zeros((*sight.shape, (2 * RADIUS_PX + 1) ** 2), np.uint8)
         shape = (*sight.shape, 3)
         seen = _Seen(sight.label.reshape(sight.shape), sight.normal.reshape(shape), sight.point.reshape(shape))
