@@ -12,7 +12,9 @@ from shapely.geometry import Polygon
 
 from mocks.rooms.model import Item, Part, Role
 from mocks.rooms.room import Room
-from processing.ground.arrays import Floats, Int16s
+from processing.ground.arrays import Floats, Int16s, Rgb
+from processing.ground.colour import linear_of_srgb
+from processing.layout.furniture.model import FurnitureModel, Material, bounds
 
 _ON_WALL = ("picture", "wall clock", "wall shelf", "rug", "curtain")
 _NOT_STANDING = ("kitchen", "bathroom", "rug", "lamp", "other")
@@ -117,11 +119,18 @@ def folder_pieces(folders: Iterable[Path]) -> list[Piece]:
     return found
 
 
-def _of_model(model: object) -> Piece:
-    from processing.layout.furniture.model import FurnitureModel
+def _mean_colour(material: Material) -> Rgb:
+    """Return the mean base colour of a material, texture included."""
+    if material.texture is None:
+        return material.base_colour
+    mean = linear_of_srgb(material.texture[:: max(1, len(material.texture) // 64)]).mean(axis=(0, 1))
+    r, g, b = (float(m * c) for m, c in zip(mean, material.base_colour, strict=True))
+    return r, g, b
 
+
+def _of_model(model: object) -> Piece:
     assert isinstance(model, FurnitureModel)
-    low, high = model.bounds()
+    low, high = bounds([part.vertices for part in model.parts])
     middle = np.array([*((low + high)[:2] / 2), low[2]])
     triangles, paint_of, colours = [], [], []
     for number, part in enumerate(model.parts):
@@ -129,7 +138,6 @@ def _of_model(model: object) -> Piece:
         t = (part.vertices[part.faces] - middle) * np.array([-1.0, -1.0, 1.0])
         triangles.append(t.astype(np.float32))
         paint_of.append(np.full(len(t), number, np.int16))
-        r, g, b = part.material.albedo
-        colours.append((float(r), float(g), float(b)))
+        colours.append(_mean_colour(part.material))
     kind = "small plant" if model.category == "plant" and model.size_m[2] < 0.45 else model.category
     return Piece(kind, model.size_m, np.concatenate(triangles), np.concatenate(paint_of), tuple(colours))
