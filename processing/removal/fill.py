@@ -16,7 +16,6 @@ import numpy as np
 
 from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
-from processing.ground.colour import largest_channel
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
 from processing.ground.threads import give_back, side_by_side
@@ -350,38 +349,3 @@ def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirect
             share = np.clip(0.5 + (row + 0.5 - rows[columns]) / (2 * reach[columns]), 0, 1)[:, None]
             chosen = target[row, columns] & (row < below[columns])
             out[row[chosen], columns[chosen]] = (share * lower + (1 - share) * upper)[chosen]
-
-
-RIM_RAD, MOST_RIM = math.radians(1.5), (0.35, 0.2)
-"""On which the last step at a filling's rim runs out; tone and colour by which both sides may differ there, else what
-is seen is another thing (chosen by looking at eight real rooms)."""
-
-
-def meet_rims(rgb: Floats, filled: Flags, planes: Int16s) -> None:
-    """Bring what is ``filled`` (H, W) of a panorama (H, W, 3), in place, to the tone of what is seen beside it.
-
-    Textures meet at their rims in the mean of some texels; where light falls off steeply there, or shade was lifted, a
-    hair line remains between one pixel and the next. Only pixels of one of ``planes`` (H, W) are compared.
-    """
-    tone = np.log(np.maximum(rgb, 1e-6))
-    step, count = np.zeros_like(tone), np.zeros(filled.shape, np.float32)
-    for move in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
-        off = np.asarray(np.roll(tone, move, (0, 1)) - tone, np.float32)
-        colour = largest_channel(np.abs(off - grey(off)[..., None]))
-        fit = (
-            filled
-            & ~np.roll(filled, move, (0, 1))
-            & (np.roll(planes, move, (0, 1)) == planes)
-            & (np.abs(grey(off)) < MOST_RIM[0])
-            & (colour < MOST_RIM[1])
-        )
-        step[fit] += off[fit]
-        count[fit] += 1
-    rim = count > 0
-    if not rim.any():
-        return
-    step[rim] /= count[rim][:, None]
-    reach_px = RIM_RAD / math.pi * len(rgb)
-    away = cv2.distanceTransform((~rim).astype(np.uint8), cv2.DIST_L2, 5)
-    more = known_mean(step, rim, reach_px / 2)[0] * np.exp(-away / np.float32(reach_px))[..., None]
-    rgb[filled] *= np.exp(more[filled])

@@ -5,6 +5,7 @@ whose difference holds no pattern (pairwise), and the tones themselves, where th
 Both go into one robust least-squares fit of a coarse grid of values that bends little.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.sparse import csr_array
 
-from processing.ground.arrays import Doubles, Flags, Floats, Indices
+from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int16s, bands
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.ground.kernels import compiled
 from processing.pictures.images import luminance_cd_m2
@@ -297,3 +298,57 @@ def _robust(design: Doubles, target: Doubles, base: Doubles, bending: Doubles, b
         scale = max(1.5 * float(np.median(off)), 1e-4)
         weight = base / np.maximum(off / scale, 1.0)
     return nodes
+
+
+RIM_RAD, MOST_RIM = math.radians(1.5), (0.35, 0.2)
+"""On which the last step at a filling's rim runs out; tone and colour by which both sides may differ there, else what
+is seen is another thing (chosen by looking at eight real rooms)."""
+TONE_END = np.float32(1e-6)  # below which there is no tone
+RIM_ROWS = 1024  # from twice as many rows on it is worked out in a smaller picture (chosen: its reach is then 8 pixels)
+
+
+def _rim_steps(rgb: Floats, filled: Flags, planes: Int16s) -> tuple[Indices, Indices, Doubles, Doubles]:
+    """Return row and column (K,) of what is filled at a rim; in tones (K, 3) the sum by which the neighbours that are
+    seen are brighter; and how many these are (K,)."""
+    high, wide = filled.shape
+    edge = filled & (cv2.erode(filled.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    edge[:, [0, -1]] |= filled[:, [0, -1]]  # whose neighbours are across the seam
+    row, column = np.nonzero(edge)
+    tone, step, count = np.log(np.maximum(rgb[row, column], TONE_END)), np.zeros((len(row), 3)), np.zeros(len(row))
+    for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        beside = np.clip(row + down, 0, high - 1), (column + right) % wide
+        off = np.log(np.maximum(rgb[beside], TONE_END)) - tone
+        colour, alike = np.abs(off - grey(off)[:, None]).max(axis=1), planes[beside] == planes[row, column]
+        fit = ~filled[beside] & alike & (np.abs(grey(off)) < MOST_RIM[0]) & (colour < MOST_RIM[1])
+        step[fit] += off[fit]
+        count[fit] += 1
+    return row, column, step, count
+
+
+def meet_rims(rgb: Floats, filled: Flags, planes: Int16s) -> None:
+    """Bring what is ``filled`` (H, W) of a panorama (H, W, 3), in place, to the tone of what is seen beside it.
+
+    Textures meet at their rims in the mean of some texels; where light falls off steeply there, or shade was lifted, a
+    hair line remains between one pixel and the next. Only pixels of one of ``planes`` (H, W) are compared.
+    """
+    (high, wide), (row, column, step, count) = filled.shape, _rim_steps(rgb, filled, planes)
+    if not count.any():
+        return
+    # What runs out over tens of pixels is worked out in a smaller picture.
+    shrink, reach_px = max(1, high // RIM_ROWS), RIM_RAD / math.pi * high
+    shape = -(-high // shrink), -(-wide // shrink)
+    cell = np.ravel_multi_index((row // shrink, column // shrink), shape)
+    total = np.bincount(cell, count, math.prod(shape))
+    mean = np.stack([np.bincount(cell, part, len(total)) for part in step.T], axis=-1) / np.maximum(total, 1)[:, None]
+    rim: Flags = (total > 0).reshape(shape)
+    away = cv2.distanceTransform((~rim).astype(np.uint8), cv2.DIST_L2, 5) * np.float32(shrink / reach_px)
+    more = (
+        known_mean(mean.reshape(*shape, 3).astype(np.float32), rim, reach_px / 2 / shrink)[0] * np.exp(-away)[..., None]
+    )
+    x = ((np.arange(wide, dtype=np.float32) + 0.5) / shrink - 0.5)[None]
+    for rows in bands(high, RIM_ROWS // 4):
+        own = filled[rows]
+        y = ((np.arange(rows.start, rows.stop, dtype=np.float32) + 0.5) / shrink - 0.5)[:, None]
+        x_map, y_map = (np.ascontiguousarray(one) for one in np.broadcast_arrays(x, y))
+        part = cv2.remap(more, x_map, y_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        rgb[rows][own] *= np.exp(part[own])

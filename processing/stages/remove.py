@@ -15,7 +15,8 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import components, grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import estimated
-from processing.removal.fill import Emptied, Others, Quick, empty_room, meet_rims
+from processing.removal.fill import Emptied, Others, Quick, empty_room
+from processing.removal.illumination import meet_rims
 from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
 from processing.removal.shadows import relit

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from processing.ground.room_model import RoomModel
-from processing.removal.fill import SOFT_PX, meet_rims, soften_edges, sunlit
+from processing.removal.fill import SOFT_PX, soften_edges, sunlit
+from processing.removal.illumination import meet_rims
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows, plane_map
 
@@ -69,16 +71,18 @@ def test_edges_of_the_floor_are_mixed_by_their_share() -> None:
     assert 0 < (mixed != picture).any(axis=-1)[:, :64].sum() <= 64 * 4
 
 
-def test_the_rim_of_a_filling_has_the_tone_of_what_is_beside_it() -> None:
-    filled, planes = np.zeros((128, 256), bool), np.full((128, 256), 2, np.int16)
-    filled[40:90, 60:140] = True
-    planes[:, 100:] = 3
-    picture = np.full((128, 256, 3), 20.0, np.float32)
+@pytest.mark.parametrize("k", [1, 16])
+def test_the_rim_of_a_filling_has_the_tone_of_what_is_beside_it(k: int) -> None:
+    """Also of a large picture, where it is worked out in a smaller one."""
+    filled, planes = np.zeros((128 * k, 256 * k), bool), np.full((128 * k, 256 * k), 2, np.int16)
+    filled[40 * k : 90 * k, 60 * k : 140 * k] = True
+    planes[:, 100 * k :] = 3
+    picture = np.full((128 * k, 256 * k, 3), 20.0, np.float32)
     picture[filled] *= 0.93
-    picture[30:70, 140:] = 200  # another thing beside it
+    picture[30 * k : 70 * k, 140 * k :] = 200  # another thing beside it
     met = picture.copy()
     meet_rims(met, filled, planes)
     assert np.array_equal(met[~filled], picture[~filled])
-    assert np.allclose(met[40, 70:95], 20, rtol=0.01)
-    assert np.allclose(met[55:75, 80:90], 20 * 0.93, rtol=0.01), "it runs out"
-    assert np.allclose(met[50:60, 139], 20 * 0.93, rtol=0.01)
+    assert np.allclose(met[40 * k, 70 * k : 95 * k], 20, rtol=0.01)
+    assert np.allclose(met[55 * k : 75 * k, 80 * k : 90 * k], 20 * 0.93, rtol=0.01), "it runs out"
+    assert np.allclose(met[50 * k : 60 * k, 140 * k - 1], 20 * 0.93, rtol=0.01)
