@@ -1,12 +1,10 @@
 """One plane's texture without its holes: which way of filling suits it, region by region."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from processing.ground.arrays import Flags, Floats, Indices
 from processing.ground.room_model import RoomModel
@@ -16,7 +14,7 @@ from processing.removal.near_periodic import SEARCH_PX, Repeat, analyse, complet
 from processing.removal.near_periodic_fill import window_around
 from processing.removal.plain import fill_plain
 from processing.removal.skirting import Skirting
-from processing.removal.upright_parts import MOSTLY_THING, Part, ends_level, level_edges, side_px, upright_parts
+from processing.removal.upright_parts import MOSTLY_THING, UNLIKE, Part, torn_pictures, upright_parts
 from processing.surfaces.maps import FIRST_WALL, FLOOR
 from processing.surfaces.textures import FRAME_M, Texture, opening_regions
 
@@ -36,6 +34,7 @@ STRIP_M, STRIP_PX = 0.25, 3.0
 """Beside the hole, of which a column's tone is the mean; at least (chosen)."""
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
+RAGGED_M = 0.02  # below the last row of a window that is mostly seen, of what is still seen of its frame (chosen)
 RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
 
 
@@ -48,7 +47,9 @@ def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
     return known & (level > local + math.log(factor))
 
 
-def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float, *, even: bool = False) -> Floats:
+def hanging(
+    values: Floats, known: Flags, hole: Flags, px_per_m: float, *, even: bool = False, strip_m: float = STRIP_M
+) -> Floats:
     """Return a texture (H, W, 3), linear light, whose columns go on in the ``hole`` (H, W) as what is ``known`` ends.
 
     They become darker or brighter from row to row as those do that are seen there, as far as they do so where they are
@@ -56,7 +57,7 @@ def hanging(values: Floats, known: Flags, hole: Flags, px_per_m: float, *, even:
     which nothing is known is as those beside it.
     """
     scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
-    tall = 2 * round(max(STRIP_M * px_per_m, STRIP_PX) / 2) + 1
+    tall = 2 * round(max(strip_m * px_per_m, STRIP_PX) / 2) + 1
     share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
     seen_tone = scale.tone(values)
     profile = np.zeros_like(seen_tone) if even else _downwards(seen_tone, known, (known | hole).any(axis=0).sum())
@@ -124,12 +125,13 @@ def fill_plane(
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
     rest, upright = np.ones_like(hole), np.ones_like(hole)
-    for region in _with_seen_frames(opening_regions(texture.plane, room, hole.shape, texture.px_per_m), known, texture):
+    for around in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
+        region = _seen_of_frame(around, known, texture)
         inside = hole & region
         if (sources & region).sum() < LEAST_OPEN * region.sum():
             # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
             continue
-        rest &= ~region
+        rest, sources = rest & ~region, sources & ~(around & ~region)
         if not region[-1].any():
             # A window's frame and reveal end at its sill: the wall below is one.
             reach = np.ones((1, 2 * round(BESIDE_WINDOW_M * texture.px_per_m) + 1), np.uint8)
@@ -153,17 +155,45 @@ def fill_plane(
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 
-def _with_seen_frames(regions: Iterator[Flags], known: Flags, texture: Texture) -> Iterator[Flags]:
-    """Yield the ``regions`` (H, W) of openings without sills and sides of which little is ``known`` (H, W): below and
-    beside the pane the wall goes on, not what is seen through it. Of two sides it is enough to see one."""
-    wide = max(1, math.ceil(FRAME_M * texture.px_per_m))
-    for region in regions:
-        sill, columns = np.flatnonzero(region.any(axis=1))[-wide:], np.flatnonzero(region.any(axis=0))
-        hidden = _hidden_columns(known & region, region, columns)
-        if not region[-1].any():
-            region[sill[(known & region)[sill].sum(axis=1) <= RAIL_SEEN * region[sill].sum(axis=1)]] = False
-        region[:, columns[hidden & hidden[::-1] & _near_ends(len(columns), wide)]] = False
-        yield region
+def _seen_of_frame(region: Flags, known: Flags, texture: Texture) -> Flags:
+    """Return the ``region`` (H, W) of an opening without sill and sides of which little is ``known`` (H, W): below and
+    beside the pane the wall goes on, not what is seen through it. Of two sides it is enough to see one: the other one
+    ends as far out."""
+    wide, found = max(1, math.ceil(FRAME_M * texture.px_per_m)), region.copy()
+    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
+    hidden = _hidden_columns(known & region, region, columns)
+    if not region[-1].any():
+        share = (known & region)[rows].sum(axis=1) / region[rows].sum(axis=1)
+        found[rows[-wide:][share[-wide:] <= RAIL_SEEN]] = False
+        found[rows[len(rows) - min((share > RAIL_SEEN)[::-1].argmax(), 2 * wide) :]] = False
+        # The last seen rows are ragged: none of them is wall.
+        ragged = np.flatnonzero(found.any(axis=1))[-1] + 1 + np.arange(math.ceil(RAGGED_M * texture.px_per_m))
+        ragged = ragged[(known & region)[ragged].any(axis=1)]
+        found[ragged] = region[ragged]
+    tone = np.log(np.maximum(grey(texture.values[..., :3]), 1e-6))
+    wall = [_wall_beside(tone, known, rows, one, wide) for one in (columns, columns[::-1])]
+    found[rows[: _wall_beside(tone.T, known.T, columns, rows, wide)]] = False
+    first, last = (max(wall) if hidden[-end] else wall[end] for end in (0, 1))
+    beside = (np.arange(len(columns)) < first) | (np.arange(len(columns))[::-1] < last)
+    found[:, columns[beside | (hidden & hidden[::-1] & _near_ends(len(columns), wide))]] = False
+    return found
+
+
+def _wall_beside(tone: Floats, known: Flags, rows: Indices, columns: Indices, wide: int) -> int:
+    """Return how many of a region's columns, up to so many, are seen as the wall before the first one, row by row.
+
+    ``tone``, ``known`` (H, W); ``columns`` (n,) from the wall on.
+    """
+    step = int(columns[-1] > columns[0]) * 2 - 1
+    outside = columns[0] - step * np.arange(1, wide + 1)
+    outside = outside[(outside >= 0) & (outside < known.shape[1])]
+    at, inner = np.ix_(rows, outside), np.ix_(rows, columns[:wide])
+    count = known[at].sum(axis=1)
+    wall = np.where(known[at], tone[at], 0).sum(axis=1) / np.maximum(count, 1)
+    both = known[inner] & (count > len(outside) / 2)[:, None]
+    apart = (np.abs(tone[inner] - wall[:, None]) * both).sum(axis=0) / np.maximum(both.sum(axis=0), 1)
+    alike = (apart < UNLIKE / 2) & (both.sum(axis=0) > RAIL_SEEN * len(rows))
+    return int(np.append(~alike, True).argmax())
 
 
 def _hidden_columns(known: Flags, region: Flags, columns: Indices) -> Flags:
@@ -177,25 +207,61 @@ def _near_ends(count: int, wide: int) -> Flags:
 def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m: float) -> Floats:
     """Return a texture (H, W, 3) whose ``hole`` (H, W) in the ``region`` (H, W) of an opening and its frame is filled.
 
-    Linear light; ``known`` (H, W): what is seen of the region. Leaves, panes and curtains run upright: each column goes
-    on. Head and sill run level: so do their rows. A frame's side that is hidden is as the other one.
+    Linear light; ``known`` (H, W): what is seen of the region. Head and sill run level: so do their rows, as far as no
+    side of the frame, or wall beside it, is seen to come down. Leaves, panes and curtains run upright: each column goes
+    on. A frame's side that is hidden is as the other one.
     """
     out, part = values.copy(), window_around(region, round(max(STRIP_M * px_per_m, STRIP_PX)) + 1)
     values, (known, hole, region) = values[part], (each[part] for each in (known, hole, region))
-    found, rows = hanging(values, known, hole, px_per_m), np.flatnonzero(region.any(axis=1))
+    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
     rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
-    columns = np.flatnonzero(region.any(axis=0))
     hidden = _hidden_columns(known, region, columns)
-    alike = hidden & ~hidden[::-1] & _near_ends(len(columns), 2 * wide)
-    side = np.ix_(np.arange(len(hole)), columns[alike])
-    found[side] = np.where(hole[side][..., None], found[:, columns[::-1][alike]], found[side])
     rail[rows[:wide]] = True
     if not region[-1].any():
         rail[rows[-wide:]] = True
     rail &= (known.sum(axis=1) > RAIL_SEEN * region.sum(axis=1))[:, None]
+    for end in (columns[:wide], columns[::-1][:wide]):
+        rail[:, end[: _as_the_first(values, known, end)]] = False
+    rail &= _in_one_tone(values, known & rail)[:, None]
     level = hanging(values.swapaxes(0, 1), (known & rail).T, (hole & rail).T, px_per_m, even=True).swapaxes(0, 1)
-    out[part] = np.where(rail[..., None], level, found)
+    found = np.where(rail[..., None], level, hanging(values, known, hole, px_per_m, strip_m=FRAME_M / 2))
+    low = np.flatnonzero(rail.any(axis=1))
+    if len(low) and low[-1] >= rows[-wide:][0]:
+        ends = slice(low[-1] + 1, rows[-1] + 1)  # where a sill is seen at a few places only
+        found[ends] = np.where((hole[ends] & rail[low[-1]])[..., None], found[low[-1]], found[ends])
+    alike = hidden & ~hidden[::-1] & _near_ends(len(columns), 2 * wide)
+    if alike.any():
+        # A frame whose inner edge is seen, darker or brighter than the view, is only wider.
+        inner = columns[~hidden][-1 if alike[-1] else 0]
+        frame, here = (_median(values, known, np.array([one])) for one in (columns[0 if alike[-1] else -1], inner))
+        seen = abs(here - frame) < abs(here - _median(values, known, columns))
+        side = np.ix_(np.arange(len(hole)), columns[alike])
+        others = found[:, np.full(alike.sum(), inner) if seen else columns[::-1][alike]]
+        found[side] = np.where(hole[side][..., None], others, found[side])
+    out[part] = found
     return out
+
+
+def _as_the_first(values: Floats, known: Flags, columns: Indices) -> int:
+    """Return how many of a texture's ``columns`` (n,) are seen to have the tone of the first one: none if it is not."""
+    usual = [_median(values, known, np.array([one])) for one in columns]
+    return int(np.append(~(np.abs(np.subtract(usual, usual[0])) < UNLIKE), True).argmax()) if usual[0] < math.inf else 0
+
+
+def _median(values: Floats, known: Flags, columns: Indices) -> float:
+    """Return the median tone of what is ``known`` (H, W) of a texture's ``columns`` (n,); infinite if nothing is."""
+    light = grey(values[:, columns])[known[:, columns]]
+    return math.log(max(float(np.median(light)), 1e-6)) if light.size else math.inf
+
+
+def _in_one_tone(values: Floats, known: Flags) -> Flags:
+    """Return the rows (H,) of which most that is ``known`` (H, W) has one tone: rails, and no view."""
+    tone = np.log(np.maximum(grey(values), 1e-6))
+    found = np.zeros(len(known), bool)
+    for row in np.flatnonzero(known.any(axis=1)):
+        own = tone[row, known[row]]
+        found[row] = np.median(np.abs(own - np.median(own))) < UNLIKE
+    return found
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
@@ -286,79 +352,3 @@ def _surface(
         done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
     return done.values, done.confidence, f"{done.repeat.value}{kind}"
-
-
-# Pictures and mirrors on walls that lose a part to what is removed before them: a rectangle is seen to go on.
-#
-# Chosen by the demo's room and eight furnished real ones (docs/measurements/real.md).
-AROUND_M = 0.25  # of a thing as the network sees it: where its frame may end, and whose median is the wall's paint
-UNLIKE = 0.12  # tone by which a picture or its frame differs from the paint around it
-LEAST_M, MOST_M = 0.15, 2.5  # sides of a picture
-LOST = (0.005, 0.35)  # share of its rectangle that is removed: less is its rim, of more nobody knows what it was
-FULL = 0.95  # of its rectangle as far as that is seen, that it fills: others are several things, or have no corners
-ROW_SEEN = 0.25  # of the highest and the lowest row of a picture
-RIM_M = 0.3  # below the ceiling and above the floor, within which what ends is a curtain or stands
-
-
-def torn_pictures(values: Floats, known: Flags, things: Flags, hole: Flags, px_per_m: float) -> Iterator[Flags]:
-    """Yield the rectangle (H, W) of each picture on a wall of which a part is in the ``hole`` (H, W).
-
-    ``values`` (H, W, 3): the wall's texture, linear light, where ``known`` (H, W); ``things`` (H, W): what is probably
-    no part of it.
-    """
-    if not (known & things).any() or not (known & ~things).any():
-        return
-    tone = ToneScale.of(values, known).tone(values)
-    around, least = round(AROUND_M * px_per_m), LEAST_M * px_per_m
-    labels, _ = ndimage.label(known & things)
-    for number, box in enumerate(ndimage.find_objects(labels), 1):
-        if min(side.stop - side.start for side in box) < least:
-            continue
-        rows, columns = (slice(max(0, side.start - around), side.stop + around) for side in box)
-        part = np.s_[rows, columns]
-        mine, paint = labels[part] == number, known[part] & ~things[part]
-        if not paint.any():
-            continue
-        off = np.abs(tone[part] - np.median(tone[part][paint], axis=0)).max(axis=-1)
-        unlike = known[part] & (off > UNLIKE)
-        unlike = cv2.morphologyEx(unlike.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        found = _rectangle(unlike.astype(bool), mine, hole[part])
-        if found is None:
-            continue
-        whole, side, low = np.zeros_like(hole), side_px(px_per_m), found[0].stop
-        whole[part][found] = True
-        # Glass doors and curtains show no lower edge: they go on down.
-        level = level_edges(tone[part], known[part], side)[: low + side, found[1]]
-        if _is_picture(whole, px_per_m) and ends_level(level, low, px_per_m):
-            yield whole
-
-
-def _rectangle(unlike: Flags, thing: Flags, hole: Flags) -> tuple[slice, slice] | None:
-    """Return the box of what is ``unlike`` the wall and hangs together with a thing, (H, W) each; None where it is none
-    that the ``hole`` (H, W) cuts."""
-    labels, count = ndimage.label(unlike)
-    if not count:
-        return None
-    sizes = np.bincount(labels[thing], minlength=count + 1)
-    sizes[0] = 0
-    if not sizes.any():
-        return None
-    own = labels == sizes.argmax()
-    box: tuple[slice, slice] = ndimage.find_objects(own.astype(np.int32))[0]
-    # Shade below it is narrower than its frame.
-    wide = np.flatnonzero(own[box].mean(axis=1) > ROW_SEEN)
-    if not wide.size:
-        return None
-    box = (slice(box[0].start + int(wide[0]), box[0].start + int(wide[-1]) + 1), box[1])
-    seen, lost = ~hole[box], float(hole[box].mean())
-    if not LOST[0] < lost < LOST[1]:
-        return None
-    return box if (ndimage.binary_fill_holes(own | hole)[box] & seen).sum() > FULL * seen.sum() else None
-
-
-def _is_picture(whole: Flags, px_per_m: float) -> bool:
-    """Return whether a rectangle (H, W) of a wall is as large as a picture, and hangs."""
-    rows, columns = (np.flatnonzero(whole.any(axis=axis)) for axis in (1, 0))
-    sides = [len(one) / px_per_m for one in (rows, columns)]
-    hangs = rows[0] > RIM_M * px_per_m and rows[-1] < len(whole) - RIM_M * px_per_m
-    return bool(hangs and min(sides) >= LEAST_M and max(sides) <= MOST_M)

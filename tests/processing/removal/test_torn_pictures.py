@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from processing.removal.plane_fill import fill_plane, torn_pictures
+from processing.removal.plane_fill import fill_plane
+from processing.removal.upright_parts import torn_pictures
 from processing.surfaces.maps import FIRST_WALL, planes_of
 from processing.surfaces.textures import Texture, texture_shape
 from tests.processing.removal.painted_room import box_room

@@ -15,7 +15,7 @@ from processing.removal.furniture import (
     without_skirting,
 )
 from processing.removal.masks import CRUMB_SR, _at, _rests, _with_things, with_islands
-from processing.removal.plane_fill import _opening, _with_seen_frames, hanging
+from processing.removal.plane_fill import _opening, _seen_of_frame, hanging
 from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
@@ -274,12 +274,32 @@ def test_below_a_pane_whose_sill_is_hidden_the_wall_goes_on() -> None:
     region, known = np.zeros((2, 100, 160), bool)
     region[20:80, 20:140] = known[:76, :60] = True  # at 100 px/m: 8 rows of sill, of which four are seen in a third
     dense = known.astype(np.float32)
-    texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, np.zeros((100, 160, 3), np.float32), known, dense)
-    (found,) = _with_seen_frames(iter([region.copy()]), known, texture)
+    values = np.repeat(np.where(region, 1.0, 0.4).astype(np.float32)[..., None], 3, axis=2)
+    texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, values, known, dense)
+    found = _seen_of_frame(region, known, texture)
     assert np.array_equal(found[:76], region[:76])
     assert not found[76:].any()
     door = region | (np.arange(100) >= 80)[:, None] & region[50]
-    assert np.array_equal(next(_with_seen_frames(iter([door.copy()]), known, texture)), door), "it has no sill"
+    assert np.array_equal(_seen_of_frame(door, known, texture), door), "it has no sill"
+
+
+def test_a_window_whose_lower_frame_a_mask_cuts_raggedly_keeps_its_frame_and_nothing_beside_it() -> None:
+    """The frame lies 5 cm within the region of the opening; the mask takes its lower edge, and its right end."""
+    region, hole = np.zeros((2, 140, 200), bool)
+    region[20:100, 30:170] = True  # at 100 px/m: 8 rows and columns of what may be its frame
+    seen = np.full((140, 200, 3), 0.4, np.float32)
+    seen[25:88, 35:165] = 0.9
+    seen[29:84, 39:161] = np.linspace(2, 20, 122)[:, None]  # a view, dark to bright
+    hole[86 + np.arange(200) % 2, np.arange(200)] = hole[88:] = hole[:, 168:] = hole[70:, 120:] = True
+    known, texels = ~hole, np.where(hole[..., None], 0, seen).astype(np.float32)
+    texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, texels, known, known * 1.0)
+    found = _seen_of_frame(region, known, texture)
+    assert np.flatnonzero(found.any(axis=0)).tolist() == list(range(35, 165)), "beside it is wall, on both sides"
+    assert np.flatnonzero(found.any(axis=1))[-1] in (86, 87)
+    done = _opening(texels, known & found, hole & found, found, 100.0)
+    np.testing.assert_allclose(done[84:86, 35:165], 0.9, rtol=0.02, err_msg="the rail goes on, in its own colour")
+    np.testing.assert_allclose(done[:88][found[:88]].min(), 0.9, rtol=0.02, err_msg="no wall in it")
+    np.testing.assert_allclose(done[70:84, 121:160], np.broadcast_to(seen[69, 121:160], (14, 39, 3)), rtol=0.05)
 
 
 def test_a_hidden_side_of_a_frame_is_as_the_other() -> None:
@@ -300,10 +320,10 @@ def test_beside_a_pane_whose_sides_are_hidden_the_wall_goes_on() -> None:
     region, known = np.zeros((2, 100, 160), bool)
     region[20:80, 20:140] = known[20:80, 40:100] = True
     texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, np.zeros((100, 160, 3), np.float32), known, known * 1.0)
-    (found,) = _with_seen_frames(iter([region.copy()]), known, texture)
+    found = _seen_of_frame(region, known, texture)
     assert np.array_equal(np.flatnonzero(found.any(axis=0)), np.arange(28, 132))
     known[20:80, 20:40] = True
-    (found,) = _with_seen_frames(iter([region.copy()]), known, texture)
+    found = _seen_of_frame(region, known, texture)
     assert np.array_equal(found, region), "one side is seen, the other is like it"
 
 
