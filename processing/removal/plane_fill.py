@@ -124,14 +124,14 @@ def fill_plane(
         confidence = np.where(hole, 0.05, 1).astype(np.float32)
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
-    rest, upright = np.ones_like(hole), np.ones_like(hole)
+    rest, upright, walls = np.ones((3, *hole.shape), bool)
     for around in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
         region = _seen_of_frame(around, known, texture)
         inside = hole & region
         if (sources & region).sum() < LEAST_OPEN * region.sum():
             # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
             continue
-        rest, sources = rest & ~region, sources & ~(around & ~region)
+        rest, walls, sources = rest & ~region, walls & ~around, sources & ~(around & ~region)
         if not region[-1].any():
             # A window's frame and reveal end at its sill: the wall below is one.
             reach = np.ones((1, 2 * round(BESIDE_WINDOW_M * texture.px_per_m) + 1), np.uint8)
@@ -150,7 +150,8 @@ def fill_plane(
         own = sources & rest
         # Pictures, sockets and the like on walls are left out where these are filled.
         own = plane_sources(values, own, texture.px_per_m) if texture.plane.index == FLOOR else own
-        values, sure, goes_on, how = _with_pictures(texture, values, (own, own & upright, things), inside, skirting)
+        shown = replace(texture, known=known & walls)
+        values, sure, goes_on, how = _with_pictures(shown, values, (own, own & upright, things), inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on[inside]
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
