@@ -276,9 +276,11 @@ def _with_pictures(
     values, sure, continued, how = _by_parts(texture, values, seen, hole, skirting)
     known, things = texture.known & ~hole, seen[2]
     if texture.plane.index >= FIRST_WALL:
-        for region in torn_pictures(values, known, things, hole, texture.px_per_m):
-            torn = hole & region
-            values[torn] = _opening(values, known & region, torn, region, texture.px_per_m)[torn]
+        for region, closed in torn_pictures(values, known, things, hole, texture.px_per_m):
+            torn, rows = hole & region, np.flatnonzero(region.any(axis=1))
+            drawn = _opening(values, known & region, torn, region, texture.px_per_m)
+            drawn[rows[len(rows) - closed :]] = drawn[rows[:closed][::-1]]
+            values[torn] = drawn[torn]
             sure[torn], continued[torn] = SURE, False
     return values, sure, continued, how
 

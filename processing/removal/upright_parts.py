@@ -97,7 +97,7 @@ def _standing(
     edges: list[tuple[int, int]], seen: tuple[Flags, Flags, Flags], rim: Indices, px_per_m: float
 ) -> list[tuple[int, int]]:
     """Return the edges (column, upper end) without those of pictures: things that end below the ceiling, and whose
-    lower frame is seen.
+    lower frame is seen, or which lie too high to be anything else.
 
     Of the other edge of one, which is hidden, nobody knows. ``seen``: as of `upright_parts`, and edges that run level,
     (H, W) each; ``rim`` (W,): where the hole begins.
@@ -107,7 +107,9 @@ def _standing(
     for columns, top in _between(edges, len(rim)):
         own = known[:, columns] & (rows >= top) & (rows < rim[columns])
         thing = own & things[:, columns]
-        hung = top > CEILING_M * px_per_m and ends_level(level[:, columns], int(np.median(rim[columns])), px_per_m)
+        low = int(np.median(rim[columns]))
+        hung = top > CEILING_M * px_per_m and ends_level(level[:, columns], low, px_per_m)
+        hung |= _cut(top, low, known, px_per_m)
         if hung and thing.sum() > MOSTLY_THING * own.sum():
             beside = {columns.start: thing[:, :near], columns.stop: thing[:, -near:]}
             gone |= {column for column, part in beside.items() if part.any()}
@@ -185,12 +187,18 @@ UNLIKE = 0.12  # tone by which a picture or its frame differs from the paint aro
 LEAST_M, MOST_M = 0.15, 2.5  # sides of a picture
 LOST = (0.005, 0.35)  # share of its rectangle that is removed: less is its rim, of more nobody knows what it was
 FULL = 0.95  # of its rectangle as far as that is seen, that it fills: others are several things, or have no corners
-ROW_SEEN = 0.25  # of the highest and the lowest row of a picture
+ROW_SEEN = 0.25  # of the outermost rows and columns of a picture
 RIM_M = 0.3  # below the ceiling and above the floor, within which what ends is a curtain or stands
+CUT_M = (1.0, 1.98)
+"""Above the floor, between which a picture is that is cut all along: glass doors and curtains reach beyond."""
+CLOSED_M = 0.04  # of the upper frame, that is the lower one of a picture cut all along
 
 
-def torn_pictures(values: Floats, known: Flags, things: Flags, hole: Flags, px_per_m: float) -> Iterator[Flags]:
-    """Yield the rectangle (H, W) of each picture on a wall of which a part is in the ``hole`` (H, W).
+def torn_pictures(
+    values: Floats, known: Flags, things: Flags, hole: Flags, px_per_m: float
+) -> Iterator[tuple[Flags, int]]:
+    """Yield the rectangle (H, W) of each picture on a wall of which a part is in the ``hole`` (H, W), and how many of
+    its last rows are as the first ones: of one that is cut all along nobody knows where it ended, so it ends there.
 
     ``values`` (H, W, 3): the wall's texture, linear light, where ``known`` (H, W); ``things`` (H, W): what is probably
     no part of it.
@@ -200,10 +208,10 @@ def torn_pictures(values: Floats, known: Flags, things: Flags, hole: Flags, px_p
     tone = ToneScale.of(values, known).tone(values)
     around, least = round(AROUND_M * px_per_m), LEAST_M * px_per_m
     labels, _ = ndimage.label(known & things)
-    for number, box in enumerate(ndimage.find_objects(labels), 1):
-        if min(side.stop - side.start for side in box) < least:
+    for number, thing in enumerate(ndimage.find_objects(labels), 1):
+        if min(side.stop - side.start for side in thing) < least:
             continue
-        rows, columns = (slice(max(0, side.start - around), side.stop + around) for side in box)
+        rows, columns = (slice(max(0, side.start - around), side.stop + around) for side in thing)
         part = np.s_[rows, columns]
         mine, paint = labels[part] == number, known[part] & ~things[part]
         if not paint.any():
@@ -214,12 +222,27 @@ def torn_pictures(values: Floats, known: Flags, things: Flags, hole: Flags, px_p
         found = _rectangle(unlike.astype(bool), mine, hole[part])
         if found is None:
             continue
+        box = rows.start + found[0].start, rows.start + found[0].stop
+        across = slice(columns.start + found[1].start, columns.start + found[1].stop)
         whole, side, low = np.zeros_like(hole), side_px(px_per_m), found[0].stop
-        whole[part][found] = True
+        whole[slice(*box), across] = True
+        if not _is_picture(whole, px_per_m):
+            continue
         # Glass doors and curtains show no lower edge: they go on down.
         level = level_edges(tone[part], known[part], side)[: low + side, found[1]]
-        if _is_picture(whole, px_per_m) and ends_level(level, low, px_per_m):
-            yield whole
+        closed = max(1, round(CLOSED_M * px_per_m))
+        below = hole[box[1] : box[1] + 2 * closed, across].all(axis=1)  # of a ragged rim
+        if ends_level(level, low, px_per_m):
+            yield whole, 0
+        elif _cut(*box, whole, px_per_m) and things[whole & known].mean() > MOSTLY_THING and below.any():
+            whole[box[1] : box[1] + int(below.argmax()) + closed, across] = True
+            yield whole, closed
+
+
+def _cut(top: int, low: int, wall: Flags, px_per_m: float) -> bool:
+    """Return whether a thing that is seen between two rows of a ``wall`` (H, W) is a picture, though no lower frame of
+    it is seen."""
+    return (len(wall) - low) / px_per_m > CUT_M[0] and (len(wall) - top) / px_per_m < CUT_M[1]
 
 
 def _rectangle(unlike: Flags, thing: Flags, hole: Flags) -> tuple[slice, slice] | None:
@@ -235,10 +258,12 @@ def _rectangle(unlike: Flags, thing: Flags, hole: Flags) -> tuple[slice, slice] 
     own = labels == sizes.argmax()
     box: tuple[slice, slice] = ndimage.find_objects(own.astype(np.int32))[0]
     # Shade below it is narrower than its frame.
-    wide = np.flatnonzero(own[box].mean(axis=1) > ROW_SEEN)
-    if not wide.size:
-        return None
-    box = (slice(box[0].start + int(wide[0]), box[0].start + int(wide[-1]) + 1), box[1])
+    for axis in (0, 1):
+        wide = np.flatnonzero(own[box].mean(axis=1 - axis) > ROW_SEEN)
+        if not wide.size:
+            return None
+        side = slice(box[axis].start + int(wide[0]), box[axis].start + int(wide[-1]) + 1)
+        box = (side, box[1]) if axis == 0 else (box[0], side)
     seen, lost = ~hole[box], float(hole[box].mean())
     if not LOST[0] < lost < LOST[1]:
         return None

@@ -40,7 +40,7 @@ def with_lamp(shape):
 def regions_of(values, things, hole):
     """Return the rectangles of torn pictures."""
     seen = np.where(hole[..., None], 0, values).astype(np.float32)
-    return list(torn_pictures(seen, ~hole, things, hole, PX_PER_M))
+    return [region for region, _ in torn_pictures(seen, ~hole, things, hole, PX_PER_M)]
 
 
 def test_a_corner_behind_a_lamp_is_drawn():
@@ -59,6 +59,24 @@ def test_a_corner_behind_a_lamp_is_drawn():
     below = np.abs(np.log(done.values / values))[90:, 40:160]
     assert np.quantile(below, 0.95) < 0.1, "the wall below is the wall's"
     assert not done.continued[hole & region].any()
+
+
+def test_one_that_is_cut_all_along_ends_there_in_a_frame_like_the_upper_one():
+    """Furniture below hides its lower edge from one side to the other: nobody knows how far down it went."""
+    room, plane, values, things = hung()
+    values, things = (np.roll(one, 4, axis=0) for one in (values, things))  # its upper edge 1.92 m above the floor
+    row, column = np.indices(things.shape)
+    hole = with_lamp(things.shape) | (row >= LOW - 4 + column % 3)
+    seen = np.where(hole[..., None], 0, values).astype(np.float32)
+    texture = Texture(plane, PX_PER_M, seen, ~hole, np.ones(hole.shape, np.float32))
+    done = fill_plane(texture, hole, (np.zeros_like(hole), things & ~hole), room, np.float32(WALL))
+    off = np.abs(np.log(done.values / values))
+    assert np.quantile(off[LOW + 9 :], 0.95) < 0.1, "below it is wall, not the picture's colours down to the floor"
+    frame = np.abs(np.log(done.values[LOW - 3 : LOW + 1, LEFT : RIGHT - 16] / FRAME)).mean(axis=(1, 2))
+    assert frame.min() < 0.15, "closed by a frame"
+    assert regions_of(values, things & ~hole, hole)
+    higher = [np.roll(one, -4, axis=0) for one in (values, things)]  # as high as a door
+    assert not regions_of(higher[0], higher[1] & ~hole, hole)
 
 
 @pytest.mark.parametrize("why", ["whole", "mostly hidden", "a curtain", "two things"])
