@@ -210,12 +210,12 @@ def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:
 def find_wrong_time(evidence: TimeEvidence, known: Collection[int] = ()) -> tuple[int, float] | None:
     """Return the frame whose time contradicts all others most, and by how many stops it is off; None if none does.
 
-    Frames in ``known`` are not named again. In a bracket of fewer than four frames a wrong time looks like
-    another curve; so does one among frames of which fewer than four say anything.
+    Frames in ``known`` are not named again. Among fewer than four frames that say anything and are not in ``known``
+    a wrong time looks like another curve.
     """
     own = np.diag(evidence.matrix)
-    counts = np.bincount(evidence.bracket_of_frame, own > 0)[evidence.bracket_of_frame]
-    able = (own > 0) & (counts >= _LEAST_FRAMES) & ~np.isin(np.arange(len(own)), list(known))
+    able = (own > 0) & ~np.isin(np.arange(len(own)), list(known))
+    able &= (np.bincount(evidence.bracket_of_frame, able) >= _LEAST_FRAMES)[evidence.bracket_of_frame]
     if not able.any():
         return None
     change = np.where(able, evidence.right / np.where(own > 0, own, 1.0), 0.0)

@@ -189,3 +189,5 @@ def test_frames_that_say_nothing_do_not_help_to_call_a_time_wrong() -> None:
         matrix[silent], matrix[:, silent], right[silent] = 0, 0, 0
         found = find_wrong_time(TimeEvidence(matrix, right, full.bracket_of_frame))
         assert (found is not None) is named
+        # One that is known to be wrong says no more of the others' times than one that is black.
+        assert find_wrong_time(TimeEvidence(matrix, right, full.bracket_of_frame), (1,)) is None
