@@ -12,6 +12,7 @@ import numpy as np
 from processing.calibration.merge.lens_pair import LensPair, stitched
 from processing.calibration.merge.lens_places import clearest, place_lenses
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
+from processing.calibration.merge.motion import check_view
 from processing.calibration.merge.tables import linear_curve
 from processing.calibration.profile import CameraProfile, RigProfile, load_profile, profile_matches
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
@@ -303,6 +304,7 @@ def camera_response(bracket: brackets.SideBracket, profile: RigProfile | None) -
 def _linear(bracket: brackets.SideBracket, camera: CameraProfile | None) -> _Held:
     """Take noise, black level and times from linear frames; the profile's or the camera's rule of them, if known."""
     codes = side_by_side(lambda frame: np.asarray(frame.decode(), np.uint16), bracket.frames, brackets.DECODERS)
+    check_view(bracket.frames, codes)
     rule = camera_rule(bracket.device.model) if bracket.device else None
     shutter = camera.shutter if camera else ShutterRecord(rule=rule or ShutterRule.NOMINAL)
     times_s = [shutter.true_s(nominal) for nominal in bracket.nominal_s]
@@ -318,6 +320,7 @@ def _linear(bracket: brackets.SideBracket, camera: CameraProfile | None) -> _Hel
 
 def _recovered(bracket: brackets.SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
     """Recover the response from the bracket; its times too, unless the camera's rule is known."""
+    check_view(bracket.frames, codes)
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
     fit = recover_response([Bracket8(codes, times_s, bracket.nominal_s)], estimate_times=rule is None)
@@ -340,6 +343,7 @@ def _from_profile(bracket: brackets.SideBracket, profile: RigProfile, camera: Ca
     warnings = _warnings("profile", bracket, profile_matches(profile, bracket.side, bracket.device, bracket.records))
     check: dict[str, Any] = {}
     small = brackets.decoded(bracket.frames, brackets.coarse(bracket.frames))
+    check_view(bracket.frames, small)
     try:
         checked = check_response(curve, noise, Bracket8(small, times_s))
     except ResponseError as error:

@@ -74,8 +74,6 @@ class MergeOptions:
     """By what part a pixel's uncertainty may grow where frames are left out (0: none is); None: by the quality."""
     ghosts: bool = True
     """Whether what moved is shown by one frame each."""
-    shifts: bool = True
-    """Whether frames are checked for having shifted."""
     own_curve: bool = False
     """Whether the curve was recovered from these frames: where it fits them badly that is doubt, no other camera."""
     allow_contradiction: bool = False
@@ -181,12 +179,11 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
         warnings.append(f"noise is {times:.1f} times what the noise model says: the frames' own value is used")
     job = _honest(job, agreement)
     samples = job.samples()
-    if job.options.shifts:
-        warnings += [
-            f"{job.order.frames[s.place].name} is shifted against {job.order.frames[s.place - 1].name} by "
-            f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera moved?"
-            for s in frame_shifts(codes, samples)
-        ]
+    warnings += [
+        f"{job.order.frames[place].name} is shifted against {job.order.frames[place - 1].name} by {right_px:+.1f} px "
+        f"across and {down_px:+.1f} px down: was the camera moved?"
+        for place, right_px, down_px in frame_shifts(codes, samples)
+    ]
     planes, uses = _fuse(codes, samples, job)
     if isinstance(samples, MergeTables) and samples.clip_together:
         show_deep_colours(codes, samples, planes)
@@ -222,15 +219,8 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
         # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.
         curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
-    return replace(
-        job,
-        order=order,
-        curve=curve,
-        noise=scaled,
-        correlation=agreement.correlation,
-        processed=agreement.neighbours > PROCESSED_CORRELATION,
-        wander=agreement.wander,
-    )
+    job = replace(job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation)
+    return replace(job, processed=agreement.neighbours > PROCESSED_CORRELATION, wander=agreement.wander)
 
 
 def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
@@ -278,12 +268,8 @@ def _fuse(codes: Sequence[Codes], samples: MergeTables | LinearSamples, job: _Jo
     # The correlation of the channels' noise, and the squared error that all frames share
     shape = (job.correlation, coding_error(job.curve, job.noise) if job.coded and job.curve else 0.0)
     padded = max(pixels, RUN_PX)
-    planes = Planes(
-        np.empty((padded, 3), np.float32),
-        np.empty(padded, np.float32),
-        np.empty(padded, np.uint8),
-        np.empty(padded, np.uint8),
-    )
+    empty: Any = (np.empty(padded, kind) for kind in (np.float32, np.uint8, np.uint8))
+    planes = Planes(np.empty((padded, 3), np.float32), *empty)
     flat: list[Any] = [np.ascontiguousarray(frame).reshape(-1, 3) for frame in codes]
     if isinstance(samples, MergeTables):
         # A picture smaller than one run is lengthened by its own pixels.
@@ -295,11 +281,8 @@ def _fuse(codes: Sequence[Codes], samples: MergeTables | LinearSamples, job: _Jo
         out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
         _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, out), pixels, BAND_PX, workers)
         uses = np.ones(len(flat))
-    planes.rgb = planes.rgb[:pixels].reshape(height, width, 3)
-    planes.uncertainty = planes.uncertainty[:pixels].reshape(height, width)
-    planes.validity = planes.validity[:pixels].reshape(height, width)
-    planes.suspect = planes.suspect[:pixels].reshape(height, width)
-    return planes, uses
+    flats: Any = (p[:pixels].reshape(height, width) for p in (planes.uncertainty, planes.validity, planes.suspect))
+    return Planes(planes.rgb[:pixels].reshape(height, width, 3), *flats), uses
 
 
 def _fuse_runs(

@@ -119,6 +119,14 @@ def test_one_side_on_request_and_max_error_are_reported(session: Path) -> None:
     assert not (session / "stages" / "merge" / "outdoor.exr").exists()
 
 
+def test_a_picture_of_another_bracket_is_named_by_its_file(truth: SyntheticBracket, tmp_path: Path) -> None:
+    frames = [frame[:, ::-1] if k == 4 else frame for k, frame in enumerate(truth.frames)]
+    mixed = bracket_session(tmp_path, {Side.INDOOR: frames}, truth.nominal_s)
+    with pytest.raises(BracketError, match="another view than the frames before and after it") as caught:
+        run(mixed)
+    assert caught.value.where.startswith("indoor/04_")
+
+
 def profile(path: Path, truth: SyntheticBracket, change: Callable[[RigProfile], RigProfile] = lambda p: p) -> Path:
     fit = recover_response([Bracket8(truth.frames, truth.true_s)])
     when = datetime(2023, 5, 19, tzinfo=UTC)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+import pytest
 
-from processing.calibration.merge.motion import Planes, ghost_regions, settle_ghosts
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, expose
+from processing.calibration.merge.motion import Planes, check_view, ghost_regions, settle_ghosts
 from processing.calibration.merge.tables import merge_tables
+from processing.errors import BracketError
+from processing.pictures.frames import array_frame
 from tests.processing.calibration.merge.merge_cases import NOISE, true_curve
 
 TABLES = merge_tables(true_curve(), NOISE, np.array([4.0, 1.0, 0.25]), np.zeros(3), 0.02)
@@ -75,3 +80,38 @@ def test_pixels_that_the_reference_cannot_show_take_the_nearest_frame_that_can()
     assert (merged.rgb[6, 6] == 123.0).all(), "the merged bound stays"
     assert np.isinf(merged.uncertainty[6, 6])
     assert np.isfinite(merged.rgb).all()
+
+
+def view(seed: int, moved_px: int = 0) -> list[np.ndarray]:
+    """Return five exposures, two stops apart, of patches of light."""
+    blocks = np.exp2(np.random.default_rng(seed).uniform(6, 11, (20, 40, 3))).astype(np.float32)
+    scene = np.roll(cv2.resize(blocks, (640, 320), interpolation=cv2.INTER_NEAREST), moved_px, axis=1)
+    return [expose(scene, 4.0 ** (-k - 1), REFERENCE_SENSOR, k) for k in range(5)]
+
+
+def refused(frames: list[np.ndarray]) -> BracketError:
+    with pytest.raises(BracketError) as caught:
+        check_view([array_frame(frame, f"{k}.jpg") for k, frame in enumerate(frames)], frames)
+    return caught.value
+
+
+def test_the_frame_with_another_view_is_named() -> None:
+    right, other, moved = view(3), view(4), view(3, moved_px=64)
+    check_view([array_frame(frame, f"{k}.jpg") for k, frame in enumerate(right)], right)
+    for foreign in (other, moved):
+        error = refused([*right[:2], foreign[2], *right[3:]])
+        assert (error.where, error.message) == ("2.jpg", "another view than the frames before and after it")
+        assert "leave that frame out" in error.advice
+    linear = [frame.astype(np.uint16) * 257 for frame in [*right[:2], other[2], *right[3:]]]
+    assert refused(linear).where == "2.jpg"
+
+
+def test_a_camera_that_was_moved_between_two_frames_is_named_by_both() -> None:
+    error = refused([*view(3)[:3], *view(3, moved_px=64)[3:]])
+    assert (error.where, error.message) == ("2.jpg and 3.jpg", "show different views")
+
+
+def test_a_black_and_a_white_frame_are_of_any_view() -> None:
+    right = view(3)
+    right[0], right[-1] = np.full_like(right[0], 255), np.zeros_like(right[0])
+    check_view([array_frame(frame, f"{k}.jpg") for k, frame in enumerate(right)], right)
