@@ -87,7 +87,6 @@ class OtherRecord:
 
 Record = PropValue | AvailableValues | ObjectRecord | NumberRecord | OtherRecord
 
-
 JPEG_LARGE_FINE = ImageFile(codes.IMAGE_TYPE_JPEG, codes.IMAGE_SIZE_LARGE, codes.IMAGE_COMPRESSION_FINE)
 RAW_FULL = ImageFile(codes.IMAGE_TYPE_RAW, codes.IMAGE_SIZE_LARGE, codes.IMAGE_COMPRESSION_RAW)
 

@@ -47,7 +47,6 @@ SHIPPED = ROOT / "kernels"
 Described = Any
 """A type as JSON: "float64", {"array": [dtype, dimensions, layout, writable]}, {"tuple": [...]}, {"named": ...}."""
 
-
 _IMPORTS = re.compile(rb"^from (processing[\w.]*) import (\([^)]*\)|[^\n]*)", re.M)
 """What a file imports when it is loaded; imports within functions are none of a kernel's names."""
 _KERNELS = re.compile(rb"numba|^@(compiled|inner|inlined)\b", re.M)

@@ -61,10 +61,8 @@ threads once needed: two are enough. A panorama's light goes back to the system 
 masks too, stay in the pools until `give_back`, or until more than 512 MiB are free at their end: else their pages are
 zeroed anew, again and again."""
 
-
 FORGET: list[Callable[[], object]] = []
 """What lets go of large things that are kept for their next use: `give_back` calls all of these."""
-
 
 KEPT_BYTES = 1_200_000_000
 """Of a process, up to which it keeps what it has freed (docs/measurements/pipeline.md: from 2 GB on peaks grow): pages

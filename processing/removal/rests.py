@@ -27,8 +27,6 @@ THING_CONTRAST, LYING_CONTRAST = 18.0, 36.0
 LAYERS = 3  # of things on things (chosen)
 POLE_RAD, POLE_REACH_RAD = math.radians(1.5), math.radians(6)
 """Width of a pole, and how far above what is seen of it a lamp's shade is looked for: its light hides it (chosen)."""
-
-
 BOARD_SHARE, BOARD_RAD = 0.2, math.radians(1.2)
 """Of a segment of colour that is seen as skirting, from which it is one (more is missed than seen); how far beside what
 goes the rest of it is (chosen)."""

@@ -26,8 +26,6 @@ EDGE_ROWS, LEAST_EDGE = 3, 0.01
 LEAST_TONE, MOST_SPREAD, MOST_SPREAD_SEEN = 0.04, 0.35, 0.4
 """Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone); the same where the
 network sees it, in another light on each wall (chosen: 0.37 where it is right in a real room, 0.44 where it is not)."""
-
-
 SEEN_SHARE, ALIKE = 0.25, 0.6
 """Of a pixel, as the network sees it, from which it shows skirting (chosen on three rooms: up to 0.5 to 0.8); how much
 more alike its own tone must be on all walls than that against them (chosen)."""

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 CHANNELS = (("red", "#c92a2a", "-"), ("green", "#2b8a3e", "--"), ("blue", "#1864ab", ":"))
 _SIZE_IN = (7.2, 3.8)
 _COVERAGE = 2.0  # bands are plus and minus two standard uncertainties
-
-
 CCT_RANGE_K = (2000.0, 20000.0)
 PAGE_WIDTH_PX = 1200  # chosen: a page's width
 

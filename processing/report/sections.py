@@ -22,8 +22,6 @@ TINTS = {"furniture": (230, 40, 40), "tripod": (220, 0, 220), "sunlight": (250, 
 _NAMES: dict[str, str] = table_of(__package__, "words")["masks"]
 RIM_RGB = (0, 220, 60)
 MOST_SHOWN = 0.5  # relative change of luminance at the ends of the colour scale; chosen
-
-
 EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
 
 

@@ -15,8 +15,6 @@ from processing.layout.models.catalogue import Catalogue
 from processing.light.scene.scene import Material, Part
 
 LIFT_M = 0.001  # by which everything stands above the floor, so that undersides do not lie in it
-
-
 WARM_WHITE = (1.9354, 0.8036, 0.1918)
 """Linear Rec. 709 of unit luminance of a black body at 2,700 K, as lamps at home (CIE 15: x 0.4599, y 0.4106)."""
 

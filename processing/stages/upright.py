@@ -74,8 +74,6 @@ LEAST_CONFIDENCE = 0.3
 .3, walls of real rooms stood across open space)."""
 LEAST_OF_PART = 0.5  # of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)
 UNTRUSTED = "what touches other walls"  # of a doubtful room emptied in part: not done, and why
-
-
 NO_ROOM = "the room stage found no room; give one (--room)"
 
 

@@ -31,7 +31,6 @@ JOURNALLED = (_KINDS.RECOVERING, _KINDS.FAILED, _KINDS.PAUSED, _KINDS.CONTINUED,
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
 
-
 Doubts = dict[tuple[Side, int], str]
 """Frames that do not fit the others of their bracket, and why."""
 

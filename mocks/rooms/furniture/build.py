@@ -27,7 +27,6 @@ BOARD_SIDE_M = SIZES["SIDE"]
 CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 """Signs of x and y of the four corners."""
 
-
 Span = tuple[float, float]
 
 

@@ -24,7 +24,6 @@ MOST_PATCHES = 4
 _ZERO, _ONE, _ALL = np.uint64(0), np.uint64(1), np.uint64(0xFFFFFFFFFFFFFFFF)
 _TOP = np.uint64(63)
 
-
 """A grid of bits, (rows, words)."""
 
 

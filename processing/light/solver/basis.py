@@ -28,8 +28,6 @@ MOST_BYTES = 1 << 30  # chosen: what a computer of 8 GiB can spare
 EFFORT_FIELDS = ("texel_m", "rows", "pixel_samples", "patch_samples", "sun_samples", "clean")
 """That count for a basis, as they stand in its file."""
 VERSION = 3  # of the file's format, raised when it changes
-
-
 BASIS_EFFORTS = {
     "draft": Effort(texel_m=0.15, rows=128, pixel_samples=16, patch_samples=32, sun_samples=16, cleaning="surfaces"),
     "standard": Effort(pixel_samples=32, sun_samples=32, cleaning="surfaces"),
