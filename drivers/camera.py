@@ -72,8 +72,7 @@ class SettingReadback:
         return self.asked == self.got
 
 
-NOT_REPORTED = "not reported"
-"""Of a setting of the body that the camera says nothing of."""
+NOT_REPORTED = "not reported"  # of a setting of the body that the camera says nothing of
 
 
 class Verdict(StrEnum):

@@ -56,8 +56,7 @@ def open_error(error: Exception, name: str) -> errors.DeviceError:
 PROC = Path("/proc")
 GRABBERS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-monitor", "gvfsd-mtp")
 """Desktop services that claim a camera as soon as it is plugged in."""
-SUSPECTS = (*GRABBERS, "gphoto2", "kiod5")
-"""Programs that are known to claim cameras by themselves."""
+SUSPECTS = (*GRABBERS, "gphoto2", "kiod5")  # programs that are known to claim cameras by themselves
 COMM_CHARACTERS = 15  # the kernel cuts the name of a process after as many (Linux, TASK_COMM_LEN less its NUL)
 
 

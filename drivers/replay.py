@@ -30,8 +30,7 @@ QUESTIONS = frozenset(
     }
 )
 """Operations that leave a camera as it is, so that they may be asked more or less often than in the transcript."""
-STATUS_OK = struct.pack("<HH", 4, Response.OK)
-"""Answer to the class request GetDeviceStatus."""
+STATUS_OK = struct.pack("<HH", 4, Response.OK)  # answer to the class request GetDeviceStatus
 
 Key = tuple[int, tuple[int, ...], bytes]
 

@@ -21,8 +21,7 @@ from drivers.ptp.codes import STILL_IMAGE_CLASS
 from drivers.ptp.pipes import Pipe
 
 CLASS_OUT, CLASS_IN = 0x21, 0xA1
-PACKET_MASK = 0x07FF
-"""wMaxPacketSize holds other things in its upper bits."""
+PACKET_MASK = 0x07FF  # wMaxPacketSize holds other things in its upper bits
 
 T = TypeVar("T")
 

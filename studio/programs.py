@@ -19,8 +19,7 @@ from processing.pipeline import STAGES
 from processing.stages.contract import Quality
 
 MOST_LINES = 200  # of a run's output that a screen is given: the last ones (chosen)
-WORLD = re.compile(r"[a-z]+([-:]\d{1,6})?")
-"""Of simulated instruments."""
+WORLD = re.compile(r"[a-z]+([-:]\d{1,6})?")  # of simulated instruments
 LOOK_S, LOOK_AGAIN_S = 60.0, 20.0  # for which instruments are waited for, and for which what they said counts (chosen)
 PREVIEW_S = 120.0  # chosen: a basis of the light of a large room takes a quarter of it
 

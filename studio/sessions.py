@@ -20,8 +20,7 @@ from station.session.store import SessionStore, load_manifest
 
 BY = "daylit studio"
 RECEIVED = "received "  # before the time of a picture of which nobody says when it was taken
-_TURN = threading.Lock()
-"""Whoever saves: what a correction was made on is compared and replaced in one go."""
+_TURN = threading.Lock()  # whoever saves: what a correction was made on is compared and replaced in one go
 
 
 class StaleError(ParameterError, code="USE-005"):

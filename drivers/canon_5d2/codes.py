@@ -130,8 +130,7 @@ def code_words(name: str) -> dict[int, str]:
     return {int(code, 16): str(words) for code, words in _tables[name].items()}
 
 
-SHUTTER_CODES = _table("shutter_thirds")
-"""Shutter code -> nominal seconds, third-stop list; code = 38h + 8 log2(1/t)."""
+SHUTTER_CODES = _table("shutter_thirds")  # shutter code -> nominal seconds, third-stop list; code = 38h + 8 log2(1/t)
 SHUTTER_CODES_HALF = _table("shutter_halves")
 ISO_CODES = {code: int(iso) for code, iso in _table("iso").items()}
 APERTURE_CODES = _table("aperture")

@@ -56,8 +56,7 @@ USUAL_TIMEOUT_S = 20.0
 MAX_DATA_BYTES = 4 * 1024 * 1024
 MAX_UNANSWERED = 8  # chosen: late answers that are still recognised
 LAST_TRANSACTION_ID = 0xFFFFFFFE  # PIMA 15740: 0xFFFFFFFF is reserved
-RESPONSE_GROUPS = (0x2, 0xA)
-"""First hex digit of a response code: standard, vendor."""
+RESPONSE_GROUPS = (0x2, 0xA)  # first hex digit of a response code: standard, vendor
 FIRST_BUSY_WAIT_S, MAX_BUSY_WAIT_S = 0.05, 0.2  # chosen: pauses double from the one to the other
 
 T = TypeVar("T")

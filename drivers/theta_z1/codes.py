@@ -59,5 +59,4 @@ SHUTTER_FRACTIONS: tuple[tuple[int, int], ...] = tuple((above, below) for above,
 
 ERROR_INFO_BITS = {int(bit, 16): (str(text), bool(usable)) for bit, (text, usable) in _tables["error_info"].items()}
 """Bit of ErrorInfo -> (meaning, whether the camera can still shoot)."""
-TYPES: dict[str, list[str]] = _tables["types"]
-"""Names of properties by the name of their `drivers.ptp.codes.DataType`."""
+TYPES: dict[str, list[str]] = _tables["types"]  # names of properties by the name of their `drivers.ptp.codes.DataType`

@@ -17,8 +17,7 @@ NAME_BYTES = 16
 NO_LIST = 1  # forms of a record, as in the recordings
 WITH_LIST = 3  # the same
 
-ImageFormat = tuple[tuple[int, int, int], ...]
-"""One or two files: (type, size, compression)."""
+ImageFormat = tuple[tuple[int, int, int], ...]  # one or two files: (type, size, compression)
 CanonValue = int | str | bytes | ImageFormat
 IMAGE_FORMATS = (0xD120, 0xD121, 0xD122, 0xD123)
 

@@ -25,8 +25,7 @@ from processing.ground.tables import table_of
 RECORDING = recording("theta_z1")
 STITCHING_FIRMWARE = (2, 10, 1)  # the first with static stitching (Ricoh's USB API specification)
 READABLE_WHILE_BUSY = tuple(int(code, 16) for code in RECORDING.raw["answered_while_busy"])
-FIRST_HANDLE = 0x62
-"""So that the first picture is 64h, after the two folders."""
+FIRST_HANDLE = 0x62  # so that the first picture is 64h, after the two folders
 THETA_TIMING = CameraTiming(
     release_lag_s=0.12, processing_s=2.5, transfer_bytes_per_s=25e6, raw_cycle_s=6.4, dated_after_s=2.5
 )
@@ -48,8 +47,7 @@ AUTO_EXPOSURE_S, AUTO_ISO, AUTO_F_NUMBER, AUTO_COLOR_TEMPERATURE_K = 1 / 60, 400
 AUTO_SHUTTER = 0  # Ricoh's USB API, ShutterSpeed
 TAKES_COLOR_TEMPERATURE = 0x8007  # Ricoh's USB API: the white balance that lets a temperature be set
 ISO_LIMITS = tuple(v for v in ricoh_codes.ISO_VALUES if v >= 200)
-LATER_PROPERTIES = (RicohProp.EXPOSURE_STATUS, RicohProp.MODE_MEMORY)
-"""Of firmware 3.10.2 and 3.60.3."""
+LATER_PROPERTIES = (RicohProp.EXPOSURE_STATUS, RicohProp.MODE_MEMORY)  # of firmware 3.10.2 and 3.60.3
 ERROR_NO_MEMORY = 0x00000001  # Ricoh's USB API, ErrorInfo
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles, Flags, Floats
 
-Size: TypeAlias = tuple[int, int]
-"""Width and height in pixels."""
+Size: TypeAlias = tuple[int, int]  # width and height in pixels
 
 
 class Lens(Protocol):

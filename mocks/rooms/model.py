@@ -18,8 +18,7 @@ ADE20K: dict[str, int] = table_of(__package__, "ade20k")
 """Numbers of the ADE20K classes (150, counted from 0) that simulated rooms hold; equipment has none and is -1."""
 
 NO_CLASS = -1  # beside every class's number
-USES: dict[str, dict[str, Any]] = table_of(__package__, "uses")
-"""What follows from each `Use`."""
+USES: dict[str, dict[str, Any]] = table_of(__package__, "uses")  # what follows from each `Use`
 Point: TypeAlias = tuple[float, float]
 
 CAMERA_HEIGHT_M = 1.6  # the paper's tripod

@@ -217,8 +217,7 @@ LIGHT |= {name: f"{name}.exr" for name in ("albedo", "empty_albedo", "normal", "
 """Pictures of 32-bit floats, by field of `TruthPictures`: channels R, G, B, or Y alone."""
 NUMBERS = {"ade": "ade.png", "instance": "instance.png", "wall": "wall.png", "surface": "surface.png"}
 """16-bit PNG. All but instances are stored plus 1, so that 0 stands for none (-1)."""
-MASKS = {"furniture": "furniture.png", "tripod": "tripod.png"}
-"""8-bit PNG, 0 or 255."""
+MASKS = {"furniture": "furniture.png", "tripod": "tripod.png"}  # 8-bit PNG, 0 or 255
 COUNTED_FROM_0 = ("instance",)
 
 

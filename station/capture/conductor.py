@@ -31,8 +31,7 @@ JOURNALLED = (_KINDS.RECOVERING, _KINDS.FAILED, _KINDS.PAUSED, _KINDS.CONTINUED,
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
 
-Doubts = dict[tuple[Side, int], str]
-"""Frames that do not fit the others of their bracket, and why."""
+Doubts = dict[tuple[Side, int], str]  # frames that do not fit the others of their bracket, and why
 
 
 class Hooks(NamedTuple):

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from drivers.serial_link import ByteLine
     from drivers.transcript import Entry, Transcript
 
-RECORDED = "recorded:"
-"""Before the name of a transcript in ``--simulate``."""
-RIG, METER = "rig", "meter"
-"""Who a transcript names beside the sides: the rig it was made with, and the meter."""
+RECORDED = "recorded:"  # before the name of a transcript in ``--simulate``
+RIG, METER = "rig", "meter"  # who a transcript names beside the sides: the rig it was made with, and the meter
 
 
 class Links:

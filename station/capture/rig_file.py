@@ -26,8 +26,7 @@ Accepted = Literal[
     "static stitching",
 ]
 """What preflight refuses by these names (`drivers.camera.BodySetting`)."""
-TYPED = "typed"
-"""In place of a dialect: the meter is not read over a line."""
+TYPED = "typed"  # in place of a dialect: the meter is not read over a line
 
 
 class _Table(BaseModel):

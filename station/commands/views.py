@@ -17,8 +17,7 @@ import click
 
 from station.capture.events import CaptureEvent, EventKind
 
-FILE = click.Path(path_type=Path)
-"""A file that is read or written, or a session."""
+FILE = click.Path(path_type=Path)  # a file that is read or written, or a session
 FOLDER = click.Path(path_type=Path, file_okay=False)
 NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
 _KINDS = {

@@ -26,8 +26,7 @@ SIDE_WORDS = {
     Side.INDOOR: {"indoor", "indoors", "inside", "interior", "theta", "pano", "panorama"},
     Side.OUTDOOR: {"outdoor", "outdoors", "outside", "exterior", "fisheye", "canon", "sky"},
 }
-LAST_WORDS = {"in": Side.INDOOR, "out": Side.OUTDOOR}
-"""As the last word of a folder's name: ``1356-in``."""
+LAST_WORDS = {"in": Side.INDOOR, "out": Side.OUTDOOR}  # as the last word of a folder's name: ``1356-in``
 _DATE = re.compile(r"(20\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)")
 # A colon cannot be in a name on Windows: archivers write _, -, ., nothing, a wide colon or %3A in its place.
 _ROOM_TIME = re.compile(r"(?P<room>.*?)[ _-]?(?P<h>[01]?\d|2[0-3])(?::|：|_|-|\.|%3A)(?P<m>[0-5]\d)", re.IGNORECASE)

@@ -20,8 +20,7 @@ BRACKET_FRAMES = 9  # of the paper; a folder with more may hold several brackets
 KINDS = {"RICOH THETA Z1": "theta_z1", "Canon EOS 5D Mark II": "canon_5d2"}
 """The paper's cameras by the model that EXIF names: their fall-off and mapping are known."""
 LENS = "EF 8-15mm f/4L FISHEYE USM at 8 mm"
-ND_FILTER = "ND 3.0"
-"""Of the paper's outdoor camera (section 3.1)."""
+ND_FILTER = "ND 3.0"  # of the paper's outdoor camera (section 3.1)
 
 
 @dataclass(frozen=True)

@@ -164,8 +164,7 @@ def stop_of(stops_s: Sequence[float], time_s: float | None) -> int:
 
 MAX_FRAMES = 99  # a stop's number has two digits in a frame's name
 JPEG_SUFFIXES = (".jpg", ".jpeg")
-LOSSLESS_SUFFIXES = (".png", ".tif", ".tiff")
-"""Taken where a folder has no JPEGs: film scans, other programs' exports."""
+LOSSLESS_SUFFIXES = (".png", ".tif", ".tiff")  # taken where a folder has no JPEGs: film scans, other programs' exports
 RAW_SUFFIXES = (".dng", ".cr2")
 
 

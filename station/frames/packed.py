@@ -17,8 +17,7 @@ from station.session.session import MANIFEST_NAME, Side
 from station.session.store import load_manifest
 from station.session.verify import JUNK
 
-MOST_FILES, MOST_BYTES, MOST_DEEP = 10_000, 32 << 30, 8
-"""Chosen: a day of full-size brackets with their results."""
+MOST_FILES, MOST_BYTES, MOST_DEEP = 10_000, 32 << 30, 8  # chosen: a day of full-size brackets with their results
 MOST_RATIO, FREE_BYTES = 50, 1 << 26
 """By which more than so much is packed at most; chosen: frames hardly shrink, journals to a tenth, bombs to nothing."""
 _NAME = re.compile(r"[^\x00-\x1f\\:]{1,200}")

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 # dataset.csv: what a data set of simulated sessions holds, a row a session, in the columns of the conditions.
 
 LEDGER_NAME = "dataset.csv"
-MADE_WITH = ("size", "quality", "clouds", "seed")
-"""Options that are the same for all sessions of one data set."""
+MADE_WITH = ("size", "quality", "clouds", "seed")  # options that are the same for all sessions of one data set
 LEDGER_COLUMNS = (*COLUMNS, "utc", "latitude_deg", "longitude_deg", "room_seed", "room", "sky", *MADE_WITH, "session")
 
 Row = dict[str, str]

@@ -21,8 +21,7 @@ from mocks.instruments.ptp import wire
 # What a simulated device has still to do, and when: no threads, the device catches up whenever it is looked at.
 
 
-Action = Callable[[float], None]
-"""Called with the moment it was due (clock seconds), not the moment it was run."""
+Action = Callable[[float], None]  # called with the moment it was due (clock seconds), not the moment it was run
 
 
 class Agenda:
@@ -107,8 +106,7 @@ class EventGate:
             send()
 
 
-STALE_SESSION = 0x0DD
-"""Session that an earlier program left open, where a fault says so."""
+STALE_SESSION = 0x0DD  # session that an earlier program left open, where a fault says so
 
 MAX_OPERATION_LOG = 200_000  # chosen: a day's campaign; the rest is only counted
 

@@ -12,8 +12,7 @@ from typing import Self
 from drivers.ptp.codes import HEADER_BYTES, ContainerType, DataType, Response
 from mocks.instruments.faults import Fault
 
-Value = int | str | tuple[int, ...]
-"""Value of a device property: an integer, a string, or an array of integers."""
+Value = int | str | tuple[int, ...]  # value of a device property: an integer, a string, or an array of integers
 
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 8, 8: 8, 9: 16, 10: 16}
 MAX_STRING_UNITS = 255  # PIMA 15740: the length is one byte

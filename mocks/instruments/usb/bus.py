@@ -20,8 +20,7 @@ HIGH_SPEED = 3  # libusb's number of the speed
 BULK, INTERRUPT = 2, 3
 ENGLISH = b"\x04\x03\x09\x04"
 
-Descriptor = SimpleNamespace
-"""A descriptor, its fields named as in the USB 2.0 specification, chapter 9.6."""
+Descriptor = SimpleNamespace  # a descriptor, its fields named as in the USB 2.0 specification, chapter 9.6
 HEAD = "bLength bDescriptorType"
 
 

@@ -114,8 +114,7 @@ CAMERA_FREE_M = 0.65  # nothing stands nearer to the camera's axis, but the trip
 WINDOW_FREE_M = 0.45  # depth of the strip before a window where nothing rises above the sill
 BOARD_NEAR_M, BOARD_FAR_M = 1.0, 2.0
 BOARD_TURN_RAD = math.radians(35.0)  # between the board's normal and the way to the camera
-UNDERFOOT = frozenset({"rug"})
-"""Kinds that others may stand on: feet sink into the pile."""
+UNDERFOOT = frozenset({"rug"})  # kinds that others may stand on: feet sink into the pile
 
 
 def check_items(plan: Plan, items: tuple[Item, ...]) -> list[str]:

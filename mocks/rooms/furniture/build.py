@@ -21,11 +21,9 @@ MATERIALS = {
 }
 """What is the same in every room; the meter's board is matte white of albedo 0.90."""
 BLACK_PLASTIC, WHITE_PLASTIC, PAGES = (MATERIALS[name] for name in ("black_plastic", "white_plastic", "paper"))
-SIZES: dict[str, float] = _TABLES["sizes"]
-"""Metres that designs know by name."""
+SIZES: dict[str, float] = _TABLES["sizes"]  # metres that designs know by name
 BOARD_SIDE_M = SIZES["SIDE"]
-CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
-"""Signs of x and y of the four corners."""
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))  # signs of x and y of the four corners
 
 Span = tuple[float, float]
 

@@ -14,8 +14,7 @@ from processing.ground.tables import table_of
 LOWEST_SUN_RAD = math.radians(8)
 
 _TABLES = table_of(__package__, "outdoors")
-SITES: list[list[float]] = _TABLES["sites"]
-"""Latitude, longitude, weight."""
+SITES: list[list[float]] = _TABLES["sites"]  # latitude, longitude, weight
 
 
 @dataclass(frozen=True)
