@@ -39,16 +39,14 @@ SOFT = 0.12  # of the membrane about one half, in which the edge of the light li
 LEAST_GAIN = 0.25  # natural logarithm: less is no sunlight
 BRIGHT = 1.8  # times the shade's median luminance: sunlight, where it touches what is known as such
 LEAST_RIM = 8  # sunlit texels at the hole's rim
-PlaneFiller = Callable[[FilledPlane], FilledPlane]
-"""What may improve a filled plane (`removal.learned`)."""
+PlaneFiller = Callable[[FilledPlane], FilledPlane]  # what may improve a filled plane (`removal.learned`)
 
 MIXED_SHARE = 0.1  # of what is removed in a texel that still counts as known; chosen, never swept
 MIXED_PX = 1  # panorama pixels beside the target that hold some of what is removed: seen, but not to be copied
 UNSURE_SUN = 0.4  # of the confidence that sunlight continued into a hole costs
 PLANES_AT_ONCE = 4  # chosen, for memory: each has some 200 MB of textures
 FILLED_UNCERTAINTY = 0.05  # relative standard uncertainty of the surest filled pixel
-TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
-"""Of the largest texture."""
+TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}  # of the largest texture
 QUICK_TEXELS, MOST_KEPT = 12_000, 60
 """Of a preview's largest texture (chosen: a floor's boards are still seen), and how many fillings it remembers."""
 FINER = 1.25  # texels to a panorama's pixel where the plane is nearest, so that copying costs no sharpness

@@ -30,8 +30,7 @@ RISE_M = 0.4  # from the rim into the hole, on which the light rises
 MOST_RISE, MOST_RISE_FLOOR = 0.4, 0.12
 """Tone by which it rises at most; floors have bright and dark boards (chosen by four simulated rooms)."""
 LEAST_FAR = 0.3  # of the known texels that must be far from the hole
-OUTLIER = 4.0
-"""Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
+OUTLIER = 4.0  # robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch
 LEAST_SPREAD = 0.01  # of log tone; chosen, never swept
 OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
 """Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""

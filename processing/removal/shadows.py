@@ -250,8 +250,7 @@ SHADE, SHADE_TIMES, SHADE_COLOUR, SHADE_REACH_M = 0.06, 2.0, 0.5, 0.9
 """The same for shade; its colour may be off by so much of its depth (chosen)."""
 SHADE_STEEP = 0.25  # tone by which it changes within 0.1 m at most: it runs out, things end (chosen)
 TOUCH_M, LEAST_TEXELS = 0.1, 200  # from what is removed, where shade begins; of a wall that must be seen (chosen)
-FRAME = np.ones((2 * round(0.12 * WALL_PX_PER_M) + 1,) * 2, np.uint8)
-"""Around windows and doors, their frames (chosen)."""
+FRAME = np.ones((2 * round(0.12 * WALL_PX_PER_M) + 1,) * 2, np.uint8)  # around windows and doors, their frames (chosen)
 
 
 def find_plain_shade(

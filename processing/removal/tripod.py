@@ -25,8 +25,7 @@ SIZE_PX = 320  # side of the nadir picture: 0.31 degrees a pixel
 CORE_RAD = math.radians(4)  # what is found must reach this near to the nadir
 FULL_RAD, NONE_RAD = math.radians(22), math.radians(42)
 """Strange colours count fully within the first angle, not at all beyond the second."""
-RING_RAD = (math.radians(26), math.radians(49))
-"""Where the floor's colours are learned."""
+RING_RAD = (math.radians(26), math.radians(49))  # where the floor's colours are learned
 OUTLIER = 12.0  # squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor
 RIM_PX = 12  # of a nadir picture, 3.7 degrees: around what is at the nadir, where feet of a tripod may show (chosen)
 LEG_PX = 15  # of a nadir picture, 4.7 degrees: what is narrower may be a leg

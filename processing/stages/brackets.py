@@ -19,10 +19,8 @@ from station.session.session import DeviceRecord, FrameRecord, SessionManifest, 
 FramesAsked = Literal["auto", "raw", "jpeg"]
 DECODERS = 2  # chosen: threads of a small computer
 COARSE_PX = 800  # chosen: shows enough for a check
-PANORAMA_CAMERAS = ("THETA", "INSTA360")
-"""In the model that EXIF names."""
-USUAL_CIRCLE = (0.5, 0.5, 1 / 3)
-"""Fills the height of the usual frame."""
+PANORAMA_CAMERAS = ("THETA", "INSTA360")  # in the model that EXIF names
+USUAL_CIRCLE = (0.5, 0.5, 1 / 3)  # fills the height of the usual frame
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ from processing.stages.parameters import DetectParameters
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 CALIBRATION = ("calibrate", "calibration")
-LAYERS = ("mask_add", "mask_keep", "mask_sunlight")
-"""Parameters: what a user draws over the masks."""
+LAYERS = ("mask_add", "mask_keep", "mask_sunlight")  # parameters: what a user draws over the masks
 MUCH = 0.5  # share of the sphere from which a target is worth a warning (chosen)
 
 

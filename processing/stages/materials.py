@@ -27,8 +27,7 @@ from processing.stages.light import light_outdoors, read_shade
 from processing.stages.parameters import MaterialsParameters
 from processing.stages.upright import detected, known_room, things, why_unfit, working_panorama
 
-ROWS = {"draft": 256, "standard": 512, "reference": 1024}
-"""Height of the albedo picture."""
+ROWS = {"draft": 256, "standard": 512, "reference": 1024}  # height of the albedo picture
 EFFORT = Effort(pixel_samples=32)
 SUN_EFFORT = replace(EFFORTS["draft"], sun_samples=64)  # chosen: the sun is many times the light that it is added to
 SAME = 0.5  # of a pixel, from which it is one of a mask's

@@ -20,10 +20,8 @@ from pydantic.fields import FieldInfo
 
 OptionKind = Literal["parameter", "file", "folder", "answer"]
 MOST_STAGED = 7  # alternatives: as many as the paper shows
-WORDS = ("own", "fuse")
-"""What --segmenter takes beside a file."""
-NO_SUCH = "no such alternative"
-"""Why an artifact of an alternative that was not requested is left out."""
+WORDS = ("own", "fuse")  # what --segmenter takes beside a file
+NO_SUCH = "no such alternative"  # why an artifact of an alternative that was not requested is left out
 _UNIT = re.compile(r"_(deg|m)$")
 _AIM = "Add stills of your own first: YAW,LENS[,DROP];… (degrees, mm, fraction of the height)."
 _LABEL = "Leave the visible label off staged and emptied pictures (their metadata still declare it)."

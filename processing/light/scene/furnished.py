@@ -36,8 +36,7 @@ from processing.surfaces.maps import FLOOR, SurfaceMaps, surface_maps
 ROUNDS = 6
 """Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
 DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
-MOST_RATIO = 3.0
-"""By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
+MOST_RATIO = 3.0  # by which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4
 MISFIT = -7
 """Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)

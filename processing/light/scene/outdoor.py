@@ -17,8 +17,7 @@ from processing.sphere.resampling import resample
 GROUND_ALBEDO = 0.2  # grass, soil and asphalt lie between 0.1 and 0.3
 SUN_SEARCH_RAD = math.radians(2.5)  # around the brightest place: the disc as lenses and merging blur it
 SUN_TIMES_SKY = 20.0  # the sun is what exceeds the sky beside it this many times; a cloud's edge does not
-SPACE_SUN = np.array([1.09, 0.98, 0.96])
-"""Colour of the sun above the air: x 0.322, y 0.331 (ASTM E490)."""
+SPACE_SUN = np.array([1.09, 0.98, 0.96])  # colour of the sun above the air: x 0.322, y 0.331 (ASTM E490)
 AIR_DEPTH = np.array([0.147, 0.2, 0.324])
 """Optical depth for red, green and blue of clean air (0.06, 0.10, 0.20) and usual haze (Angstrom's 1.3 and 0.1)."""
 MOST_TINT = 0.35  # natural logarithm: by which two channels may differ from that colour; chosen, twice what haze does

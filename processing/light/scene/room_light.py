@@ -38,8 +38,7 @@ LEAST_GLOSS = 0.5
 four matte floors have -1.2 to 0.3, the nine glossy ones 0.7 and more."""
 TAIL, LEAST_PIXELS, LEAST_SPAN = 0.05, 200, 0.004
 """Share of pixels at either end that counts no further; too few, or too alike in what they mirror, measure nothing."""
-MOST_SHARE = 0.3
-"""Of a pixel's light that may be mirrored; more, and its albedo is not measured (a window's highlight)."""
+MOST_SHARE = 0.3  # of a pixel's light that may be mirrored; more, and its albedo is not measured (a window's highlight)
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ LOW_M = 0.6
 DEPTH_M = 0.4  # of what is as high as the camera or higher: shelves and wardrobes have 0.3 to 0.6 m
 MOST_DEPTH_M = 2.2  # no piece is deeper: the length of a bed
 HUNG_M = 0.1  # depth of what hangs on a wall; chosen
-FLOATS = 1.15
-"""Times the distance of the feet around it, from which a column's lower edge is not on the floor; chosen."""
+FLOATS = 1.15  # times the distance of the feet around it, from which a column's lower edge is not on the floor; chosen
 AROUND_RAD = math.radians(4.0)  # within which those feet are looked for: half a table at 3 m
 SURE, SKIN = 0.15, 0.05
 """Of an estimated distance: so much nearer nothing stands, so much farther something does (fitted to two rooms)."""

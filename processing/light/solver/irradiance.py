@@ -32,8 +32,7 @@ and others 2010): slats, folds and rims of pillows are narrower than a pixel of 
 (chosen; measured in docs/measurements/render.md)."""
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
-Lights: TypeAlias = dict[tuple[int, int], LightMap]
-"""Light maps of a stage that are known already, by samples and seed."""
+Lights: TypeAlias = dict[tuple[int, int], LightMap]  # light maps of a stage that are known already, by samples and seed
 WRAP = 0.125  # share of a panorama's width that is repeated beyond its seam
 EVEN_RAD, EVEN_RANGE, EVEN_FROM_RAD = 0.06, 0.7, 0.1
 """Over which a ratio of two lights is evened out, by how much (natural logarithm, summed over the channels) it may

@@ -12,8 +12,7 @@ import numpy as np
 from processing.ground.arrays import Doubles, Floats, Int32s
 from processing.ground.kernels import compiled, inner
 
-Key: TypeAlias = tuple[int, ...]
-"""The seed, then what the numbers are for."""
+Key: TypeAlias = tuple[int, ...]  # the seed, then what the numbers are for
 _DOMAIN = 811  # chosen: keeps these random numbers apart from those of other rooms of the code with the same seed
 FIRST, SECOND = 0.7548776662466927, 0.5698402909980532
 """Roberts's R2 sequence (2018): n * (FIRST, SECOND) mod 1 covers the square evenly for every n."""
