@@ -103,8 +103,7 @@ def _doors_given_up(found: Arrangements, plan: FloorPlan, again: Callable[[Floor
     return other.model_copy(update={"plan": found.plan, "notes": (note, *other.notes)})
 
 
-GIVEN_UP = "door not kept clear"
-"""Name in the search of a door that only hangs on a wall and is no longer kept free."""
+GIVEN_UP = "door not kept clear"  # name in the search of a door that only hangs on a wall and is no longer kept free
 # How what the rounded room gives is taken; chosen by `benchmarks steady` (validation seeds): what stays, then scores.
 GOOD, BETTER = 0.8, 0.04
 """A first arrangement of this score ends the search; below, one of a less rounded room has to be better by so much."""

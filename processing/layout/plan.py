@@ -21,12 +21,10 @@ from processing.ground.arrays import Doubles
 from processing.ground.polygons import signed_area
 from processing.ground.room_model import OpeningKind, RoomModel
 
-Points: TypeAlias = Sequence[Sequence[float]] | Doubles
-"""Corners as (N, 2) metres."""
+Points: TypeAlias = Sequence[Sequence[float]] | Doubles  # corners as (N, 2) metres
 TOUCHING_M = 1e-9  # edges nearer than this touch (chosen: rounding of coordinates in metres)
 SAME_POINT_M = 1e-4  # corners nearer than this are one corner
-Hinge: TypeAlias = Literal["left", "right", "unknown"]
-"""Where a door hangs, seen from inside the room looking at it."""
+Hinge: TypeAlias = Literal["left", "right", "unknown"]  # where a door hangs, seen from inside the room looking at it
 Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
 
 HEIGHT_M = 2.4  # chosen: usual in homes
@@ -35,8 +33,7 @@ HEAD_M = 2.1  # chosen: usual in homes
 DOOR_HEAD_M = 2.1  # chosen: usual in homes
 SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
 LEAST_OPENING_M = 0.05  # of an opening's width; chosen
-HUNG_DOOR = "door"
-"""The name of a `Hung` that is a door."""
+HUNG_DOOR = "door"  # the name of a `Hung` that is a door
 
 
 @dataclass(frozen=True)

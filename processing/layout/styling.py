@@ -39,8 +39,7 @@ PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier a
 BEFORE_IT_M = 0.9  # from a wall, within which a leaf may stand open and a lamp hides a picture (chosen: a door's width)
 LAMP_M = 0.3  # from a ceiling lamp's middle: nothing new hangs where it is seen before the wall, down to the eye
 APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
-Wall = tuple[int, float, float, float, float]
-"""An edge, start and end along it, bottom and top, metres."""
+Wall = tuple[int, float, float, float, float]  # an edge, start and end along it, bottom and top, metres
 _TABLE = table_of(__package__, "styling")
 Groups = Iterator[list[PlacedItem]]
 

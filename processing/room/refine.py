@@ -110,8 +110,7 @@ def peaks_near(strip: Strip, expected: Doubles, within_rad: float, least: float)
 
 # Walls and ceiling moved onto the edges.
 AZIMUTHS = 768
-SHIFTS = np.linspace(-0.08, 0.08, 81)
-"""Relative changes of a wall's distance that are tried."""
+SHIFTS = np.linspace(-0.08, 0.08, 81)  # relative changes of a wall's distance that are tried
 SHIFT_SIGMA = 0.03  # chosen, never swept
 RATIO_SHIFTS = np.linspace(-0.06, 0.06, 61)
 RATIO_SHIFT_SIGMA = 0.015  # chosen, never swept

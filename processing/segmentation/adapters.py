@@ -22,8 +22,7 @@ from station.session import strict_json
 # What the classes of known data sets are to us.
 
 
-Table = Mapping[str, tuple[SceneClass, ...]]
-"""A network's class name -> ours; several: it may be any of them."""
+Table = Mapping[str, tuple[SceneClass, ...]]  # a network's class name -> ours; several: it may be any of them
 
 _LETTERS: Table = {
     letter: tuple(SceneClass[name.upper()] for name in names)
@@ -45,13 +44,10 @@ def _table(name: str) -> Table:
 
 ADE20K_TABLE = _table("ade20k")
 """Cabinets and shelves are furniture, though some are built in: what is missed stays in the picture for good."""
-ADE20K = tuple(ADE20K_TABLE)
-"""The 150 names, index 0..149 (dataset label minus 1: label 0 is "other")."""
+ADE20K = tuple(ADE20K_TABLE)  # the 150 names, index 0..149 (dataset label minus 1: label 0 is "other")
 
-VOC_TABLE = _table("voc")
-"""VOC knows no floor, wall or window: its background is anything but furniture."""
-VOC = tuple(VOC_TABLE)
-"""The 21 names, index 0..20."""
+VOC_TABLE = _table("voc")  # VOC knows no floor, wall or window: its background is anything but furniture
+VOC = tuple(VOC_TABLE)  # the 21 names, index 0..20
 
 KNOWN: Mapping[str, tuple[tuple[str, ...], Table]] = {"ade20k": (ADE20K, ADE20K_TABLE), "voc": (VOC, VOC_TABLE)}
 """Names in index order and their table, by data set."""

@@ -25,8 +25,7 @@ MOST_STRETCH = 2.0  # chosen: beyond it a model is another piece
 MOST_DISTORTION = 1.6  # chosen: beyond it shapes look squeezed
 CREASE_RAD = np.radians(40.0)
 MAX_SIZE_M = 12.0  # chosen: larger ones are in another unit
-VAGUE = ("dining chair", "dining table")
-"""What mere chairs and tables are taken for."""
+VAGUE = ("dining chair", "dining table")  # what mere chairs and tables are taken for
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from processing.layout.rules import RuleSet
 from processing.layout.solver.free_sets import DOOR, KEPT, WINDOW, Outlines
 from processing.layout.solver.walk_grid import Grid, wall_clearance2
 
-Row: TypeAlias = tuple[Doubles, float, float, int]
-"""Corners (4, 2), bottom and top in metres, and class of an outline."""
+Row: TypeAlias = tuple[Doubles, float, float, int]  # corners (4, 2), bottom and top in metres, and class of an outline
 
 PERSON_M = 2.0  # use zones and paths are this high: what hangs above does not matter
 KEEP_FREE_RADIUS_M = 0.3  # half the side of the square around a place kept free (chosen: a tripod's feet)

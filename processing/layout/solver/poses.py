@@ -29,8 +29,7 @@ LIST_STEPS_M = (0.5, 0.1, 1e-4)
 """Lengths are compared to these steps, one after the other, when frames are (the last: what a plan is drawn to)."""
 SNAP_M = 1e-7
 """Coordinates in the canonical frame are rounded to this (chosen: above rounding, below `DEEP_M` of the judge)."""
-Pose: TypeAlias = tuple[float, float, float]
-"""x, y in metres, theta in radians."""
+Pose: TypeAlias = tuple[float, float, float]  # x, y in metres, theta in radians
 OpeningT = TypeVar("OpeningT", Door, Window, Hung)
 _OTHER: dict[str, Hinge] = {"left": "right", "right": "left", "unknown": "unknown"}
 

@@ -18,8 +18,7 @@ ROLE = {
     )
 }
 BED, SOFA, TV, DESK, SEAT, DINING, NIGHT, TALL, LOW, TABLE, RUGS, SMALL = range(12)
-HUNG_WEIGHT = 2.0
-"""For each metre of what hangs on a wall that a piece hides: more than a better place elsewhere gains."""
+HUNG_WEIGHT = 2.0  # for each metre of what hangs on a wall that a piece hides: more than a better place elsewhere gains
 RUG_WEIGHT = 3.0  # a rug has nothing else to keep to, and lies in a corner otherwise where the search adds noise
 TALL_TOP_M, LOW_TOP_M = 1.8, 0.8
 """Height of tall and of all other pieces, as far as hiding goes (chosen: wardrobes and shelves; beds and chests)."""

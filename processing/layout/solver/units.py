@@ -15,13 +15,11 @@ from processing.layout.rules import RuleSet
 from processing.layout.solver.field import PERSON_M
 from processing.layout.solver.free_sets import BODY, RUG, ZONE
 
-Rect: TypeAlias = tuple[float, float, float, float]
-"""x0, x1, y0, y1 in metres."""
+Rect: TypeAlias = tuple[float, float, float, float]  # x0, x1, y0, y1 in metres
 LEAST_ZONE_M = 1e-6  # use zones less deep than this are none
 PLACE_M = 0.61  # width of one place at a dining table (24 in, docs/reference/arrangement.md)
 BIG_M2 = 0.25  # footprint from which pieces distinguish arrangements
-MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")
-"""What rooms are for: left out last."""
+MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")  # what rooms are for: left out last
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from processing.ground.kernels import compiled, inner
 from processing.layout.solver.free_sets import inside_walls
 
 WORD = 64  # bits of a word
-TOUCH_M = 0.05
-"""A walker has reached a use zone when overlapping it by this much (chosen; the judge asks for the same)."""
+TOUCH_M = 0.05  # a walker has reached a use zone when overlapping it by this much (chosen; the judge asks for the same)
 MOST_PATCHES = 4
 """Patches of the first door's floor that are tried (chosen: furniture cuts a door's floor in two, hardly in five)."""
 _ZERO, _ONE, _ALL = np.uint64(0), np.uint64(1), np.uint64(0xFFFFFFFFFFFFFFFF)
