@@ -24,8 +24,7 @@ from station.session.folder import file_sha256
 INDEX_NAME = "index.csv"
 SPLITS = ("train", "validation", "test")
 COLUMNS = (*PAPER_COLUMNS, "folder", "room", "split", *FOUND_COLUMNS)
-_LEDGER = "dataset.csv"
-"""Table of `daylit simulate`, which knows what no session records: lamps, and the room's seed."""
+_LEDGER = "dataset.csv"  # table of `daylit simulate`, which knows what no session records: lamps, and the room's seed
 
 Row = dict[str, str]
 METADATA_NAME = "croissant.json"
@@ -134,8 +133,7 @@ def _field(column: str) -> dict[str, Any]:
 
 SUMS_NAME = "SHA256SUMS"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\\\n]+)")
-_LEFT_OUT = (".", "run.json")
-"""Of a session: hidden files (locks, caches), and what differs from run to run."""
+_LEFT_OUT = (".", "run.json")  # of a session: hidden files (locks, caches), and what differs from run to run
 
 
 def session_files(session: Path) -> Iterator[Path]:

@@ -72,8 +72,7 @@ class BatchReport:
         }
 
 
-OnOutcome = Callable[[Outcome, int, int], None]
-"""(outcome, how many are over, of how many)."""
+OnOutcome = Callable[[Outcome, int, int], None]  # (outcome, how many are over, of how many)
 
 
 def find_sessions(folder: Path) -> list[Path]:

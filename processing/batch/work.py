@@ -27,8 +27,7 @@ from processing.batch.cluster import here_among, thread_settings, threads_each
 from processing.errors import SessionKilledError, SessionTimeoutError
 
 State = Literal["done", "failed"]
-BROKEN = "internal"
-"""Code of what is a fault of the program."""
+BROKEN = "internal"  # code of what is a fault of the program
 _MOST_TEXT = 2000  # characters of a message in a table; chosen
 _GRACE_S = 10.0  # chosen: a killed process is gone sooner
 _PR_SET_PDEATHSIG = 1  # of prctl(2)

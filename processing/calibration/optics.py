@@ -22,8 +22,7 @@ from station.session.session import SessionManifest, Side
 
 LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
 """Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are assumed to be equidistant: none is measured."""
-EYE_LENS = "equisolid,180"
-"""Mapping and degrees of a fisheye at the eye, until it is said: of most circular ones."""
+EYE_LENS = "equisolid,180"  # mapping and degrees of a fisheye at the eye, until it is said: of most circular ones
 PUBLISHED_FALLOFF = {
     "theta_z1": (("theta_z1", 5.6),),
     "canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0)),

@@ -20,14 +20,12 @@ if TYPE_CHECKING:
     from processing.running.results import RunReport
     from station.session.session import SessionManifest
 
-RIG_SIZE = "quarter"
-"""Of the rig's sessions: a chart needs some hundred pixels."""
+RIG_SIZE = "quarter"  # of the rig's sessions: a chart needs some hundred pixels
 RATE, RIG_RATE = 4.0, 8.0
 """How much faster than real time room and rig are captured (chosen: slow enough to watch, too fast to wait for)."""
 BESIDE_S = 600.0
 """For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
-SPHERE_WORLD = "uniform:2000"
-"""cd/m2 all around: what a fall-off is measured on."""
+SPHERE_WORLD = "uniform:2000"  # cd/m2 all around: what a fall-off is measured on
 CHART_WORLD, CHART_STOPS = "chart:2", ("30", "20", "10", "4", "1", "1/4", "1/15", "1/60", "1/250", "1/1000", "1/4000")
 """As the guide to rig calibration has it: lit like daylight, and long enough for dark patches through an ND 3.0."""
 

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
-KEPT = ("furniture", "site", "heading", "zone")
-"""Options that the session remembers."""
+KEPT = ("furniture", "site", "heading", "zone")  # options that the session remembers
 
 
 @click.command(params=parameters(__package__, "relight"))

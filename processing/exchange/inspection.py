@@ -18,8 +18,7 @@ from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pi
 
 # Any picture, opened to be looked at: what its values are, in which unit, and what else the file says.
 
-CODE_UNIT = "8-bit sRGB"
-"""Of JPEG and PNG: what is shown, not light."""
+CODE_UNIT = "8-bit sRGB"  # of JPEG and PNG: what is shown, not light
 MOST_8BIT_BYTES = 1 << 30
 
 

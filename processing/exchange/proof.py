@@ -28,8 +28,7 @@ from station.session.store import load_manifest
 # C2PA content credentials in JPEG files, signed and read by c2pa-python (C2PA specification 2); a self-made certificate
 # shows that bytes are as they were written, and vouches for nobody: readers call it untrusted.
 
-LABEL = "org.daylit.proof"
-"""Of the assertion that chains a picture to its frames."""
+LABEL = "org.daylit.proof"  # of the assertion that chains a picture to its frames
 SELF_MADE = "made by daylit for one proof - vouched for by no one"
 """Common name of a certificate that was made here: whoever reads it knows."""
 SOURCES = {"original": f"{DIGITAL_SOURCE}computationalCapture", "result": STAGED_SOURCE}

@@ -120,8 +120,7 @@ def position_index(rays: Doubles) -> Doubles:
 
 TASK_FACTOR = 5.0  # times the task's mean luminance above which a pixel may glare (evalglare's -b with -T)
 _NEAR_DEG = 1.0  # chosen: nearer to the line of sight the formula of veiling light has no meaning
-Task = tuple[float, float, float]
-"""Right and up of the line of sight, and the cone's whole angle, degrees."""
+Task = tuple[float, float, float]  # right and up of the line of sight, and the cone's whole angle, degrees
 
 
 def glare_indices(

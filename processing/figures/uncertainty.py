@@ -27,8 +27,7 @@ REACH = math.sqrt(math.pi) / 2
 Figure = dict[str, Any]
 """``value``; ``uncertainty``: standard, None where it is not known; ``bound``: "lower", "upper",
 "unknown" (a ratio of two lower bounds) or None."""
-Part = tuple[str, str, Flags]
-"""Name, kind and pixels (H, W)."""
+Part = tuple[str, str, Flags]  # name, kind and pixels (H, W)
 
 
 @dataclass(frozen=True)

@@ -22,14 +22,10 @@ Int64s: TypeAlias = npt.NDArray[np.int64]
 Indices: TypeAlias = npt.NDArray[np.intp]
 UInt16s: TypeAlias = npt.NDArray[np.uint16]
 UInt64s: TypeAlias = npt.NDArray[np.uint64]
-Reals: TypeAlias = npt.NDArray[np.floating]
-"""Of either precision."""
-AnyArray: TypeAlias = npt.NDArray[Any]
-"""Of any dtype, such as a picture's codes of 8 or 16 bits."""
-Vector: TypeAlias = tuple[float, float, float]
-"""x, y, z of a place or a size, in metres, or of a direction."""
-Rgb: TypeAlias = tuple[float, float, float]
-"""Red, green and blue, or a value for each channel."""
+Reals: TypeAlias = npt.NDArray[np.floating]  # of either precision
+AnyArray: TypeAlias = npt.NDArray[Any]  # of any dtype, such as a picture's codes of 8 or 16 bits
+Vector: TypeAlias = tuple[float, float, float]  # x, y, z of a place or a size, in metres, or of a direction
+Rgb: TypeAlias = tuple[float, float, float]  # red, green and blue, or a value for each channel
 
 
 def bands(count: int, step: int) -> Iterator[slice]:

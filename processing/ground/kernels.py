@@ -29,8 +29,7 @@ from platformdirs import user_cache_path
 
 types: Any = importlib.import_module("numba.core.types")
 config: Any = importlib.import_module("numba.core.config")
-njit: Any = numba.njit
-"""Its types do not know all of its options."""
+njit: Any = numba.njit  # its types do not know all of its options
 
 # Kernels are compiled for a processor of the last ten years rather than for this one: a wheel's serve everybody, and
 # every machine rounds alike.

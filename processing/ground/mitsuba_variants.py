@@ -26,8 +26,7 @@ from processing.errors import EngineError
 
 SCALAR, LLVM, CUDA = "scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb"
 OLDEST = 16  # LLVM 14 and 15 abort with 'Cannot select' on processors with AVX-512
-ENVIRONMENT = "DRJIT_LIBLLVM_PATH"
-"""Where Dr.Jit looks for its library when it is first used."""
+ENVIRONMENT = "DRJIT_LIBLLVM_PATH"  # where Dr.Jit looks for its library when it is first used
 PLACES = (
     "/usr/lib/*/libLLVM*.so*",
     "/usr/lib*/libLLVM*.so*",

@@ -84,8 +84,7 @@ def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
     return cast(tuple[T, R], tuple(side_by_side(at_once, (one, other))))
 
 
-Later = Callable[[Callable[[], Any]], Any]
-"""Takes a piece of work, to do it some time."""
+Later = Callable[[Callable[[], Any]], Any]  # takes a piece of work, to do it some time
 
 
 def at_once(work: Callable[[], T]) -> T:

@@ -43,11 +43,9 @@ _LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000  # bits of the version fie
 _KNOWN_FLAGS = 0x200 | _LONG_NAMES | _DEEP | _MULTIPART  # and the bit of single tiled files
 _SAMPLE_BYTES = {0: 4, 1: 2, 2: 4}  # by pixel type: unsigned, half, float
 _NEEDED = {"channels": "chlist", "compression": "compression", "dataWindow": "box2i", "displayWindow": "box2i"}
-_BOUNDED_COMPRESSIONS = range(10)
-"""Of these none packs a picture more than a few thousandfold (zlib's limit is 1032)."""
+_BOUNDED_COMPRESSIONS = range(10)  # of these none packs a picture more than a few thousandfold (zlib's limit is 1032)
 _MAX_RATIO, _FREE_BYTES = 2500, 1 << 26  # chosen, above zlib's 1032
-CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""Rec. 709: x and y of red, green, blue and white."""
+CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # Rec. 709: x and y of red, green, blue and white
 UNSCALED = "luminance in relative units"
 """``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
 

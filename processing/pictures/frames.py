@@ -24,8 +24,7 @@ Reduce: TypeAlias = Literal[1, 2, 4, 8]
 MAX_PIXELS = 200_000_000  # more than any camera of today; a header that says more is a mistake or an attack
 RAW_ENDINGS = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf")
 RAW_BORDER = 0.03  # of the sensor's side, that a camera's own picture may leave out; chosen
-_CHANNELS = ((), (1,), (3,), (4,))
-"""Behind height and width: grey, RGB, RGB with alpha."""
+_CHANNELS = ((), (1,), (3,), (4,))  # behind height and width: grey, RGB, RGB with alpha
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,7 @@ Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
 FORMATS: dict[str, Format] = {**KINDS, ".exr": "exr", ".hdr": "hdr"}
 ADOBE = "it is in Adobe RGB by its EXIF, without a profile: taken as sRGB, so colours are off"
 WHITE = 100.0  # relative units of a photograph's white
-MIDDLE = 20.0
-"""Relative units of the median direction of light without a scale: what is middle grey where white is 100."""
+MIDDLE = 20.0  # relative units of the median direction of light without a scale: what is middle grey where white is 100
 TONE_CURVE_UNCERTAINTY = 0.2
 """Relative, of a photograph's pixel: cameras do not keep to the sRGB curve, and do not say what they do instead. This
 is a judgement, not a measurement."""

@@ -47,8 +47,7 @@ MEASURED = "outdoor picture"
 MODELLED = 0.15
 """Relative standard uncertainty of a picture in another light than it was taken in: albedo, windows, shape."""
 SKY_MODEL = 0.15  # the same of what a modelled sky sends through a window
-FOLDER = "relight"
-"""Of a session: what relighting makes, and its stored basis."""
+FOLDER = "relight"  # of a session: what relighting makes, and its stored basis
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 MARGIN_PX, TEXT_PX = 8, 22
 FRAME_MS = 500  # chosen: half a second a picture

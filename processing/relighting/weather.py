@@ -28,8 +28,7 @@ from processing.sphere import Equirectangular, directions, solid_angles
 
 
 EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)  # of the eight bins of clearness
-_TABLE = np.array(table_of(__package__, "perez")["table"]).reshape(8, 5, 4)
-"""By bin, coefficient (a to e) and term."""
+_TABLE = np.array(table_of(__package__, "perez")["table"]).reshape(8, 5, 4)  # by bin, coefficient (a to e) and term
 LOWEST = math.sin(math.radians(1.0))
 """Sine of the elevation under which the sky is taken as there, where the model's horizon has no end."""
 
@@ -69,8 +68,7 @@ MOST_BEAM, LEAST_DIFFUSE, MOST_DIFFUSE = 1.3, 0.03, 6.0
 OVERCAST_GLOBAL = 0.25
 """Of the clear sky's light on level ground, that an overcast sky gives (Kasten, Czeplak 1980: 1 - 0.75)."""
 RAYLEIGH = (0.06, 0.10, 0.20)  # optical depth of clean air for red, green and blue light
-USUAL_SUN, USUAL_SKY = (1.04, 1.0, 0.88), (0.92, 1.0, 1.22)
-"""Colours where none were captured."""
+USUAL_SUN, USUAL_SKY = (1.04, 1.0, 0.88), (0.92, 1.0, 1.22)  # colours where none were captured
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
 

@@ -127,8 +127,7 @@ TOUR_QUALITY = 76  # chosen: below the 82 of lab.html, for fewer bytes
 MOST_COMPARED = 3  # chosen: fits a page
 MOST_TOUR = 5  # chosen: the page stays one that can be sent
 DOUBTFUL = 0.5  # confidence of a room's shape below which the page says so: it is as likely wrong as right
-STILLS = Path("..", "stills")
-"""Where stills lie as seen from the page."""
+STILLS = Path("..", "stills")  # where stills lie as seen from the page
 
 
 @dataclass(frozen=True)

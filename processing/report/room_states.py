@@ -23,8 +23,7 @@ from processing.stages.parameters import MOST_STAGED, ReportParameters
 from processing.stages.upright import in_size, upright_panorama
 
 HALF_FIELD = math.radians(FIELD_DEG / 2)
-LOOKED_AT = 3
-"""Alternatives that the views are turned to (chosen: as many as there usually are; more do not turn them)."""
+LOOKED_AT = 3  # alternatives that the views are turned to (chosen: as many as there usually are; more do not turn them)
 LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
 """Bytes of the first model within the page; and of all, if there are to be more."""
 

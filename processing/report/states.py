@@ -68,8 +68,7 @@ def shown(rgb: Floats, look: Look, view: Perspective | None = None) -> Bytes:
 # ``encoding.ts`` of the viewer is the other half.
 
 STEP = 0.001  # of the natural logarithm, from a code to the next
-LARGEST_ERROR = math.expm1(STEP / 2)
-"""Relative: 0.05 %."""
+LARGEST_ERROR = math.expm1(STEP / 2)  # relative: 0.05 %
 LEAST = 1e-6  # cd/m2 of code 1; what is darker is stored as this
 NO_VALUE = 0  # codes of values start at 1
 _MOST = 65535  # of 16 bits

@@ -57,8 +57,7 @@ CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 OPENINGS = ("window", "door")
 WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
-MOST_STILLS = MOST + MOST_STAGED - 1
-"""Of the first alternative up to `MOST`, of each further one the best."""
+MOST_STILLS = MOST + MOST_STAGED - 1  # of the first alternative up to `MOST`, of each further one the best
 LIGHT_PX = 960  # chosen: 10 MB a still
 MOST_ENLARGED, LEAST_PX = 1.5, 1280  # chosen: a draft's edges are stairs beyond; a plate's code is read from here on
 

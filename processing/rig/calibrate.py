@@ -37,8 +37,7 @@ from processing.rig.camera_fit import (
 from processing.sphere import Perspective
 from station.session.session import Side
 
-_INDOOR_DATA = ("theta_z1",)
-"""Published fall-offs that belong to the indoor camera."""
+_INDOOR_DATA = ("theta_z1",)  # published fall-offs that belong to the indoor camera
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ MAX_MEMORY_BYTES = 4 << 20
 TICK_NS = 20_000_000
 """Times of files have the grain of the kernel's clock; a digest counts only when the file is older than that."""
 
-Signature = str
-"""Size, time of change of the content and of the file, inode."""
+Signature = str  # size, time of change of the content and of the file, inode
 
 
 class DigestMemory:
@@ -101,8 +100,7 @@ def _load(folder: Folder) -> dict[str, tuple[Signature, str]]:
 
 ALWAYS = ("schema_version", "session_id", "created_utc", "bracket", "simulated")
 """Fields of the manifest that every stage sees."""
-_BLANK = {"name": "session"}
-"""Required fields that no result depends on."""
+_BLANK = {"name": "session"}  # required fields that no result depends on
 FOLDER = "folder"
 RELIGHT = "relight"
 """What `daylit relight` wrote beside the stages: in a row's ``reads``, its summaries and pictures count."""

@@ -12,8 +12,7 @@ from station.session.folder import Folder, write_file
 from station.session.session import PANORAMA_FOLDER, BracketRecord, PanoramaRecord, SessionManifest, Site, WarningRecord
 from station.session.store import SessionStore, load_manifest
 
-ENDINGS = {"jpeg": "jpg", "tiff": "tif"}
-"""Where they are not the format's name."""
+ENDINGS = {"jpeg": "jpg", "tiff": "tif"}  # where they are not the format's name
 MAX_FILE_BYTES = 1 << 30
 
 

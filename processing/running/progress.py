@@ -70,8 +70,7 @@ def _peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
-Run = tuple[float, float]
-"""Seconds and megapixels."""
+Run = tuple[float, float]  # seconds and megapixels
 _RUNS = TypeAdapter(dict[str, list[tuple[NonNegativeFloat, NonNegativeFloat]]])
 
 FILE_NAME = "stage-seconds.json"

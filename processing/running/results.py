@@ -22,8 +22,7 @@ RUN_NAME = "run.json"
 MAX_RESULT_BYTES = 8 << 20
 FileName = Annotated[str, StringConstraints(pattern=PLAIN_NAME)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-Change = tuple[str, Any, Any]
-"""Path of an ingredient, old value, new value (None: absent)."""
+Change = tuple[str, Any, Any]  # path of an ingredient, old value, new value (None: absent)
 
 
 class _Record(BaseModel):

@@ -17,8 +17,7 @@ from processing.pictures.images import RelativeImage, Validity
 
 UPPER = 0.7  # of the circle's radius: what lies lower may be houses; chosen
 MIREDS = (40.0, 222.0)  # of the locus: 25,000 to 4500 K
-USUAL_MIRED, MIRED_SIGMA = 95.0, 40.0
-"""Mean of the upper sky, clear (50 to 110) or overcast (130 to 165); chosen."""
+USUAL_MIRED, MIRED_SIGMA = 95.0, 40.0  # mean of the upper sky, clear (50 to 110) or overcast (130 to 165); chosen
 ALIKE = 20  # independent parts of a sky; chosen
 NEAR = 0.01  # of log red over green: skies are no nearer to the locus; chosen
 MOST = 1.5  # of log blue over green, that a filter moves; chosen

@@ -28,8 +28,7 @@ from processing.ground.arrays import Doubles, Flags
 _QUICK_PATCHES = 1000  # how many patches the first rounds use: they need only come near
 _MOST_WRONG = 3  # frames of a bracket; chosen
 _CLEAR_OF_BLACK = 12.0  # codes; chosen: above cut-off noise
-_LEAST_CLEAR_PATCHES = 60
-"""Patches (of all channels) clear of black that a frame must show before its time is doubted."""
+_LEAST_CLEAR_PATCHES = 60  # patches (of all channels) clear of black that a frame must show before its time is doubted
 _SAME_TIME = 0.1  # stops; chosen: less is one dial
 _LEAST_RISING = 0.5  # of the pairs of frames; chosen
 _WIDEST_STOPS = 4.5  # chosen: two frames' ranges must overlap
