@@ -301,9 +301,8 @@ def _both_lights(
     lights = zip((full, bare), _as_shown(full, bare, shown, effort.patch_samples, seed), strict=True)
 
     def picture(lit: tuple[Stage, LightMap]) -> Floats:
-        out = np.zeros((len(small.label), 3), np.float32)
-        out[solid] = gathered(*lit, small.point[solid], small.normal[solid], effort.pixel_samples, seed)
-        return out
+        values = gathered(*lit, small.point[solid], small.normal[solid], effort.pixel_samples, seed)
+        return small.picture(values, solid).reshape(-1, 3)
 
     with_lx, without_lx = side_by_side(picture, lights)
     own = small.solid & (seen.label == small.label)

@@ -113,9 +113,7 @@ def irradiance_by_picture(
         key = 2 * seed + half
         links = links_of(stage, points, normals, samples, (key, 41))
         out, _ = bounced(stage, links, smooth, bright, (points, normals), shots, (key, 42))
-        picture = np.zeros((len(sight.label), 3), np.float32)
-        picture[solid] = skylight(stage, points, normals, few, (key, 40)) + out
-        halves.append(picture.reshape(*sight.shape, 3))
+        halves.append(sight.picture(skylight(stage, points, normals, few, (key, 40)) + out, solid))
     mean: Floats = (halves[0] + halves[1]) * np.float32(0.5)
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     apart, whole = (halves[0] - halves[1]) @ weights, np.maximum((halves[0] + halves[1]) @ weights, 1e-9)

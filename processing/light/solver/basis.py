@@ -110,11 +110,11 @@ def _lamps(stage: Stage, sight: Sight, pixel: Indices, links: Links, effort: Eff
     veiled = tuple(replace(p, veil_cd_m2=np.zeros_like(p.veil_cd_m2)) for p in stage.scene.panes)
     dark = stage.under(Outdoors(np.zeros((2, 4, 3), np.float32)), veiled)
     light = light_map(dark, effort.patch_samples, seed, links)
-    picture = np.zeros((len(sight.label), 3), np.float32)
-    picture[pixel] = gathered(dark, light, sight.point[pixel], sight.normal[pixel], effort.pixel_samples, seed)
+    lit = gathered(dark, light, sight.point[pixel], sight.normal[pixel], effort.pixel_samples, seed)
+    picture = sight.picture(lit, pixel)
     if effort.clean:
-        picture = cleaned(picture.reshape(*sight.shape, 3), sight, wraps=True, quality="high").reshape(-1, 3)
-    return np.ascontiguousarray(picture[pixel])
+        picture = cleaned(picture, sight, wraps=True)
+    return np.ascontiguousarray(picture.reshape(-1, 3)[pixel])
 
 
 def scene_digest(stage: Stage) -> str:

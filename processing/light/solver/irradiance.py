@@ -156,7 +156,7 @@ def irradiance_of(
     while True:
         seeds = [(seed * 1000 + halves.rounds) * 2 + half for half in range(2)]
         halves.add(side_by_side(lambda one: _half(stage, sight, solid, effort, one, lights), seeds))
-        noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
+        noisy = [sight.picture(total / halves.rounds, solid) for total in halves.sums]
         noisy = [without_fireflies(one, other) for one, other in (noisy, noisy[::-1])]
         error = relative_error(noisy[0], noisy[1], sight, blurred=effort.clean)
         spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
@@ -186,7 +186,7 @@ def _on_furniture(
 
     def half(one: int) -> Floats:
         known = lights[max(1, effort.patch_samples // 2), one]
-        return _picture(gathered(stage, known, *where, one), sight, at)
+        return sight.picture(gathered(stage, known, *where, one), at)
 
     halves = side_by_side(half, seeds)
     mean = np.asarray(sum(without_fireflies(*pair) for pair in (halves, halves[::-1])), np.float32) / np.float32(2)
@@ -195,12 +195,6 @@ def _on_furniture(
     for step, apart in FURNITURE_PASSES:
         mean = Neighbours.of(own, reach_m * np.float32(step / NEARNESS), step).smooth(mean, apart)
     return mean, own
-
-
-def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:
-    picture = np.zeros((len(sight.label), 3), np.float32)
-    picture[solid] = values
-    return picture.reshape(*sight.shape, 3)
 
 
 def without_fireflies(one: Floats, other: Floats) -> Floats:

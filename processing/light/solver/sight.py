@@ -54,6 +54,12 @@ class Sight:
         taken = {field.name: getattr(self, field.name)[pixels] for field in fields(self)[1:]}
         return replace(self, shape=(1, len(pixels)), **taken)
 
+    def picture(self, values: Doubles, pixels: Indices) -> Floats:
+        """Return values (K, 3) of some pixels (K,) as a picture (H, W, 3), 0 elsewhere."""
+        out = np.zeros((len(self.label), 3), np.float32)
+        out[pixels] = values
+        return out.reshape(*self.shape, 3)
+
 
 def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
     """Return what the middle of each pixel sees from ``eye_m``."""
