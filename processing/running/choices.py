@@ -165,7 +165,6 @@ def go_on_with(session: Path, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def forget(session: Path, names: Sequence[str], *, clock: Clock | None = None) -> Choices:
     """Choose no longer: the names, or ``all``; return what is left. `ParameterError` for what was not chosen."""
-
     return _edit(session, lambda _root, old, now: _without(session, old, names, now), clock)
 
 
@@ -229,17 +228,13 @@ def _edit(session: Path, changed: Callable[[Folder, Choices, datetime], Choices]
     """Read, change and write, alone; write nothing where nothing changes."""
     now = (clock or SystemClock()).utc_now()
     load_manifest(session)
-    with open_session(session) as root:
-        lock = SessionLock(root, LOCK, wait_s=LOCK_S)
-        try:
-            old = _read(root)
-            new = changed(root, old, now)
-            if new != old:
-                text = tomli_w.dumps(new.model_dump(exclude_defaults=True) | {"schema_version": SCHEMA})
-                write_file(root, FILE, f"{HEAD}{text}".encode())
-                _tidy(root, new)
-        finally:
-            lock.release()
+    with open_session(session) as root, SessionLock(root, LOCK, wait_s=LOCK_S):
+        old = _read(root)
+        new = changed(root, old, now)
+        if new != old:
+            text = tomli_w.dumps(new.model_dump(exclude_defaults=True) | {"schema_version": SCHEMA})
+            write_file(root, FILE, f"{HEAD}{text}".encode())
+            _tidy(root, new)
     return new
 
 

@@ -1,7 +1,7 @@
 """Runs the stages of the table on a session: only what has to run, each result whole or not at all."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -76,15 +76,8 @@ def clean(session: Path, keep: tuple[str, ...] = RESULTS, *, stages: tuple[Stage
 @contextmanager
 def _opened(session: Path, *, write: bool) -> Iterator[Folder]:
     """Open the session folder, locked where it is to be written to."""
-    root = Folder.open(session)
-    lock = None
-    try:
-        lock = SessionLock(root) if write else None
+    with Folder.open(session) as root, SessionLock(root) if write else nullcontext():
         yield root
-    finally:
-        if lock:
-            lock.release()
-        root.close()
 
 
 def _listed(names: list[str]) -> str:
