@@ -45,36 +45,30 @@ class DigestMemory:
     def sha256(self, folder: Folder, name: str, key: str) -> str:
         """Return the digest of an ordinary file, "" if there is none; links and devices are `IntegrityError`."""
         try:
-            fd = folder.open_file(name)
+            with folder.opened(name) as fd:
+                signature = _signature(fd)
+                known = self._known.get(key)
+                if known and known[0] == signature:
+                    return known[1]
+                # Wait until a later change of the file would show in its times (at most one tick; new files only)
+                age_ns = time.time_ns() - os.fstat(fd).st_ctime_ns
+                if 0 <= age_ns < TICK_NS:
+                    time.sleep((TICK_NS - age_ns) / 1e9)
+                digest = hashlib.sha256()
+                while block := os.read(fd, READ_BYTES):
+                    digest.update(block)
+                if _signature(fd) == signature:
+                    self._known[key] = (signature, digest.hexdigest())
+                    self._changed = True
+                return digest.hexdigest()
         except FileNotFoundError:
             return ""
-        try:
-            signature = _signature(fd)
-            known = self._known.get(key)
-            if known and known[0] == signature:
-                return known[1]
-            # Wait until a later change of the file would show in its times (at most one tick; new files only)
-            age_ns = time.time_ns() - os.fstat(fd).st_ctime_ns
-            if 0 <= age_ns < TICK_NS:
-                time.sleep((TICK_NS - age_ns) / 1e9)
-            digest = hashlib.sha256()
-            while block := os.read(fd, READ_BYTES):
-                digest.update(block)
-            if _signature(fd) == signature:
-                self._known[key] = (signature, digest.hexdigest())
-                self._changed = True
-            return digest.hexdigest()
-        finally:
-            os.close(fd)
 
     def renamed(self, folder: Folder, name: str, key: str, sha256: str) -> None:
         """Keep the digest of a file that has just got another name or link, and no other content."""
-        fd = folder.open_file(name)
-        try:
+        with folder.opened(name) as fd:
             self._known[key] = (_signature(fd), sha256)
             self._changed = True
-        finally:
-            os.close(fd)
 
     def save(self) -> None:
         """Keep what is known for the next run; failing to do so is no harm."""

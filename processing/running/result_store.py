@@ -56,13 +56,9 @@ class Building:
         """Make the named files durable and return their records."""
         records = {}
         for name in names:
-            fd = self.folder.open_file(name)
-            try:
-                with durable.disk_errors(self.folder.path / name, "syncing"):
-                    durable.os_calls.fsync(fd)
-                    size_bytes = os.fstat(fd).st_size
-            finally:
-                os.close(fd)
+            with self.folder.opened(name) as fd, durable.disk_errors(self.folder.path / name, "syncing"):
+                durable.os_calls.fsync(fd)
+                size_bytes = os.fstat(fd).st_size
             sha256 = memory.sha256(self.folder, name, f"{STAGES}/{self.stage}/{name}")
             records[name] = results.FileRecord(size_bytes=size_bytes, sha256=sha256)
         return records

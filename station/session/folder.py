@@ -9,8 +9,8 @@ import errno
 import hashlib
 import os
 import secrets
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -94,27 +94,31 @@ class Folder(AbstractContextManager["Folder"]):
             raise IntegrityError(reason, where=str(path))
         return fd
 
+    @contextmanager
+    def opened(self, name: str) -> Iterator[int]:
+        """Give the descriptor of an existing ordinary file (see `open_file`), and close it."""
+        fd = self.open_file(name)
+        try:
+            yield fd
+        finally:
+            os.close(fd)
+
     def read_file(self, name: str, limit_bytes: int) -> bytes | None:
         """Return the content of an ordinary file, None if there is none.
 
         Raises `IntegrityError` for more than ``limit_bytes`` and for anything but an ordinary file.
         """
+        path, blocks, total = self.path / name, list[bytes](), 0
         try:
-            fd = self.open_file(name)
-        except FileNotFoundError:
-            return None
-        path = self.path / name
-        try:
-            with durable.disk_errors(path, "reading"):
-                blocks, total = [], 0
+            with self.opened(name) as fd, durable.disk_errors(path, "reading"):
                 while block := os.read(fd, READ_BYTES):
                     total += len(block)
                     if total > limit_bytes:
                         raise IntegrityError(f"is larger than {limit_bytes} bytes", where=str(path))
                     blocks.append(block)
                 return b"".join(blocks)
-        finally:
-            os.close(fd)
+        except FileNotFoundError:
+            return None
 
     def move(self, name: str, target: Self, new_name: str) -> None:
         """Rename durably, also between folders of one session (both folders are synced)."""
