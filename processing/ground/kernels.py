@@ -128,17 +128,15 @@ inlined = partial(inner, inline="always")
 counted, takes longer than its work (light from small to large picture: 166 to 31 ns a pixel)."""
 
 
-def load_kernels(progress: Callable[[int, int], None] = lambda _done, _all: None) -> int:
+def load_kernels() -> int:
     """Compile listed kernels that are not cached (the search last), load the rest; return how many were compiled."""
     listed = json.loads(LIST.read_text("utf-8"))
     compiled = 0
-    for number, (name, signatures) in enumerate(sorted(listed.items(), key=lambda one: ".layout." in one[0])):
-        progress(number, len(listed))
+    for name, signatures in sorted(listed.items(), key=lambda one: ".layout." in one[0]):
         kernel = _named(name)
         for signature in signatures:
             kernel.compile(tuple(_type(one) for one in signature))
         compiled += sum(kernel.stats.cache_misses.values())
-    progress(len(listed), len(listed))
     return compiled
 
 
