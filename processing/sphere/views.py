@@ -98,17 +98,12 @@ def _remapped(picture: AnyArray, maps: CutMap) -> AnyArray:
     return view
 
 
-def view_ring(
-    count: int, *, size_px: int, fov_rad: float, pitch_rad: float = 0.0, yaw_rad: float = 0.0
-) -> tuple[Perspective, ...]:
-    """Return ``count`` square views at one pitch, evenly around from ``yaw_rad`` to the right."""
+def view_ring(count: int, *, size_px: int, fov_rad: float, pitch_rad: float = 0.0) -> tuple[Perspective, ...]:
+    """Return ``count`` square views at one pitch, evenly around from straight ahead to the right."""
     if count < 1:
         raise ParameterError(f"a ring of {count} views", advice="give at least 1")
-    yaws = (yaw_rad + 2 * math.pi * k / count for k in range(count))
-    return tuple(
-        Perspective(size_px, size_px, fov_rad, yaw_rad=math.remainder(yaw, 2 * math.pi), pitch_rad=pitch_rad)
-        for yaw in yaws
-    )
+    yaws = (math.remainder(2 * math.pi * k / count, 2 * math.pi) for k in range(count))
+    return tuple(Perspective(size_px, size_px, fov_rad, yaw_rad=yaw, pitch_rad=pitch_rad) for yaw in yaws)
 
 
 def covering_views(*, size_px: int, fov_rad: float, overlap: float = 0.25) -> tuple[Perspective, ...]:
