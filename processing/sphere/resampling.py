@@ -132,14 +132,12 @@ def resample(
     return (values[..., 0] if flat else values), coverage
 
 
-def resample_labels(
-    labels: npt.NDArray[np.generic], source: Geometry, target: Geometry, *, outside: int = 0
-) -> npt.NDArray[np.generic]:
-    """Return a mask or class map (H, W) in another geometry, by the nearest pixel; ``outside`` where none is seen."""
+def resample_labels(labels: npt.NDArray[np.generic], source: Geometry, target: Geometry) -> npt.NDArray[np.generic]:
+    """Return a mask or class map (H, W) in another geometry, by the nearest pixel; 0 where none is seen."""
     if labels.shape != (source.height_px, source.width_px):
         raise ParameterError(f"a mask of shape {labels.shape} for {source}", advice="give (H, W) of the source's size")
-    out = np.full((target.height_px, target.width_px), outside, dtype=labels.dtype)
-    for rows, x, y, seen in _centres(source, target) if np.any(labels != outside) else ():
+    out = np.zeros((target.height_px, target.width_px), dtype=labels.dtype)
+    for rows, x, y, seen in _centres(source, target) if np.any(labels) else ():
         column = np.clip(x.astype(np.intp), 0, source.width_px - 1)
         row = np.clip(y.astype(np.intp), 0, source.height_px - 1)
         out[rows] = np.where(seen, labels[row, column], out[rows])
