@@ -27,6 +27,7 @@ TURNED_SIGMA = 0.005
 """Relative, at the rim, of a fall-off by turned pictures, beside their scatter: of twelve hostile rigs (validation)."""
 _LEAST, _MOST = 0.02, 4.0  # chosen: no lens falls or rises so far
 _MIN_SAMPLES = 50  # chosen: ten times the unknowns
+RINGS = 200  # of a flat field, all of one area; chosen
 
 
 @dataclass(frozen=True)
@@ -84,17 +85,15 @@ def published_vignetting(name: str) -> Vignetting:
     return Vignetting(**values, relative_uncertainty=COPY_SIGMA)
 
 
-def fit_flat(
-    frames: Sequence[Floats], geometry: Fisheye, *, powers: tuple[int, ...] = EVEN_POWERS, rings: int = 200
-) -> Vignetting:
+def fit_flat(frames: Sequence[Floats], geometry: Fisheye, *, powers: tuple[int, ...] = EVEN_POWERS) -> Vignetting:
     """Fit the fall-off to linear pictures (H, W, 3) of an evenly lit field (an integrating sphere, a diffuser).
 
     Medians of rings of equal area, so that dust and noise do not count; each frame has a brightness of its own.
     """
     r = np.hypot(*geometry.offsets_px()) / geometry.radius_px
-    ring = np.minimum((r * r * rings).astype(int), rings)
+    ring = np.minimum((r * r * RINGS).astype(int), RINGS)
     order = np.argsort(ring, axis=None, kind="stable")
-    edges = np.searchsorted(ring.ravel()[order], np.arange(rings + 1))
+    edges = np.searchsorted(ring.ravel()[order], np.arange(RINGS + 1))
     rows, scene, level = [], [], []
     for number, frame in enumerate(frames):
         values = luminance_cd_m2(frame).ravel()[order]
