@@ -238,13 +238,11 @@ def dining(table: Item, chairs: Sequence[Item], rug: Item | None, rules: RuleSet
 
 def _seats(count: int, places: int) -> list[tuple[int, int, int]]:
     """Return (near side, far side, each end) seats that hold exactly `count` chairs; ends hold one each or none."""
-    found = []
-    for ends in (0, 1):
-        left = count - 2 * ends
-        for near in range(min(places, left) + 1) if left >= 0 else ():
-            if left - near <= places and near <= left - near:
-                found.append((near, left - near, ends))
-    return found
+    return [
+        (near, left - near, ends)
+        for ends, left in ((0, count), (1, count - 2))
+        for near in range(max(0, left - places), min(places, left // 2) + 1)
+    ]
 
 
 def _table_set(
