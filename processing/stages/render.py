@@ -123,9 +123,9 @@ def _rendered(context: StageContext, later: Later) -> StageOutput:
     return StageOutput(
         artifacts={"staged": staged} | dict.fromkeys(names[: 2 * len(alternatives)], True),
         metrics={"method": asked.method, "alternatives": alternatives},
-        warnings=_warnings(context, asked, alternatives),
+        warnings=_warnings(context, alternatives),
         left_out=dict.fromkeys(names[2 * len(alternatives) :], NO_SUCH),
-        honoured=_honoured(context, asked, effort, alternatives),
+        honoured=_honoured(context, effort, alternatives),
         unfinished=len(alternatives) < len(every),
     )
 
@@ -217,7 +217,7 @@ def _kept(work: _Work, staged: Staged) -> Flags:
     return staged.kept if work.asked.method != "global" else np.zeros_like(staged.kept)
 
 
-def _honoured(context: StageContext, asked: RenderParameters, effort: Effort, staged: list[Any]) -> dict[str, str]:
+def _honoured(context: StageContext, effort: Effort, staged: list[Any]) -> dict[str, str]:
     worst = max(one["error"] for one in staged)
     found = {"quality": f"{context.quality.value}: light at {effort.rows} rows"}
     if context.max_error is not None:
@@ -227,7 +227,7 @@ def _honoured(context: StageContext, asked: RenderParameters, effort: Effort, st
     return found
 
 
-def _warnings(context: StageContext, asked: RenderParameters, alternatives: list[Any]) -> tuple[StageWarning, ...]:
+def _warnings(context: StageContext, alternatives: list[Any]) -> tuple[StageWarning, ...]:
     worst, found = max(one["error"] for one in alternatives), []
     if context.max_error is not None and worst > context.max_error:
         found.append(("error", f"an error of {context.max_error:g} was requested, {worst:.3f} reached"))

@@ -152,7 +152,7 @@ def furnished_light(
     change = guarded(change, level, (rgb @ WEIGHTS, whole @ WEIGHTS), seen, maps)
     log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
-    moved, trust = _moved(log_change, seen, maps, *_known_beside(full, bare, shown, DOUBT[outdoors is None]))
+    moved, trust = _moved(log_change, seen, maps, *_known_beside(full, bare, shown))
     said = f"change of light: {100 * trust:.0f} % as found, the rest as in rooms with so much furniture"
     notes, doubt = (*notes, f"{len(old.parts)} stand-ins", *measured, said), SPREAD * math.sqrt(1 - trust)
     return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes, moved, doubt)
@@ -365,7 +365,7 @@ def guarded(
     return out
 
 
-def _known_beside(full: Stage, bare: Stage, shown: _Shown, least: float) -> tuple[float, float]:
+def _known_beside(full: Stage, bare: Stage, shown: _Shown) -> tuple[float, float]:
     """Return by what so much furniture changes rooms, and how uncertain this room's own change is, natural logarithms.
 
     What sunlit furniture gives off, and what the sun gives back without it, are the least certain.
