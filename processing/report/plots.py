@@ -52,8 +52,7 @@ def response_plot(log2_exposure: Doubles, sigma_log2: Doubles, low: Sequence[int
         axes.fill_between(codes[inside], (stops - sigma)[inside], (stops + sigma)[inside], color=colour, alpha=0.18)
     shown = [log2_exposure[c, low[c] : high[c] + 1] for c in range(3)]
     axes.set_ylim(min(float(s.min()) for s in shown) - 0.5, max(float(s.max()) for s in shown) + 0.5)
-    axes.set_xlabel("code")
-    axes.set_ylabel("exposure (stops)")
+    axes.set(xlabel="code", ylabel="exposure (stops)")
     axes.legend(frameon=False)
     return svg_bytes(figure)
 
@@ -63,8 +62,7 @@ def residual_plot(codes: Doubles, residual_stops: Doubles) -> bytes:
     figure, axes = _figure()
     for channel, (name, colour, style) in enumerate(CHANNELS):
         axes.plot(codes, residual_stops[channel], style, color=colour, linewidth=1.2, label=name)
-    axes.set_xlabel("code")
-    axes.set_ylabel("residual, rms (stops)")
+    axes.set(xlabel="code", ylabel="residual, rms (stops)")
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False)
     return svg_bytes(figure)
@@ -81,9 +79,7 @@ def frame_usage_plot(labels: Sequence[str], shares: Sequence[float], left_out: S
         label = "left out" if out else f"{100 * share:.1f} %"
         axes.text(100 * share + 1, place, label, va="center", fontsize=9, color="#868e96" if out else "#212529")
     axes.set_yticks(places, labels)
-    axes.set_xlim(0, 112)
-    axes.set_xticks(range(0, 101, 20))
-    axes.set_xlabel("part of the picture that the frame serves (%)")
+    axes.set(xlim=(0, 112), xticks=range(0, 101, 20), xlabel="part of the picture that the frame serves (%)")
     return svg_bytes(figure)
 
 
@@ -186,9 +182,7 @@ def plan_plot(
             label = kind if k == 0 else None
             axes.plot([a[0], b[0]], [a[1], b[1]], color=colours[kind], linewidth=5, solid_capstyle="butt", label=label)
     axes.plot([0], [0], "^", color="#2b8a3e", label="camera")
-    axes.set_aspect("equal")
-    axes.set_xlabel("m to the right")
-    axes.set_ylabel("m ahead")
+    axes.set(aspect="equal", xlabel="m to the right", ylabel="m ahead")
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return svg_bytes(figure)
 
