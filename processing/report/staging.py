@@ -98,12 +98,8 @@ def _pieces_text(facts: Mapping[str, Any]) -> str:
 
 
 def _figures(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
-    found = []
-    if "changed_share" in facts:
-        found.append(Quantity("Changed", round(100 * float(facts["changed_share"]), 1), "% of the picture"))
-    if "error" in facts:
-        found.append(Quantity("Error of irradiance", round(100 * float(facts["error"]), 1), "%"))
-    return tuple(found)
+    rows = (("changed_share", "Changed", "% of the picture"), ("error", "Error of irradiance", "%"))
+    return tuple(Quantity(name, round(100 * float(facts[key]), 1), unit) for key, name, unit in rows if key in facts)
 
 
 def _tables(every: Sequence[Arrangement]) -> tuple[Table, ...]:
