@@ -83,7 +83,8 @@ def standins_of(room: RoomModel, furniture: Flags, reach_m: Floats | None = None
             outline = _outline_of(labels[box] == number, box, columns, room, geometry)
             stands = np.isfinite(outline.foot_m[outline.used]).any()
             solid |= (_standing if stands else _hung)(outline, columns, grid, room)
-    seen = _within(furniture, grid, room)
+    seen = furniture[_rows(grid, room, len(furniture)), grid.column[..., None]]
+    seen = seen & (grid.level_m > LEAST_FOOT_M)[..., None]
     if reach_m is not None:
         away = _beyond(reach_m, grid, room, furniture.shape[1])
         solid = (solid & (away > 1 - SURE)) | (seen & grid.indoors[..., None] & (away > 1) & (away < 1 + SKIN))
@@ -160,12 +161,6 @@ def _rows(grid: _Grid, room: RoomModel, rows: int) -> Indices:
     """Return the row of a picture of so many in which the camera sees each voxel (X, Y, Z)."""
     latitude = np.arctan2(grid.height_m - room.camera_height_m, np.maximum(grid.level_m, 1e-6)[..., None])
     return np.floor((0.5 - latitude / math.pi) * rows).astype(np.intp).clip(0, rows - 1)
-
-
-def _within(mask: Flags, grid: _Grid, room: RoomModel) -> Flags:
-    """Return the voxels (X, Y, Z) whose middles the camera sees in a mask (H, W)."""
-    seen = mask[_rows(grid, room, len(mask)), grid.column[..., None]]
-    return np.asarray(seen & (grid.level_m > LEAST_FOOT_M)[..., None])
 
 
 def _beyond(reach_m: Floats, grid: _Grid, room: RoomModel, width_px: int) -> Doubles:
