@@ -62,9 +62,7 @@ def plan_to_mapping(plan: FloorPlan) -> dict[str, Any]:
 
 
 def _openings(items: Sequence[Any], where: str) -> tuple[list[Door], list[Window], list[str]]:
-    doors: list[Door] = []
-    windows: list[Window] = []
-    notes: list[str] = []
+    doors, windows, notes = list[Door](), list[Window](), list[str]()
     for number, item in enumerate(items):
         at = f"{where}, opening {number}"
         if not isinstance(item, Mapping) or item.get("kind") not in ("door", "window", "opening", "hung"):

@@ -96,8 +96,7 @@ def find_brackets(root: Path) -> tuple[list[Bracket], list[Doubt]]:
 
     Raises `SessionNotFoundError`: the tree cannot be listed; `UsageError`: it has too many folders.
     """
-    brackets: list[Bracket] = []
-    doubts: list[Doubt] = []
+    brackets, doubts = list[Bracket](), list[Doubt]()
     for folder, files in _frame_folders(root):
         words = (root.resolve().name, *folder.relative_to(root).parts)
         sides = [(i, side) for i, word in enumerate(words) for side in _sides_of(word, whole=i == 0)]

@@ -201,8 +201,7 @@ def inspect_files(
     side: Side, files: Sequence[Path], times_s: Sequence[float | None], checker: FrameChecker, raws: Mapping[str, Path]
 ) -> tuple[list[Candidate], list[Refusal]]:
     """Return what the checker finds in JPEGs and their raw files, and what it refuses; ``times_s`` are typed ones."""
-    candidates: list[Candidate] = []
-    refused: list[Refusal] = []
+    candidates, refused = list[Candidate](), list[Refusal]()
     for path, typed_s in zip(files, times_s, strict=True):
         try:
             facts = checker.inspect(Path(os.path.realpath(path)), name=path.name)  # resolve() stops at a loop of links

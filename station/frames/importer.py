@@ -141,8 +141,7 @@ def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
         raise UsageError("nothing to import", where="import", advice="give --indoor FOLDER")
     require_names(request.room, request.site.name, where="import")
     frames: dict[Side, Sequence[import_plan.Candidate]] = {}
-    refused: list[import_plan.Refusal] = []
-    ignored: list[str] = []
+    refused, ignored = list[import_plan.Refusal](), list[str]()
     for side, folder in request.folders.items():
         entries = sorted(request.files[side]) if side in request.files else import_plan.list_folder(folder)
         files, raws, others = import_plan.sort_entries(entries, folder, raw=request.raw)
