@@ -34,8 +34,7 @@ ANSWER_LIMIT_S = 1.0
 MEASURING_LIMIT_S = 6.0  # chosen
 AFTER_S = 0.3  # how long a further line of one answer is waited for
 QUIET_S = 0.05  # chosen: see `drivers.meter.dialogue`
-MAX_LINE_BYTES = 256  # chosen
-MAX_ANSWER_BYTES = 1024  # chosen
+MAX_LINE_BYTES, MAX_ANSWER_BYTES = 256, 1024  # chosen
 READING_LIMIT_S = 20.0  # chosen: the rig file's usual limit
 
 

@@ -352,7 +352,6 @@ def _lines(session: Path, found: Choices, *, past: bool) -> list[str]:
 
     site = load_manifest(session).site
     zone = zone_at(site.latitude_deg, site.longitude_deg, found.value(session, "zone"))
-
     lines = [
         f"{name:<16} {shown(one):<28} {with_zone(one.at, zone)}  {one.by}{f'  ({one.file})' if one.file else ''}"
         for name, one in found.chosen.items()

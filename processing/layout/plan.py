@@ -27,10 +27,7 @@ SAME_POINT_M = 1e-4  # corners nearer than this are one corner
 Hinge: TypeAlias = Literal["left", "right", "unknown"]  # where a door hangs, seen from inside the room looking at it
 Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
 
-HEIGHT_M = 2.4  # chosen: usual in homes
-SILL_M = 0.9  # chosen: usual in homes
-HEAD_M = 2.1  # chosen: usual in homes
-DOOR_HEAD_M = 2.1  # chosen: usual in homes
+HEIGHT_M, SILL_M, HEAD_M, DOOR_HEAD_M = 2.4, 0.9, 2.1, 2.1  # chosen: usual in homes
 SLACK_M = 0.05  # by so much may an opening stick out over the end of its edge; it is cut there, and that is said
 LEAST_OPENING_M = 0.05  # of an opening's width; chosen
 HUNG_DOOR = "door"  # the name of a `Hung` that is a door

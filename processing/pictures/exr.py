@@ -36,8 +36,7 @@ from processing.sphere.geometry import geometry_from_json, geometry_to_json
 
 MAGIC = b"\x76\x2f\x31\x01"
 MAX_HEADER_BYTES = 1 << 24  # chosen: no honest header is longer
-MAX_PARTS = 64  # chosen
-MAX_CHANNELS = 256  # chosen
+MAX_PARTS, MAX_CHANNELS = 64, 256  # chosen
 
 _LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000  # bits of the version field
 _KNOWN_FLAGS = 0x200 | _LONG_NAMES | _DEEP | _MULTIPART  # and the bit of single tiled files

@@ -31,8 +31,7 @@ from processing.sphere import Equirectangular
 # What a photograph's own tags say of a panorama: projection and crop (GPano), orientation (EXIF), colours (ICC).
 
 
-MAX_XMP_BYTES = 1 << 20  # chosen
-MAX_PROFILE_BYTES = 4 << 20  # chosen
+MAX_XMP_BYTES, MAX_PROFILE_BYTES = 1 << 20, 4 << 20  # chosen
 SAME_CODES = 2  # chosen: by which profiles of one space differ after rounding
 _ORIENTATION = 274  # EXIF tag
 _TAG = re.compile(rb"(?<!/)GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")

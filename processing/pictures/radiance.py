@@ -35,8 +35,7 @@ Eight zeros, which Photoshop writes, state no primaries."""
 RELATIVE_MARK = "daylit_units=relative"
 """In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
 
-_MAX_FILE_BYTES = 1 << 31  # chosen
-_MAX_HEADER_BYTES = 1 << 20  # chosen
+_MAX_FILE_BYTES, _MAX_HEADER_BYTES = 1 << 31, 1 << 20  # chosen
 _ROWS = 128  # at a time, for memory
 
 

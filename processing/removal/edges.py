@@ -143,8 +143,7 @@ def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
 
 # How unlike the usual colours of a surface a place is: what stands before a plain wall or floor stands out.
 
-CLUSTERS = 6  # chosen, never swept
-SAMPLES = 1500  # chosen, never swept
+CLUSTERS, SAMPLES = 6, 1500  # chosen, never swept
 LEAST_CLUSTER_SHARE = 0.02  # of the sample that a cluster must hold to be a colour of the surface
 OWN_SURE, OWN_LIKELY = 0.6, 0.4
 """Probability of its own class from which a place teaches a surface's colours; the second where the first is rare."""

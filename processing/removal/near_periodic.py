@@ -24,8 +24,7 @@ from processing.removal.plain import fill_plain
 
 SEARCH_PX = (400, 1200)  # of the longer side of the pictures on which the lattice is sought: first, then
 SOLVE_PX = 100_000  # pixels of the window on which copies are chosen
-RIM_PX = 6.0  # chosen, never swept
-GRAIN_PX = 2.0  # chosen, never swept
+RIM_PX, GRAIN_PX = 6.0, 2.0  # chosen, never swept
 PASSES = 3  # of light and copies in turn; chosen, never swept
 
 

@@ -21,8 +21,7 @@ MOST_ROUNDS = 12  # of the robust fit; chosen, never swept
 PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)  # of a wall, in squared standard deviations: from many walls to few
 FREE_EXTRA = 14.0  # what a wall at any angle must explain more than one at a right angle
 WALL_PRICE = 60.0  # of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds
-UNSEEN_PRICE = 40.0  # chosen, never swept
-SLANTED_PRICE = 50.0  # chosen, never swept
+UNSEEN_PRICE, SLANTED_PRICE = 40.0, 50.0  # chosen, never swept
 MOST_WALLS = 16  # chosen, never swept
 SIMPLIFIED = (0.03, 0.06, 0.1)  # of the bare polygon: tolerances in camera heights
 

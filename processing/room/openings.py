@@ -30,8 +30,7 @@ CLOTH_SHARE = 0.5
 STRIP_M = 0.06  # how far from the window cloth must begin
 FURTHEST_M = 1.2  # of cloth beside an opening; chosen, never swept
 LEAST_BLIND_M, MOST_BLIND_M = 0.08, 2.0
-HEAD_REACH_M = 0.12  # chosen, never swept
-SHARED_REACH_M = 0.35  # chosen, never swept
+HEAD_REACH_M, SHARED_REACH_M = 0.12, 0.35  # chosen, never swept
 SHARED_COST = 0.8  # of the score, that a common head or sill may cost
 
 

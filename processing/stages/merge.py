@@ -295,7 +295,6 @@ def camera_response(bracket: brackets.SideBracket, profile: RigProfile | None) -
         return _linear(bracket, camera)
     if profile and camera and camera.response:
         return _from_profile(bracket, profile, camera), bracket.frames
-
     codes = brackets.decoded(bracket.frames)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
     return _recovered(bracket, codes), held

@@ -21,8 +21,7 @@ from processing.pictures.modes import ROWS_AT_ONCE, modes_of, together, with_mod
 from processing.sphere import Equirectangular, Fisheye, Geometry, pixels
 from station.session.session import FrameRecord, ReadingRecord
 
-DRIFT_WARNING_FRAC = 0.05  # chosen
-SPOT_WARNING_FRAC = 0.02  # chosen
+DRIFT_WARNING_FRAC, SPOT_WARNING_FRAC = 0.05, 0.02  # chosen
 MAX_GHOST_SHARE = 0.25  # of the spot: more means that something stood before the target
 CURVE_FRAC = 0.004
 """Relative standard uncertainty that pixels of equal codes share: of 0.006 stop, what a recovered curve is held to."""
