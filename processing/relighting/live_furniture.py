@@ -143,14 +143,12 @@ class LiveFurniture:
         return replace(self.photograph, rgb=rgb.reshape(self.photograph.rgb.shape))
 
     def _in_room(self, bodies: Sequence[Body], glow: Any) -> Floats:
-        small = np.zeros((len(self.small.label), 3), np.float32)
-        small[self._solid] = self._field.under(bodies, glow)
-        return self._steps.apply(self._neighbours.smooth(small.reshape(*self.small.shape, 3)))
+        small = self.small.picture(self._field.under(bodies, glow), self._solid)
+        return self._steps.apply(self._neighbours.smooth(small))
 
     def _sun_in_room(self, bodies: Sequence[Body]) -> Floats:
-        out, (field, lit) = np.zeros((len(self.large.label), 3), np.float32), self._sun
-        out[lit] = field.under(bodies)
-        return out
+        field, lit = self._sun
+        return self.large.picture(field.under(bodies), lit).reshape(-1, 3)
 
     def _gain(self, bodies: Sequence[Body], glow: Any) -> Floats:
         """Return by how much furniture changes what pixels (N, 3) of the room show."""

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Vector
+from processing.ground.arrays import Doubles, Floats, Indices, Int32s, Reals, Vector
 from processing.ground.kernels import compiled
 from processing.light.solver.kernels import PANE
 from processing.light.solver.stage import Stage, in_parts, on_faces, part_albedo, surface_values
@@ -54,7 +54,7 @@ class Sight:
         taken = {field.name: getattr(self, field.name)[pixels] for field in fields(self)[1:]}
         return replace(self, shape=(1, len(pixels)), **taken)
 
-    def picture(self, values: Doubles, pixels: Indices) -> Floats:
+    def picture(self, values: Reals, pixels: Indices) -> Floats:
         """Return values (K, 3) of some pixels (K,) as a picture (H, W, 3), 0 elsewhere."""
         out = np.zeros((len(self.label), 3), np.float32)
         out[pixels] = values
