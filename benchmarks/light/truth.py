@@ -21,7 +21,7 @@ from benchmarks.photometry.sky_anchor import DAYS, QUICK_DAYS, outdoor_errors
 from benchmarks.photometry.spot import spot_errors
 from benchmarks.plots import Point, time_against_error
 from benchmarks.seeds import seeds
-from mocks.rooms.light.engine import variant
+from mocks.rooms.light.engine import engine
 
 FULL_SPP = {"furnace": 2**20, "sphere": 2**18, "form_factor": 2**20, "daylight": 2**20}
 QUICK_SPP = {"furnace": 2**16, "sphere": 2**14, "form_factor": 2**18, "daylight": 2**15}
@@ -50,7 +50,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     metrics: dict[str, Any] = {f"{name}_err_pct": round(abs(errors[name][case]), 4) for name, case in worst.items()}
     metrics |= {"rooms_ok": len(asked) - len(faults), "rooms_drawn": len(asked)}
     light = _light(quick=quick, seed=seed)
-    notes = [f"rendered with {variant()}"]
+    notes = [f"rendered with {engine().variant}"]
     notes += [
         f"{name}: worst of {len(errors[name])} at {case} ({errors[name][case]:+.3f} %)" for name, case in worst.items()
     ]
@@ -61,7 +61,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             PLOT,
             title="Scenes of known light: run time against error",
             error_label="root mean square error, %",
-            seconds_label=f"CPU seconds for all points ({variant()})",
+            seconds_label=f"CPU seconds for all points ({engine().variant})",
         )
     return {
         "metrics": metrics | light.metrics,
@@ -81,7 +81,7 @@ def _light(*, quick: bool, seed: int) -> Outcome:
         LIGHT_PLOT,
         title="Light in furnished rooms with sun: run time against error",
         error_label="median error of illuminance, %",
-        seconds_label=f"CPU seconds a room ({variant()})",
+        seconds_label=f"CPU seconds a room ({engine().variant})",
     )
     return found
 

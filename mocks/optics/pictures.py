@@ -115,8 +115,10 @@ class RenderedShots:
                 self.cache.path(key, ".jpg").unlink(missing_ok=True)
             self._render([shot], size, raw=False)
             data = self.cache.path(key, ".jpg").read_bytes()
-        segments = [picture_jobs.exif_segment(request, self._focal_length_mm)]
-        if isinstance(self.optics.lens, EquirectangularLens):
+        lens = self.optics.lens
+        focal_mm = lens.focal_length_mm if isinstance(lens, EquisolidFisheye) else _THETA_FOCAL_MM
+        segments = [picture_jobs.exif_segment(request, focal_mm)]
+        if isinstance(lens, EquirectangularLens):
             segments.append(picture_jobs.gpano_segment(*size))
         return picture_jobs.splice(data, segments)
 
@@ -134,11 +136,6 @@ class RenderedShots:
         own = ((red, 0.0, 0.0), (0.0, green, 0.0), (0.0, 0.0, blue))
         frame = picture_jobs.RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1, own)
         return picture_jobs.mosaic_file(frame, request, cr2=request.manufacturer.startswith("Canon"))
-
-    @property
-    def _focal_length_mm(self) -> float:
-        lens = self.optics.lens
-        return lens.focal_length_mm if isinstance(lens, EquisolidFisheye) else _THETA_FOCAL_MM
 
     def _shot_of(self, request: ShotRequest) -> _Shot:
         shutter_s = _rounded(request.shutter_s)

@@ -79,11 +79,6 @@ def missing_libraries() -> list[str]:
     return [name for name in LIBRARIES if find_spec(name) is None]
 
 
-def variant() -> str:
-    """Return the name of Mitsuba's variant in use."""
-    return engine().variant
-
-
 @cache
 def mitsuba() -> Any:
     """Return the module ``mitsuba`` with the variant set."""

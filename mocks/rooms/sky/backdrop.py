@@ -49,7 +49,6 @@ def paint_tree(band: "Backdrop", tree: Tree, eye_height_m: float) -> None:
 
 def _ball(band: "Backdrop", tree: Tree, aside_m: float, over_eye_m: float, radius_m: float, openness: float) -> None:
     """Paint a ball of leaves; ``openness`` (0..1) is how far outside in the crown it lies."""
-
     distance_m, azimuth = math.hypot(tree.x, tree.y), math.atan2(tree.x, tree.y)
     pixel_m = distance_m * PIXEL_RAD
     size = max(math.ceil(1.5 * radius_m / pixel_m), 2)
