@@ -104,25 +104,21 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     with durable.disk_errors(path, "writing"):
         folder = Folder.open(path.parent)
     temporary = part_name(path.name)
-    try:
-        with durable.disk_errors(path, "writing"):
-            try:
-                write(path.with_name(temporary))
-            except RuntimeError as error:
-                full = next((n for n in durable.FULL if os.strerror(n) in str(error)), None)
-                raise OSError(full or errno.EIO, os.strerror(full) if full else str(error)) from error
-            fd = durable.os_calls.open(temporary, os.O_RDONLY, dir_fd=folder.fd)
-            try:
-                durable.os_calls.fsync(fd)
-            finally:
-                os.close(fd)
-            durable.os_calls.rename(temporary, path.name, src_dir_fd=folder.fd, dst_dir_fd=folder.fd)
-        folder.sync()
-    except BaseException:
-        folder.remove(temporary)
-        raise
-    finally:
-        folder.close()
+    with folder:
+        try:
+            with durable.disk_errors(path, "writing"):
+                try:
+                    write(path.with_name(temporary))
+                except RuntimeError as error:
+                    full = next((n for n in durable.FULL if os.strerror(n) in str(error)), None)
+                    raise OSError(full or errno.EIO, os.strerror(full) if full else str(error)) from error
+                with folder.opened(temporary) as fd:
+                    durable.os_calls.fsync(fd)
+                durable.os_calls.rename(temporary, path.name, src_dir_fd=folder.fd, dst_dir_fd=folder.fd)
+            folder.sync()
+        except BaseException:
+            folder.remove(temporary)
+            raise
 
 
 def write_bytes(path: Path, data: bytes) -> None:
