@@ -338,8 +338,7 @@ def brighter_inside(one: Candidate) -> float:
 def inside_around(one: Candidate) -> tuple[Flags, Flags]:
     """Return what is seen of an opening, and `AROUND_M` around it, of the known texels of its wall, (H, W) each."""
     view, p = one.field.view, one.field.view.px_per_m
-    inside = np.zeros(view.known.shape, bool)
-    around = np.zeros(view.known.shape, bool)
+    inside, around = np.zeros((2, *view.known.shape), bool)
     for part, box, wider in ((inside, shown_box(view, one.recess_m, one.box), 0.0), (around, one.box, AROUND_M)):
         u0, v0 = (max(0, round((side - wider) * p)) for side in box[:2])
         u1, v1 = (max(0, round((side + wider) * p)) for side in box[2:])
