@@ -8,7 +8,6 @@ else.
 """
 
 import math
-from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -101,12 +100,8 @@ def at_full_size(share: Floats, rgb8: Bytes) -> Floats:
         inner = fine[rows.start - top : rows.stop - top, 2 * radius : 2 * radius + part.shape[1]]
         out[rows, columns] = np.clip(inner, 0, 1)
 
-    side_by_side(lay, _tiles(shape))
+    side_by_side(lay, ((rows, columns) for rows in bands(shape[0], TILE_PX) for columns in bands(shape[1], TILE_PX)))
     return out
-
-
-def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
-    return ((rows, columns) for rows in bands(shape[0], TILE_PX) for columns in bands(shape[1], TILE_PX))
 
 
 def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:

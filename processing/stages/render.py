@@ -228,7 +228,9 @@ def _honoured(context: StageContext, effort: Effort, staged: list[Any]) -> dict[
 
 
 def _warnings(context: StageContext, alternatives: list[Any]) -> tuple[StageWarning, ...]:
-    worst, found = max(one["error"] for one in alternatives), []
-    if context.max_error is not None and worst > context.max_error:
-        found.append(("error", f"an error of {context.max_error:g} was requested, {worst:.3f} reached"))
-    return tuple(StageWarning(code=code, message=text) for code, text in found)
+    worst = max(one["error"] for one in alternatives)
+    if context.max_error is None or worst <= context.max_error:
+        return ()
+    return (
+        StageWarning(code="error", message=f"an error of {context.max_error:g} was requested, {worst:.3f} reached"),
+    )

@@ -65,7 +65,8 @@ def _part(image: RelativeImage, lens: Fisheye, top: int = 0, left: int = 0) -> R
     """Return the part of a picture from a row and column on that ``lens`` is of, black where not wholly inside."""
     part = slice(top, top + lens.height_px), slice(left, left + lens.width_px)
     rgb, uncertainty, validity = image.rgb[part].copy(), image.uncertainty[part].copy(), image.validity[part].copy()
-    outside = _beyond(lens, 1 - _EDGE_PX / lens.radius_px)
+    across, down = lens.offsets_px()
+    outside = across**2 + down**2 > ((1 - _EDGE_PX / lens.radius_px) * lens.radius_px) ** 2
     rgb[outside], uncertainty[outside], validity[outside] = 0, np.inf, Validity.OUTSIDE
     ghost = None if image.ghost is None else image.ghost[part]
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=lens, ghost=ghost)
@@ -97,7 +98,9 @@ def correct_vignetting(image: RelativeImage, optics: OutdoorOptics) -> RelativeI
     """Return step (1): divided by the fall-off, whose uncertainty is added."""
     if optics.vignetting is None:
         return image
-    rgb = optics.vignetting.correct(image.rgb, _fisheye(image))
+    if not isinstance(image.geometry, Fisheye):
+        raise LensError("vignetting needs the original fisheye picture", advice="correct it before the geometry")
+    rgb = optics.vignetting.correct(image.rgb, image.geometry)
     return replace(image, rgb=rgb, uncertainty=_plus(image.uncertainty, optics.vignetting.relative_uncertainty))
 
 
@@ -173,18 +176,6 @@ def _same_level(light: Floats, source: Geometry, rgb: Floats, coverage: Floats, 
     before = np.vdot(light, projected_solid_angles(source, up))
     after = np.vdot(luminance_cd_m2(rgb) * (coverage > 0.5), projected_solid_angles(target, up))
     return bool(abs(after - before) <= _SAME_LX * before)
-
-
-def _beyond(geometry: Fisheye, r: float) -> Flags:
-    """Return which pixel centres (H, W) are farther than r radii from the axis."""
-    across, down = geometry.offsets_px()
-    return np.asarray(across**2 + down**2 > (r * geometry.radius_px) ** 2)
-
-
-def _fisheye(image: RelativeImage) -> Fisheye:
-    if not isinstance(image.geometry, Fisheye):
-        raise LensError("vignetting needs the original fisheye picture", advice="correct it before the geometry")
-    return image.geometry
 
 
 def _plus(uncertainty: Floats, sigma: float) -> Floats:

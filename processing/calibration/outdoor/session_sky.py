@@ -101,8 +101,9 @@ def calibrate_outdoor(
     k2 = require_k2(profile, states_of(session), session.name) if profile and profile.k2 and asked.k2 is None else None
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     smaller = outdoor.draft_factor(optics.lens, merged.validity.shape[::-1]) if draft else 1
-    sky, veil = _corrected(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR), step_px=smaller)
-    del merged
+    bare, kernel, veil = bare_light(merged, optics, asked, lamp_kernel(profile, Side.OUTDOOR), step_px=smaller)
+    sky = replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel)
+    del merged, bare
     north, north_warnings = _north(sky, session, asked)
     if smaller == 1:
         sky = replace(sky, image=_turned(sky.image, north, session, asked))
@@ -118,18 +119,14 @@ def calibrate_outdoor(
         picture, repair = _repaired(picture, asked, session, sky)
         picture = with_shared_modes(_turned(in_blocks(picture, smaller), north, session, asked), *shared)
     lux, low = illuminances(picture, {"up": UP})
-    facts |= scale_facts | {
-        "repeat_drift_frac": drift or None,
-        "veil": veil,
-        "north": _north_facts(north),
-        "sun": {"found": sky.sun_text, "repair": repair},
-        "illuminance_lx": lux,
-    }
+    if sky.sun is not None and sky.sun.clipped and asked.repair_sun == "no":
+        low = ["the sun is clipped in the shortest stop: illuminance is a lower bound (see --repair-sun)", *low]
+    facts |= scale_facts | {"repeat_drift_frac": drift or None, "veil": veil, "north": _north_facts(north)}
+    facts |= {"sun": {"found": sky.sun_text, "repair": repair}, "illuminance_lx": lux}
     warnings += [
         *_other_curves(k2, responses or {}),
         *north_warnings,
         *_unturned(north, session),
-        *_sun_warnings(sky, asked),
         *low,
         *_compared(picture, asked, facts),
     ]
@@ -202,14 +199,6 @@ def _through_glass(
         "light has passed the glass, and the illuminance is a lower bound"
     )
     return Calibrated(picture, scale, facts, (text, *warnings, *_unturned(north, session), *low))
-
-
-def _corrected(
-    merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice, lamps: GlareKernel | None, *, step_px: int
-) -> tuple[_Sky, dict[str, Any]]:
-    """Return the picture after the paper's steps (1) and (2), with the glare taken off before."""
-    bare, kernel, veil = bare_light(merged, optics, asked, lamps, step_px=step_px)
-    return replace(_with_sun(outdoor.correct_colour(bare, optics)), kernel=kernel), veil
 
 
 def bare_light(
@@ -333,12 +322,6 @@ def _compared(picture: LuminanceImage, asked: SkyChoice, facts: dict[str, Any]) 
     difference, warning = compare_illuminance(illuminance_lx(picture), asked.outdoor_lux)
     facts["measured_outdoor_lux"] = {"value": asked.outdoor_lux, "difference_frac": difference}
     return [warning] if warning else []
-
-
-def _sun_warnings(sky: _Sky, asked: SkyChoice) -> list[str]:
-    if sky.sun is None or not sky.sun.clipped or asked.repair_sun != "no":
-        return []
-    return ["the sun is clipped in the shortest stop: illuminance is a lower bound (see --repair-sun)"]
 
 
 def _north_facts(north: North) -> dict[str, Any]:

@@ -33,7 +33,8 @@ CELL_M = 0.08  # cells of the grid on which routes are searched (chosen: a route
 def plan_sheet(plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | None = None) -> Sheet:
     """Return the drawing of one arrangement."""
     low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
-    shapes = [*_shell(plan), *_furniture(arrangement.items), *_zones(arrangement.items)]
+    shapes = [*_shell(plan), *_furniture(arrangement.items)]
+    shapes += [Line([*m, m[0]], ZONE, 0.008, (0.06, 0.05)) for item in arrangement.items for m in _zone_rims(item)]
     turns = [(0.3 * math.cos(k * math.pi / 12), 0.3 * math.sin(k * math.pi / 12)) for k in range(24)]
     shapes += [Area([(x + dx, y + dy) for dx, dy in turns], "", GREY, 0.008) for x, y in plan.keep_free]
     shapes += _routes(plan, arrangement, rules or built_in_rules().sets.get(arrangement.rule_set))
@@ -78,7 +79,9 @@ def _shell(plan: FloorPlan) -> list[Shape]:
     ]
     shapes += [Area(_ring(hole), WALL, INK, 0.012) for hole in plan.holes]
     for window in plan.windows:
-        shapes += _window(plan, window)
+        middle = [_on(plan, window.edge, t, -WALL_M / 2) for t in (window.start_m, window.end_m)]
+        rim = _strip(plan, window.edge, window.start_m, window.end_m, -WALL_M, 0.0)
+        shapes += [Area(rim, PAPER, INK, 0.010), Line(middle, INK, 0.010)]
     for door in plan.doors:
         shapes += _door(plan, door)
     return shapes
@@ -95,12 +98,6 @@ def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, y0: float, 
 def _on(plan: FloorPlan, edge: int, along_m: float, inward_m: float) -> Point:
     corner, u, _ = plan.edge(edge)
     return float(corner[0] + along_m * u[0] - inward_m * u[1]), float(corner[1] + along_m * u[1] + inward_m * u[0])
-
-
-def _window(plan: FloorPlan, window: Window) -> list[Shape]:
-    rim = _strip(plan, window.edge, window.start_m, window.end_m, -WALL_M, 0.0)
-    middle = [_on(plan, window.edge, t, -WALL_M / 2) for t in (window.start_m, window.end_m)]
-    return [Area(rim, PAPER, INK, 0.010), Line(middle, INK, 0.010)]
 
 
 def _door(plan: FloorPlan, door: Door) -> list[Shape]:
@@ -145,10 +142,6 @@ def _furniture(items: Sequence[PlacedItem]) -> list[Shape]:
 def _zone_rims(item: PlacedItem) -> list[list[Point]]:
     zones = (((x0, y0), (x1, y0), (x1, y1), (x0, y1)) for x0, x1, y0, y1 in item.use_zones_m)
     return [[item.place(*corner) for corner in zone] for zone in zones]
-
-
-def _zones(items: Sequence[PlacedItem]) -> list[Shape]:
-    return [Line([*rim, rim[0]], ZONE, 0.008, (0.06, 0.05)) for item in items for rim in _zone_rims(item)]
 
 
 def _routes(plan: FloorPlan, arrangement: Arrangement, rules: RuleSet | None) -> list[Shape]:
